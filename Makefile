@@ -1,0 +1,34 @@
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: demo test check lock clean setup
+
+setup: $(STAMP)
+
+$(STAMP): pyproject.toml requirements.lock tools/system_libraries.sh
+	bash tools/system_libraries.sh
+	$(PYTHON) -c 'import sys; sys.exit("planview needs Python 3.11 or newer, found " + sys.version.split()[0]) if sys.version_info < (3, 11) else None'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -e .
+	touch $(STAMP)
+
+demo: setup
+	$(BIN)/planview demo
+
+test: setup
+	$(BIN)/python -m pytest -n 2
+
+check: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+lock:
+	uv lock --quiet && uv export --frozen --quiet --all-extras --no-emit-project --no-header -o requirements.lock && rm -f uv.lock
+
+clean:
+	rm -rf $(VENV) out build *.egg-info

@@ -1,0 +1,1 @@
+"""Cameras: intrinsics, poses, rigs, their file formats, and how to obtain them."""

@@ -1,0 +1,153 @@
+"""One camera above a floor, with the four parameters of Zhang et al. 2008 (section 3.2), and our file for it."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.errors import InputError
+from calib.types import F64
+
+LENS_K_320: dict[str, float] = {
+    "pinhole": 0.0,
+    "normal": -0.00062,
+    "normal-wide": -0.001,
+    "fisheye": -0.0015,
+    "black-corner-fisheye": -0.0019,
+}
+"""Table 2: factor K of r' = r + K r^2, in 1/px of a 320x240 image."""
+
+
+@dataclass(frozen=True)
+class GroundCamera:
+    """Camera at (0, 0, height_m) looking down along +Y, no roll, principal point at the image centre.
+
+    World frame: Z up, floor at Z = 0, X right, Y forward (the canonical frame of the design).
+
+    Attributes:
+        width, height: image size [px].
+        focal_px: focal length [px].
+        height_m: height of the camera above the floor [m].
+        tilt_rad: angle of the optical axis from straight down (0: overhead) [rad].
+        lens: class of table 2; its K is scaled to this image's width.
+    Raises:
+        ValueError: a parameter out of its range.
+    """
+
+    width: int
+    height: int
+    focal_px: float
+    height_m: float
+    tilt_rad: float
+    lens: str = "pinhole"
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1:
+            raise ValueError(f"expected a positive image size, got {self.width}x{self.height}")
+        if not (math.isfinite(self.focal_px) and self.focal_px > 0):
+            raise ValueError(f"expected a positive focal length, got {self.focal_px}")
+        if not (math.isfinite(self.height_m) and self.height_m > 0):
+            raise ValueError(f"expected a positive camera height, got {self.height_m}")
+        if not (math.isfinite(self.tilt_rad) and abs(self.tilt_rad) < math.pi / 2):
+            raise ValueError(f"expected a tilt within (-90, 90) degrees, got {math.degrees(self.tilt_rad)}")
+        if self.lens not in LENS_K_320:
+            raise ValueError(f"expected a lens of {', '.join(LENS_K_320)}, got {self.lens!r}")
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) [px]."""
+        return self.width, self.height
+
+    @property
+    def distortion_k(self) -> float:
+        """K of r' = r + K r^2 in 1/px of this image (table 2 holds it for 320 px of width)."""
+        return LENS_K_320[self.lens] * 320.0 / self.width
+
+    def project(self, points_world: ArrayLike) -> F64:
+        """Pixels of world points (notes, section 3).
+
+        Args:
+            points_world: (..., 3) [m]; a point behind the camera gives NaN.
+        Returns:
+            (..., 2) float64 [px], pixel (0, 0) the centre of the top-left pixel.
+        """
+        p = np.asarray(points_world, dtype=np.float64)
+        s, c = math.sin(self.tilt_rad), math.cos(self.tilt_rad)
+        drop = self.height_m - p[..., 2]
+        depth = p[..., 1] * s + drop * c
+        depth = np.where(depth > 1e-6, depth, np.nan)
+        x = self.focal_px * p[..., 0] / depth
+        y = self.focal_px * (drop * s - p[..., 1] * c) / depth
+        r = np.hypot(x, y)
+        k = self.distortion_k
+        # r + K r^2 turns back at r = -1/(2K): beyond it the image has no such point.
+        scale = np.where(1.0 + 2.0 * k * r > 0.0, 1.0 + k * r, np.nan)
+        return np.stack([x * scale + (self.width - 1) / 2, y * scale + (self.height - 1) / 2], axis=-1)
+
+    def back_project(self, pixels: ArrayLike, height_m: float = 0.0) -> F64:
+        """World (x, y) of pixels known to show a point at a height above the floor.
+
+        Args:
+            pixels: (..., 2) [px].
+            height_m: height of the points [m].
+        Returns:
+            (..., 2) float64 [m]; NaN where the ray does not meet that height (above the horizon).
+        """
+        uv = np.asarray(pixels, dtype=np.float64)
+        x = uv[..., 0] - (self.width - 1) / 2
+        y = uv[..., 1] - (self.height - 1) / 2
+        r = np.hypot(x, y)
+        k = self.distortion_k
+        if k != 0.0:
+            # Solve r' = r + K r^2 for the smaller root.
+            root = np.sqrt(np.where(1.0 + 4.0 * k * r >= 0.0, 1.0 + 4.0 * k * r, np.nan))
+            scale = np.where(r > 0, 2.0 / (1.0 + root), 1.0)
+            x, y = x * scale, y * scale
+        s, c = math.sin(self.tilt_rad), math.cos(self.tilt_rad)
+        down = self.focal_px * c + y * s
+        lam = np.where(down > 1e-9, (self.height_m - height_m) / np.where(down > 1e-9, down, 1.0), np.nan)
+        return np.stack([lam * x, lam * (self.focal_px * s - y * c)], axis=-1)
+
+    def scaled(self, width: int, height: int) -> GroundCamera:
+        """The same camera at another resolution of the same field of view."""
+        return GroundCamera(width, height, self.focal_px * width / self.width, self.height_m, self.tilt_rad, self.lens)
+
+
+def save_ground_camera(camera: GroundCamera, path: Path) -> None:
+    """Write ``camera.toml``."""
+    path.write_text(
+        "# planview camera above a floor: at (0, 0, height_m), looking along +y, tilt from straight down\n"
+        f"width = {camera.width}\nheight = {camera.height}\nfocal_px = {camera.focal_px!r}\n"
+        f'height_m = {camera.height_m!r}\ntilt_deg = {math.degrees(camera.tilt_rad)!r}\nlens = "{camera.lens}"\n',
+        encoding="utf-8",
+    )
+
+
+def load_ground_camera(path: Path) -> GroundCamera:
+    """Read ``camera.toml``.
+
+    Raises:
+        InputError: unreadable, keys missing or unknown, or values out of range.
+    """
+    keys = {"width", "height", "focal_px", "height_m", "tilt_deg", "lens"}
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        if unknown := set(data) - keys:
+            raise InputError(f"{path}: expected the keys {sorted(keys)}, found {sorted(unknown)[0]!r}")
+        return GroundCamera(
+            int(data["width"]),
+            int(data["height"]),
+            float(data["focal_px"]),
+            float(data["height_m"]),
+            math.radians(float(data["tilt_deg"])),
+            str(data.get("lens", "pinhole")),
+        )
+    except KeyError as error:
+        raise InputError(f"{path}: expected a camera.toml with the key {error}, found none") from error
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, ValueError, TypeError) as error:
+        raise InputError(f"{path}: expected a camera.toml, found {error}") from error

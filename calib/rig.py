@@ -1,0 +1,177 @@
+"""A calibrated stereo pair, and our own file for it."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast, get_args
+
+import numpy as np
+
+from calib.camera import Camera, LensModel
+from calib.errors import InputError
+from calib.pose import SE3
+
+MAX_BASELINE_M = 5.0
+"""Longer baselines mean wrong units: no pair for people is wider than this."""
+MIN_BASELINE_M = 0.005
+
+
+@dataclass(frozen=True)
+class StereoRig:
+    """Two cameras and the transform between them.
+
+    Attributes:
+        left, right: intrinsics.
+        right_SE3_left: maps left camera coordinates to right ones [m]; for a usual pair its x translation is negative.
+        source: where it came from, for messages and run.json.
+    """
+
+    left: Camera
+    right: Camera
+    right_SE3_left: SE3
+    source: str = ""
+
+    @property
+    def baseline_m(self) -> float:
+        """Distance between the camera centres [m]."""
+        return float(np.linalg.norm(self.right_SE3_left.translation))
+
+    def scaled(self, width: int, height: int) -> StereoRig:
+        """The same rig at another resolution of the same field of view."""
+        return StereoRig(
+            self.left.scaled(width, height), self.right.scaled(width, height), self.right_SE3_left, self.source
+        )
+
+    def check(self, source: str) -> StereoRig:
+        """Return self, or refuse a geometry that cannot be a stereo rig.
+
+        Raises:
+            InputError: baseline out of range (wrong units), or a right camera that lies to the left.
+        """
+        if not MIN_BASELINE_M <= self.baseline_m <= MAX_BASELINE_M:
+            raise InputError(
+                f"{source}: expected a baseline of {MIN_BASELINE_M}-{MAX_BASELINE_M:g} m, "
+                f"found {self.baseline_m:g} m (wrong units, or no extrinsics?)"
+            )
+        t = self.right_SE3_left.translation
+        if t[0] > 0 and abs(t[0]) > abs(t[1]):
+            raise InputError(
+                f"{source}: expected the right camera on the right (negative x translation), "
+                f"found T = {t[0]:+.4f} m: left and right are swapped"
+            )
+        return self
+
+
+def save_rig(rig: StereoRig, path: Path) -> None:
+    """Write ``rig.toml``; floats keep all their digits."""
+    lines = [
+        "# planview stereo rig: p_right = rotation @ p_left + translation_m",
+        f"source = {_quoted(rig.source)}",
+        "",
+    ]
+    for name, camera in (("left", rig.left), ("right", rig.right)):
+        lines += [
+            f"[{name}]",
+            f"width = {camera.width}",
+            f"height = {camera.height}",
+            *(f"{key} = {float(getattr(camera, key))!r}" for key in ("fx", "fy", "cx", "cy")),
+            f'model = "{camera.model}"',
+            f"distortion = {[float(k) for k in camera.distortion]!r}",
+            "",
+        ]
+    lines += [
+        "[right_SE3_left]",
+        f"rotation = {rig.right_SE3_left.rotation.tolist()!r}",
+        f"translation_m = {rig.right_SE3_left.translation.tolist()!r}",
+        "",
+    ]
+    path.write_text("\n".join(lines), encoding="utf-8")
+
+
+def load_rig(path: Path) -> StereoRig:
+    """Read ``rig.toml``.
+
+    Raises:
+        InputError: unreadable, keys missing, or values that cannot be a rig.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        rig = StereoRig(
+            _camera(data["left"]),
+            _camera(data["right"]),
+            SE3(
+                np.array(data["right_SE3_left"]["rotation"], dtype=np.float64),
+                np.array(data["right_SE3_left"]["translation_m"], dtype=np.float64),
+            ),
+            str(data.get("source", path.name)),
+        )
+    except KeyError as error:
+        raise InputError(f"{path}: expected a rig.toml with the key {error}, found none") from error
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, ValueError, TypeError) as error:
+        raise InputError(f"{path}: expected a rig.toml, found {error}") from error
+    return rig.check(str(path))
+
+
+def _camera(table: dict[str, Any]) -> Camera:
+    model = str(table.get("model", "brown"))
+    if model not in get_args(LensModel):
+        raise ValueError(f"lens model {model!r} (known: {', '.join(get_args(LensModel))})")
+    fx, fy, cx, cy = (float(table[key]) for key in ("fx", "fy", "cx", "cy"))
+    distortion = tuple(float(k) for k in table.get("distortion", ()))
+    return Camera(int(table["width"]), int(table["height"]), fx, fy, cx, cy, cast(LensModel, model), distortion)
+
+
+def _quoted(text: str) -> str:
+    escaped = "".join(c if c.isprintable() and c not in '"\\' else f"\\u{ord(c):04x}" for c in text if ord(c) < 0x10000)
+    return f'"{escaped}"'
+
+
+@dataclass(frozen=True)
+class Floor:
+    """Where the left rectified camera is above the floor.
+
+    Attributes:
+        height_m: height of the left camera's centre above the floor.
+        tilt_rad: angle between the optical axis and straight down (0: overhead, pi/2: horizontal).
+        roll_rad: angle of the camera's x axis above the horizontal; unlike a rotation about the optical axis it is
+            defined for a camera that looks straight down too.
+        inlier_fraction: share of valid depth that lies on the floor; NaN when given by hand.
+        residual_m: rms distance of the inliers from the plane; NaN when given by hand.
+    """
+
+    world_SE3_left: SE3
+    inlier_fraction: float = math.nan
+    residual_m: float = math.nan
+
+    @property
+    def height_m(self) -> float:
+        return float(self.world_SE3_left.translation[2])
+
+    @property
+    def tilt_rad(self) -> float:
+        return float(np.arccos(np.clip(-self.world_SE3_left.rotation[2, 2], -1.0, 1.0)))
+
+    @property
+    def roll_rad(self) -> float:
+        return float(np.arcsin(np.clip(self.world_SE3_left.rotation[2, 0], -1.0, 1.0)))
+
+
+def world_from_plane(normal: np.ndarray[Any, np.dtype[np.float64]], offset_m: float) -> SE3:
+    """Canonical world frame (design: origin below the left camera, Z up, X along the camera's x axis).
+
+    Args:
+        normal: (3,) the floor's upward normal in the rectified left camera frame; need not be unit.
+        offset_m: height of the camera centre above the floor [m].
+    Raises:
+        ValueError: the camera's x axis is vertical, so that X is not defined.
+    """
+    up = np.asarray(normal, dtype=np.float64)
+    up = up / np.linalg.norm(up)
+    x_axis = np.array([1.0, 0.0, 0.0]) - up[0] * up
+    if np.linalg.norm(x_axis) < 1e-3:
+        raise ValueError("expected a camera whose x axis is not vertical")
+    x_axis /= np.linalg.norm(x_axis)
+    return SE3(np.stack([x_axis, np.cross(up, x_axis), up]), np.array([0.0, 0.0, offset_m]))

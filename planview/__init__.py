@@ -1,0 +1,1 @@
+"""People: foreground, plan-view maps, trackers, analytics and evaluation."""

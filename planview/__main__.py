@@ -1,0 +1,3 @@
+from planview.cli import main
+
+main()

@@ -1,0 +1,1 @@
+"""Tripwires, zones, heat maps: what tracks mean for counting."""

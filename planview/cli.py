@@ -1,0 +1,73 @@
+"""The command line: each command's module is imported only when the command is called."""
+
+from __future__ import annotations
+
+import sys
+
+from cyclopts import App
+
+COMMANDS = {
+    "demo": "Run the committed clip and print its metrics.",
+    "run": "Track people in a recording.",
+    "evaluate": "Score tracks against truth.",
+    "doctor": "Check a recording and its calibration before trusting results.",
+    "synth": "Render a recording with exact truth from a TOML scene.",
+    "count": "Count line crossings and zone occupancy in tracks.",
+    "bench": "Measure speed and accuracy on this machine.",
+    "sweep": "Run several settings or recordings and compare them.",
+    "view": "Open a run in the rerun viewer.",
+}
+CALIBRATE = {
+    "board": "Calibrate a stereo rig from chessboard or ChArUco images.",
+    "convert": "Convert a calibration from one format to another.",
+    "floor": "Find the floor in a stereo recording.",
+    "human": "Calibrate one camera from standing people.",
+    "ui": "Calibrate in the browser.",
+}
+
+
+def make_app() -> App:
+    app = App(
+        name="planview",
+        help="Stereo depth plan-view people tracking.",
+        version=_version,
+        default_parameter=None,
+    )
+    for name, text in COMMANDS.items():
+        app.command(f"planview.commands.{name}:{name}", name=name, help=text)
+    calibrate = App(name="calibrate", help="Obtain, check and convert calibrations.")
+    for name, text in CALIBRATE.items():
+        calibrate.command(f"planview.commands.calibrate_{name}:calibrate_{name}", name=name, help=text)
+    app.command(calibrate)
+    return app
+
+
+def _version() -> str:
+    from importlib.metadata import version
+
+    return version("planview")
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run a command; exit status 0 done, 1 the work failed, 2 wrong usage or bad input, 130 interrupted."""
+    from calib.errors import InputError, WorkError
+
+    try:
+        make_app()(argv, exit_on_error=False, print_error=False)
+    except InputError as error:
+        _fail(str(error), 2)
+    except WorkError as error:
+        _fail(str(error), 1)
+    except KeyboardInterrupt:
+        _fail("interrupted", 130)
+    except Exception as error:
+        from cyclopts import CycloptsError
+
+        if not isinstance(error, CycloptsError):
+            raise
+        _fail(" ".join(str(error).split()), 2)
+
+
+def _fail(message: str, status: int) -> None:
+    print(f"planview: {message}", file=sys.stderr)
+    raise SystemExit(status)

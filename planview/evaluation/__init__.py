@@ -1,0 +1,1 @@
+"""Metrics on trajectories only: no images, no maps."""

@@ -1,0 +1,121 @@
+"""What every tracker takes and gives."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+from calib.types import F32, U8
+from planview.maps import PlanViewMaps
+
+State = Literal["tentative", "confirmed", "lost"]
+DecisionKind = Literal[
+    "born", "confirmed", "matched", "recentred", "lost", "reattached", "removed", "split", "merged", "state"
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """Everything earlier stages know about one frame; a stage that did not run leaves None.
+
+    Attributes:
+        frame: index in the recording, from 0.
+        timestamp_s: seconds since the first frame.
+        image: (H, W[, 3]) uint8, the (rectified left) image.
+        foreground: (H, W) uint8, 255 where foreground, at the image's size or an integer fraction of it.
+        motion: (H, W) uint8, 255 where consecutive frames differ (single-camera trackers).
+        maps: plan-view maps (stereo only).
+    """
+
+    frame: int
+    timestamp_s: float
+    image: U8 | None = None
+    foreground: U8 | None = None
+    motion: U8 | None = None
+    maps: PlanViewMaps | None = None
+
+
+@dataclass(frozen=True)
+class TrackState:
+    """One person in one frame: a row of ``tracks.csv``. NaN where a tracker cannot know.
+
+    Attributes:
+        track_id: positive, unique in a run, never reused.
+        state: tentative (not yet believed), confirmed, or lost (predicted only).
+        x_m, y_m: floor position of the head's vertical projection [m], world frame.
+        vx_mps, vy_mps: velocity [m/s].
+        height_m: height of the top of the head above the floor [m].
+        box_px: (left, top, width, height) in the (rectified left) image [px].
+    """
+
+    track_id: int
+    state: State
+    x_m: float = math.nan
+    y_m: float = math.nan
+    vx_mps: float = math.nan
+    vy_mps: float = math.nan
+    height_m: float = math.nan
+    box_px: tuple[float, float, float, float] = (math.nan, math.nan, math.nan, math.nan)
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Why a tracker did something: goes to the rerun log and to ``--debug`` output.
+
+    Attributes:
+        track_id: whom it concerns.
+        kind: what was decided.
+        reason: one clause for people, with the numbers that decided it ("score 0.31 < 0.55").
+        value: the deciding number, NaN when there is none.
+    """
+
+    track_id: int
+    kind: DecisionKind
+    reason: str
+    value: float = math.nan
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """Shapes a tracker wants shown, on the floor [m] or in the image [px].
+
+    Attributes:
+        name: layer, e.g. "search" or "particles".
+        plane: "floor" or "image".
+        strips: line strips (N, 2) float32 (closed by repeating the first point); a single row is a point.
+        labels: one per strip, or empty.
+    """
+
+    name: str
+    plane: Literal["floor", "image"]
+    strips: tuple[F32, ...]
+    labels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class TrackerDebug:
+    """What the last update looked at; built on request only, since it costs time.
+
+    Attributes:
+        drawings: shapes for the floor and image views.
+        tiles: small images by name ("template/3/height"), (h, w) float32 or uint8.
+    """
+
+    drawings: tuple[Drawing, ...] = ()
+    tiles: dict[str, F32 | U8] = field(default_factory=dict)
+
+
+class Tracker(Protocol):
+    """People over time. ``update`` once per frame, in order; ``reset`` forgets everything."""
+
+    @property
+    def decisions(self) -> tuple[Decision, ...]:
+        """Decisions of the last update."""
+
+    def update(self, observation: Observation) -> tuple[TrackState, ...]: ...
+
+    def debug(self) -> TrackerDebug:
+        """Shapes and tiles that explain the last update."""
+
+    def reset(self) -> None: ...

@@ -1,0 +1,79 @@
+"""What a recording is, whatever its layout on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from calib.pose import SE3
+from calib.rig import StereoRig
+from calib.types import U8
+
+
+@dataclass(frozen=True, eq=False)
+class StereoFrame:
+    """One unrectified pair as recorded.
+
+    Attributes:
+        index: position in the recording, from 0; skipped frames leave gaps.
+        timestamp_s: seconds since the recording's first frame.
+        left, right: (H, W) or (H, W, 3) uint8, BGR.
+    """
+
+    index: int
+    timestamp_s: float
+    left: U8
+    right: U8
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """A frame that could not be used, and why."""
+
+    index: int
+    why: str
+
+
+class Recording(Protocol):
+    """A stereo recording: iterate it for its usable frames.
+
+    Attributes:
+        path: the folder or file it came from.
+        rig: calibration at the images' size.
+        world_SE3_left: from ``world.toml``, else None (the floor is then found from the recording).
+        n_frames: frames announced by the files (an upper bound when a video is truncated).
+        fps: nominal frames per second.
+        skipped: frames passed over so far while iterating.
+    """
+
+    path: Path
+    rig: StereoRig
+    world_SE3_left: SE3 | None
+    n_frames: int
+    fps: float
+    skipped: list[Skipped]
+
+    def __iter__(self) -> Iterator[StereoFrame]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class VideoFrame:
+    """One frame of a single camera: index from 0, seconds since the first, (H, W) or (H, W, 3) uint8 BGR."""
+
+    index: int
+    timestamp_s: float
+    image: U8
+
+
+class Video(Protocol):
+    """A single-camera recording (video file or folder of images)."""
+
+    path: Path
+    n_frames: int
+    fps: float
+    size: tuple[int, int]
+    skipped: list[Skipped]
+
+    def __iter__(self) -> Iterator[VideoFrame]: ...
