@@ -13,7 +13,6 @@ COMMANDS = {
     "doctor": "Check a recording and its calibration before trusting results.",
     "synth": "Render a recording with exact truth from a TOML scene.",
     "count": "Count line crossings and zone occupancy in tracks.",
-    "bench": "Measure speed and accuracy on this machine.",
     "sweep": "Run several settings or recordings and compare them.",
     "view": "Open a run in the rerun viewer.",
 }
@@ -23,6 +22,15 @@ CALIBRATE = {
     "floor": "Find the floor in a stereo recording.",
     "human": "Calibrate one camera from standing people.",
     "ui": "Calibrate in the browser.",
+}
+BENCH = {
+    "speed": "Time every stage side by side with plain OpenCV.",
+    "accuracy": "Render every committed scene, track it and score it.",
+    "memory": "Watch the memory of a long run.",
+    "calibration": "Score board, floor and human calibration against known truth.",
+    "counting": "Score counts and occupancy on rendered and real recordings.",
+    "pets": "Score the single-camera trackers on PETS S2-L1 view 1.",
+    "trackers": "Compare the three trackers on the same recordings.",
 }
 
 
@@ -35,10 +43,15 @@ def make_app() -> App:
     )
     for name, text in COMMANDS.items():
         app.command(f"planview.commands.{name}:{name}", name=name, help=text)
-    calibrate = App(name="calibrate", help="Obtain, check and convert calibrations.")
-    for name, text in CALIBRATE.items():
-        calibrate.command(f"planview.commands.calibrate_{name}:calibrate_{name}", name=name, help=text)
-    app.command(calibrate)
+    app.command(_group("calibrate", "Obtain, check and convert calibrations.", CALIBRATE))
+    app.command(_group("bench", "Measure speed and accuracy on this machine.", BENCH))
+    return app
+
+
+def _group(group: str, text: str, commands: dict[str, str]) -> App:
+    app = App(name=group, help=text)
+    for name, help_text in commands.items():
+        app.command(f"planview.commands.{group}_{name}:{group}_{name}", name=name, help=help_text)
     return app
 
 
