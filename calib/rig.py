@@ -13,6 +13,7 @@ import numpy as np
 from calib.camera import Camera, LensModel
 from calib.errors import InputError
 from calib.pose import SE3
+from calib.types import F64
 
 MAX_BASELINE_M = 5.0
 """Longer baselines mean wrong units: no pair for people is wider than this."""
@@ -140,11 +141,15 @@ class Floor:
             defined for a camera that looks straight down too.
         inlier_fraction: share of valid depth that lies on the floor; NaN when given by hand.
         residual_m: rms distance of the inliers from the plane; NaN when given by hand.
+        covariance: (3, 3) float64 of (height [m], tilt [rad], roll [rad]); None when unknown.
+        extent_m: (x_min, y_min, x_max, y_max) of the floor seen, world frame [m]; None when unknown.
     """
 
     world_SE3_left: SE3
     inlier_fraction: float = math.nan
     residual_m: float = math.nan
+    covariance: F64 | None = None
+    extent_m: tuple[float, float, float, float] | None = None
 
     @property
     def height_m(self) -> float:
