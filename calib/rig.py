@@ -93,27 +93,41 @@ def save_rig(rig: StereoRig, path: Path) -> None:
 
 
 def load_rig(path: Path) -> StereoRig:
-    """Read ``rig.toml``.
+    """Read ``rig.toml`` (``calib.formats.load_rig`` reads any format).
 
     Raises:
         InputError: unreadable, keys missing, or values that cannot be a rig.
     """
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-        rig = StereoRig(
+        rig = parse_rig(path.read_text(encoding="utf-8"), path.name)
+    except (OSError, UnicodeDecodeError, ValueError) as error:
+        raise InputError(f"{path}: expected a rig.toml, found {error}") from error
+    return rig.check(str(path))
+
+
+def parse_rig(text: str, source: str) -> StereoRig:
+    """A rig from the text of ``rig.toml``.
+
+    Raises:
+        ValueError: not TOML, keys missing, or values that cannot be a rig.
+    """
+    try:
+        data = tomllib.loads(text)
+        pose = data["right_SE3_left"]
+        return StereoRig(
             _camera(data["left"]),
             _camera(data["right"]),
             SE3(
-                np.array(data["right_SE3_left"]["rotation"], dtype=np.float64),
-                np.array(data["right_SE3_left"]["translation_m"], dtype=np.float64),
+                np.array(pose["rotation"], dtype=np.float64),
+                np.array(pose["translation_m"], dtype=np.float64),
             ),
-            str(data.get("source", path.name)),
+            str(data.get("source", source)),
         )
     except KeyError as error:
-        raise InputError(f"{path}: expected a rig.toml with the key {error}, found none") from error
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, ValueError, TypeError) as error:
-        raise InputError(f"{path}: expected a rig.toml, found {error}") from error
-    return rig.check(str(path))
+        raise ValueError(f"no key {error}") from error
+    # tomllib recurses into nested arrays; a table where a number belongs gives TypeError or AttributeError.
+    except (TypeError, AttributeError, OverflowError, RecursionError) as error:
+        raise ValueError(f"a value of the wrong kind ({error})") from error
 
 
 def _camera(table: dict[str, Any]) -> Camera:

@@ -1,69 +1,112 @@
-"""DepthAI EEPROM JSON: ``cameraData`` by socket, extrinsics to a neighbouring socket in centimetres."""
+"""DepthAI EEPROM JSON: cameras by socket, extrinsics as a chain ``toCameraSocket``, translations in centimetres."""
 
 from __future__ import annotations
 
 import json
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from calib.camera import Camera, LensModel
-from calib.errors import InputError
+from calib.camera import Camera
+from calib.formats.fields import camera, entry, number, numbers, table, transform, whole
+from calib.formats.source import Choice, Format, Source
 from calib.pose import SE3
 from calib.rig import StereoRig
 
-LEFT_SOCKET, RIGHT_SOCKET = 1, 2
-_CAMERA_TYPES: dict[int, LensModel] = {0: "rational", 1: "fisheye"}
+_CENTIMETRE_M = 0.01
+_FISHEYE = 1
+_PERSPECTIVE = 0
 
 
-def load_rig(path: Path) -> StereoRig:
-    """Read the stereo pair (socket 1 left, 2 right) of a DepthAI device.
+def _part(source: Source) -> str | None:
+    return "whole" if '"cameraData"' in source.text and source.text.lstrip().startswith("{") else None
 
-    Raises:
-        InputError: unreadable, a socket missing, or values that cannot be a rig.
-    """
+
+def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
+    data = table(_json(sources[0].text), "the file")
+    cameras = _by_socket(data)
+    left, right = _sockets(data, cameras, choice)
+    for socket in (left, right):
+        if socket not in cameras:
+            raise ValueError(f"expected a camera at socket {socket}, found sockets {sorted(cameras)}")
+    pose = _between(cameras, left, right, choice.unit(_CENTIMETRE_M))
+    return StereoRig(_camera(cameras[left], left), _camera(cameras[right], right), pose, sources[0].path.name)
+
+
+def _json(text: str) -> Any:
     try:
-        entries = {int(socket): data for socket, data in json.loads(path.read_text(encoding="utf-8"))["cameraData"]}
-        left, right = _camera(entries[LEFT_SOCKET]), _camera(entries[RIGHT_SOCKET])
-        rig = StereoRig(left, right, _between(entries, RIGHT_SOCKET, LEFT_SOCKET), path.name)
-    except KeyError as error:
-        raise InputError(f"{path}: expected a DepthAI calibration with {error}, found none") from error
-    except (OSError, UnicodeDecodeError, ValueError, TypeError, AttributeError) as error:
-        raise InputError(f"{path}: expected a DepthAI calibration, found {error}") from error
-    return rig.check(str(path))
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("expected JSON, found nesting without end") from None
 
 
-def _camera(data: dict[str, Any]) -> Camera:
-    k = np.array(data["intrinsicMatrix"], dtype=np.float64)
-    if k.shape != (3, 3):
-        raise ValueError(f"an intrinsicMatrix of shape {k.shape}")
-    model = _CAMERA_TYPES.get(int(data.get("cameraType", 0)), "rational")
-    coefficients = [float(c) for c in data["distortionCoeff"]][: 4 if model == "fisheye" else 14]
-    size = int(data["width"]), int(data["height"])
-    fx, fy, cx, cy = (float(k[i]) for i in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    return Camera(*size, fx, fy, cx, cy, model, tuple(coefficients))
+def _by_socket(data: Mapping[str, Any]) -> dict[int, Mapping[str, Any]]:
+    listed = entry(data, "cameraData")
+    if not isinstance(listed, list):
+        raise ValueError("expected cameraData to be a list of [socket, camera]")
+    cameras = {}
+    for item in listed:
+        if not isinstance(item, list) or len(item) != 2:
+            raise ValueError("expected cameraData to be a list of [socket, camera]")
+        cameras[int(number(item[0], "socket"))] = table(item[1], "camera")
+    return cameras
 
 
-def _between(entries: dict[int, Any], target: int, source: int) -> SE3:
-    """target_SE3_source, from the tree in which every socket names the socket its extrinsics lead to."""
-    to_root = {}
-    for start in (target, source):
-        chain, socket = {start: SE3.identity()}, start
-        while (link := entries[socket]["extrinsics"])["toCameraSocket"] >= 0:
-            step, parent = _step(link), int(link["toCameraSocket"])
-            if parent in chain:
-                raise ValueError(f"extrinsics that go round in a circle at socket {parent}")
-            chain[parent] = step @ chain[socket]
-            socket = parent
-        to_root[start] = chain
-    shared = [socket for socket in to_root[source] if socket in to_root[target]]
-    if not shared:
-        raise ValueError(f"no extrinsics between the sockets {source} and {target}")
-    return to_root[target][shared[0]].inverse() @ to_root[source][shared[0]]
+def _sockets(data: Mapping[str, Any], cameras: Mapping[int, Any], choice: Choice) -> tuple[int, int]:
+    if choice.cameras is not None:
+        first, second = (int(number(name, "socket")) for name in choice.cameras)
+        return first, second
+    stereo = data.get("stereoRectificationData")
+    if isinstance(stereo, Mapping):
+        pair = tuple(int(number(stereo.get(key, -1), key)) for key in ("leftCameraSocket", "rightCameraSocket"))
+        if pair[0] != pair[1] and set(pair) <= set(cameras):
+            return pair[0], pair[1]
+    return 1, 2
 
 
-def _step(link: dict[str, Any]) -> SE3:
-    """toCamera_SE3_this of one entry; the file's translations are in centimetres."""
-    translation = np.array([float(link["translation"][axis]) for axis in "xyz"]) / 100.0
-    return SE3(np.array(link["rotationMatrix"], dtype=np.float64), translation)
+def _camera(values: Mapping[str, Any], socket: int) -> Camera:
+    size = (whole(entry(values, "width"), "width"), whole(entry(values, "height"), "height"))
+    coefficients = numbers(entry(values, "distortionCoeff"), "distortionCoeff", (0, 4, 5, 8, 12, 14))
+    kind = int(number(values.get("cameraType", _PERSPECTIVE), "cameraType"))
+    if kind not in {_PERSPECTIVE, _FISHEYE}:
+        raise ValueError(f"expected a perspective or fisheye camera at socket {socket}, found cameraType {kind}")
+    matrix = numbers(entry(values, "intrinsicMatrix"), "intrinsicMatrix", 9)
+    if kind == _FISHEYE:
+        if np.any(coefficients[4:]):
+            raise ValueError(f"expected 4 fisheye coefficients at socket {socket}, found more")
+        return camera(size, matrix, coefficients[:4], "fisheye", f"socket {socket}")
+    return camera(size, matrix, coefficients, None, f"socket {socket}")
+
+
+def _between(cameras: Mapping[int, Mapping[str, Any]], left: int, right: int, unit_m: float) -> SE3:
+    """Compose the links from left to right; each is a dst_SE3_src that may be walked both ways."""
+    known = {left: SE3.identity()}
+    frontier = [left]
+    links = [link for socket in sorted(cameras) if (link := _link(socket, cameras[socket], unit_m))]
+    while frontier and right not in known:
+        here = frontier.pop(0)
+        for src, dst, dst_SE3_src in links:
+            if src == here and dst not in known:
+                known[dst] = dst_SE3_src @ known[here]
+                frontier.append(dst)
+            elif dst == here and src not in known:
+                known[src] = dst_SE3_src.inverse() @ known[here]
+                frontier.append(src)
+    if right not in known:
+        raise ValueError(f"expected extrinsics that link socket {left} to socket {right}, found none")
+    return known[right]
+
+
+def _link(socket: int, values: Mapping[str, Any], unit_m: float) -> tuple[int, int, SE3] | None:
+    extrinsics = table(entry(values, "extrinsics"), "extrinsics")
+    to = int(number(extrinsics.get("toCameraSocket", -1), "toCameraSocket"))
+    if to < 0 or to == socket:
+        return None
+    t = table(entry(extrinsics, "translation"), "translation")
+    translation = np.array([number(entry(t, axis), f"translation {axis}") for axis in "xyz"]) * unit_m
+    rotation = numbers(entry(extrinsics, "rotationMatrix"), "rotationMatrix", 9)
+    return socket, to, transform(rotation, translation, f"rotationMatrix of socket {socket}")
+
+
+FORMAT = Format("DepthAI EEPROM JSON", _part, _read)

@@ -1,0 +1,87 @@
+"""A calibration file as text, and what the caller knows about the rig."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from calib.errors import InputError
+from calib.rig import StereoRig
+
+MAX_BYTES = 2_000_000
+"""Calibration files are a few kilobytes; anything larger is something else and is not read."""
+
+Size = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file and its text."""
+
+    path: Path
+    text: str
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What the caller knows and a file may lack.
+
+    Attributes:
+        size: (width, height) of the recording's images [px]; selects or supplies the resolution.
+        cameras: names of the left and right camera in a file that holds more than two.
+        unit_m: length of the file's unit of translation [m]; None takes the format's own.
+    """
+
+    size: Size | None = None
+    cameras: tuple[str, str] | None = None
+    unit_m: float | None = None
+
+    def unit(self, default_m: float = 1.0) -> float:
+        """Metres per unit of the file."""
+        return default_m if self.unit_m is None else self.unit_m
+
+
+@dataclass(frozen=True)
+class Format:
+    """How one tool writes a rig.
+
+    Attributes:
+        name: as the user knows it.
+        part: what a text holds in this format: "whole" (a rig), "left" or "right" (a half), or None (not this format).
+        read: a rig from a whole, or from its left and right half; raises ValueError for bad content.
+    """
+
+    name: str
+    part: Callable[[Source], str | None]
+    read: Callable[[Sequence[Source], Choice], StereoRig]
+
+
+def read_source(path: Path) -> Source:
+    """Read a text file.
+
+    Raises:
+        InputError: unreadable, too large, or not text.
+    """
+    try:
+        with path.open("rb") as file:
+            raw = file.read(MAX_BYTES + 1)
+        if len(raw) > MAX_BYTES:
+            raise InputError(f"{path}: expected a calibration file, found more than {MAX_BYTES} bytes")
+        text = raw.decode("utf-8-sig")
+    except OSError as error:
+        raise InputError(f"{path}: expected a readable calibration file, found {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: expected a calibration as text, found binary data at byte {error.start}") from error
+    return Source(path, text.replace("\r\n", "\n"))
+
+
+def side_of(name: str) -> str | None:
+    """Which camera a file or folder name speaks of: "left", "right", or None when it names neither or both."""
+    words = set(re.split(r"[^a-z0-9]+", name.lower()))
+    left = bool(words & {"l", "cam0", "camera0"}) or "left" in name.lower()
+    right = bool(words & {"r", "cam1", "camera1"}) or "right" in name.lower()
+    if left == right:
+        return None
+    return "left" if left else "right"

@@ -1,0 +1,1 @@
+"""Measurements behind ``planview bench``, one module per subject."""
