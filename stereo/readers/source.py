@@ -1,0 +1,66 @@
+"""Where the images of one camera come from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import cv2
+import numpy as np
+
+from calib.types import U8
+
+
+@dataclass(frozen=True, eq=False)
+class Decoded:
+    """One frame of one camera: an image, or the reason why there is none.
+
+    Attributes:
+        index: position in the recording, from 0.
+        timestamp_s: the file's own time of the frame, None when it has none.
+        image: (H, W) or (H, W, 3) uint8, BGR; None when it could not be had.
+        why: the reason when image is None.
+    """
+
+    index: int
+    timestamp_s: float | None
+    image: U8 | None
+    why: str = ""
+
+
+class FrameSource(Protocol):
+    """Images of one camera in order; every index is yielded once, with or without an image.
+
+    Attributes:
+        size: (width, height) [px].
+        n_frames: frames announced; the iteration may end earlier.
+        fps: nominal rate, NaN when the files do not say.
+    """
+
+    size: tuple[int, int]
+    n_frames: int
+    fps: float
+
+    def __iter__(self) -> Iterator[Decoded]: ...
+
+
+def is_grey(image: U8) -> bool:
+    """Whether an image holds no colour: one channel, or three equal ones that are not all the same value.
+
+    A uniform picture (a black first frame) says nothing and counts as colour, which loses nothing.
+    """
+    if image.ndim == 2:
+        return True
+    blue, green, red = image[..., 0], image[..., 1], image[..., 2]
+    return bool(np.ptp(green) > 0 and np.array_equal(blue, green) and np.array_equal(green, red))
+
+
+def as_grey(image: U8) -> U8:
+    """(H, W) of an image whose channels are equal."""
+    return image if image.ndim == 2 else np.asarray(cv2.extractChannel(image, 1), dtype=np.uint8)
+
+
+def as_colour(image: U8) -> U8:
+    """(H, W, 3) of an image."""
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8) if image.ndim == 2 else image

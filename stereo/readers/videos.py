@@ -1,0 +1,75 @@
+"""Frames from a video file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from calib.errors import InputError
+from calib.types import U8
+from stereo.readers.source import Decoded, as_grey, is_grey
+
+SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg"})
+MAX_BROKEN_RUN = 25
+"""Failing reads in a row after which a video counts as ended: about a second, longer than one group of pictures loses."""
+
+
+class VideoFile:
+    """One camera's frames from a video; broken frames inside it are yielded without an image.
+
+    Raises:
+        InputError: not a video that can be opened, or its first frame cannot be decoded.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        capture = _open(path)
+        try:
+            found, first = capture.read()
+            self.n_frames = max(0, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)))
+            fps = capture.get(cv2.CAP_PROP_FPS)
+        finally:
+            capture.release()
+        if not found or first is None:
+            raise InputError(f"{path}: expected a video, found no frame that can be decoded")
+        self.size = first.shape[1], first.shape[0]
+        self.fps = float(fps) if np.isfinite(fps) and 0 < fps <= 1000 else 30.0
+        self._grey = is_grey(np.asarray(first, dtype=np.uint8))
+
+    def __iter__(self) -> Iterator[Decoded]:
+        """Frames up to the last that can be decoded; a tail that cannot is left out."""
+        capture = _open(self._path)
+        index, broken = 0, 0
+        try:
+            while broken < MAX_BROKEN_RUN and (broken == 0 or index + broken < self.n_frames):
+                found, image = capture.read()
+                if not found or image is None:
+                    broken += 1
+                    continue
+                for lost in range(index, index + broken):
+                    yield Decoded(lost, None, None, f"{self._path.name} cannot be decoded here")
+                index, broken = index + broken, 0
+                yield Decoded(index, self._time(capture, index), self._as_stored(image))
+                index += 1
+        finally:
+            capture.release()
+
+    def _time(self, capture: cv2.VideoCapture, index: int) -> float:
+        seconds = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0
+        return seconds if seconds > 0.0 else index / self.fps
+
+    def _as_stored(self, image: object) -> U8:
+        pixels = np.asarray(image, dtype=np.uint8)
+        return as_grey(pixels) if self._grey else pixels
+
+
+def _open(path: Path) -> cv2.VideoCapture:
+    if not path.is_file():
+        raise InputError(f"{path}: expected a video file, found none")
+    capture = cv2.VideoCapture(str(path))
+    if not capture.isOpened():
+        raise InputError(f"{path}: expected a video, found a file that cannot be opened as one")
+    return capture
