@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from pathlib import Path
 
@@ -25,10 +26,9 @@ def pair_files(left: list[Path], right: list[Path]) -> list[Pair]:
     Raises:
         InputError: the folders do not pair; the first frame without a mate is named.
     """
-    by_number = _numbered(left), _numbered(right)
-    if by_number[0] is None or by_number[1] is None:
+    left_by, right_by = _numbered(left), _numbered(right)
+    if left_by is None or right_by is None:
         return _in_order(left, right)
-    left_by, right_by = by_number
     either = sorted(left_by.keys() | right_by.keys())
     unpaired = [n for n in either if (n in left_by) != (n in right_by)]
     if unpaired and len(left) == len(right) and len(unpaired) > MAX_UNPAIRED_FRACTION * len(either):
@@ -40,7 +40,7 @@ def pair_files(left: list[Path], right: list[Path]) -> list[Pair]:
 
 def even_sequence(numbers: list[int]) -> list[int]:
     """The numbers with those filled in that an even sequence would have; unchanged when it is not even."""
-    steps = Counter(b - a for a, b in zip(numbers, numbers[1:], strict=False))
+    steps = Counter(b - a for a, b in itertools.pairwise(numbers))
     if not steps:
         return numbers
     step, _ = steps.most_common(1)[0]

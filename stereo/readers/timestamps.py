@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,7 @@ def load_timestamps(path: Path) -> F64:
     if not rows:
         raise InputError(f"{path}: expected rows of frame,timestamp_s, found none")
     rows.sort()
-    for (frame, time), (next_frame, next_time) in zip(rows, rows[1:], strict=False):
+    for (frame, time), (next_frame, next_time) in itertools.pairwise(rows):
         if frame == next_frame or not next_time > time:
             raise InputError(
                 f"{path}: expected times that increase, found frame {frame} at {time:g} s "

@@ -14,7 +14,7 @@ from stereo.readers.source import Decoded, as_grey, is_grey
 
 SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg"})
 MAX_BROKEN_RUN = 25
-"""Failing reads in a row after which a video counts as ended: about a second, longer than one group of pictures loses."""
+"""Failing reads in a row after which a video counts as ended: about a second, more than a lost key frame costs."""
 
 
 class VideoFile:
