@@ -1,0 +1,273 @@
+"""The floor in clouds of points: which plane it is, and exactly where."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field
+
+from calib.errors import WorkError
+from calib.params import Params
+from calib.plane_fit import Plane, Rays, cells, fit_plane
+from calib.rig import Floor, world_from_plane
+from calib.types import F32, F64, I64, AnyArray
+
+
+MIN_POINTS = 1000
+"""With fewer points than this nothing is said."""
+
+
+class FloorParams(Params):
+    """What counts as a floor."""
+
+    disparity_std_px: float = Field(0.15, gt=0, le=5)
+    """Deviation of a disparity of the median background [px]: a sixteenth of quantisation and sub-pixel bias (our choice)."""
+    inlier_sigmas: float = Field(3.0, gt=0.5, le=10)
+    """Points within this many deviations lie on a plane: 99.7 % of Gaussian noise (our choice)."""
+    min_height_m: float = Field(0.8, gt=0)
+    """Lowest camera: below it people are taller than the view (our choice)."""
+    max_height_m: float = Field(12.0, gt=0)
+    """Highest camera: beyond it a person covers a few disparities at most (our choice)."""
+    max_tilt_deg: float = Field(83.0, gt=0, lt=90)
+    """Steepest view of a floor; beyond it the plane is a wall seen from above (our choice)."""
+    min_tilt_deg: float = Field(-15.0, gt=-90, le=0)
+    """An overhead camera may lean backwards by this much; beyond it the plane is a wall in front of a camera
+    that hardly sees its floor (our choice)."""
+    max_roll_deg: float = Field(30.0, gt=0, lt=90)
+    """Cameras are mounted roughly upright (Zhang 2008, section 2, assumption 3: no significant roll)."""
+    min_inlier_fraction: float = Field(0.05, gt=0, le=1)
+    """Least share of the valid depth a floor covers (our choice: less is a shelf or a step)."""
+    max_below_fraction: float = Field(0.3, gt=0, le=1)
+    """Points beneath the plane, against points on and beneath it: nothing is seen below a floor but errors of
+    matching; below a table top or a plane through clutter much is (our choice)."""
+    max_blur_fraction: float = Field(0.5, gt=0, le=1)
+    """Points just above the plane's layer of noise, in as thick a layer, against points on it: a flat surface ends
+    sharply, a plane laid through clutter or a corner does not (our choice)."""
+    n_candidates: int = Field(8, ge=1, le=50)
+    """Planes looked for, largest first; a room has a floor, three walls and some furniture (our choice)."""
+    ransac_iterations: int = Field(2000, ge=10)
+    """Triples tried per candidate: one of 2000 hits a plane of 12 % of the remaining points with 97 % (our choice)."""
+    fit_points: int = Field(1_500_000, ge=1000)
+    """Points looked at over all frames, evenly thinned (our choice, for memory: about 100 MB)."""
+    cells_across: int = Field(64, ge=8, le=512)
+    """Cells across the view whose medians are fitted (our choice: 10 px wide at 640 px)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A plane and what speaks for and against it.
+
+    Attributes:
+        plane: fitted plane.
+        inlier_fraction: share of the points on it.
+        below_fraction: share of the points beneath it.
+        refused: why it cannot be the floor; empty when it can.
+    """
+
+    plane: Plane
+    inlier_fraction: float
+    below_fraction: float
+    refused: str
+
+
+def find_floor(
+    clouds: Sequence[F32],
+    *,
+    focal_px: float | None = None,
+    baseline_m: float | None = None,
+    sigma_z: Sequence[F32] | None = None,
+    params: FloorParams | None = None,
+) -> Floor:
+    """The floor plane common to many frames.
+
+    Candidates come from RANSAC (open3d); the floor is the lowest plane that a camera looking down with little roll
+    could stand above, with next to nothing seen beneath it. It is refined by robust least squares in inverse depth.
+    Medians over all frames in cells of the view are fitted, so that people who walk through do not count.
+
+    Args:
+        clouds: one (N, 3) array of points per frame [m], rectified left camera frame; rows with NaN are skipped.
+        focal_px, baseline_m: of the rectified pair, for the depth noise; without them 1.5 % of the median.
+        sigma_z: one (N,) array of depth deviations [m] per cloud; replaces the noise model.
+        params: what counts as a floor.
+    Returns:
+        Floor with inlier fraction, residual, covariance and extent.
+    Raises:
+        WorkError: no floor is visible; the sentence says what was seen instead.
+        ValueError: shapes do not fit.
+    """
+    params = params or FloorParams()
+    points = _points(clouds, sigma_z, params)
+    if len(points) < MIN_POINTS:
+        raise WorkError(f"no floor found: only {len(points)} points with valid depth in {len(clouds)} frames")
+    if sigma_z is None:
+        noise = 0.01 * float(np.median(points.inverse))
+        if focal_px is not None and baseline_m is not None:
+            noise = params.disparity_std_px / (focal_px * baseline_m)
+        points = Rays(points.rays, points.inverse, np.full(len(points), noise))
+    candidates = floor_candidates(points, params)
+    best = choose_floor(candidates, params)
+    if best is None:
+        raise WorkError(_nothing_found(candidates, len(clouds), params))
+    return _floor(best, points, params)
+
+
+def floor_candidates(points: Rays, params: FloorParams) -> list[Candidate]:
+    """Planes in the points, largest first, each judged."""
+    view, counts = cells(points, params.cells_across)
+    rest = view
+    found: list[Candidate] = []
+    for _ in range(params.n_candidates):
+        if len(rest) < max(3, 0.5 * params.min_inlier_fraction * len(view)):
+            break
+        guess = _ransac(rest, params)
+        taken = np.abs(rest.residuals(guess)) < params.inlier_sigmas
+        if taken.sum() < 0.5 * params.min_inlier_fraction * len(view):
+            break
+        rest = rest.where(~taken)
+        rough = fit_plane(view, guess, params.inlier_sigmas)
+        if rough is not None and not any(_same(rough, other.plane, view) for other in found):
+            view_on, counts = cells(points, params.cells_across, rough.q)
+            plane = fit_plane(view_on, rough.q, params.inlier_sigmas)
+            if plane is not None:
+                found.append(_judge(plane, view_on, counts, params))
+    return found
+
+
+def choose_floor(candidates: Sequence[Candidate], params: FloorParams) -> Candidate | None:
+    """The floor among planes: the largest that a camera can stand above, and of parallel ones the lowest.
+
+    A camera near the horizontal sees the wall in front as a camera leaning backwards sees its floor. Where both
+    readings are open the upright camera is the likelier, so a plane that asks for leaning back gives way.
+    """
+    possible = [c for c in candidates if not c.refused]
+    upright = [c for c in possible if c.plane.tilt_rad > math.radians(-5.0)]
+    possible = upright or possible
+    if not possible:
+        return None
+    largest = max(possible, key=lambda c: c.inlier_fraction)
+    parallel = [c for c in possible if float(c.plane.normal @ largest.plane.normal) > math.cos(math.radians(10.0))]
+    return max(parallel, key=lambda c: c.plane.distance_m)
+
+
+def _judge(plane: Plane, view: Rays, counts: I64, params: FloorParams) -> Candidate:
+    residuals = view.residuals(plane.q)
+    share = counts / counts.sum()
+    on = float(share[np.abs(residuals) < params.inlier_sigmas].sum())
+    below = float(share[(residuals < -params.inlier_sigmas) & (view.rays @ plane.q > 0)].sum())
+    above = float(share[(residuals > params.inlier_sigmas) & (residuals < 2 * params.inlier_sigmas)].sum())
+    tilt, roll = math.degrees(plane.tilt_rad), math.degrees(plane.roll_rad)
+    height = plane.distance_m
+    refused = ""
+    if not params.min_tilt_deg <= tilt <= params.max_tilt_deg or abs(roll) > params.max_roll_deg:
+        refused = f"a wall or ceiling (tilt {tilt:.0f}, roll {roll:.0f} degrees)"
+    elif not params.min_height_m <= height <= params.max_height_m:
+        refused = f"{height:.2f} m from the camera (floors: {params.min_height_m:g}-{params.max_height_m:g} m)"
+    elif on < params.min_inlier_fraction:
+        refused = f"{on:.1%} of the depth lies on it (at least {params.min_inlier_fraction:.0%} needed)"
+    elif below > params.max_below_fraction * (on + below):
+        refused = f"{below:.0%} of the depth lies beneath it"
+    elif above > params.max_blur_fraction * on:
+        refused = "it only cuts through a surface that is not flat"
+    return Candidate(plane, on, below, refused)
+
+
+def _floor(best: Candidate, points: Rays, params: FloorParams) -> Floor:
+    plane = best.plane
+    pose = world_from_plane(plane.normal, plane.distance_m)
+    view, _ = cells(points, params.cells_across, plane.q)
+    inliers = view.where(np.abs(view.residuals(plane.q)) < params.inlier_sigmas)
+    world = pose @ (inliers.rays / inliers.inverse[:, None])
+    low, high = np.quantile(world[:, :2], (0.01, 0.99), axis=0)
+    return Floor(
+        pose,
+        inlier_fraction=best.inlier_fraction,
+        residual_m=float(np.sqrt(np.mean(world[:, 2] ** 2))),
+        covariance=_pose_covariance(plane),
+        extent_m=(float(low[0]), float(low[1]), float(high[0]), float(high[1])),
+    )
+
+
+def _pose_covariance(plane: Plane) -> F64:
+    """Covariance of (height, tilt, roll) by central differences over q."""
+
+    def values(q: F64) -> F64:
+        moved = Plane(q, plane.scale, plane.covariance)
+        return np.array([moved.distance_m, moved.tilt_rad, moved.roll_rad])
+
+    step = 1e-6 * float(np.linalg.norm(plane.q))
+    columns = [(values(plane.q + d) - values(plane.q - d)) / (2 * step) for d in step * np.eye(3)]
+    jacobian = np.stack(columns, axis=1)
+    return np.asarray(jacobian @ plane.covariance @ jacobian.T)
+
+
+def _points(clouds: Sequence[F32], sigma_z: Sequence[F32] | None, params: FloorParams) -> Rays:
+    """Valid points of all clouds, thinned evenly to what the fit looks at."""
+    for cloud in clouds:
+        if np.ndim(cloud) != 2 or np.shape(cloud)[1] != 3:
+            raise ValueError(f"expected clouds of (N, 3) points, got {np.shape(cloud)}")
+    if sigma_z is not None and [len(s) for s in sigma_z] != [len(c) for c in clouds]:
+        raise ValueError("expected one depth deviation per point")
+    stride = max(1, math.ceil(sum(len(c) for c in clouds) / params.fit_points))
+    parts = [
+        # Another offset per frame, so that every pixel is looked at in some frame.
+        _rays(np.asarray(c)[i % stride :: stride], None if sigma_z is None else sigma_z[i][i % stride :: stride])
+        for i, c in enumerate(clouds)
+    ]
+    if not parts:
+        return Rays(np.empty((0, 3)), np.empty(0), np.empty(0))
+    return Rays(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("rays", "inverse", "sigma")))
+
+
+def _rays(cloud: AnyArray, sigma_z: AnyArray | None) -> Rays:
+    valid = np.isfinite(cloud).all(axis=1)
+    valid[valid] = cloud[valid, 2] > 1e-3
+    p = cloud[valid].astype(np.float64)
+    z = p[:, 2]
+    sigma = np.ones(len(p)) if sigma_z is None else np.maximum(np.asarray(sigma_z)[valid] / z**2, 1e-9)
+    return Rays(np.stack([p[:, 0] / z, p[:, 1] / z, np.ones(len(p))], axis=1), 1.0 / z, sigma.astype(np.float64))
+
+
+def _ransac(points: Rays, params: FloorParams) -> F64:
+    """(3,) q of the plane with most points, found by open3d in (x/z, y/z, 1/z), where planes stay planes.
+
+    The ray axes are stretched so far that open3d's perpendicular distance is the inverse-depth residual.
+    """
+    import open3d as o3d
+
+    stretch = 1e4
+    sigma = float(np.median(points.sigma))
+    cloud = o3d.geometry.PointCloud(
+        o3d.utility.Vector3dVector(
+            np.column_stack([points.rays[:, :2] * stretch, points.inverse / sigma]),
+        )
+    )
+    o3d.utility.random.seed(0)
+    (a, b, c, d), _ = cloud.segment_plane(params.inlier_sigmas, 3, params.ransac_iterations)
+    if abs(c) < 1e-12:
+        return np.zeros(3)
+    return np.array([-a / c * stretch * sigma, -b / c * stretch * sigma, -d / c * sigma])
+
+
+def _same(a: Plane, b: Plane, points: Rays) -> bool:
+    """Whether two fits ran into the same plane: they differ by less than a deviation where they were seen."""
+    near = np.abs(points.residuals(a.q)) < 3.0
+    if not near.any():
+        return True
+    shift = points.rays[near] @ (a.q - b.q) / points.sigma[near]
+    return bool(np.abs(shift).mean() < 1.0)
+
+
+def _nothing_found(candidates: Sequence[Candidate], n_frames: int, params: FloorParams) -> str:
+    if not candidates:
+        return (
+            f"no floor found in {n_frames} frames: no plane holds even "
+            f"{0.5 * params.min_inlier_fraction:.1%} of the valid depth"
+        )
+    seen = "; ".join(
+        f"plane with {c.inlier_fraction:.0%} of the depth: {c.refused}"
+        for c in sorted(candidates, key=lambda c: -c.inlier_fraction)[:3]
+    )
+    return f"no floor found in {n_frames} frames ({seen})"
