@@ -1,0 +1,145 @@
+"""A rotation and a translation of the floor that lay tracks over truth given in another world frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from calib.errors import WorkError
+from calib.types import F64, I64
+from planview.evaluation.sequence import THRESHOLD, Similarity, box_similarity, build_sequence, floor_similarity
+from planview.tracks import Trajectories
+
+_CANDIDATES = 12
+"""Longest tracks and people that are tried on each other; more only cost time."""
+_SAMPLE = 200
+"""Frames on which candidates are compared."""
+_ROUNDS = 10
+
+
+@dataclass(frozen=True)
+class FloorAlignment:
+    """``truth_SE2_tracks``: p_truth = R(rotation_rad) p_tracks + (x_m, y_m); rms over ``pairs`` matched rows [m]."""
+
+    rotation_rad: float
+    x_m: float
+    y_m: float
+    rms_m: float
+    pairs: int
+
+    def apply(self, xy: F64) -> F64:
+        """(N, 2) positions in the frame of the truth."""
+        return np.asarray(xy @ _rotation(self.rotation_rad).T + np.array([self.x_m, self.y_m]))
+
+
+def align_tracks(tracks: Trajectories, truth: Trajectories, gate_m: float) -> tuple[Trajectories, FloorAlignment]:
+    """Find the rigid motion (no scale, no mirror) that lets most rows match, and apply it.
+
+    Candidates come from pairs of boxes that overlap (IoU 0.5) where both tables have boxes, else from laying long
+    tracks over long true paths; the best is refined on its own matches.
+
+    Raises:
+        WorkError: nothing to align on.
+    """
+    candidates = [*_from_boxes(tracks, truth), *_from_paths(tracks, truth)]
+    if not candidates:
+        raise WorkError("expected tracks that move beside the truth to align them, found none in common frames")
+    common = np.intersect1d(tracks.frame, truth.frame)
+    sample = common[:: 1 + len(common) // _SAMPLE]
+    thin = _thinned(tracks, sample), _thinned(truth, sample)
+    best = max((_score(c, *thin, gate_m) for c in candidates), key=lambda a: (a.pairs, -a.rms_m))
+    best = _score(best, tracks, truth, gate_m)
+    for _ in range(_ROUNDS):
+        refined = _score(_refit(best, tracks, truth, gate_m), tracks, truth, gate_m)
+        if (refined.pairs, -refined.rms_m) <= (best.pairs, -best.rms_m):
+            break
+        best = refined
+    return moved(tracks, best), best
+
+
+def moved(tracks: Trajectories, alignment: FloorAlignment) -> Trajectories:
+    """Tracks with positions and velocities in the frame of the truth."""
+    xy = alignment.apply(_xy(tracks))
+    velocity = tracks.velocity_mps @ _rotation(alignment.rotation_rad).T
+    return replace(tracks, x_m=xy[:, 0], y_m=xy[:, 1], velocity_mps=velocity)
+
+
+def fit_rigid(source: F64, target: F64) -> FloorAlignment:
+    """Least-squares rotation and translation of (N, 2) source onto target points (Umeyama 1991 without scale)."""
+    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
+    angle = math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
+    shift = target.mean(axis=0) - _rotation(angle) @ source.mean(axis=0)
+    result = FloorAlignment(angle, float(shift[0]), float(shift[1]), 0.0, len(source))
+    return replace(result, rms_m=_rms(result.apply(source) - target))
+
+
+def _from_boxes(tracks: Trajectories, truth: Trajectories) -> Iterator[FloorAlignment]:
+    if np.isfinite(tracks.box_px).all(axis=1).any() and np.isfinite(truth.box_px).all(axis=1).any():
+        yield from _fit_pairs(tracks, truth, _pairs(truth, tracks, box_similarity))
+
+
+def _from_paths(tracks: Trajectories, truth: Trajectories) -> Iterator[FloorAlignment]:
+    for person in _longest(truth):
+        for track in _longest(tracks):
+            p, k = np.flatnonzero(truth.track_id == person), np.flatnonzero(tracks.track_id == track)
+            _, i, j = np.intersect1d(truth.frame[p], tracks.frame[k], return_indices=True)
+            yield from _fit_pairs(tracks, truth, np.column_stack([p[i], k[j]]))
+
+
+def _longest(table: Trajectories) -> list[int]:
+    ids, counts = np.unique(table.track_id, return_counts=True)
+    return [int(i) for i in ids[np.argsort(-counts, kind="stable")[:_CANDIDATES]]]
+
+
+def _fit_pairs(tracks: Trajectories, truth: Trajectories, pairs: I64) -> Iterator[FloorAlignment]:
+    """A fit to (truth row, track row) pairs, unless they are too few or lie on a spot (no rotation to be had)."""
+    target, source = _xy(truth)[pairs[:, 0]], _xy(tracks)[pairs[:, 1]]
+    known = np.isfinite(source).all(axis=1) & np.isfinite(target).all(axis=1)
+    source, target = source[known], target[known]
+    if len(source) >= 5 and min(np.ptp(source, axis=0).max(), np.ptp(target, axis=0).max()) >= 0.5:
+        yield fit_rigid(source, target)
+
+
+def _pairs(truth: Trajectories, tracks: Trajectories, similarity: Similarity) -> I64:
+    """(K, 2) truth and track rows of the frame-by-frame matches."""
+    pairs = [np.empty((0, 2), dtype=np.int64)]
+    for frame in build_sequence(truth, tracks, similarity).frames:
+        scores = np.nan_to_num(frame.similarity)
+        rows, cols = linear_sum_assignment(-scores)
+        good = scores[rows, cols] >= THRESHOLD
+        pairs.append(np.column_stack([frame.truth_rows[rows[good]], frame.track_rows[cols[good]]]))
+    return np.concatenate(pairs)
+
+
+def _score(alignment: FloorAlignment, tracks: Trajectories, truth: Trajectories, gate_m: float) -> FloorAlignment:
+    """The alignment with the number and rms of the rows it matches."""
+    laid = moved(tracks, alignment)
+    pairs = _pairs(truth, laid, floor_similarity(gate_m))
+    offset = _xy(laid)[pairs[:, 1]] - _xy(truth)[pairs[:, 0]]
+    return replace(alignment, pairs=len(pairs), rms_m=_rms(offset) if len(pairs) else math.inf)
+
+
+def _refit(alignment: FloorAlignment, tracks: Trajectories, truth: Trajectories, gate_m: float) -> FloorAlignment:
+    pairs = _pairs(truth, moved(tracks, alignment), floor_similarity(gate_m))
+    return next(_fit_pairs(tracks, truth, pairs), alignment)
+
+
+def _thinned(table: Trajectories, frames: I64) -> Trajectories:
+    return table.where(np.isin(table.frame, frames))
+
+
+def _xy(table: Trajectories) -> F64:
+    return np.column_stack([table.x_m, table.y_m])
+
+
+def _rms(offset: F64) -> float:
+    return float(np.sqrt((offset**2).sum(axis=1).mean()))
+
+
+def _rotation(angle: float) -> F64:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s], [s, c]])

@@ -1,0 +1,225 @@
+"""The four significant errors of Harville 2002, section 5: lost, missed, swapped, tracking a non-person.
+
+The paper names them without numbers. The durations here are our choice, argued at each parameter; all are on frames in
+which the person counts (visible enough), so that nobody is lost for being hidden.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from calib.params import Params
+from calib.types import F64, I64, Bool
+
+ErrorKind = Literal["lost", "missed", "swapped", "false_track"]
+NOBODY = -1
+PREDICTED = -2
+"""Values of ``PersonHistory.track_id`` beside real ids."""
+
+
+class SignificantParams(Params):
+    """From when on an error is significant."""
+
+    lost_s: float = Field(1.0, gt=0, le=60)
+    """A person tracked before is lost when visible but held by no track for longer [s]. Our choice: at walking pace a
+    person covers more than the gate, so that a track resumed later is resumed by luck or by identity logic."""
+    missed_s: float = Field(2.0, gt=0, le=60)
+    """A person visible for this long in a visit, and never tracked, is missed [s]. Our choice: people who only cut a
+    corner of the view are gone before a tracker that asks for consecutive sightings (the paper's does) may confirm."""
+    false_track_s: float = Field(1.0, gt=0, le=60)
+    """A confirmed track that follows nobody for this long tracks a non-person [s]. Our choice: one second of doubt is
+    what the real overhead recording is allowed, too."""
+    persist_s: float = Field(0.5, gt=0, le=60)
+    """An identity held for less is a flicker between people who touch: it neither makes nor ends an error [s]. Our
+    choice: longer than two people need to pass within arm's length, shorter than anybody acts on an identity."""
+    gone_s: float = Field(4.0, gt=0, le=600)
+    """Not visible for longer ends a visit: afterwards a new id is right [s]. Harville 2002, section 4: people lost for
+    longer are gone."""
+    exchange_s: float = Field(4.0, gt=0, le=60)
+    """Two people taking each other's identities within this time are one swap [s]. Our choice, equal to gone_s."""
+
+
+@dataclass(frozen=True)
+class SignificantError:
+    """One error: ``frame`` where it begins; ids are None where there is none; ``duration_s`` None where it lasts."""
+
+    kind: ErrorKind
+    frame: int
+    truth_id: int | None
+    track_id: int | None
+    duration_s: float | None
+    note: str
+
+
+@dataclass(frozen=True, eq=False)
+class PersonHistory:
+    """The frames in which a person counts, and who held them.
+
+    Attributes:
+        truth_id: the person.
+        frame: (N,) int64, rising.
+        track_id: (N,) int64 id of the matched track, PREDICTED (a prediction is within the gate) or NOBODY.
+    """
+
+    truth_id: int
+    frame: I64
+    track_id: I64
+
+
+@dataclass(frozen=True, eq=False)
+class TrackHistory:
+    """The confirmed rows of one track: ``stray`` (N,) bool where it is on nobody, not even somebody hidden."""
+
+    track_id: int
+    frame: I64
+    stray: Bool
+
+
+def significant_errors(
+    people: list[PersonHistory], tracks: list[TrackHistory], frame_s: float, params: SignificantParams
+) -> list[SignificantError]:
+    """All significant errors by frame.
+
+    Args:
+        people: one per person of the truth.
+        tracks: one per track that was ever confirmed.
+        frame_s: time from frame to frame [s].
+    """
+    visits = [visit for person in people for visit in split_visits(person, frame_s, params.gone_s)]
+    errors = [error for visit in visits for error in _visit_errors(visit, frame_s, params)]
+    errors += _identity_errors(visits, frame_s, params)
+    errors += [error for track in tracks for error in _stray_errors(track, frame_s, params)]
+    return sorted(errors, key=lambda e: (e.frame, e.kind, e.truth_id or 0, e.track_id or 0))
+
+
+def split_visits(person: PersonHistory, frame_s: float, gone_s: float) -> list[PersonHistory]:
+    """The history cut where the person did not count for more than gone_s."""
+    cuts = np.flatnonzero(np.diff(person.frame) * frame_s > gone_s) + 1
+    frames, ids = np.split(person.frame, cuts), np.split(person.track_id, cuts)
+    return [PersonHistory(person.truth_id, f, i) for f, i in zip(frames, ids, strict=True) if len(f)]
+
+
+def _visit_errors(visit: PersonHistory, frame_s: float, params: SignificantParams) -> Iterator[SignificantError]:
+    held = visit.track_id != NOBODY
+    if np.count_nonzero(held & (visit.track_id != PREDICTED)) * frame_s < min(params.persist_s, params.missed_s):
+        seen_s = len(visit.frame) * frame_s
+        if seen_s >= params.missed_s:
+            note = f"visible for {seen_s:.1f} s and never tracked"
+            yield SignificantError("missed", int(visit.frame[0]), visit.truth_id, None, seen_s, note)
+        return
+    for start, stop in runs(~_without_blips(held, params.persist_s / frame_s)):
+        alone_s = (stop - start) * frame_s
+        if start > 0 and alone_s > params.lost_s:
+            before = visit.track_id[:start][visit.track_id[:start] > 0]
+            track = int(before[-1]) if len(before) else None
+            note = f"visible but without a track for {alone_s:.1f} s"
+            yield SignificantError("lost", int(visit.frame[start]), visit.truth_id, track, alone_s, note)
+
+
+def _without_blips(held: Bool, least: float) -> Bool:
+    """Held, but for stretches shorter than ``least`` frames in the middle of being alone."""
+    steady = held.copy()
+    for start, stop in runs(held):
+        if stop - start < least and start > 0 and stop < len(held):
+            steady[start:stop] = False
+    return steady
+
+
+@dataclass(frozen=True)
+class _Change:
+    """A person's persistent identity changed from old to new at a frame; ``alone_s`` without a track in between."""
+
+    frame: int
+    truth_id: int
+    old: int
+    new: int
+    alone_s: float
+
+
+def _identity_errors(
+    visits: list[PersonHistory], frame_s: float, params: SignificantParams
+) -> Iterator[SignificantError]:
+    stretches = [(visit, _persistent(visit, params.persist_s / frame_s)) for visit in visits]
+    first_held: dict[int, list[tuple[int, int]]] = {}
+    for visit, held in stretches:
+        for track, start, _ in held:
+            first_held.setdefault(track, []).append((int(visit.frame[start]), visit.truth_id))
+    changes = [change for visit, held in stretches for change in _changes(visit, held, frame_s)]
+    reported: list[_Change] = []
+    for change in sorted(changes, key=lambda c: c.frame):
+        owners = {p for frame, p in first_held[change.new] if frame < change.frame and p != change.truth_id}
+        if not owners:
+            if change.alone_s <= params.lost_s:  # longer is reported as lost already
+                note = f"went on as a new track {change.new}"
+                yield SignificantError("lost", change.frame, change.truth_id, change.old, change.alone_s, note)
+        elif not any(_is_exchange(change, other, params.exchange_s / frame_s) for other in reported):
+            reported.append(change)
+            note = f"took over track {change.new} of person {', '.join(map(str, sorted(owners)))}"
+            yield SignificantError("swapped", change.frame, change.truth_id, change.new, None, note)
+
+
+def _is_exchange(a: _Change, b: _Change, within: float) -> bool:
+    return (a.old, a.new) == (b.new, b.old) and a.truth_id != b.truth_id and abs(a.frame - b.frame) <= within
+
+
+def _persistent(visit: PersonHistory, least: float) -> list[tuple[int, int, int]]:
+    """(track id, start, stop) of every identity held for at least ``least`` frames, gaps between its parts included.
+
+    Sightings by the same track count together unless another persistent identity comes between.
+    """
+    rows = np.flatnonzero(visit.track_id > 0)
+    ids = visit.track_id[rows]
+    parts = [(int(ids[a]), int(rows[a]), int(rows[b - 1]) + 1, b - a) for a, b in _equal_runs(ids)]
+    joined: list[tuple[int, int, int]] = []
+    for track, start, stop, count in parts:
+        if count < least:
+            continue
+        if joined and joined[-1][0] == track:
+            joined[-1] = (track, joined[-1][1], stop)
+        else:
+            joined.append((track, start, stop))
+    return joined
+
+
+def _changes(visit: PersonHistory, held: list[tuple[int, int, int]], frame_s: float) -> Iterator[_Change]:
+    for (old, _, stop), (new, start, _) in pairwise(held):
+        alone = int(np.count_nonzero(visit.track_id[stop:start] == NOBODY))
+        yield _Change(int(visit.frame[start]), visit.truth_id, old, new, alone * frame_s)
+
+
+def _stray_errors(track: TrackHistory, frame_s: float, params: SignificantParams) -> Iterator[SignificantError]:
+    steady = ~_without_blips(~track.stray, params.persist_s / frame_s)
+    longest = max(runs(steady), key=lambda run: run[1] - run[0], default=(0, 0))
+    stray_s = (longest[1] - longest[0]) * frame_s
+    if stray_s >= params.false_track_s:
+        note = f"on nobody for {stray_s:.1f} s"
+        yield SignificantError("false_track", int(track.frame[longest[0]]), None, track.track_id, stray_s, note)
+
+
+def runs(mask: Bool) -> list[tuple[int, int]]:
+    """(start, stop) of every stretch of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def _equal_runs(values: I64) -> list[tuple[int, int]]:
+    cuts = (
+        np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [len(values)]]) if len(values) else np.zeros(1, int)
+    )
+    return [(int(a), int(b)) for a, b in pairwise(cuts)]
+
+
+def frame_period_s(frame: I64, timestamp_s: F64, fallback_s: float) -> float:
+    """Median time per frame of rows with timestamps; ``fallback_s`` where fewer than two frames have one."""
+    known = np.isfinite(timestamp_s)
+    frames, first = np.unique(frame[known], return_index=True)
+    if len(frames) < 2:
+        return fallback_s
+    period = float(np.median(np.diff(timestamp_s[known][first]) / np.diff(frames)))
+    return period if period > 0 else fallback_s
