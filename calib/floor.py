@@ -15,7 +15,6 @@ from calib.plane_fit import Plane, Rays, cells, fit_plane
 from calib.rig import Floor, world_from_plane
 from calib.types import F32, F64, I64, AnyArray
 
-
 MIN_POINTS = 1000
 """With fewer points than this nothing is said."""
 
@@ -23,36 +22,36 @@ MIN_POINTS = 1000
 class FloorParams(Params):
     """What counts as a floor."""
 
-    disparity_std_px: float = Field(0.15, gt=0, le=5)
-    """Deviation of a disparity of the median background [px]: a sixteenth of quantisation and sub-pixel bias (our choice)."""
-    inlier_sigmas: float = Field(3.0, gt=0.5, le=10)
+    disparity_std_px: float = Field(default=0.15, gt=0, le=5)
+    """Deviation of the background's disparity after medians [px]: what sub-pixel bias leaves (our choice)."""
+    inlier_sigmas: float = Field(default=3.0, gt=0.5, le=10)
     """Points within this many deviations lie on a plane: 99.7 % of Gaussian noise (our choice)."""
-    min_height_m: float = Field(0.8, gt=0)
+    min_height_m: float = Field(default=0.8, gt=0)
     """Lowest camera: below it people are taller than the view (our choice)."""
-    max_height_m: float = Field(12.0, gt=0)
+    max_height_m: float = Field(default=12.0, gt=0)
     """Highest camera: beyond it a person covers a few disparities at most (our choice)."""
-    max_tilt_deg: float = Field(83.0, gt=0, lt=90)
+    max_tilt_deg: float = Field(default=83.0, gt=0, lt=90)
     """Steepest view of a floor; beyond it the plane is a wall seen from above (our choice)."""
-    min_tilt_deg: float = Field(-15.0, gt=-90, le=0)
+    min_tilt_deg: float = Field(default=-15.0, gt=-90, le=0)
     """An overhead camera may lean backwards by this much; beyond it the plane is a wall in front of a camera
     that hardly sees its floor (our choice)."""
-    max_roll_deg: float = Field(30.0, gt=0, lt=90)
+    max_roll_deg: float = Field(default=30.0, gt=0, lt=90)
     """Cameras are mounted roughly upright (Zhang 2008, section 2, assumption 3: no significant roll)."""
-    min_inlier_fraction: float = Field(0.05, gt=0, le=1)
+    min_inlier_fraction: float = Field(default=0.05, gt=0, le=1)
     """Least share of the valid depth a floor covers (our choice: less is a shelf or a step)."""
-    max_below_fraction: float = Field(0.3, gt=0, le=1)
+    max_below_fraction: float = Field(default=0.3, gt=0, le=1)
     """Points beneath the plane, against points on and beneath it: nothing is seen below a floor but errors of
     matching; below a table top or a plane through clutter much is (our choice)."""
-    max_blur_fraction: float = Field(0.5, gt=0, le=1)
+    max_blur_fraction: float = Field(default=0.5, gt=0, le=1)
     """Points just above the plane's layer of noise, in as thick a layer, against points on it: a flat surface ends
     sharply, a plane laid through clutter or a corner does not (our choice)."""
-    n_candidates: int = Field(8, ge=1, le=50)
+    n_candidates: int = Field(default=8, ge=1, le=50)
     """Planes looked for, largest first; a room has a floor, three walls and some furniture (our choice)."""
-    ransac_iterations: int = Field(2000, ge=10)
+    ransac_iterations: int = Field(default=2000, ge=10)
     """Triples tried per candidate: one of 2000 hits a plane of 12 % of the remaining points with 97 % (our choice)."""
-    fit_points: int = Field(1_500_000, ge=1000)
+    fit_points: int = Field(default=1_500_000, ge=1000)
     """Points looked at over all frames, evenly thinned (our choice, for memory: about 100 MB)."""
-    cells_across: int = Field(64, ge=8, le=512)
+    cells_across: int = Field(default=64, ge=8, le=512)
     """Cells across the view whose medians are fitted (our choice: 10 px wide at 640 px)."""
 
 
@@ -222,8 +221,7 @@ def _points(clouds: Sequence[F32], sigma_z: Sequence[F32] | None, params: FloorP
 
 
 def _rays(cloud: AnyArray, sigma_z: AnyArray | None) -> Rays:
-    valid = np.isfinite(cloud).all(axis=1)
-    valid[valid] = cloud[valid, 2] > 1e-3
+    valid = np.isfinite(cloud).all(axis=1) & (np.nan_to_num(cloud[:, 2]) > 1e-3)
     p = cloud[valid].astype(np.float64)
     z = p[:, 2]
     sigma = np.ones(len(p)) if sigma_z is None else np.maximum(np.asarray(sigma_z)[valid] / z**2, 1e-9)
