@@ -1,0 +1,35 @@
+"""Compiled loops; their plain numpy twins are in tests/reference/stereo_kernels.py."""
+
+import numpy as np
+from numba import njit
+
+from calib.types import F32, U8, AnyArray
+
+
+@njit(cache=True, nogil=True)
+def disparity_from_fixed(
+    fixed: AnyArray,
+    mask: U8,
+    darkest: U8,
+    brightest: U8,
+    lowest: int,
+    saturated_level: int,
+    texture_min: int,
+    out: F32,
+) -> None:
+    """Sixteenths to pixels, NaN where masked, below ``lowest``, beyond the border, saturated or without texture."""
+    scale = np.float32(1.0 / 16.0)
+    for row in range(fixed.shape[0]):
+        for col in range(fixed.shape[1]):
+            value = np.int32(fixed[row, col])
+            low, high = np.int32(darkest[row, col]), np.int32(brightest[row, col])
+            if (
+                mask[row, col] == 0
+                or value < lowest
+                or value > col * 16
+                or low >= saturated_level
+                or high - low < texture_min
+            ):
+                out[row, col] = np.nan
+            else:
+                out[row, col] = np.float32(value) * scale

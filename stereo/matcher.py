@@ -1,0 +1,181 @@
+"""Disparity from rectified pairs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import cv2
+import numpy as np
+from pydantic import Field
+
+from calib.params import Params
+from calib.rig import Floor
+from calib.types import F32, F64, U8
+from stereo._kernels import disparity_from_fixed
+from stereo.depth import RectifiedGeometry
+
+STEP = 16
+"""SGBM counts disparities in multiples of 16, and returns sixteenths of a pixel."""
+
+
+class Matcher(Protocol):
+    """Finds how far each left pixel moved."""
+
+    def __call__(self, left_grey: U8, right_grey: U8) -> F32:
+        """Match one rectified pair.
+
+        Args:
+            left_grey, right_grey: (H, W) uint8.
+        Returns:
+            (H, W) float32 disparity of the left pixels [px]; NaN where there is none.
+        """
+
+
+class RangeParams(Params):
+    """Which disparities to search, from distances."""
+
+    nearest_m: float = Field(default=0.7, gt=0.05, le=10.0)
+    """Nearest depth to measure [m] while the floor is not known; an overhead camera at 2.7 m has a tall person's raised
+    hand about that near (our choice)."""
+    reach_m: float = Field(default=2.3, gt=0.5, le=5.0)
+    """Highest point to measure above a known floor [m]: a raised hand (our choice)."""
+    below_floor_m: float = Field(default=0.5, ge=0.0, le=5.0)
+    """Lowest point to measure, this far below a known floor [m]: a step or a floor fitted badly (our choice)."""
+    max_disparities: int = Field(default=160, ge=16, le=512)
+    """Most disparities to search; beyond it the nearest distance gives way, for speed (our choice)."""
+
+
+@dataclass(frozen=True)
+class DisparityRange:
+    """Disparities first_px ... first_px + count - 1; count is a multiple of 16."""
+
+    first_px: int
+    count: int
+
+
+def disparity_range(
+    geometry: RectifiedGeometry, params: RangeParams | None = None, floor: Floor | None = None
+) -> DisparityRange:
+    """Disparities that people and the floor can have.
+
+    Without a floor: from infinity to ``nearest_m``. With one: from the lowest point seen to the nearest place where a
+    raised hand meets the image, so that an overhead camera does not search what only a cellar could have.
+    """
+    params = params or RangeParams()
+    nearest, farthest = params.nearest_m, math.inf
+    if floor is not None:
+        down = _descent(geometry, floor)
+        clearance = floor.height_m - params.reach_m
+        if clearance > 0 and down.max() > 0:
+            nearest = max(clearance / float(down.max()), 0.3)
+        if down.min() > 0.05:
+            farthest = (floor.height_m + params.below_floor_m) / float(down.min())
+    first = max(0, math.floor(geometry.disparity_at(farthest)) - 1) if math.isfinite(farthest) else 0
+    last = math.ceil(geometry.disparity_at(nearest)) + 1
+    count = STEP * math.ceil(max(STEP, last - first) / STEP)
+    return DisparityRange(first, min(count, STEP * (params.max_disparities // STEP)))
+
+
+def _descent(geometry: RectifiedGeometry, floor: Floor) -> F64:
+    """Metres that a ray of unit depth descends, at the corners and edges of the image."""
+    u, v = np.meshgrid(np.linspace(0, geometry.width - 1, 5), np.linspace(0, geometry.height - 1, 5))
+    rays = [(u - geometry.cu_px) / geometry.focal_u_px, (v - geometry.cv_px) / geometry.focal_v_px, np.ones_like(u)]
+    return np.asarray(-np.tensordot(floor.world_SE3_left.rotation[2], np.stack(rays), axes=1), dtype=np.float64)
+
+
+class SgbmParams(Params):
+    """OpenCV's semi-global block matching (Hirschmueller 2008)."""
+
+    block_px: int = Field(default=5, ge=1, le=21)
+    """Side of the matched block [px], odd. 5 keeps a head's outline; larger blocks fatten edges (our choice)."""
+    p1: int = Field(default=8, ge=0, le=200)
+    """Penalty on a disparity change of 1, per pixel of the block (OpenCV's recommendation: 8)."""
+    p2: int = Field(default=32, ge=1, le=800)
+    """Penalty on larger changes, per pixel of the block (OpenCV's recommendation: 32)."""
+    uniqueness_percent: int = Field(default=8, ge=0, le=50)
+    """The best match must beat the second by this much (OpenCV's recommendation: 5-15)."""
+    left_right_px: int = Field(default=1, ge=0, le=16)
+    """Left-right check: largest difference of the two disparities [px]."""
+    speckle_m: float = Field(default=0.10, ge=0.0, le=1.0)
+    """Connected patches smaller than a square of this side at 4 m are dropped [m]: about half a head (our choice)."""
+    full_paths: bool = False
+    """All eight paths (MODE_HH) instead of the fast three-way pass."""
+    saturated_level: int = Field(default=250, ge=128, le=256)
+    """Blocks entirely at or above this grey level hold no texture to match (our choice); 256 switches it off."""
+    texture_min: int = Field(default=6, ge=0, le=255)
+    """Smallest difference between the darkest and the brightest pixel in three blocks around a match [grey levels];
+    below it there is nothing but sensor noise (our choice)."""
+
+
+class SgbmMatcher:
+    """OpenCV's StereoSGBM with invalid pixels as NaN.
+
+    The images are padded on the left by the searched range: OpenCV leaves that band without disparity, yet only
+    those of its points that are out of the right camera's view lack a match.
+
+    Attributes:
+        disparities: the range searched.
+    """
+
+    def __init__(
+        self,
+        geometry: RectifiedGeometry,
+        params: SgbmParams | None = None,
+        disparities: DisparityRange | None = None,
+        mask: U8 | None = None,
+    ) -> None:
+        """Prepare.
+
+        Args:
+            disparities: range to search, ``disparity_range(geometry)`` when None.
+            mask: (H, W) uint8, 0 where the left image shows nothing.
+        """
+        self.params = p = params or SgbmParams()
+        self.disparities = disparities or disparity_range(geometry)
+        self._mask = np.full((geometry.height, geometry.width), 255, np.uint8) if mask is None else mask
+        area = p.block_px * p.block_px
+        speckle = geometry.focal_u_px * geometry.focal_v_px * (p.speckle_m / 4.0) ** 2
+        self._sgbm = cv2.StereoSGBM.create(
+            minDisparity=self.disparities.first_px,
+            numDisparities=self.disparities.count,
+            blockSize=p.block_px,
+            P1=p.p1 * area,
+            P2=max(p.p2, p.p1 + 1) * area,
+            disp12MaxDiff=p.left_right_px,
+            preFilterCap=31,
+            uniquenessRatio=p.uniqueness_percent,
+            speckleWindowSize=round(speckle),
+            speckleRange=1,
+            mode=cv2.STEREO_SGBM_MODE_HH if p.full_paths else cv2.STEREO_SGBM_MODE_SGBM_3WAY,
+        )
+        self._pad = self.disparities.count + self.disparities.first_px
+        self._window = np.ones((3 * p.block_px, 3 * p.block_px), np.uint8)
+
+    def __call__(self, left_grey: U8, right_grey: U8) -> F32:
+        """Match one rectified pair (see ``Matcher``).
+
+        Raises:
+            ValueError: images that are not (H, W) uint8 of the geometry's size.
+        """
+        shape = self._mask.shape
+        if left_grey.shape != shape or right_grey.shape != shape or left_grey.dtype != np.uint8:
+            raise ValueError(f"expected two {shape} uint8 images, got {left_grey.shape} and {right_grey.shape}")
+        left, right = (
+            cv2.copyMakeBorder(image, 0, 0, self._pad, 0, cv2.BORDER_REPLICATE) for image in (left_grey, right_grey)
+        )
+        fixed = self._sgbm.compute(left, right)[:, self._pad :]
+        disparity = np.empty(shape, dtype=np.float32)
+        brightest, darkest = cv2.dilate(left_grey, self._window), cv2.erode(left_grey, self._window)
+        disparity_from_fixed(
+            fixed,
+            self._mask,
+            darkest,
+            brightest,
+            STEP * self.disparities.first_px,
+            self.params.saturated_level,
+            self.params.texture_min,
+            disparity,
+        )
+        return disparity
