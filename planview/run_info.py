@@ -1,0 +1,111 @@
+"""``run.json``: what a run read, with which settings, and how it went."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
+
+from calib.errors import InputError
+
+
+class _Part(BaseModel):
+    """Part of run.json; unknown keys are kept out by their writer, and ignored by an older reader."""
+
+    model_config = ConfigDict(extra="ignore", use_attribute_docstrings=True, ser_json_inf_nan="null")
+
+
+class SkippedFrame(_Part):
+    """A frame that could not be used."""
+
+    index: int
+    """Frame, from 0."""
+    why: str
+
+
+class FloorInfo(_Part):
+    """The floor that was found, or given by world.toml."""
+
+    height_m: float
+    """Height of the left camera above the floor [m]."""
+    tilt_deg: float
+    """Angle of the optical axis from straight down [degrees]."""
+    roll_deg: float
+    """Angle of the image's x axis to the floor [degrees]."""
+    inlier_fraction: float | None = None
+    """Share of the floor's points within tolerance; None when the floor was given."""
+    residual_m: float | None = None
+    """Root mean square distance of the inliers [m]."""
+    source: str = "found"
+    """"found" in the recording, or the file that gave it."""
+
+
+class CameraInfo(_Part):
+    """The (rectified left) camera, enough to draw its view on the floor."""
+
+    width: int
+    height: int
+    """Image size [px]."""
+    focal_px: float | None = None
+    baseline_m: float | None = None
+    """Between left and right camera; None for one camera."""
+    calibration: str | None = None
+    """File or folder the calibration came from."""
+    vertical_residual_px: float | None = None
+    """Mean vertical offset left after rectification, as measured and corrected [px]."""
+    view_m: list[tuple[float, float]] = Field(default_factory=list)
+    """Outline of the view on the floor, world frame (x, y) [m], when known."""
+
+
+class RunInfo(_Part):
+    """All of run.json. Every field has a default, so that a page can be made of what there is."""
+
+    input: str = ""
+    """The recording as given."""
+    tracker: str = ""
+    """"template", "human-model" or "ellipse-particle"."""
+    finished: bool = False
+    """The run came to its end; false while it runs and when it was interrupted."""
+    started_at: str = ""
+    """ISO 8601 time with zone."""
+    elapsed_s: float = 0.0
+    versions: dict[str, str] = Field(default_factory=dict)
+    """planview, Python and the libraries that matter."""
+    config: dict[str, JsonValue] = Field(default_factory=dict)
+    """The full effective configuration, a table per stage."""
+    frames_read: int = 0
+    frames_skipped: int = 0
+    skipped: list[SkippedFrame] = Field(default_factory=list)
+    """The skipped frames (the first 1000) and why."""
+    rig: CameraInfo | None = None
+    floor: FloorInfo | None = None
+    stages_ms: dict[str, float | None] = Field(default_factory=dict)
+    """Median time of every stage per frame [ms], in the order of the pipeline."""
+    people: int = 0
+    """Ids that were ever confirmed."""
+    counts: dict[str, JsonValue] = Field(default_factory=dict)
+    """Totals per rule when rules were given (the ``rules`` object of ``count --json``)."""
+
+
+def write_run_info(info: RunInfo, path: Path) -> None:
+    """Write run.json in one step, so that a half-written file is never seen."""
+    part = path.with_name(path.name + ".part")
+    part.write_text(info.model_dump_json(indent=2) + "\n", encoding="utf-8")
+    os.replace(part, path)
+
+
+def read_run_info(path: Path) -> RunInfo:
+    """Read run.json.
+
+    Raises:
+        InputError: unreadable, or a value of another kind.
+    """
+    try:
+        return RunInfo.model_validate_json(path.read_text(encoding="utf-8"))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"])) or "the file"
+        raise InputError(f"{path}: expected a run.json, found in {where}: {first['msg']}") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: expected a run.json, found {error}") from error
