@@ -1,0 +1,73 @@
+"""One camera without depth: frames to observations (foreground and motion)."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import cv2
+import numpy as np
+from pydantic import Field
+
+from calib.errors import InputError
+from calib.params import Params
+from calib.types import U8
+from planview.foreground import Foreground, ForegroundParams
+from planview.tracking.base import Observation
+from stereo.recording import VideoFrame
+
+
+class SingleCameraParams(Params):
+    """Foreground and motion of one camera (Zhang et al. 2008, section 2)."""
+
+    foreground: ForegroundParams = Field(default=ForegroundParams.model_validate({"remove_colour_shadows": True}))
+    """The mixture model, here without depth, so that shadows are removed by their colour."""
+    motion_level: float = Field(default=15.0, gt=0, le=255)
+    """Change of luma between two frames that is motion (levels of 255). Our choice: 8-bit video with a noise of 3 to
+    4 levels differs by 5 between frames; three times that."""
+    motion_interval_s: float = Field(default=0.12, gt=0, le=2)
+    """Time between the two frames compared [s]; at least one frame. Our choice: a hand at 0.2 m/s moves 2.4 cm in it,
+    about a pixel, whatever the frame rate."""
+
+
+class SingleCamera:
+    """Turns the frames of one camera into observations; ``observe`` once per frame, in order."""
+
+    def __init__(self, params: SingleCameraParams, size: tuple[int, int]) -> None:
+        """Args: size is the (width, height) of all frames [px]."""
+        self.params = params
+        self.size = size
+        self._foreground = Foreground(params.foreground, (size[1], size[0]))
+        self._past: deque[tuple[float, U8]] = deque()
+
+    def reset(self) -> None:
+        """Forget the background."""
+        self._foreground.reset()
+        self._past.clear()
+
+    def observe(self, frame: VideoFrame, feedback: U8 | None = None) -> Observation:
+        """Foreground and motion of one frame.
+
+        Args:
+            frame: the next frame.
+            feedback: (H, W) uint8, what a tracker knows (see ``Foreground``), or None.
+        Raises:
+            InputError: a frame of another size.
+        """
+        height, width = frame.image.shape[:2]
+        if (width, height) != self.size:
+            raise InputError(f"frame {frame.index}: expected {self.size[0]}x{self.size[1]} px, found {width}x{height}")
+        mask = self._foreground.update(frame.image, None, frame.timestamp_s, feedback)
+        motion = self._motion(frame)
+        return Observation(frame.index, frame.timestamp_s, frame.image, mask, motion)
+
+    def _motion(self, frame: VideoFrame) -> U8:
+        """(H, W) uint8, 255 where the smoothed luma differs from that of motion_interval_s ago."""
+        grey = cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY) if frame.image.ndim == 3 else frame.image
+        smooth = np.asarray(cv2.blur(grey, (3, 3)), dtype=np.uint8)
+        # Half a millisecond of slack: time stamps are rounded.
+        while len(self._past) > 1 and self._past[1][0] <= frame.timestamp_s - self.params.motion_interval_s + 5e-4:
+            self._past.popleft()
+        before = self._past[0][1] if self._past else smooth
+        self._past.append((frame.timestamp_s, smooth))
+        _, motion = cv2.threshold(cv2.absdiff(smooth, before), self.params.motion_level, 255, cv2.THRESH_BINARY)
+        return np.asarray(motion, dtype=np.uint8)
