@@ -9,11 +9,21 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.types import F64
+from calib.types import F64, Bool
 
 LensModel = Literal["brown", "rational", "fisheye"]
 
 _COEFFICIENTS: dict[str, tuple[int, ...]] = {"brown": (0, 4, 5), "rational": (8, 12, 14), "fisheye": (0, 4)}
+
+_NEWTON_STEPS = 30
+_NEWTON_PX = 1e-11
+"""Newton stops here; float64 has about 1e-13 px at 1000 px."""
+_MIN_STEP = 1e-4
+"""A step cut to this share of Newton's still did not help: there is nothing to find nearby."""
+_CONVERGED_PX = 1e-6
+"""A pixel whose ray still misses by more has none in this lens model."""
+_MAX_SLOPE = 1e3
+"""Tangent of the widest ray taken from OpenCV, which marks failures with huge numbers."""
 
 
 @dataclass(frozen=True)
@@ -79,37 +89,81 @@ class Camera:
         pixels = np.full((len(p), 2), np.nan)
         front = p[:, 2] > 0
         if front.any():
-            q = np.ascontiguousarray(p[front]).reshape(-1, 1, 3)
-            zero = np.zeros(3)
-            if self.model == "fisheye":
-                uv, _ = cv2.fisheye.projectPoints(q, zero, zero, self.matrix, self.coefficients)
-            else:
-                uv, _ = cv2.projectPoints(q, zero, zero, self.matrix, self.coefficients)
-            pixels[front] = uv.reshape(-1, 2)
+            pixels[front] = self._project(p[front])[0]
         return pixels
 
     def unproject(self, pixels: ArrayLike) -> F64:
-        """Rays through pixels, at unit z.
+        """Rays through pixels, at unit z, exact to the last digits (Newton's method on the lens equation).
 
         Args:
             pixels: (N, 2) [px].
         Returns:
-            (N, 3) float64, camera frame, z = 1.
+            (N, 3) float64, camera frame, z = 1; NaN where the lens model has no ray for the pixel.
         """
-        uv = np.ascontiguousarray(np.asarray(pixels, dtype=np.float64).reshape(-1, 1, 2))
+        uv = np.ascontiguousarray(np.asarray(pixels, dtype=np.float64).reshape(-1, 2))
         if len(uv) == 0:
             return np.empty((0, 3))
-        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-12)
+        ideal = (uv - [self.cx, self.cy]) / [self.fx, self.fy]
+        xy = self._undistorted(uv)
+        failed = ~np.isfinite(xy).all(axis=1) | (np.abs(xy).max(axis=1) > _MAX_SLOPE)
+        xy[failed] = ideal[failed]
+        xy, done = self._newton(uv, xy)
+        if not done.all():
+            # OpenCV's iteration can leave the basin of a strong lens: start again from the ideal ray.
+            again = ~done
+            xy[again], done[again] = self._newton(uv[again], ideal[again])
+        xy[~done] = np.nan
+        return np.column_stack([xy, np.ones(len(uv))])
+
+    def _project(self, points: F64) -> tuple[F64, F64]:
+        """Pixels of points in front of the camera and their (N, 2, 2) derivative by x and y."""
+        q, zero = np.ascontiguousarray(points).reshape(-1, 1, 3), np.zeros(3)
         if self.model == "fisheye":
-            xy = cv2.fisheye.undistortPoints(uv, self.matrix, self.coefficients, criteria=criteria)
+            uv, jacobian = cv2.fisheye.projectPoints(q, zero, zero, self.matrix, self.coefficients)
+            # Columns: f (2), c (2), k (4), rotation (3), translation (3), alpha.
+            by_xy = jacobian[:, 11:13]
         else:
-            # OpenCV 5 moved the criteria into undistortPoints.
-            iterate = getattr(cv2, "undistortPointsIter", None)
-            if iterate is not None:
-                xy = iterate(uv, self.matrix, self.coefficients, None, None, criteria)
-            else:
-                xy = cv2.undistortPoints(uv, self.matrix, self.coefficients, criteria=criteria)
-        return np.column_stack([xy.reshape(-1, 2), np.ones(len(uv))])
+            uv, jacobian = cv2.projectPoints(q, zero, zero, self.matrix, self.coefficients)
+            # Columns: rotation (3), translation (3), f (2), c (2), k.
+            by_xy = jacobian[:, 3:5]
+        return np.asarray(uv, dtype=np.float64).reshape(-1, 2), np.asarray(by_xy, dtype=np.float64).reshape(-1, 2, 2)
+
+    def _undistorted(self, uv: F64) -> F64:
+        """OpenCV's fixed-point guess at the ray, (N, 2)."""
+        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 20, 1e-9)
+        k, d, uv = self.matrix, self.coefficients, uv.reshape(-1, 1, 2)
+        if self.model == "fisheye":
+            xy = cv2.fisheye.undistortPoints(uv, k, d, criteria=criteria)
+        else:
+            xy = cv2.undistortPoints(uv, k, d)
+        return np.array(xy, dtype=np.float64).reshape(-1, 2)
+
+    def _newton(self, uv: F64, start: F64) -> tuple[F64, Bool]:
+        """Solve project(x, y, 1) = uv by Newton steps, halved while they do not help."""
+        xy = start.copy()
+        error, by_xy = self._miss(xy, uv)
+        size, scale = np.linalg.norm(error, axis=1), np.ones(len(uv))
+        for _ in range(_NEWTON_STEPS):
+            i = np.flatnonzero((size > _NEWTON_PX) & (scale > _MIN_STEP))
+            if len(i) == 0:
+                break
+            trial = xy[i] - scale[i, None] * _solve(by_xy[i], error[i])
+            trial_error, trial_by_xy = self._miss(trial, uv[i])
+            trial_size = np.linalg.norm(trial_error, axis=1)
+            better = trial_size < size[i]
+            j = i[better]
+            xy[j], error[j], by_xy[j], size[j] = (
+                trial[better],
+                trial_error[better],
+                trial_by_xy[better],
+                trial_size[better],
+            )
+            scale[i] = np.where(better, np.minimum(1.0, 2 * scale[i]), scale[i] / 4)
+        return xy, size < _CONVERGED_PX
+
+    def _miss(self, xy: F64, uv: F64) -> tuple[F64, F64]:
+        pixels, by_xy = self._project(np.column_stack([xy, np.ones(len(xy))]))
+        return pixels - uv, by_xy
 
     def scaled(self, width: int, height: int) -> Camera:
         """The same lens seen at another resolution of the same field of view."""
@@ -124,3 +178,12 @@ class Camera:
             self.model,
             self.distortion,
         )
+
+
+def _solve(matrices: F64, vectors: F64) -> F64:
+    """(N, 2) solutions of N 2x2 systems; zero where a matrix is singular."""
+    a, b, c, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
+    det = a * d - b * c
+    safe = np.where(np.abs(det) > 1e-12, det, np.inf)
+    x, y = vectors[:, 0], vectors[:, 1]
+    return np.stack([(d * x - b * y) / safe, (a * y - c * x) / safe], axis=-1)
