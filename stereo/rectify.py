@@ -148,29 +148,43 @@ def source_pixels(camera: Camera, rotation: F64, geometry: RectifiedGeometry, u:
         axis=-1,
     )
     rays = rays.reshape(-1, 3) @ rotation
-    # Beyond the outermost ray of the image a polynomial lens model may turn back into it.
-    radius = np.hypot(rays[:, 0], rays[:, 1]) / np.maximum(rays[:, 2], 1e-9)
-    limit = np.nanmax(np.hypot(*border_rays(camera).reshape(-1, 3)[:, :2].T))
-    rays[(rays[:, 2] <= 0) | (radius > 1.02 * limit)] = np.nan
-    pixels = camera.project(np.where(np.isnan(rays), -1.0, rays))
-    return np.asarray(pixels.reshape(*u.shape, 2), dtype=np.float64)
+    folded = np.hypot(rays[:, 0], rays[:, 1]) > fold_radius(camera) * rays[:, 2]
+    rays[folded, 2] = -1.0
+    return np.asarray(camera.project(rays).reshape(*u.shape, 2), dtype=np.float64)
+
+
+def fold_radius(camera: Camera) -> float:
+    """Tangent of the angle from the axis beyond which the lens model turns back into the image.
+
+    Polynomials hold only where they were fitted; beyond, OAK-D's rational model for one maps the far outside back
+    onto the image.
+    """
+    radius = np.linspace(0.0, 8.0, 4001)
+    out = camera.project(np.column_stack([radius, np.zeros_like(radius), np.ones_like(radius)]))
+    back = np.flatnonzero(np.diff(out[:, 0]) <= 0)
+    return float(radius[back[0]]) if back.size else math.inf
 
 
 def border_rays(camera: Camera, samples: int = 33) -> F64:
     """Rays through the four outer edges of an image.
 
     Returns:
-        (4, samples, 3) float64 at unit z: left, right, top, bottom edge; NaN where the lens model has no inverse.
+        (4, samples, 3) float64 at unit z: left, right, top, bottom edge; where the lens model has no inverse, the
+        outermost ray that it has in that direction.
     """
     w, h = camera.width - 0.5, camera.height - 0.5
     across, down = np.linspace(-0.5, w, samples), np.linspace(-0.5, h, samples)
     low = np.full(samples, -0.5)
     edges = [(low, down), (np.full(samples, w), down), (across, low), (across, np.full(samples, h))]
     pixels = np.concatenate([np.column_stack(edge) for edge in edges])
+    limit = min(fold_radius(camera), MAX_RAY_TAN)
     rays = camera.unproject(pixels)
-    good = np.isfinite(rays).all(axis=1)
-    good &= np.hypot(*(camera.project(np.where(good[:, None], rays, 0.0)) - pixels).T) < 0.5
-    rays[~good] = np.nan
+    good = np.isfinite(rays).all(axis=1) & (np.hypot(rays[:, 0], rays[:, 1]) <= limit)
+    good &= np.hypot(*(camera.project(np.where(good[:, None], rays, 1.0)) - pixels).T) < 0.5
+    towards = (pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
+    towards *= limit / np.linalg.norm(towards, axis=1, keepdims=True)
+    rays[~good, :2] = towards[~good]
+    rays[~good, 2] = 1.0
     return rays.reshape(4, samples, 3)
 
 
@@ -190,15 +204,14 @@ def _geometry(rig: StereoRig, rotation: F64, params: RectifyParams) -> Rectified
 def _field(camera: Camera, rotation: F64, quantile: float) -> tuple[float, float, float, float]:
     """Left, right, top and bottom of the field of view on the rectified plane at unit depth."""
     rays = border_rays(camera) @ rotation.T
-    plane = np.where(rays[..., 2:] > 0.1, rays[..., :2] / np.maximum(rays[..., 2:], 0.1), np.nan)
+    plane = rays[..., :2] / np.maximum(rays[..., 2:], 0.1)
     centre = rotation @ np.array([0.0, 0.0, 1.0])
-    offsets = np.nanmean(plane, axis=1) - centre[:2] / centre[2]
-    order = [int(np.nanargmin(offsets[:, 0])), int(np.nanargmax(offsets[:, 0]))]
-    order += [int(np.nanargmin(offsets[:, 1])), int(np.nanargmax(offsets[:, 1]))]
-    bounds = []
-    for edge, axis, sign in zip(order, (0, 0, 1, 1), (-1, 1, -1, 1), strict=True):
-        outward = np.where(np.isnan(plane[edge, :, axis]), MAX_RAY_TAN, sign * plane[edge, :, axis])
-        bounds.append(sign * min(float(np.quantile(outward, quantile)), MAX_RAY_TAN))
+    offsets = plane.mean(axis=1) - centre[:2] / centre[2]
+    edges = *(f(offsets[:, 0]) for f in (np.argmin, np.argmax)), *(f(offsets[:, 1]) for f in (np.argmin, np.argmax))
+    bounds = [
+        sign * min(float(np.quantile(sign * plane[edge, :, axis], quantile)), MAX_RAY_TAN)
+        for edge, axis, sign in zip(edges, (0, 0, 1, 1), (-1, 1, -1, 1), strict=True)
+    ]
     return bounds[0], bounds[1], bounds[2], bounds[3]
 
 
