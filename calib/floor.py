@@ -13,10 +13,15 @@ from calib.errors import WorkError
 from calib.params import Params
 from calib.plane_fit import Plane, Rays, cells, fit_plane
 from calib.rig import Floor, world_from_plane
-from calib.types import F32, F64, I64, AnyArray
+from calib.types import F32, F64, I64, AnyArray, Bool
 
 MIN_POINTS = 1000
 """With fewer points than this nothing is said."""
+
+PARALLEL_DEG = 10.0
+"""Normals closer than this are one direction: a small plane's own is known to a few degrees only."""
+LEANING_DEG = -5.0
+"""Below this tilt a camera leans backwards; an overhead mount is off by a few degrees."""
 
 
 class FloorParams(Params):
@@ -39,9 +44,12 @@ class FloorParams(Params):
     """Cameras are mounted roughly upright (Zhang 2008, section 2, assumption 3: no significant roll)."""
     min_inlier_fraction: float = Field(default=0.05, gt=0, le=1)
     """Least share of the valid depth a floor covers (our choice: less is a shelf or a step)."""
-    max_below_fraction: float = Field(default=0.3, gt=0, le=1)
+    below_margin_m: float = Field(default=0.25, ge=0, le=2)
+    """Points count as beneath a plane from here on [m]: lower than a seat, more than calibration warps (our choice)."""
+    max_below_fraction: float = Field(default=0.2, gt=0, lt=1)
     """Points beneath the plane, against points on and beneath it: nothing is seen below a floor but errors of
-    matching; below a table top or a plane through clutter much is (our choice)."""
+    matching; below a table top or a plane through clutter much is. A parallel plane beneath that holds this share
+    is the floor instead (our choice)."""
     max_blur_fraction: float = Field(default=0.5, gt=0, le=1)
     """Points just above the plane's layer of noise, in as thick a layer, against points on it: a flat surface ends
     sharply, a plane laid through clutter or a corner does not (our choice)."""
@@ -49,8 +57,8 @@ class FloorParams(Params):
     """Planes looked for, largest first; a room has a floor, three walls and some furniture (our choice)."""
     ransac_iterations: int = Field(default=2000, ge=10)
     """Triples tried per candidate: one of 2000 hits a plane of 12 % of the remaining points with 97 % (our choice)."""
-    fit_points: int = Field(default=1_500_000, ge=1000)
-    """Points looked at over all frames, evenly thinned (our choice, for memory: about 100 MB)."""
+    fit_points: int = Field(default=400_000, ge=1000)
+    """Points looked at over all frames, evenly thinned (our choice, for speed)."""
     cells_across: int = Field(default=64, ge=8, le=512)
     """Cells across the view whose medians are fitted (our choice: 10 px wide at 640 px)."""
 
@@ -142,12 +150,18 @@ def choose_floor(candidates: Sequence[Candidate], params: FloorParams) -> Candid
     readings are open the upright camera is the likelier, so a plane that asks for leaning back gives way.
     """
     possible = [c for c in candidates if not c.refused]
-    upright = [c for c in possible if c.plane.tilt_rad > math.radians(-5.0)]
+    upright = [c for c in possible if c.plane.tilt_rad > math.radians(LEANING_DEG)]
     possible = upright or possible
     if not possible:
         return None
     largest = max(possible, key=lambda c: c.inlier_fraction)
-    parallel = [c for c in possible if float(c.plane.normal @ largest.plane.normal) > math.cos(math.radians(10.0))]
+    enough = largest.inlier_fraction * params.max_below_fraction / (1.0 - params.max_below_fraction)
+    parallel = [
+        c
+        for c in possible
+        if c.inlier_fraction >= enough
+        and float(c.plane.normal @ largest.plane.normal) > math.cos(math.radians(PARALLEL_DEG))
+    ]
     return max(parallel, key=lambda c: c.plane.distance_m)
 
 
@@ -155,7 +169,7 @@ def _judge(plane: Plane, view: Rays, counts: I64, params: FloorParams) -> Candid
     residuals = view.residuals(plane.q)
     share = counts / counts.sum()
     on = float(share[np.abs(residuals) < params.inlier_sigmas].sum())
-    below = float(share[(residuals < -params.inlier_sigmas) & (view.rays @ plane.q > 0)].sum())
+    below = float(share[_beneath(plane, view, params)].sum())
     above = float(share[(residuals > params.inlier_sigmas) & (residuals < 2 * params.inlier_sigmas)].sum())
     tilt, roll = math.degrees(plane.tilt_rad), math.degrees(plane.roll_rad)
     height = plane.distance_m
@@ -171,6 +185,13 @@ def _judge(plane: Plane, view: Rays, counts: I64, params: FloorParams) -> Candid
     elif above > params.max_blur_fraction * on:
         refused = "it only cuts through a surface that is not flat"
     return Candidate(plane, on, below, refused)
+
+
+def _beneath(plane: Plane, view: Rays, params: FloorParams) -> Bool:
+    """(N,) whether points are further beneath the plane than noise and a warped calibration explain."""
+    depth_m = np.where(view.inverse > 0, (view.rays @ plane.q) / np.maximum(view.inverse, 1e-6) - 1.0, 0.0)
+    far = depth_m * plane.distance_m > params.below_margin_m
+    return np.asarray(far & (view.residuals(plane.q) < -params.inlier_sigmas))
 
 
 def _floor(best: Candidate, points: Rays, params: FloorParams) -> Floor:
