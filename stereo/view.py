@@ -1,0 +1,117 @@
+"""The common view of a rectified pair: its orientation, field and where its pixels come from."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from calib.camera import Camera
+from calib.rig import StereoRig
+from calib.types import F64
+from stereo.depth import RectifiedGeometry
+
+MAX_RAY_TAN = math.tan(math.radians(60.0))
+"""Rays farther than 60 degrees from the axis are left out: a plane image stretches them beyond use."""
+
+
+def rectifying_rotations(rig: StereoRig) -> tuple[F64, F64]:
+    """Rotations from each recorded camera frame to the common rectified one.
+
+    x points from the left to the right camera centre, z lies as near as it can to the mean of the two optical axes
+    (Fusiello, Trucco, Verri 2000, with the mean axis instead of the old left one).
+
+    Raises:
+        ValueError: one camera in front of the other, where no common image plane exists.
+    """
+    right_SE3_left = rig.right_SE3_left
+    x_axis = -right_SE3_left.rotation.T @ right_SE3_left.translation
+    x_axis = x_axis / np.linalg.norm(x_axis)
+    mean_axis = np.array([0.0, 0.0, 1.0]) + right_SE3_left.rotation[2]
+    y_axis = np.cross(mean_axis, x_axis)
+    if np.linalg.norm(y_axis) < 0.2 * np.linalg.norm(mean_axis) or np.linalg.norm(mean_axis) < 0.5:
+        raise ValueError("expected cameras side by side that look the same way, got one in front of the other")
+    y_axis /= np.linalg.norm(y_axis)
+    left = np.stack([x_axis, y_axis, np.cross(x_axis, y_axis)])
+    return left, left @ right_SE3_left.rotation.T
+
+
+def source_pixels(camera: Camera, rotation: F64, geometry: RectifiedGeometry, u: F64, v: F64) -> F64:
+    """Recorded pixels that rectified pixels show.
+
+    Args:
+        rotation: (3, 3) recorded camera frame to rectified frame.
+        u, v: (H, W) rectified pixels.
+    Returns:
+        (H, W, 2) float64 [px]; NaN behind the camera and where the lens model folds back on itself.
+    """
+    rays = np.stack(
+        [(u - geometry.cu_px) / geometry.focal_u_px, (v - geometry.cv_px) / geometry.focal_v_px, np.ones_like(u)],
+        axis=-1,
+    )
+    rays = rays.reshape(-1, 3) @ rotation
+    folded = np.hypot(rays[:, 0], rays[:, 1]) > fold_radius(camera) * rays[:, 2]
+    rays[folded, 2] = -1.0
+    return np.asarray(camera.project(rays).reshape(*u.shape, 2), dtype=np.float64)
+
+
+def fold_radius(camera: Camera) -> float:
+    """Tangent of the angle from the axis beyond which the lens model turns back into the image.
+
+    Polynomials hold only where they were fitted; beyond, OAK-D's rational model for one maps the far outside back
+    onto the image.
+    """
+    radius = np.linspace(0.0, 8.0, 4001)
+    out = camera.project(np.column_stack([radius, np.zeros_like(radius), np.ones_like(radius)]))
+    back = np.flatnonzero(np.diff(out[:, 0]) <= 0)
+    return float(radius[back[0]]) if back.size else math.inf
+
+
+def border_rays(camera: Camera, samples: int = 33) -> F64:
+    """Rays through the four outer edges of an image.
+
+    Returns:
+        (4, samples, 3) float64 at unit z: left, right, top, bottom edge; where the lens model has no inverse, the
+        outermost ray that it has in that direction.
+    """
+    w, h = camera.width - 0.5, camera.height - 0.5
+    across, down = np.linspace(-0.5, w, samples), np.linspace(-0.5, h, samples)
+    low = np.full(samples, -0.5)
+    edges = [(low, down), (np.full(samples, w), down), (across, low), (across, np.full(samples, h))]
+    pixels = np.concatenate([np.column_stack(edge) for edge in edges])
+    limit = min(fold_radius(camera), MAX_RAY_TAN)
+    rays = camera.unproject(pixels)
+    good = np.isfinite(rays).all(axis=1) & (np.hypot(rays[:, 0], rays[:, 1]) <= limit)
+    good &= np.hypot(*(camera.project(np.where(good[:, None], rays, 1.0)) - pixels).T) < 0.5
+    towards = (pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
+    towards *= limit / np.linalg.norm(towards, axis=1, keepdims=True)
+    rays[~good, :2] = towards[~good]
+    rays[~good, 2] = 1.0
+    return rays.reshape(4, samples, 3)
+
+
+def common_geometry(rig: StereoRig, rotation: F64, working_px: int, field_quantile: float) -> RectifiedGeometry:
+    """The rectified pinhole that shows the left camera's field of view at the working size."""
+    left, right, top, bottom = _field(rig.left, rotation, field_quantile)
+    width, height = rig.left.size
+    if (right - left) * height < (bottom - top) * width and abs(rotation[0, 1]) > abs(rotation[0, 0]):
+        width, height = height, width  # cameras one above the other: the rectified image lies on its side
+    scale = min(1.0, working_px / max(width, height)) if working_px else 1.0
+    width, height = max(16, round(width * scale)), max(16, round(height * scale))
+    focal = min(width / (right - left), height / (bottom - top))
+    cu, cv = (width - 1) / 2 - focal * (left + right) / 2, (height - 1) / 2 - focal * (top + bottom) / 2
+    return RectifiedGeometry(width, height, focal, focal, cu, cv, rig.baseline_m)
+
+
+def _field(camera: Camera, rotation: F64, quantile: float) -> tuple[float, float, float, float]:
+    """Left, right, top and bottom of the field of view on the rectified plane at unit depth."""
+    rays = border_rays(camera) @ rotation.T
+    plane = rays[..., :2] / np.maximum(rays[..., 2:], 0.1)
+    centre = rotation @ np.array([0.0, 0.0, 1.0])
+    offsets = plane.mean(axis=1) - centre[:2] / centre[2]
+    edges = *(f(offsets[:, 0]) for f in (np.argmin, np.argmax)), *(f(offsets[:, 1]) for f in (np.argmin, np.argmax))
+    bounds = [
+        sign * min(float(np.quantile(sign * plane[edge, :, axis], quantile)), MAX_RAY_TAN)
+        for edge, axis, sign in zip(edges, (0, 0, 1, 1), (-1, 1, -1, 1), strict=True)
+    ]
+    return bounds[0], bounds[1], bounds[2], bounds[3]
