@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 
 from cyclopts import App
 
@@ -34,7 +35,8 @@ BENCH = {
 }
 
 
-def make_app() -> App:
+def make_app(words: Sequence[str] = ()) -> App:
+    """The command tree; a command named among the words of the command line shows its own docstring as help."""
     app = App(
         name="planview",
         help="Stereo depth plan-view people tracking.",
@@ -42,16 +44,24 @@ def make_app() -> App:
         default_parameter=None,
     )
     for name, text in COMMANDS.items():
-        app.command(f"planview.commands.{name}:{name}", name=name, help=text)
-    app.command(_group("calibrate", "Obtain, check and convert calibrations.", CALIBRATE))
-    app.command(_group("bench", "Measure speed and accuracy on this machine.", BENCH))
+        _register(app, f"planview.commands.{name}:{name}", name, text, words)
+    app.command(_group("calibrate", "Obtain, check and convert calibrations.", CALIBRATE, words))
+    app.command(_group("bench", "Measure speed and accuracy on this machine.", BENCH, words))
     return app
 
 
-def _group(group: str, text: str, commands: dict[str, str]) -> App:
+def _register(app: App, target: str, name: str, text: str, words: Sequence[str]) -> None:
+    # With a help text the module is not imported for a listing, but its docstring (with the example) is not shown.
+    if name in words:
+        app.command(target, name=name)
+    else:
+        app.command(target, name=name, help=text)
+
+
+def _group(group: str, text: str, commands: dict[str, str], words: Sequence[str]) -> App:
     app = App(name=group, help=text)
     for name, help_text in commands.items():
-        app.command(f"planview.commands.{group}_{name}:{group}_{name}", name=name, help=help_text)
+        _register(app, f"planview.commands.{group}_{name}:{group}_{name}", name, help_text, words)
     return app
 
 
@@ -66,7 +76,7 @@ def main(argv: list[str] | None = None) -> None:
     from calib.errors import InputError, WorkError
 
     try:
-        make_app()(argv, exit_on_error=False, print_error=False)
+        make_app(sys.argv[1:] if argv is None else argv)(argv, exit_on_error=False, print_error=False)
     except InputError as error:
         _fail(str(error), 2)
     except WorkError as error:
