@@ -26,36 +26,40 @@ N_LEAD = 12
 # Planes of the scratch block: the observation, and what the first pass leaves to the second.
 CHROMA_OK, OPINION, RATE_W, RATE_M, MATCHED = 5, 6, 7, 8, 9
 N_SCRATCH = 10
+# Where these planes start, as unsigned numbers: an index that cannot be negative lets LLVM vectorise the loop.
+AT_Y, AT_U, AT_V = np.uintp(Y * BLOCK), np.uintp(U * BLOCK), np.uintp(V * BLOCK)
+AT_CHROMA, AT_OPINION = np.uintp(CHROMA_OK * BLOCK), np.uintp(OPINION * BLOCK)
+ONE_STEP, TWO_STEPS, THREE = np.uintp(1), np.uintp(2), np.uintp(3)
 
 
 class Step(NamedTuple):
     """Numbers of one update, all float32; colour in the model's reference exposure."""
 
-    beta: np.float32  # squared normalised distance of a match
-    beta_relaxed: np.float32  # the same for colour where depth agrees
-    min_seen: np.float32  # fraction of observations with depth that makes depth reliable
-    dark: np.float32  # luma below which chroma is noise
-    clip: np.float32  # luma at which the sensor saturates
-    clip_image: np.float32  # the same as the image shows it, 0-255
-    gain: np.float32  # image luma = gain * model luma + offset
-    offset: np.float32
-    floor_y: np.float32  # variance floors
-    floor_uv: np.float32
-    floor_d: np.float32
-    init_y: np.float32  # variances of a new Gaussian
-    init_uv: np.float32
-    init_d: np.float32
-    rate_w: np.float32  # learning rates of this step: weights, means and variances, known background
-    rate_m: np.float32
-    rate_fast: np.float32
-    rate_activity: np.float32
-    active: np.float32  # mean |dY| above which a pixel is active
-    slow_active: np.float32  # factors on the rates of active pixels and of pixels under a person
-    slow_person: np.float32
-    background_weight: np.float32
-    deepest_weight: np.float32
-    shadow_ratio: np.float32
-    colour_shadows: np.float32  # 1: shadows are removed by colour alone where there is no depth
+    beta: float  # squared normalised distance of a match
+    beta_relaxed: float  # the same for colour where depth agrees
+    min_seen: float  # fraction of observations with depth that makes depth reliable
+    dark: float  # luma below which chroma is noise
+    clip: float  # luma at which the sensor saturates
+    clip_image: float  # the same as the image shows it, 0-255
+    gain: float  # image luma = gain * model luma + offset
+    offset: float
+    floor_y: float  # variance floors
+    floor_uv: float
+    floor_d: float
+    init_y: float  # variances of a new Gaussian
+    init_uv: float
+    init_d: float
+    rate_w: float  # learning rates of this step: weights, means and variances, known background
+    rate_m: float
+    rate_fast: float
+    rate_activity: float
+    active: float  # mean |dY| above which a pixel is active
+    slow_active: float  # factors on the rates of active pixels and of pixels under a person
+    slow_person: float
+    background_weight: float
+    deepest_weight: float
+    shadow_ratio: float
+    colour_shadows: float  # 1: shadows are removed by colour alone where there is no depth
 
 
 F = np.float32
@@ -63,78 +67,101 @@ ZERO, ONE = F(0), F(1)
 
 
 @njit(cache=True, nogil=True)
-def stage_grey(image: U8, start: int, n: int, s: Step, obs: F32) -> None:
-    """Luma of n pixels from a grey image (N, 1) into the scratch block."""
+def stage_grey(image: U8, n: int, s: Step, obs: F32) -> None:
+    """Luma of n grey pixels into the scratch block. Unsigned indices let LLVM vectorise these loops."""
     inv_gain = ONE / s.gain
-    for i in range(n):
-        obs[Y, i] = min((F(image[start + i, 0]) - s.offset) * inv_gain, s.clip)
-        obs[U, i] = ZERO
-        obs[V, i] = ZERO
-        obs[CHROMA_OK, i] = ZERO
+    for i in range(np.uintp(n)):
+        obs[AT_Y + i] = min((F(image[i]) - s.offset) * inv_gain, s.clip)
+        obs[AT_U + i] = ZERO
+        obs[AT_V + i] = ZERO
+        obs[AT_CHROMA + i] = ZERO
 
 
 @njit(cache=True, nogil=True)
-def stage_colour(image: U8, start: int, n: int, s: Step, obs: F32) -> None:
-    """Luma and chroma (BT.601) of n pixels from a BGR image (N, 3) into the scratch block."""
+def stage_colour(image: U8, n: int, s: Step, obs: F32) -> None:
+    """Luma and chroma (BT.601, analogue scale) of n BGR pixels into the scratch block."""
     inv_gain = ONE / s.gain
     bright = F(0.75) * s.clip_image
-    for i in range(n):
-        b = F(image[start + i, 0])
-        g = F(image[start + i, 1])
-        r = F(image[start + i, 2])
-        luma = F(0.299) * r + F(0.587) * g + F(0.114) * b
-        obs[Y, i] = min((luma - s.offset) * inv_gain, s.clip)
-        obs[U, i] = F(0.492) * (b - luma) * inv_gain
-        obs[V, i] = F(0.877) * (r - luma) * inv_gain
-        clipped = (max(max(b, g), r) >= s.clip_image) & (luma >= bright)
-        obs[CHROMA_OK, i] = ZERO if clipped else ONE
+    for i in range(np.uintp(n)):
+        j = THREE * i
+        blue, green, red = F(image[j]), F(image[j + ONE_STEP]), F(image[j + TWO_STEPS])
+        luma = F(0.299) * red + F(0.587) * green + F(0.114) * blue
+        obs[AT_Y + i] = min((luma - s.offset) * inv_gain, s.clip)
+        obs[AT_U + i] = F(0.492) * (blue - luma) * inv_gain
+        obs[AT_V + i] = F(0.877) * (red - luma) * inv_gain
+        # A clipped channel shifts the hue; a dim saturated colour keeps it.
+        clipped = (max(max(blue, green), red) >= s.clip_image) & (luma >= bright)
+        obs[AT_CHROMA + i] = ZERO if clipped else ONE
+
+
+@njit(cache=True, nogil=True)
+def stage(image: U8, disparity: F32, opinion: U8, start: int, n: int, colour: bool, s: Step, obs: F32) -> None:
+    """Observation of n pixels into the scratch block; flat arrays, disparity and opinion empty for none."""
+    if colour:
+        stage_colour(image[3 * start : 3 * (start + n)], n, s, obs)
+    else:
+        stage_grey(image[start : start + n], n, s, obs)
+    if disparity.size:
+        obs[D * BLOCK : D * BLOCK + n] = disparity[start : start + n]
+    else:
+        obs[D * BLOCK : D * BLOCK + n] = F(np.nan)
+    if opinion.size:
+        part = opinion[start : start + n]
+        for i in range(np.uintp(n)):
+            obs[AT_OPINION + i] = F(part[i])
+    else:
+        obs[OPINION * BLOCK : OPINION * BLOCK + n] = ZERO
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def match_leaders(lead: F32, obs: F32, n: int, s: Step) -> None:
     """Test n pixels against their leading Gaussian and learn where it matches: no branches, so that it vectorises."""
     for i in range(n):
-        y, u, v, d = obs[Y, i], obs[U, i], obs[V, i], obs[D, i]
+        y, u, v, d = obs[Y * BLOCK + i], obs[U * BLOCK + i], obs[V * BLOCK + i], obs[D * BLOCK + i]
         # Activity sets the rates (section 2 of the notes: divided by about 5).
-        activity = lead[ACTIVITY, i] + s.rate_activity * (abs(y - lead[LAST_Y, i]) - lead[ACTIVITY, i])
-        lead[ACTIVITY, i] = activity
-        lead[LAST_Y, i] = y
-        opinion = obs[OPINION, i]
+        activity = lead[ACTIVITY * BLOCK + i] + s.rate_activity * (
+            abs(y - lead[LAST_Y * BLOCK + i]) - lead[ACTIVITY * BLOCK + i]
+        )
+        lead[ACTIVITY * BLOCK + i] = activity
+        lead[LAST_Y * BLOCK + i] = y
+        opinion = obs[OPINION * BLOCK + i]
         slow = s.slow_active if activity > s.active else ONE
         slow = s.slow_person if opinion == ONE else slow
         known = opinion == F(2)
         rate_w = s.rate_fast if known else s.rate_w * slow
         rate_m = s.rate_fast if known else s.rate_m * slow
-        obs[RATE_W, i] = rate_w
-        obs[RATE_M, i] = rate_m
+        obs[RATE_W * BLOCK + i] = rate_w
+        obs[RATE_M * BLOCK + i] = rate_m
 
         # A negative luma variance marks a mean learned from clipped pixels: it is only a lower bound.
-        bound = lead[VAR_Y, i] < ZERO
-        var_y = abs(lead[VAR_Y, i])
-        mean_y, seen = lead[Y, i], lead[SEEN, i]
+        bound = lead[VAR_Y * BLOCK + i] < ZERO
+        var_y = abs(lead[VAR_Y * BLOCK + i])
+        mean_y, seen = lead[Y * BLOCK + i], lead[SEEN * BLOCK + i]
         shown = min(mean_y, s.clip)
         beyond = bound & (y > shown)
         dy = ZERO if beyond else y - shown
-        du, dv, dd = u - lead[U, i], v - lead[V, i], d - lead[D, i]
-        chroma = (obs[CHROMA_OK, i] > ZERO) & (min(shown, y) > s.dark) & (not bound)
-        inv_u, inv_v = ONE / lead[VAR_U, i], ONE / lead[VAR_V, i]
+        du, dv, dd = u - lead[U * BLOCK + i], v - lead[V * BLOCK + i], d - lead[D * BLOCK + i]
+        chroma = (obs[CHROMA_OK * BLOCK + i] > ZERO) & (min(shown, y) > s.dark) & (not bound)
+        inv_u, inv_v = ONE / lead[VAR_U * BLOCK + i], ONE / lead[VAR_V * BLOCK + i]
         far = dy * dy / var_y + (du * du * inv_u + dv * dv * inv_v if chroma else ZERO)
 
         has_depth = d == d
         both = has_depth & (seen >= s.min_seen)
-        near = dd * dd < s.beta * lead[VAR_D, i]
+        near = dd * dd < s.beta * lead[VAR_D * BLOCK + i]
         agree = both & near
         veto = both & (not near)
         same_colour = far < (s.beta_relaxed if agree else s.beta)
         ratio = y / shown
-        su, sv = u - ratio * lead[U, i], v - ratio * lead[V, i]
+        su, sv = u - ratio * lead[U * BLOCK + i], v - ratio * lead[V * BLOCK + i]
         shade = su * su * inv_u + sv * sv * inv_v < s.beta
         shade = agree & (ratio >= s.shadow_ratio) & (ratio < ONE) & (shade | (not chroma))
         match = (not veto) & (same_colour | shade)
-        obs[MATCHED, i] = ONE if match else ZERO
+        obs[MATCHED * BLOCK + i] = ONE if match else ZERO
 
         # Learn; a shadow teaches depth and weight only.
-        lead[WEIGHT, i] = lead[WEIGHT, i] + (rate_w * (ONE - lead[WEIGHT, i]) if match else ZERO)
+        lead[WEIGHT * BLOCK + i] = lead[WEIGHT * BLOCK + i] + (
+            rate_w * (ONE - lead[WEIGHT * BLOCK + i]) if match else ZERO
+        )
         learn = match & same_colour
         clipped = y >= s.clip
         fresh = learn & bound & (not clipped)
@@ -142,216 +169,234 @@ def match_leaders(lead: F32, obs: F32, n: int, s: Step) -> None:
         new_var = max(var_y + step * (dy * dy - var_y), s.floor_y)
         new_var = s.init_y if fresh else new_var
         still = bound & (not fresh) | learn & clipped & (mean_y <= s.clip)
-        lead[VAR_Y, i] = -new_var if still else new_var
-        lead[Y, i] = y if fresh else mean_y + step * dy
+        lead[VAR_Y * BLOCK + i] = -new_var if still else new_var
+        lead[Y * BLOCK + i] = y if fresh else mean_y + step * dy
         step_c = ONE if fresh else (step if chroma else ZERO)
-        lead[U, i] = lead[U, i] + step_c * du
-        lead[V, i] = lead[V, i] + step_c * dv
+        lead[U * BLOCK + i] = lead[U * BLOCK + i] + step_c * du
+        lead[V * BLOCK + i] = lead[V * BLOCK + i] + step_c * dv
         step_c = ZERO if fresh else step_c
-        lead[VAR_U, i] = max(lead[VAR_U, i] + step_c * (du * du - lead[VAR_U, i]), s.floor_uv)
-        lead[VAR_V, i] = max(lead[VAR_V, i] + step_c * (dv * dv - lead[VAR_V, i]), s.floor_uv)
+        lead[VAR_U * BLOCK + i] = max(
+            lead[VAR_U * BLOCK + i] + step_c * (du * du - lead[VAR_U * BLOCK + i]), s.floor_uv
+        )
+        lead[VAR_V * BLOCK + i] = max(
+            lead[VAR_V * BLOCK + i] + step_c * (dv * dv - lead[VAR_V * BLOCK + i]), s.floor_uv
+        )
         new_seen = seen + (rate_m * ((ONE if has_depth else ZERO) - seen) if match else ZERO)
-        lead[SEEN, i] = new_seen
+        lead[SEEN * BLOCK + i] = new_seen
         # Mean of the valid observations only: an exponential mean of d over one of validity.
         step_d = rate_m / new_seen if match & has_depth & (new_seen > ZERO) else ZERO
         dd = dd if has_depth else ZERO
-        lead[D, i] = lead[D, i] + step_d * dd
-        new_var = max(lead[VAR_D, i] + step_d * (dd * dd - lead[VAR_D, i]), s.floor_d)
-        lead[VAR_D, i] = s.init_d if (step_d > ZERO) & (seen <= ZERO) else new_var
+        lead[D * BLOCK + i] = lead[D * BLOCK + i] + step_d * dd
+        new_var = max(lead[VAR_D * BLOCK + i] + step_d * (dd * dd - lead[VAR_D * BLOCK + i]), s.floor_d)
+        lead[VAR_D * BLOCK + i] = s.init_d if (step_d > ZERO) & (seen <= ZERO) else new_var
+
+
+class Pixel(NamedTuple):
+    """Observation and rates of one pixel, all float32."""
+
+    y: float
+    u: float
+    v: float
+    d: float
+    chroma: float
+    rate_w: float
+    rate_m: float
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def gaussian_matches(g: F32, o: F32, s: Step) -> int:
-    """0 no match, 1 match by colour, 2 shadow where depth agrees; g is one Gaussian, o the pixel's observation."""
-    bound = g[VAR_Y] < ZERO
-    shown = min(g[Y], s.clip)
-    dy = ZERO if bound and o[Y] > shown else o[Y] - shown
-    du, dv, dd = o[U] - g[U], o[V] - g[V], o[D] - g[D]
-    chroma = o[CHROMA_OK] > ZERO and min(shown, o[Y]) > s.dark and not bound
-    inv_u, inv_v = ONE / g[VAR_U], ONE / g[VAR_V]
-    far = dy * dy / abs(g[VAR_Y]) + (du * du * inv_u + dv * dv * inv_v if chroma else ZERO)
-    both = o[D] == o[D] and g[SEEN] >= s.min_seen
-    near = dd * dd < s.beta * g[VAR_D]
-    if both and not near:
+def gaussian_matches(g: F32, b: int, o: Pixel, s: Step) -> int:
+    """0 no match, 1 match by colour, 2 shadow where depth agrees; the Gaussian starts at g[b]."""
+    bound = g[b + VAR_Y] < ZERO
+    shown = min(g[b + Y], s.clip)
+    dy = ZERO if bound and o.y > shown else o.y - shown
+    du, dv, dd = o.u - g[b + U], o.v - g[b + V], o.d - g[b + D]
+    chroma = o.chroma > ZERO and min(shown, o.y) > s.dark and not bound
+    inv_u, inv_v = ONE / g[b + VAR_U], ONE / g[b + VAR_V]
+    far = dy * dy / abs(g[b + VAR_Y]) + (du * du * inv_u + dv * dv * inv_v if chroma else ZERO)
+    both = o.d == o.d and g[b + SEEN] >= s.min_seen
+    if both and not dd * dd < s.beta * g[b + VAR_D]:
         return 0
     if far < (s.beta_relaxed if both else s.beta):
         return 1
-    ratio = o[Y] / shown
-    if both and s.shadow_ratio <= ratio < ONE:
-        su, sv = o[U] - ratio * g[U], o[V] - ratio * g[V]
+    ratio = o.y / shown
+    if both and ratio >= s.shadow_ratio and ratio < ONE:
+        su, sv = o.u - ratio * g[b + U], o.v - ratio * g[b + V]
         if not chroma or su * su * inv_u + sv * sv * inv_v < s.beta:
             return 2
     return 0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def learn_gaussian(g: F32, o: F32, kind: int, rate: float, s: Step) -> None:
-    """Move a matched Gaussian towards the observation, except its weight."""
-    bound = g[VAR_Y] < ZERO
-    if kind == 1:
-        shown = min(g[Y], s.clip)
-        clipped = o[Y] >= s.clip
-        du, dv = o[U] - g[U], o[V] - g[V]
-        if bound and not clipped:
-            g[Y], g[U], g[V], g[VAR_Y] = o[Y], o[U], o[V], s.init_y
-        else:
-            dy = ZERO if bound and o[Y] > shown else o[Y] - shown
-            var = max(abs(g[VAR_Y]) + rate * (dy * dy - abs(g[VAR_Y])), s.floor_y)
-            g[VAR_Y] = -var if bound or (clipped and g[Y] <= s.clip) else var
-            chroma = o[CHROMA_OK] > ZERO and min(shown, o[Y]) > s.dark and not bound
-            g[Y] = g[Y] + rate * dy
-            if chroma:
-                g[U] = g[U] + rate * du
-                g[V] = g[V] + rate * dv
-                g[VAR_U] = max(g[VAR_U] + rate * (du * du - g[VAR_U]), s.floor_uv)
-                g[VAR_V] = max(g[VAR_V] + rate * (dv * dv - g[VAR_V]), s.floor_uv)
-    has_depth = o[D] == o[D]
-    seen = g[SEEN]
-    g[SEEN] = seen + rate * ((ONE if has_depth else ZERO) - seen)
-    if has_depth and g[SEEN] > ZERO:
-        step, dd = rate / g[SEEN], o[D] - g[D]
-        g[D] = g[D] + step * dd
-        g[VAR_D] = s.init_d if seen <= ZERO else max(g[VAR_D] + step * (dd * dd - g[VAR_D]), s.floor_d)
+def learn_colour(g: F32, b: int, o: Pixel, rate: float, s: Step) -> None:
+    """Move the colour of the Gaussian at g[b] towards the observation."""
+    bound = g[b + VAR_Y] < ZERO
+    shown = min(g[b + Y], s.clip)
+    clipped = o.y >= s.clip
+    du, dv = o.u - g[b + U], o.v - g[b + V]
+    if bound and not clipped:
+        g[b + Y], g[b + U], g[b + V], g[b + VAR_Y] = o.y, o.u, o.v, s.init_y
+        return
+    dy = ZERO if bound and o.y > shown else o.y - shown
+    var_y = abs(g[b + VAR_Y])
+    var_y = max(var_y + rate * (dy * dy - var_y), s.floor_y)
+    g[b + VAR_Y] = -var_y if bound or (clipped and g[b + Y] <= s.clip) else var_y
+    if o.chroma > ZERO and min(shown, o.y) > s.dark and not bound:
+        g[b + U] += rate * du
+        g[b + V] += rate * dv
+        g[b + VAR_U] = max(g[b + VAR_U] + rate * (du * du - g[b + VAR_U]), s.floor_uv)
+        g[b + VAR_V] = max(g[b + VAR_V] + rate * (dv * dv - g[b + VAR_V]), s.floor_uv)
+    g[b + Y] += rate * dy
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def learn_depth(g: F32, b: int, o: Pixel, rate: float, s: Step) -> None:
+    """Move the disparity of the Gaussian at g[b], and how often it is seen, towards the observation."""
+    has_depth = o.d == o.d
+    seen = g[b + SEEN]
+    g[b + SEEN] = seen + rate * ((ONE if has_depth else ZERO) - seen)
+    if has_depth and g[b + SEEN] > ZERO:
+        step, dd = rate / g[b + SEEN], o.d - g[b + D]
+        g[b + D] += step * dd
+        new_var = max(g[b + VAR_D] + step * (dd * dd - g[b + VAR_D]), s.floor_d)
+        g[b + VAR_D] = s.init_d if step > ZERO and seen <= ZERO else new_var
 
 
 @njit(cache=True, nogil=True)
-def new_gaussian(g: F32, o: F32, weight: float, s: Step) -> None:
-    """Start a Gaussian at an observation."""
-    has_depth = o[D] == o[D]
-    g[WEIGHT] = weight
-    g[SEEN] = ONE if has_depth else ZERO
-    g[Y], g[U], g[V] = o[Y], o[U], o[V]
-    g[D] = o[D] if has_depth else ZERO
-    g[VAR_Y] = -s.init_y if o[Y] >= s.clip else s.init_y
-    g[VAR_U], g[VAR_V], g[VAR_D] = s.init_uv, s.init_uv, s.init_d
+def new_gaussian(g: F32, b: int, o: Pixel, weight: float, s: Step) -> None:
+    """Start a Gaussian at g[b] from an observation."""
+    has_depth = o.d == o.d
+    g[b + WEIGHT] = weight
+    g[b + SEEN] = ONE if has_depth else ZERO
+    g[b + Y], g[b + U], g[b + V] = o.y, o.u, o.v
+    g[b + D] = o.d if has_depth else ZERO
+    g[b + VAR_Y] = -s.init_y if o.y >= s.clip else s.init_y
+    g[b + VAR_U], g[b + VAR_V], g[b + VAR_D] = s.init_uv, s.init_uv, s.init_d
 
 
 @njit(cache=True, nogil=True)
-def is_background(g: F32, k: int, s: Step) -> bool:
-    """Whether Gaussian k of an ordered mixture (K, 10) is in the background set: leading weight, or deepest."""
+def is_background(g: F32, b: int, s: Step) -> bool:
+    """Whether the Gaussian at g[b] of an ordered mixture is in the background set: by leading weight, or deepest."""
     before = ZERO
-    for j in range(k):
-        before += g[j, WEIGHT]
+    for j in range(0, b, N_FIELDS):
+        before += g[j + WEIGHT]
     if before <= s.background_weight:
         return True
-    if g[k, WEIGHT] <= s.deepest_weight or g[k, SEEN] < s.min_seen:
+    if g[b + WEIGHT] <= s.deepest_weight or g[b + SEEN] < s.min_seen:
         return False
-    for j in range(g.shape[0]):
-        if g[j, WEIGHT] > s.deepest_weight and g[j, SEEN] >= s.min_seen and g[j, D] < g[k, D]:
+    for j in range(0, g.size, N_FIELDS):
+        if g[j + WEIGHT] > s.deepest_weight and g[j + SEEN] >= s.min_seen and g[j + D] < g[b + D]:
             return False
     return True
-
-
-@njit(cache=True, nogil=True)
-def first_by_rank(a: F32, b: F32) -> bool:
-    """Whether weight / sigma of a exceeds that of b, without square roots."""
-    return bool(a[WEIGHT] * a[WEIGHT] * abs(b[VAR_Y]) > b[WEIGHT] * b[WEIGHT] * abs(a[VAR_Y]))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def order_mixture(g: F32) -> None:
     """Normalise the weights and sort by decreasing weight / luma deviation (insertion sort, stable)."""
     total = ZERO
-    for k in range(g.shape[0]):
-        total += g[k, WEIGHT]
-    for k in range(g.shape[0]):
-        g[k, WEIGHT] /= total
-    for k in range(1, g.shape[0]):
-        j = k
-        while j > 0 and first_by_rank(g[j], g[j - 1]):
-            for f in range(N_FIELDS):
-                g[j, f], g[j - 1, f] = g[j - 1, f], g[j, f]
-            j -= 1
+    for b in range(0, g.size, N_FIELDS):
+        total += g[b + WEIGHT]
+    for b in range(0, g.size, N_FIELDS):
+        g[b + WEIGHT] /= total
+    for first in range(N_FIELDS, g.size, N_FIELDS):
+        b = first
+        while b > 0 and outranks(g, b, b - N_FIELDS):
+            for f in range(b, b + N_FIELDS):
+                g[f], g[f - N_FIELDS] = g[f - N_FIELDS], g[f]
+            b -= N_FIELDS
+
+
+@njit(cache=True, nogil=True)
+def outranks(g: F32, a: int, b: int) -> bool:
+    """Whether weight / sigma at g[a] exceeds that at g[b], without square roots."""
+    left = g[a + WEIGHT] * g[a + WEIGHT] * abs(g[b + VAR_Y])
+    return bool(left > g[b + WEIGHT] * g[b + WEIGHT] * abs(g[a + VAR_Y]))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def update_mixture(g: F32, o: F32, s: Step) -> bool:
-    """One pixel whose leader (k = 0) did not match: the rest of the mixture (K, 10). Returns foreground."""
-    n = g.shape[0]
-    found, kind = -1, 0
-    for k in range(1, n):
-        if g[k, WEIGHT] > ZERO:
-            kind = gaussian_matches(g[k], o, s)
-            if kind > 0:
-                found = k
-                break
-    rate_w, rate_m = o[RATE_W], o[RATE_M]
-    gap = o[D] - g[0, D]
-    behind = g[0, SEEN] >= s.min_seen and gap < ZERO and gap * gap >= s.beta * g[0, VAR_D]
-    if behind and rate_w > ZERO and (found < 0 or g[found, WEIGHT] <= s.deepest_weight):
-        # Nobody stands behind the background: what appears there was hidden, learn it quickly.
-        rate_w, rate_m = max(rate_w, s.rate_fast), max(rate_m, s.rate_fast)
-    if found < 0:
-        shaded = s.colour_shadows > ZERO and o[D] != o[D] and is_colour_shadow(g[0], o, s)
-        if rate_w > ZERO and not shaded:
-            for k in range(n - 1):
-                g[k, WEIGHT] *= ONE - rate_w
-            new_gaussian(g[n - 1], o, rate_w, s)
-            order_mixture(g)
-        return not shaded
-    foreground = not is_background(g, found, s)
-    for k in range(n):
-        g[k, WEIGHT] *= ONE - rate_w
-    g[found, WEIGHT] += rate_w
-    learn_gaussian(g[found], o, kind, rate_m, s)
-    order_mixture(g)
-    return foreground
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def is_colour_shadow(g: F32, o: F32, s: Step) -> bool:
-    """Darker than the background by a plausible ratio, chroma scaled alike."""
-    shown = min(g[Y], s.clip)
-    ratio = o[Y] / shown
+def is_colour_shadow(g: F32, o: Pixel, s: Step) -> bool:
+    """Darker than the leading Gaussian by a plausible ratio, chroma scaled alike."""
+    ratio = o.y / min(g[Y], s.clip)
     if ratio < s.shadow_ratio or ratio >= ONE:
         return False
-    if o[CHROMA_OK] <= ZERO or o[Y] <= s.dark:
+    if o.chroma <= ZERO or o.y <= s.dark:
         return True
-    su, sv = o[U] - ratio * g[U], o[V] - ratio * g[V]
+    su, sv = o.u - ratio * g[U], o.v - ratio * g[V]
     return bool(su * su / g[VAR_U] + sv * sv / g[VAR_V] < s.beta)
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def update_mixture(g: F32, o: Pixel, s: Step) -> bool:
+    """One pixel whose leader (at g[0]) did not match: the rest of its mixture, (K * N_FIELDS,). Returns foreground."""
+    found, kind = 0, 0
+    for b in range(N_FIELDS, g.size, N_FIELDS):
+        if g[b + WEIGHT] > ZERO:
+            kind = gaussian_matches(g, b, o, s)
+            if kind > 0:
+                found = b
+                break
+    rate_w, rate_m = o.rate_w, o.rate_m
+    gap = o.d - g[D]
+    behind = g[SEEN] >= s.min_seen and gap < ZERO and gap * gap >= s.beta * g[VAR_D]
+    if behind and rate_w > ZERO and (found == 0 or g[found + WEIGHT] <= s.deepest_weight):
+        # Nobody stands behind the background: what appears there was hidden, learn it quickly.
+        rate_w, rate_m = max(rate_w, s.rate_fast), max(rate_m, s.rate_fast)
+    if found > 0:
+        foreground = not is_background(g, found, s)
+        for b in range(0, g.size, N_FIELDS):
+            g[b + WEIGHT] *= ONE - rate_w
+        g[found + WEIGHT] += rate_w
+        if kind == 1:
+            learn_colour(g, found, o, rate_m, s)
+        learn_depth(g, found, o, rate_m, s)
+        order_mixture(g)
+        return foreground
+    if s.colour_shadows > ZERO and o.d != o.d and is_colour_shadow(g, o, s):
+        return False
+    if rate_w > ZERO:
+        for b in range(0, g.size - N_FIELDS, N_FIELDS):
+            g[b + WEIGHT] *= ONE - rate_w
+        new_gaussian(g, g.size - N_FIELDS, o, rate_w, s)
+        order_mixture(g)
+    return True
+
+
 @njit(cache=True, nogil=True)
-def update_pixel(lead: F32, rest: F32, obs: F32, i: int, g: F32, o: F32, s: Step) -> bool:
-    """Unpack the mixture of pixel i of a block, update it, pack it again. Returns foreground."""
+def load_mixture(lead: F32, i: int, rest: F32, base: int, g: F32) -> None:
+    """Gather pixel i of a block and its other Gaussians, at rest[base], into g with true weights."""
     for f in range(N_FIELDS):
-        g[0, f] = lead[f, i]
-    left = ONE - g[0, WEIGHT]
-    for k in range(1, g.shape[0]):
-        for f in range(N_FIELDS):
-            g[k, f] = rest[k - 1, f]
-        g[k, WEIGHT] *= left
-    for f in range(N_SCRATCH):
-        o[f] = obs[f, i]
-    foreground = update_mixture(g, o, s)
+        g[f] = lead[f * BLOCK + i]
+    left = ONE - g[WEIGHT]
+    for f in range(N_FIELDS, g.size):
+        g[f] = rest[base + f - N_FIELDS]
+    for b in range(N_FIELDS, g.size, N_FIELDS):
+        g[b + WEIGHT] *= left
+
+
+@njit(cache=True, nogil=True)
+def store_mixture(lead: F32, i: int, rest: F32, base: int, g: F32) -> None:
+    """Undo ``load_mixture``."""
     for f in range(N_FIELDS):
-        lead[f, i] = g[0, f]
-    left = ONE - g[0, WEIGHT]
+        lead[f * BLOCK + i] = g[f]
+    left = ONE - g[WEIGHT]
     inv_left = ONE / left if left > ZERO else ZERO
-    for k in range(1, g.shape[0]):
-        for f in range(N_FIELDS):
-            rest[k - 1, f] = g[k, f]
-        rest[k - 1, WEIGHT] = g[k, WEIGHT] * inv_left
-    return foreground
+    for b in range(N_FIELDS, g.size, N_FIELDS):
+        g[b + WEIGHT] *= inv_left
+    for f in range(N_FIELDS, g.size):
+        rest[base + f - N_FIELDS] = g[f]
 
 
 @njit(cache=True, nogil=True)
-def stage(image: U8, disparity: F32, opinion: U8, start: int, n: int, s: Step, obs: F32) -> None:
-    """Observation of n pixels into the scratch block; image (N, 1 or 3), the others (N,) or empty for none."""
-    if image.shape[1] == 3:
-        stage_colour(image, start, n, s, obs)
-    else:
-        stage_grey(image, start, n, s, obs)
-    if disparity.size:
-        for i in range(n):
-            obs[D, i] = disparity[start + i]
-    else:
-        obs[D, :] = F(np.nan)
-    if opinion.size:
-        for i in range(n):
-            obs[OPINION, i] = F(opinion[start + i])
-    else:
-        obs[OPINION, :] = ZERO
+def pixel_of(obs: F32, i: int) -> Pixel:
+    """Observation i of the scratch block."""
+    return Pixel(
+        obs[Y * BLOCK + i],
+        obs[U * BLOCK + i],
+        obs[V * BLOCK + i],
+        obs[D * BLOCK + i],
+        obs[CHROMA_OK * BLOCK + i],
+        obs[RATE_W * BLOCK + i],
+        obs[RATE_M * BLOCK + i],
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -361,40 +406,48 @@ def update_blocks(
     """Update blocks first..last-1 and write their part of the mask.
 
     Args:
-        lead: (n_blocks, N_LEAD, BLOCK) leading Gaussians. rest: (N, K-1, N_FIELDS) the others.
-        image: (N, C) uint8. disparity: (N,) float32 or empty. opinion: (N,) uint8 or empty. mask: (N,) uint8.
+        lead: (n_blocks, N_LEAD * BLOCK) leading Gaussians. rest: (N * (K-1) * N_FIELDS,) the others.
+        image: (N,) or (3 N,) uint8. disparity: (N,) float32 or empty. opinion: (N,) uint8 or empty. mask: (N,) uint8.
     """
-    obs = np.zeros((N_SCRATCH, BLOCK), np.float32)
-    g = np.zeros((rest.shape[1] + 1, N_FIELDS), np.float32)
-    o = np.zeros(N_SCRATCH, np.float32)
+    colour = image.size > mask.size
+    obs = np.zeros(N_SCRATCH * BLOCK, np.float32)
+    size = rest.size // mask.size
+    g = np.zeros(size + N_FIELDS, np.float32)
     for block in range(first, last):
         start = block * BLOCK
         n = min(BLOCK, mask.size - start)
-        stage(image, disparity, opinion, start, n, s, obs)
-        match_leaders(lead[block], obs, n, s)
+        stage(image, disparity, opinion, start, n, colour, s, obs)
+        leaders = lead[block]
+        match_leaders(leaders, obs, n, s)
+        unmatched = 0
         for i in range(n):
             mask[start + i] = 0
-            if obs[MATCHED, i] <= ZERO and update_pixel(lead[block], rest[start + i], obs, i, g, o, s):
-                mask[start + i] = 255
+            unmatched += obs[MATCHED * BLOCK + i] <= ZERO
+        if unmatched == 0:
+            continue
+        for i in range(n):
+            if obs[MATCHED * BLOCK + i] <= ZERO:
+                base = (start + i) * size
+                load_mixture(leaders, i, rest, base, g)
+                if update_mixture(g, pixel_of(obs, i), s):
+                    mask[start + i] = 255
+                store_mixture(leaders, i, rest, base, g)
 
 
 @njit(cache=True, nogil=True)
-def start_blocks(lead: F32, rest: F32, image: U8, disparity: F32, s: Step) -> None:
-    """First frame: every leader starts at the observation, the others have no weight."""
-    obs = np.zeros((N_SCRATCH, BLOCK), np.float32)
+def start_blocks(lead: F32, image: U8, disparity: F32, n_pixels: int, s: Step) -> None:
+    """First frame: every leader starts at the observation with all the weight."""
+    obs = np.zeros(N_SCRATCH * BLOCK, np.float32)
     g = np.zeros(N_FIELDS, np.float32)
-    rest[:, :, :] = ZERO
-    rest[:, :, VAR_Y] = s.init_y
-    rest[:, :, VAR_U : VAR_V + 1] = s.init_uv
-    rest[:, :, VAR_D] = s.init_d
-    lead[:, :, :] = ONE
+    lead[:, :] = ONE
     no_opinion = np.zeros(0, np.uint8)
     for block in range(lead.shape[0]):
         start = block * BLOCK
-        n = min(BLOCK, image.shape[0] - start)
-        stage(image, disparity, no_opinion, start, n, s, obs)
+        n = min(BLOCK, n_pixels - start)
+        stage(image, disparity, no_opinion, start, n, image.size > n_pixels, s, obs)
         for i in range(n):
-            new_gaussian(g, obs[:, i], ONE, s)
-            lead[block, :N_FIELDS, i] = g
-            lead[block, ACTIVITY, i] = ZERO
-            lead[block, LAST_Y, i] = obs[Y, i]
+            new_gaussian(g, 0, pixel_of(obs, i), ONE, s)
+            for f in range(N_FIELDS):
+                lead[block, f * BLOCK + i] = g[f]
+            lead[block, ACTIVITY * BLOCK + i] = ZERO
+            lead[block, LAST_Y * BLOCK + i] = g[Y]

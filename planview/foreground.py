@@ -95,8 +95,8 @@ class Foreground:
         self.shape = shape
         n = shape[0] * shape[1]
         n_blocks = -(-n // kernels.BLOCK)
-        self._lead = np.zeros((n_blocks, kernels.N_LEAD, kernels.BLOCK), np.float32)
-        self._rest = np.zeros((n, params.gaussians - 1, kernels.N_FIELDS), np.float32)
+        self._lead = np.zeros((n_blocks, kernels.N_LEAD * kernels.BLOCK), np.float32)
+        self._rest = np.zeros(n * (params.gaussians - 1) * kernels.N_FIELDS, np.float32)
         self._mask = np.zeros(n, np.uint8)
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="foreground")
         self.reset()
@@ -125,18 +125,19 @@ class Foreground:
         opinion = _flat(feedback, self.shape, np.uint8, "feedback")
         if math.isnan(self._first_s):
             self._first_s = self._last_s = timestamp_s
-            kernels.start_blocks(self._lead, self._rest, flat, disp, self._step(0.0, 0.0))
+            self._rest[:] = 0
+            kernels.start_blocks(self._lead, flat, disp, self._mask.size, self._step(0.0, 0.0))
             return np.zeros(self.shape, np.uint8)
         dt = min(max(timestamp_s - self._last_s, 0.0), MAX_STEP_S)
         self._last_s = max(timestamp_s, self._last_s)
         self._run(flat, disp, opinion, self._step(dt, self._last_s - self._first_s))
         mask = self._mask.reshape(self.shape)
-        return cv2.medianBlur(mask, 3) if self.params.clean else mask.copy()
+        return np.asarray(cv2.medianBlur(mask, 3)) if self.params.clean else mask.copy()
 
     def _flat_image(self, image: U8) -> U8:
         if image.dtype != np.uint8 or image.shape[:2] != self.shape or image.shape[2:] not in ((), (1,), (3,)):
             raise ValueError(f"expected a {self.shape} uint8 image, grey or BGR, got {image.shape} {image.dtype}")
-        return np.ascontiguousarray(image).reshape(self.shape[0] * self.shape[1], -1)
+        return np.ascontiguousarray(image).reshape(-1)
 
     def _run(self, image: U8, disparity: F32, opinion: U8, step: kernels.Step) -> None:
         n_blocks = len(self._lead)
@@ -177,7 +178,7 @@ class Foreground:
             shadow_ratio=p.shadow_ratio,
             colour_shadows=p.remove_colour_shadows,
         )
-        return kernels.Step(*(np.float32(value) for value in values))
+        return kernels.Step._make(np.float32(value) for value in values)
 
 
 def _rate(time_constants: float) -> float:
