@@ -167,7 +167,8 @@ class SgbmMatcher:
         )
         fixed = self._sgbm.compute(left, right)[:, self._pad :]
         disparity = np.empty(shape, dtype=np.float32)
-        brightest, darkest = cv2.dilate(left_grey, self._window), cv2.erode(left_grey, self._window)
+        darkest = np.asarray(cv2.erode(left_grey, self._window), dtype=np.uint8)
+        brightest = np.asarray(cv2.dilate(left_grey, self._window), dtype=np.uint8)
         disparity_from_fixed(
             fixed,
             self._mask,

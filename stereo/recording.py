@@ -57,6 +57,9 @@ class Recording(Protocol):
 
     def __iter__(self) -> Iterator[StereoFrame]: ...
 
+    def sample(self, count: int) -> list[StereoFrame]:
+        """Up to ``count`` usable frames spread evenly over the recording, without decoding all of it."""
+
 
 @dataclass(frozen=True, eq=False)
 class VideoFrame:

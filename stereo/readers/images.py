@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import cv2
@@ -38,8 +38,12 @@ class ImageFiles:
         self._grey = is_grey(first)
 
     def __iter__(self) -> Iterator[Decoded]:
-        for index, file in enumerate(self._files):
-            yield self._decode(index, file)
+        return self.at(range(self.n_frames))
+
+    def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
+        """Only these frames."""
+        for index in indices:
+            yield self._decode(index, self._files[index])
 
     def _decode(self, index: int, file: Path | None) -> Decoded:
         if file is None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from calib.errors import InputError
@@ -14,7 +14,7 @@ from calib.types import F64
 from calib.world_file import load_world
 from stereo.readers import images, videos
 from stereo.readers.images import ImageFiles, image_files
-from stereo.readers.pair import DEFAULT_FPS, DecodedPair, StereoRecording, both, halves, rate_of
+from stereo.readers.pair import DEFAULT_FPS, PairsOf, StereoRecording, both, halves, rate_of
 from stereo.readers.pairing import pair_files
 from stereo.readers.single import SingleRecording
 from stereo.readers.source import FrameSource
@@ -22,7 +22,7 @@ from stereo.readers.timestamps import load_timestamps
 from stereo.readers.videos import VideoFile
 
 Size = tuple[int, int]
-Layout = tuple[Size, int, float, Callable[[], Generator[DecodedPair, None, None]]]
+Layout = tuple[Size, int, float, PairsOf]
 
 
 def open_recording(path: Path, calibration: Path | None = None) -> StereoRecording:
@@ -102,7 +102,7 @@ def _layout(path: Path) -> Layout:
     if left_video and right_video:
         a, b = VideoFile(left_video), VideoFile(right_video)
         n_frames = max(a.n_frames, b.n_frames)
-        return _same_size(a, b, left_video, right_video), n_frames, a.fps, lambda: both(a, b)
+        return _same_size(a, b, left_video, right_video), n_frames, a.fps, partial(both, a, b)
     found = _videos(path)
     if len(found) == 1 and not (left_video or right_video):
         return _side_by_side(found[0])
@@ -117,7 +117,7 @@ def _folders(left: Path, right: Path) -> Layout:
             raise InputError(f"{folder}: expected images ({', '.join(sorted(images.SUFFIXES))}), found none")
     pairs = pair_files(*files)
     a, b = ImageFiles([pair[0] for pair in pairs]), ImageFiles([pair[1] for pair in pairs])
-    return _same_size(a, b, left, right), len(pairs), math.nan, lambda: both(a, b)
+    return _same_size(a, b, left, right), len(pairs), math.nan, partial(both, a, b)
 
 
 def _side_by_side(video: Path) -> Layout:
@@ -130,7 +130,7 @@ def _side_by_side(video: Path) -> Layout:
             f"{video}: expected a side-by-side pair (twice as wide as one camera), found {width}x{height}: "
             "a stereo recording needs both cameras"
         )
-    return (width // 2, height), source.n_frames, source.fps, lambda: halves(source)
+    return (width // 2, height), source.n_frames, source.fps, partial(halves, source)
 
 
 def _same_size(a: FrameSource, b: FrameSource, left: Path, right: Path) -> Size:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -20,6 +20,8 @@ DEFAULT_FPS = 30.0
 """Assumed for image folders that have no timestamps.csv."""
 
 DecodedPair = tuple[Decoded, Decoded]
+PairsOf = Callable[[Sequence[int] | None], Generator[DecodedPair, None, None]]
+"""Decodes the pairs of these ascending indices, or all."""
 
 
 class StereoRecording:
@@ -32,7 +34,7 @@ class StereoRecording:
         self,
         path: Path,
         rig: StereoRig,
-        pairs: Callable[[], Generator[DecodedPair, None, None]],
+        pairs: PairsOf,
         n_frames: int,
         fps: float,
         times_s: F64 | None,
@@ -49,21 +51,35 @@ class StereoRecording:
 
     def __iter__(self) -> Iterator[StereoFrame]:
         self.skipped = skipped = []
-        last, start = -1, math.nan
-        with closing(self._pairs()) as pairs:
+        last = -1
+        with closing(self._pairs(None)) as pairs:
             for left, right in pairs:
                 last = left.index
-                why = [f"{side}: {d.why}" for side, d in (("left", left), ("right", right)) if d.image is None]
-                if left.image is None or right.image is None:
-                    skipped.append(Skipped(left.index, "; ".join(why)))
-                    continue
-                time = self._time(left)
-                start = time if math.isnan(start) and left.index == 0 else start
-                a, b = left.image, right.image
-                if a.ndim != b.ndim:
-                    a, b = as_colour(a), as_colour(b)
-                yield StereoFrame(left.index, time - (0.0 if math.isnan(start) else start), a, b)
+                frame = self._frame(left, right)
+                if isinstance(frame, Skipped):
+                    skipped.append(frame)
+                else:
+                    yield frame
         skipped += [Skipped(i, "recording ends before this frame") for i in range(last + 1, self.n_frames)]
+
+    def sample(self, count: int) -> list[StereoFrame]:
+        """Up to ``count`` usable frames spread evenly over the recording; ``skipped`` is not touched.
+
+        For what must be known before the first frame (row offset, floor, exposure) without decoding everything.
+        """
+        spread = np.unique(np.linspace(0, self.n_frames - 1, max(1, min(count, self.n_frames))).round().astype(int))
+        with closing(self._pairs([int(i) for i in spread])) as pairs:
+            frames = [self._frame(left, right) for left, right in pairs]
+        return [frame for frame in frames if isinstance(frame, StereoFrame)]
+
+    def _frame(self, left: Decoded, right: Decoded) -> StereoFrame | Skipped:
+        a, b = left.image, right.image
+        if a is None or b is None:
+            why = [f"{side}: {d.why}" for side, d in (("left", left), ("right", right)) if d.image is None]
+            return Skipped(left.index, "; ".join(dict.fromkeys(why)))
+        if a.ndim != b.ndim:
+            a, b = as_colour(a), as_colour(b)
+        return StereoFrame(left.index, self._time(left), a, b)
 
     def _time(self, frame: Decoded) -> float:
         if self._times_s is not None:
@@ -71,15 +87,16 @@ class StereoRecording:
         return frame.index / self.fps if frame.timestamp_s is None else frame.timestamp_s
 
 
-def both(left: FrameSource, right: FrameSource) -> Generator[DecodedPair, None, None]:
+def both(left: FrameSource, right: FrameSource, indices: Sequence[int] | None) -> Generator[DecodedPair, None, None]:
     """Frames of two sources side by side, each decoded in its own thread; ends with the shorter one."""
-    with closing(prefetch(left)) as a, closing(prefetch(right)) as b:
+    streams = (side if indices is None else side.at(indices) for side in (left, right))
+    with closing(prefetch(next(streams))) as a, closing(prefetch(next(streams))) as b:
         yield from zip(a, b, strict=False)
 
 
-def halves(source: FrameSource) -> Generator[DecodedPair, None, None]:
+def halves(source: FrameSource, indices: Sequence[int] | None) -> Generator[DecodedPair, None, None]:
     """The left and the right half of every frame of a side-by-side source."""
-    with closing(prefetch(source)) as frames:
+    with closing(prefetch(source if indices is None else source.at(indices))) as frames:
         for frame in frames:
             if frame.image is None:
                 yield frame, frame

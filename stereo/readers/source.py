@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -43,6 +43,9 @@ class FrameSource(Protocol):
     fps: float
 
     def __iter__(self) -> Iterator[Decoded]: ...
+
+    def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
+        """Only these frames, which must ascend; the iteration ends where the file does."""
 
 
 def is_grey(image: U8) -> bool:

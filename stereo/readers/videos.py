@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import cv2
@@ -17,6 +17,10 @@ MAX_BROKEN_RUN = 25
 """Failing reads in a row after which a video counts as ended: about a second, more than a lost key frame costs."""
 
 
+SEEK_BEYOND = 250
+"""Frames to read on rather than seek: the usual distance of key frames, from which a seek would decode anyway."""
+
+
 class VideoFile:
     """One camera's frames from a video; broken frames inside it are yielded without an image.
 
@@ -29,6 +33,7 @@ class VideoFile:
         capture = _open(path)
         try:
             found, first = capture.read()
+            self._start_ms = float(capture.get(cv2.CAP_PROP_POS_MSEC))
             self.n_frames = max(0, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)))
             fps = capture.get(cv2.CAP_PROP_FPS)
         finally:
@@ -57,9 +62,28 @@ class VideoFile:
         finally:
             capture.release()
 
+    def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
+        """Only these frames, ascending; near ones are reached by reading on, since a seek decodes from a key frame."""
+        capture = _open(self._path)
+        position = 0
+        try:
+            for index in indices:
+                if index - position > SEEK_BEYOND and not capture.set(cv2.CAP_PROP_POS_FRAMES, index):
+                    return
+                position = index if index - position > SEEK_BEYOND else position
+                while position < index and capture.grab():
+                    position += 1
+                found, image = capture.read() if position == index else (False, None)
+                if not found or image is None:
+                    return
+                position += 1
+                yield Decoded(index, self._time(capture, index), self._as_stored(image))
+        finally:
+            capture.release()
+
     def _time(self, capture: cv2.VideoCapture, index: int) -> float:
-        seconds = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0
-        return seconds if seconds > 0.0 else index / self.fps
+        seconds = (float(capture.get(cv2.CAP_PROP_POS_MSEC)) - self._start_ms) / 1000.0
+        return seconds if seconds > 0.0 else index / self.fps  # some containers hold no times
 
     def _as_stored(self, image: object) -> U8:
         pixels = np.asarray(image, dtype=np.uint8)
