@@ -29,6 +29,8 @@ class FloorParams(Params):
 
     disparity_std_px: float = Field(default=0.15, gt=0, le=5)
     """Deviation of the background's disparity after medians [px]: what sub-pixel bias leaves (our choice)."""
+    frame_noise: float = Field(default=3.0, ge=1, le=20)
+    """Deviation of a single frame's disparity against that of the medians [1] (our choice: 0.45 px)."""
     inlier_sigmas: float = Field(default=3.0, gt=0.5, le=10)
     """Points within this many deviations lie on a plane: 99.7 % of Gaussian noise (our choice)."""
     min_height_m: float = Field(default=0.8, gt=0)
@@ -37,7 +39,7 @@ class FloorParams(Params):
     """Highest camera: beyond it a person covers a few disparities at most (our choice)."""
     max_tilt_deg: float = Field(default=83.0, gt=0, lt=90)
     """Steepest view of a floor; beyond it the plane is a wall seen from above (our choice)."""
-    min_tilt_deg: float = Field(default=-15.0, gt=-90, le=0)
+    min_tilt_deg: float = Field(default=-12.0, gt=-90, le=0)
     """An overhead camera may lean backwards by this much; beyond it the plane is a wall in front of a camera
     that hardly sees its floor (our choice)."""
     max_roll_deg: float = Field(default=30.0, gt=0, lt=90)
@@ -136,10 +138,8 @@ def floor_candidates(points: Rays, params: FloorParams) -> list[Candidate]:
         rest = rest.where(~taken)
         rough = fit_plane(view, guess, params.inlier_sigmas)
         if rough is not None and not any(_same(rough, other.plane, view) for other in found):
-            view_on, counts = cells(points, params.cells_across, rough.q)
-            plane = fit_plane(view_on, rough.q, params.inlier_sigmas)
-            if plane is not None:
-                found.append(_judge(plane, view_on, counts, params))
+            plane, view_on, counts = _refined(rough, points, params)
+            found.append(_judge(plane, view_on, counts, params))
     return found
 
 
@@ -163,6 +163,16 @@ def choose_floor(candidates: Sequence[Candidate], params: FloorParams) -> Candid
         and float(c.plane.normal @ largest.plane.normal) > math.cos(math.radians(PARALLEL_DEG))
     ]
     return max(parallel, key=lambda c: c.plane.distance_m)
+
+
+def _refined(plane: Plane, points: Rays, params: FloorParams) -> tuple[Plane, Rays, I64]:
+    """Fit again to cells without the points that the plane shows to be of something else."""
+    gate = params.frame_noise * params.inlier_sigmas
+    view, counts = cells(points, params.cells_across, plane.q, gate)
+    for _ in range(2):
+        plane = fit_plane(view, plane.q, params.inlier_sigmas) or plane
+        view, counts = cells(points, params.cells_across, plane.q, gate)
+    return plane, view, counts
 
 
 def _judge(plane: Plane, view: Rays, counts: I64, params: FloorParams) -> Candidate:
@@ -197,7 +207,7 @@ def _beneath(plane: Plane, view: Rays, params: FloorParams) -> Bool:
 def _floor(best: Candidate, points: Rays, params: FloorParams) -> Floor:
     plane = best.plane
     pose = world_from_plane(plane.normal, plane.distance_m)
-    view, _ = cells(points, params.cells_across, plane.q)
+    view, _ = cells(points, params.cells_across, plane.q, params.frame_noise * params.inlier_sigmas)
     inliers = view.where(np.abs(view.residuals(plane.q)) < params.inlier_sigmas)
     world = pose @ (inliers.rays / inliers.inverse[:, None])
     low, high = np.quantile(world[:, :2], (0.01, 0.99), axis=0)
