@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -15,7 +16,9 @@ from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64, U8
 from stereo.depth import RectifiedGeometry
-from stereo.vertical import VerticalModel
+from stereo.matcher import disparity_range
+from stereo.recording import StereoFrame
+from stereo.vertical import VerticalFit, VerticalModel, measure_vertical
 from stereo.view import common_geometry, rectifying_rotations, source_pixels
 
 
@@ -104,6 +107,24 @@ class Rectifier:
         if self._reduced != self.rig.left.size:
             image = np.asarray(cv2.resize(image, self._reduced, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), dtype=np.uint8)
+
+
+def aligned_rectifier(
+    rig: StereoRig, frames: Iterable[StereoFrame], params: RectifyParams | None = None
+) -> tuple[Rectifier, VerticalFit]:
+    """A rectifier whose right image is shifted by the row offset measured in some frames.
+
+    Args:
+        rig: calibration at the recorded size.
+        frames: a dozen spread over the recording, so that light and movement differ.
+    Returns:
+        The rectifier, and what was measured before and after the correction.
+    """
+    plain = Rectifier(rig, params)
+    searched = disparity_range(plain.geometry)
+    pairs = (plain(frame.left, frame.right) for frame in frames)
+    fit = measure_vertical(((p.left_grey, p.right_grey) for p in pairs), searched.first_px + searched.count)
+    return (plain if fit.model == VerticalModel() else Rectifier(rig, params, fit.model)), fit
 
 
 def grey(image: U8) -> U8:
