@@ -1,0 +1,64 @@
+"""planview synth"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from calib.errors import InputError
+
+
+def synth(
+    scene: Path,
+    out: Path,
+    *,
+    frames: Annotated[int | None, Parameter(help="render at most so many frames")] = None,
+    scale: Annotated[float, Parameter(help="factor on the image size, e.g. 0.5")] = 1.0,
+    seed: Annotated[int | None, Parameter(help="instead of the scene's own: other wanderers and noise")] = None,
+    video: Annotated[bool, Parameter(help="videos instead of PNG images")] = False,
+    jpeg: Annotated[bool, Parameter(help="JPEG instead of PNG images")] = False,
+    opencv: Annotated[bool, Parameter(help="also write intrinsics.yml and extrinsics.yml")] = False,
+    world: Annotated[bool, Parameter(help="also write world.toml, so that the floor need not be found")] = False,
+    json_output: Annotated[bool, Parameter(name="--json", help="print one JSON object on stdout")] = False,
+) -> None:
+    """Render a recording with calibration and exact truth from a TOML scene.
+
+    Example: planview synth data/synthetic/crossing.toml /tmp/crossing --frames 150
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from stereo.synthetic.rendering import SceneRenderer
+    from stereo.synthetic.scene import load_scene
+    from stereo.synthetic.writing import write_recording
+
+    if frames is not None and frames < 1:
+        raise InputError(f"--frames: expected at least 1, found {frames}")
+    if not 0.05 <= scale <= 4:
+        raise InputError(f"--scale: expected 0.05 to 4, found {scale:g}")
+    if video and jpeg:
+        raise InputError("expected either --video or --jpeg, found both")
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"{out}: expected a new or empty folder for the recording, found one in use")
+    description = load_scene(scene)
+    if seed is not None:
+        description = description.model_copy(update={"seed": seed})
+    renderer = SceneRenderer(description, scale)
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(f"Rendering {scene.name}", total=min(renderer.n_frames, frames or renderer.n_frames))
+        written = write_recording(
+            renderer,
+            out,
+            frames=frames,
+            storage="video" if video else "jpg" if jpeg else "png",
+            opencv=opencv,
+            world=world,
+            done=lambda: progress.advance(task),
+        )
+    print(f"{written.frames} frames, {written.truth_rows} truth rows in {out}", file=sys.stderr)
+    if json_output:
+        print(json.dumps({"frames": written.frames, "truth_rows": written.truth_rows, "folder": str(out)}))
