@@ -274,115 +274,117 @@ def new_gaussian(g: F32, b: int, o: Pixel, weight: float, s: Step) -> None:
 
 
 @njit(cache=True, nogil=True)
-def is_background(g: F32, b: int, s: Step) -> bool:
-    """Whether the Gaussian at g[b] of an ordered mixture is in the background set: by leading weight, or deepest."""
-    before = ZERO
-    for j in range(0, b, N_FIELDS):
+def is_background(lead: F32, i: int, g: F32, first: int, end: int, b: int, s: Step) -> bool:
+    """Whether the Gaussian at g[b] is in the background set: by leading weight, or deepest; weights are true ones."""
+    before = lead[WEIGHT * BLOCK + i]
+    for j in range(first, b, N_FIELDS):
         before += g[j + WEIGHT]
     if before <= s.background_weight:
         return True
     if g[b + WEIGHT] <= s.deepest_weight or g[b + SEEN] < s.min_seen:
         return False
-    for j in range(0, g.size, N_FIELDS):
+    if (
+        lead[WEIGHT * BLOCK + i] > s.deepest_weight
+        and lead[SEEN * BLOCK + i] >= s.min_seen
+        and lead[D * BLOCK + i] < g[b + D]
+    ):
+        return False
+    for j in range(first, end, N_FIELDS):
         if g[j + WEIGHT] > s.deepest_weight and g[j + SEEN] >= s.min_seen and g[j + D] < g[b + D]:
             return False
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def order_mixture(g: F32) -> None:
-    """Normalise the weights and sort by decreasing weight / luma deviation (insertion sort, stable)."""
-    total = ZERO
-    for b in range(0, g.size, N_FIELDS):
-        total += g[b + WEIGHT]
-    for b in range(0, g.size, N_FIELDS):
-        g[b + WEIGHT] /= total
-    for first in range(N_FIELDS, g.size, N_FIELDS):
-        b = first
-        while b > 0 and outranks(g, b, b - N_FIELDS):
+@njit(cache=True, nogil=True)
+def sort_rest(g: F32, first: int, end: int) -> None:
+    """Sort Gaussians by decreasing weight / luma deviation (insertion sort, stable)."""
+    for start in range(first + N_FIELDS, end, N_FIELDS):
+        b = start
+        while b > first and outranks(g[b + WEIGHT], g[b + VAR_Y], g[b - N_FIELDS + WEIGHT], g[b - N_FIELDS + VAR_Y]):
             for f in range(b, b + N_FIELDS):
                 g[f], g[f - N_FIELDS] = g[f - N_FIELDS], g[f]
             b -= N_FIELDS
 
 
 @njit(cache=True, nogil=True)
-def outranks(g: F32, a: int, b: int) -> bool:
-    """Whether weight / sigma at g[a] exceeds that at g[b], without square roots."""
-    left = g[a + WEIGHT] * g[a + WEIGHT] * abs(g[b + VAR_Y])
-    return bool(left > g[b + WEIGHT] * g[b + WEIGHT] * abs(g[a + VAR_Y]))
+def outranks(weight: float, var: float, other_weight: float, other_var: float) -> bool:
+    """Whether weight / sigma exceeds that of another Gaussian, without square roots."""
+    return bool(weight * weight * abs(other_var) > other_weight * other_weight * abs(var))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def is_colour_shadow(g: F32, o: Pixel, s: Step) -> bool:
+def settle_order(lead: F32, i: int, g: F32, first: int, end: int) -> None:
+    """Normalise the true weights, put the mixture in order and turn the weights of the rest into shares."""
+    total = lead[WEIGHT * BLOCK + i]
+    for b in range(first, end, N_FIELDS):
+        total += g[b + WEIGHT]
+    scale = ONE / total
+    lead[WEIGHT * BLOCK + i] *= scale
+    for b in range(first, end, N_FIELDS):
+        g[b + WEIGHT] *= scale
+    sort_rest(g, first, end)
+    if outranks(g[first + WEIGHT], g[first + VAR_Y], lead[WEIGHT * BLOCK + i], lead[VAR_Y * BLOCK + i]):
+        for f in range(N_FIELDS):
+            g[first + f], lead[f * BLOCK + i] = lead[f * BLOCK + i], g[first + f]
+        sort_rest(g, first, end)
+    left = ONE - lead[WEIGHT * BLOCK + i]
+    inv_left = ONE / left if left > ZERO else ZERO
+    for b in range(first, end, N_FIELDS):
+        g[b + WEIGHT] *= inv_left
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def is_colour_shadow(lead: F32, i: int, o: Pixel, s: Step) -> bool:
     """Darker than the leading Gaussian by a plausible ratio, chroma scaled alike."""
-    ratio = o.y / min(g[Y], s.clip)
+    ratio = o.y / min(lead[Y * BLOCK + i], s.clip)
     if ratio < s.shadow_ratio or ratio >= ONE:
         return False
     if o.chroma <= ZERO or o.y <= s.dark:
         return True
-    su, sv = o.u - ratio * g[U], o.v - ratio * g[V]
-    return bool(su * su / g[VAR_U] + sv * sv / g[VAR_V] < s.beta)
+    su, sv = o.u - ratio * lead[U * BLOCK + i], o.v - ratio * lead[V * BLOCK + i]
+    return bool(su * su / lead[VAR_U * BLOCK + i] + sv * sv / lead[VAR_V * BLOCK + i] < s.beta)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def update_mixture(g: F32, o: Pixel, s: Step) -> bool:
-    """One pixel whose leader (at g[0]) did not match: the rest of its mixture, (K * N_FIELDS,). Returns foreground."""
-    found, kind = 0, 0
-    for b in range(N_FIELDS, g.size, N_FIELDS):
+@njit(cache=True, nogil=True)
+def first_match(g: F32, first: int, end: int, o: Pixel, s: Step) -> tuple[int, int]:
+    """Where the first matching Gaussian of the rest starts (-1: none does), and how it matches."""
+    for b in range(first, end, N_FIELDS):
         if g[b + WEIGHT] > ZERO:
             kind = gaussian_matches(g, b, o, s)
             if kind > 0:
-                found = b
-                break
+                return b, kind
+    return -1, 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def update_rest(lead: F32, i: int, g: F32, first: int, end: int, o: Pixel, s: Step) -> bool:
+    """Pixel i of a block, whose leader did not match: its other Gaussians are g[first:end]. Returns foreground."""
+    found, kind = first_match(g, first, end, o, s)
+    if found < 0 and s.colour_shadows > ZERO and o.d != o.d and is_colour_shadow(lead, i, o, s):
+        return False
+    left = ONE - lead[WEIGHT * BLOCK + i]
+    for b in range(first, end, N_FIELDS):
+        g[b + WEIGHT] *= left
+    foreground = found < 0 or not is_background(lead, i, g, first, end, found, s)
     rate_w, rate_m = o.rate_w, o.rate_m
-    gap = o.d - g[D]
-    behind = g[SEEN] >= s.min_seen and gap < ZERO and gap * gap >= s.beta * g[VAR_D]
-    if behind and rate_w > ZERO and (found == 0 or g[found + WEIGHT] <= s.deepest_weight):
+    gap = o.d - lead[D * BLOCK + i]
+    behind = lead[SEEN * BLOCK + i] >= s.min_seen and gap < ZERO and gap * gap >= s.beta * lead[VAR_D * BLOCK + i]
+    if behind and rate_w > ZERO and (found < 0 or g[found + WEIGHT] <= s.deepest_weight):
         # Nobody stands behind the background: what appears there was hidden, learn it quickly.
         rate_w, rate_m = max(rate_w, s.rate_fast), max(rate_m, s.rate_fast)
-    if found > 0:
-        foreground = not is_background(g, found, s)
-        for b in range(0, g.size, N_FIELDS):
-            g[b + WEIGHT] *= ONE - rate_w
+    keep = ONE - rate_w
+    lead[WEIGHT * BLOCK + i] *= keep
+    for b in range(first, end, N_FIELDS):
+        g[b + WEIGHT] *= keep
+    if found >= 0:
         g[found + WEIGHT] += rate_w
         if kind == 1:
             learn_colour(g, found, o, rate_m, s)
         learn_depth(g, found, o, rate_m, s)
-        order_mixture(g)
-        return foreground
-    if s.colour_shadows > ZERO and o.d != o.d and is_colour_shadow(g, o, s):
-        return False
-    if rate_w > ZERO:
-        for b in range(0, g.size - N_FIELDS, N_FIELDS):
-            g[b + WEIGHT] *= ONE - rate_w
-        new_gaussian(g, g.size - N_FIELDS, o, rate_w, s)
-        order_mixture(g)
-    return True
-
-
-@njit(cache=True, nogil=True)
-def load_mixture(lead: F32, i: int, rest: F32, base: int, g: F32) -> None:
-    """Gather pixel i of a block and its other Gaussians, at rest[base], into g with true weights."""
-    for f in range(N_FIELDS):
-        g[f] = lead[f * BLOCK + i]
-    left = ONE - g[WEIGHT]
-    for f in range(N_FIELDS, g.size):
-        g[f] = rest[base + f - N_FIELDS]
-    for b in range(N_FIELDS, g.size, N_FIELDS):
-        g[b + WEIGHT] *= left
-
-
-@njit(cache=True, nogil=True)
-def store_mixture(lead: F32, i: int, rest: F32, base: int, g: F32) -> None:
-    """Undo ``load_mixture``."""
-    for f in range(N_FIELDS):
-        lead[f * BLOCK + i] = g[f]
-    left = ONE - g[WEIGHT]
-    inv_left = ONE / left if left > ZERO else ZERO
-    for b in range(N_FIELDS, g.size, N_FIELDS):
-        g[b + WEIGHT] *= inv_left
-    for f in range(N_FIELDS, g.size):
-        rest[base + f - N_FIELDS] = g[f]
+    elif rate_w > ZERO:
+        new_gaussian(g, end - N_FIELDS, o, rate_w, s)
+    settle_order(lead, i, g, first, end)
+    return foreground
 
 
 @njit(cache=True, nogil=True)
@@ -412,7 +414,6 @@ def update_blocks(
     colour = image.size > mask.size
     obs = np.zeros(N_SCRATCH * BLOCK, np.float32)
     size = rest.size // mask.size
-    g = np.zeros(size + N_FIELDS, np.float32)
     for block in range(first, last):
         start = block * BLOCK
         n = min(BLOCK, mask.size - start)
@@ -428,10 +429,8 @@ def update_blocks(
         for i in range(n):
             if obs[MATCHED * BLOCK + i] <= ZERO:
                 base = (start + i) * size
-                load_mixture(leaders, i, rest, base, g)
-                if update_mixture(g, pixel_of(obs, i), s):
+                if update_rest(leaders, i, rest, base, base + size, pixel_of(obs, i), s):
                     mask[start + i] = 255
-                store_mixture(leaders, i, rest, base, g)
 
 
 @njit(cache=True, nogil=True)
