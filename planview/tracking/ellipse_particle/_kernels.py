@@ -1,0 +1,82 @@
+"""Compiled kernel of the likelihood; ``tests/reference/ellipses.py`` defines it in plain numpy."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from calib.types import F64, I64
+from planview._ellipse_kernels import between, conic, rows_of, span
+
+
+@njit(cache=True, nogil=True)
+def union_overlap(
+    particles: F64, members: I64, prefix: F64, half0: float, half1: float, aspect: float, out: F64
+) -> None:
+    """Area of the union of the members' ellipses in each particle, inside and outside the measured union.
+
+    particles: (P, N, 7) x, y, vx, vy, ln length ratio, ln width ratio, angle; members: (K,) columns of N;
+    prefix: (R, C + 1) row sums of the measured union (``row_prefix``);
+    half0 + half1 * y: half length expected in row y; aspect: width / length.
+    out: (P, 2) covered measured area, object area in the grid outside the measured union [cells].
+    """
+    n_rows = prefix.shape[0]
+    n_cols = prefix.shape[1] - 1
+    k_all = members.shape[0]
+    forms = np.empty((k_all, 5))
+    limits = np.empty((k_all, 2), dtype=np.int64)
+    lows = np.empty(k_all)
+    highs = np.empty(k_all)
+    for p in range(particles.shape[0]):
+        first = n_rows
+        last = -1
+        for k in range(k_all):
+            n = members[k]
+            y = particles[p, n, 1]
+            base = max(1.0, half0 + half1 * y)
+            a = base * math.exp(particles[p, n, 4])
+            b = base * aspect * math.exp(particles[p, n, 5])
+            qxx, qxy, qyy = conic(a, b, particles[p, n, 6])
+            forms[k, 0] = qxx
+            forms[k, 1] = qxy
+            forms[k, 2] = qyy
+            forms[k, 3] = particles[p, n, 0]
+            forms[k, 4] = y
+            r0, r1 = rows_of(y, a, b, particles[p, n, 6], n_rows)
+            limits[k, 0] = r0
+            limits[k, 1] = r1
+            first = min(first, r0)
+            last = max(last, r1)
+        covered = 0.0
+        area = 0.0
+        for r in range(first, last + 1):
+            count = 0
+            for k in range(k_all):
+                if r < limits[k, 0] or r > limits[k, 1]:
+                    continue
+                lo, hi = span(forms[k, 0], forms[k, 1], forms[k, 2], r - forms[k, 4])
+                lo = max(lo + forms[k, 3], -0.5)
+                hi = min(hi + forms[k, 3], n_cols - 0.5)
+                if hi <= lo:
+                    continue
+                # Insertion keeps the spans of this row sorted by their lower end.
+                i = count
+                while i > 0 and lows[i - 1] > lo:
+                    lows[i] = lows[i - 1]
+                    highs[i] = highs[i - 1]
+                    i -= 1
+                lows[i] = lo
+                highs[i] = hi
+                count += 1
+            i = 0
+            while i < count:
+                lo = lows[i]
+                hi = highs[i]
+                i += 1
+                while i < count and lows[i] <= hi:
+                    hi = max(hi, highs[i])
+                    i += 1
+                covered += between(prefix, r, lo, hi, n_cols)
+                area += hi - lo
+        out[p, 0] = covered
+        out[p, 1] = area - covered

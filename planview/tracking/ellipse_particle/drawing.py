@@ -1,0 +1,42 @@
+"""Shapes that explain the last update."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from calib.types import F32, F64
+from planview.ellipses import SizePrior
+from planview.tracking.base import Drawing, TrackerDebug
+from planview.tracking.ellipse_particle.particles import ellipses_of
+from planview.tracking.ellipse_particle.planes import PlaneView
+
+PARTICLES_SHOWN = 60
+
+
+def draw(
+    plane: Literal["image", "floor"], view: PlaneView, prior: SizePrior, measured: F64, states: F64,
+    ids: list[int], particles: F64,
+) -> TrackerDebug:  # fmt: skip
+    """Measured ellipses, object ellipses with ids, a sample of the particles' positions, the foreground grid."""
+    objects = ellipses_of(states, prior)
+    shown = particles[:: max(1, len(particles) // PARTICLES_SHOWN), :, :2].reshape(-1, 2)
+    points = view.to_plane(shown).astype(np.float32)
+    return TrackerDebug(
+        drawings=(
+            Drawing("measurements", plane, tuple(outline(e, view) for e in measured)),
+            Drawing("objects", plane, tuple(outline(e, view) for e in objects), tuple(str(i) for i in ids)),
+            Drawing("particles", plane, tuple(p[None] for p in points)),
+        ),
+        tiles={"foreground": view.mask},
+    )
+
+
+def outline(ellipse: F64, view: PlaneView, points: int = 32) -> F32:
+    """(points + 1, 2) float32 closed outline in plane units."""
+    x, y, a, b, angle = (float(v) for v in ellipse)
+    t = np.linspace(0, 2 * np.pi, points + 1)
+    u, v = a * np.cos(t), b * np.sin(t)
+    cells = np.column_stack([x + u * np.sin(angle) + v * np.cos(angle), y + u * np.cos(angle) - v * np.sin(angle)])
+    return view.to_plane(cells).astype(np.float32)

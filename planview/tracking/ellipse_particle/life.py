@@ -1,0 +1,89 @@
+"""Births and deaths of objects (section V)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from scipy.special import gammainc
+
+from planview.tracking.base import State
+from planview.tracking.ellipse_particle.params import LifeParams
+
+
+@dataclass
+class Life:
+    """What is known of one object's existence.
+
+    Attributes:
+        track_id: positive, unique in a run.
+        born_frame: frame of its first measurement.
+        confirmed: believed once, and so for ever.
+        log_odds: of being an object rather than a false alarm, while not confirmed.
+        seen: its ellipse is covered by measurements in this frame.
+        unseen_s: time since it last had measured area.
+        shared_s: time since it last had measured area of its own, not shared with another object.
+    """
+
+    track_id: int
+    born_frame: int
+    confirmed: bool
+    log_odds: float
+    seen: bool = True
+    unseen_s: float = 0.0
+    shared_s: float = 0.0
+
+    @property
+    def state(self) -> State:
+        if not self.confirmed:
+            return "tentative"
+        return "confirmed" if self.seen else "lost"
+
+    @property
+    def probability(self) -> float:
+        """That this is an object and not a false alarm."""
+        return 1.0 / (1.0 + math.exp(-max(-500.0, min(500.0, self.log_odds))))
+
+
+def birth(track_id: int, frame: int, params: LifeParams) -> Life:
+    """A new object from an unexplained measurement.
+
+    Of n unexplained measurements the number of objects is binomial, B(n, q) with q = entries / (entries + false
+    alarms): each is an object with the prior probability q.
+    """
+    return Life(track_id, frame, False, math.log(params.entries / params.false_alarms))
+
+
+def observe(life: Life, seen: bool, own: bool, dt_s: float, params: LifeParams) -> None:
+    """Update the existence of an object with one frame.
+
+    The number k of the n frames since birth in which it is seen is binomial too, B(n, detection) for an object and
+    B(n, repetition) for a false alarm; their ratio updates the odds.
+
+    Args:
+        seen: measurements cover its ellipse.
+        own: part of them is covered by no older object.
+        dt_s: time since the last frame [s].
+    """
+    life.seen = seen
+    life.unseen_s = 0.0 if seen else life.unseen_s + dt_s
+    life.shared_s = 0.0 if own else life.shared_s + dt_s
+    if not life.confirmed:
+        hit = seen and own
+        real = params.detection if hit else 1.0 - params.detection
+        false = params.repetition if hit else 1.0 - params.repetition
+        life.log_odds += math.log(real / false)
+        life.confirmed = life.probability >= params.believe
+
+
+def gone(life: Life, params: LifeParams) -> float:
+    """Probability that an object has left: Gamma distributions of the time unseen, and of the time shared.
+
+    A new object that is not believed yet has left when it is probably a false alarm.
+    """
+    if not life.confirmed:
+        return 1.0 - life.probability if life.unseen_s > 0.0 or life.shared_s > 0.0 else 0.0
+    k = params.gamma_shape
+    unseen = gammainc(k, k * life.unseen_s / params.patience_s)
+    shared = gammainc(k, k * life.shared_s / params.occluded_patience_s)
+    return float(max(unseen, shared))

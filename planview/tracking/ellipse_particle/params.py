@@ -1,0 +1,131 @@
+"""Parameters of the ellipse-particle tracker."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from calib.params import Params
+from planview.ellipses import EllipseFitParams
+
+
+class DetectionParams(Params):
+    """Where foreground comes from."""
+
+    source: Literal["mog2", "given"] = "mog2"
+    """Image plane: OpenCV's mixture of Gaussians on ``Observation.image`` (the paper takes one off the shelf), or the
+    project's own ``Observation.foreground``. The floor plane always reads the occupancy map."""
+    history: int = Field(2000, ge=10, le=100_000)
+    """Frames of memory of the mixture. Our choice: somebody who stands is absorbed after a tenth of it, so 200 frames,
+    half a minute at the 7 frames per second of PETS."""
+    variance_gate: float = Field(16.0, gt=0, le=1000)
+    """Squared deviations within which a pixel is background (OpenCV's default)."""
+    columns: int = Field(240, ge=40, le=2000)
+    """Ellipses are fitted on a grid of at most about this many columns: a person 1/12 of the image high is then still
+    15 cells high. Our choice; it is what bounds the time per frame."""
+    flooded: float = Field(0.5, gt=0, le=1)
+    """Share of foreground above which a frame measures nothing (a light was switched, the camera moved). Our choice."""
+    person_area_m2: float = Field(0.4, gt=0, le=5)
+    """Floor plane: surface that a person shows to one camera [m^2] (1.7 m by 0.4 m, less gaps). Our choice; occupancy
+    at half its mean density over the person's ellipse counts as full foreground."""
+
+
+class SizeParams(Params):
+    """Size of objects: learned in the image plane unless given; given on the floor."""
+
+    half_length_px: float | None = Field(None, gt=0, le=10_000)
+    """Image plane: half the height of an object centred at the middle row [px]; None learns it."""
+    slope: float = Field(0.0, ge=-2, le=2)
+    """Image plane: growth of ``half_length_px`` per row [px/px] when it is given."""
+    aspect: float = Field(0.36, gt=0, le=1)
+    """Width over height of an object in the image when its size is given, and until one is learned. Our choice:
+    0.6 m of swinging arms and stride over 1.7 m."""
+    learn_s: float = Field(60.0, gt=0, le=3600)
+    """Time over which the size is learned [s]: the first minute."""
+    least_samples: int = Field(12, ge=2, le=1000)
+    """Isolated regions seen before a learned size is used. Our choice."""
+    floor_half_length_m: float = Field(0.26, gt=0, le=2)
+    """Floor plane: half the shoulder width, arms included [m]."""
+    floor_aspect: float = Field(0.75, gt=0, le=1)
+    """Floor plane: depth over width of a body; between a standing adult's 0.55 and the 1.0 of a stride. Our choice."""
+    object_length_m: float = Field(1.7, gt=0, le=10)
+    """Image plane: real length of an object [m], which turns speeds in m/s into cells. Body height of an adult."""
+
+
+class FilterParams(Params):
+    """The particle filter of sections III and IV."""
+
+    particles: int = Field(1000, ge=10, le=100_000)
+    """Hypotheses N_s of equation (9). Our choice."""
+    joint: bool = False
+    """True: one joint filter over all objects, as in the paper. False: objects whose ellipses or measurements can
+    overlap are filtered jointly and the rest apart, since a joint filter of many objects has few particles for each."""
+    acceleration_mps2: float = Field(2.0, gt=0, le=50)
+    """Deviation of the acceleration in the constant-velocity model [m/s^2]: walkers stop and turn within a second."""
+    jitter_m: float = Field(0.03, ge=0, le=1)
+    """Deviation of the position per frame beside that [m]: an outline is not a rigid body. Our choice."""
+    birth_speed_mps: float = Field(1.2, gt=0, le=20)
+    """Deviation of each velocity component at birth [m/s]: walking speed."""
+    shape_spread: float = Field(0.08, gt=0, le=1)
+    """Stationary deviation of ln length and ln width of an object's ellipse about the prior. Our choice."""
+    angle_spread_deg: float = Field(5.0, gt=0, le=90)
+    """Stationary deviation of an object's length axis [deg]. Our choice: lean of a walker."""
+    shape_time_s: float = Field(1.0, gt=0, le=100)
+    """Time in which size and angle forget [s]: a step."""
+    overlap_deviation: float = Field(0.12, gt=0, le=10)
+    """Deviation of the area difference in equation (8), as a share of one object's area. Our choice: a measured
+    ellipse moved by a fifth of its width."""
+    outside_weight: float = Field(1.0, ge=0, le=10)
+    """Weight of the added term: object area outside every measurement, against measured area that no object explains.
+    Equation (8) alone does not punish it, so objects could drift off wherever another one explains their measurement.
+    1 treats both ways of disagreeing alike; 0 is the paper's equation."""
+    resampling: Literal["systematic", "multinomial"] = "systematic"
+    """Multinomial is plain SIR; systematic has less variance for the same cost."""
+
+
+class LifeParams(Params):
+    """Births and deaths of section V."""
+
+    false_alarms: float = Field(0.2, gt=0, le=100)
+    """Expected false measurements per frame, the paper's parameter of the binomial. Our choice."""
+    entries: float = Field(0.05, gt=0, le=100)
+    """Expected new objects per frame; with ``false_alarms`` the prior that an unexplained measurement is an object."""
+    detection: float = Field(0.85, gt=0, lt=1)
+    """Probability of measuring a present object. Our choice."""
+    repetition: float = Field(0.25, gt=0, lt=1)
+    """Probability that a false measurement repeats in the same place. Our choice."""
+    believe: float = Field(0.9, gt=0.5, lt=1)
+    """Probability above which a new object is confirmed."""
+    seen_overlap: float = Field(0.35, gt=0, lt=1)
+    """Share of an object's ellipse that measurements must cover to count as seen; a measurement covered to less than
+    this share is unexplained. Our choice."""
+    patience_s: float = Field(2.0, gt=0, le=600)
+    """Mean N_t of the Gamma distribution: time unseen after which an object has left [s]. Our choice."""
+    occluded_patience_s: float = Field(4.0, gt=0, le=600)
+    """The same for an object that shares its measurement with another one (occlusion) [s]. Our choice."""
+    gamma_shape: float = Field(4.0, gt=0, le=100)
+    """Shape of the Gamma distribution: 4 makes it a sum of four waits, with half the mean as its deviation."""
+    leave: float = Field(0.8, gt=0, lt=1)
+    """Probability of having left above which an object is removed."""
+    reattach_m: float = Field(1.5, ge=0, le=20)
+    """Farthest a lost object is found again from its prediction [m]. Harville 2002 uses 2 m from the last sight."""
+
+
+class EllipseParticleParams(Params):
+    """All parameters of ``EllipseParticleTracker``."""
+
+    plane: Literal["image", "floor"] = "image"
+    """"image": ellipses on image foreground, no calibration needed; "floor": on the plan-view occupancy map."""
+    seed: int = Field(0, ge=0, le=2**32 - 1)
+    """Seed of the only random generator."""
+    detection: DetectionParams = DetectionParams()
+    """Foreground."""
+    fit: EllipseFitParams = EllipseFitParams()
+    """Ellipses."""
+    size: SizeParams = SizeParams()
+    """Sizes."""
+    filter: FilterParams = FilterParams()
+    """Particles."""
+    life: LifeParams = LifeParams()
+    """Births and deaths."""

@@ -1,0 +1,163 @@
+"""The particle filter: joint state, constant velocity, overlap likelihood, resampling, MAP (sections III and IV)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.types import F64, I64
+from planview import _ellipse_kernels as ellipse_kernels
+from planview.ellipses import SizePrior
+from planview.tracking.ellipse_particle import _kernels as kernels
+from planview.tracking.ellipse_particle.params import FilterParams
+
+X, Y, VX, VY, LN_A, LN_B, ANGLE = range(7)
+"""Columns of an object's state: position and velocity in cells (per second), ellipse relative to the size prior."""
+
+
+class ParticleFilter:
+    """Samples of the joint state of all objects (equation 9), equally weighted between frames.
+
+    Weights are resampled away within each group in every frame (SIR), so particles of independent groups may be
+    paired freely: the array always stands for the product of the groups' posteriors.
+
+    Attributes:
+        particles: (P, N, 7) float64, the N objects' states in each particle.
+    """
+
+    def __init__(self, params: FilterParams, rng: np.random.Generator) -> None:
+        self._params = params
+        self._rng = rng
+        self._surprise = np.zeros((params.particles, 0))
+        self.particles: F64 = np.zeros((params.particles, 0, 7))
+
+    def __len__(self) -> int:
+        return self.particles.shape[1]
+
+    def add(self, ellipse: F64, prior: SizePrior, cells_per_m: float, velocity: F64 | None = None) -> None:
+        """Append an object around a measured ellipse; an unknown velocity is drawn from walking speeds."""
+        self.particles = np.concatenate([self.particles, np.empty((self._params.particles, 1, 7))], axis=1)
+        self._surprise = np.concatenate([self._surprise, np.zeros((self._params.particles, 1))], axis=1)
+        self.place(len(self) - 1, ellipse, prior, cells_per_m, velocity)
+
+    def place(self, n: int, ellipse: F64, prior: SizePrior, cells_per_m: float, velocity: F64 | None = None) -> None:
+        """Redraw object n around a measured ellipse (x, y, a, b, angle)."""
+        p = self._params
+        half = prior.half_length(float(ellipse[1]))
+        mean = np.zeros(7)
+        mean[[X, Y]] = ellipse[:2]
+        mean[[VX, VY]] = 0.0 if velocity is None else velocity
+        mean[LN_A] = math.log(ellipse[2] / half)
+        mean[LN_B] = math.log(ellipse[3] / (half * prior.aspect))
+        mean[ANGLE] = ellipse[4]
+        speed = p.birth_speed_mps * cells_per_m * (1.0 if velocity is None else 0.5)
+        place = 0.1 * ellipse[3]
+        angle = math.radians(p.angle_spread_deg) / 2
+        deviation = np.array([place, place, speed, speed, p.shape_spread / 2, p.shape_spread / 2, angle])
+        self.particles[:, n] = mean + deviation * self._rng.standard_normal((p.particles, 7))
+
+    def remove(self, keep: Sequence[int]) -> None:
+        """Keep only the objects of these columns."""
+        self.particles = np.ascontiguousarray(self.particles[:, list(keep)])
+        self._surprise = np.ascontiguousarray(self._surprise[:, list(keep)])
+
+    def predict(self, dt_s: float, cells_per_m: F64) -> None:
+        """Draw from the transition of equation (6), the proposal of equation (11).
+
+        Args:
+            dt_s: time since the last frame [s].
+            cells_per_m: (N,) cells per metre where each object is.
+        """
+        p = self._params
+        noise = self._rng.standard_normal((p.particles, len(self), 7))
+        s = self.particles
+        push = p.acceleration_mps2 * cells_per_m * dt_s
+        s[..., :2] += s[..., 2:4] * dt_s
+        s[..., :2] += noise[..., :2] * (np.hypot(0.5 * push * dt_s, p.jitter_m * cells_per_m))[:, None]
+        s[..., 2:4] += noise[..., 2:4] * push[:, None]
+        keep = math.exp(-dt_s / p.shape_time_s)
+        fresh = math.sqrt(1.0 - keep * keep)
+        spread = np.array([p.shape_spread, p.shape_spread, math.radians(p.angle_spread_deg)])
+        s[..., 4:] = keep * s[..., 4:] + fresh * spread * noise[..., 4:]
+        self._surprise = 0.5 * np.sum(noise * noise, axis=-1)
+
+    def weigh(self, members: I64, measured: F64, prior: SizePrior, area: float) -> F64:
+        """Logarithm of the likelihood of equation (8) for a group, plus the term for area outside measurements.
+
+        Equation (8) is a Gaussian of |D| - |O n D|, D the union of the measurements, O that of the objects; the added
+        term is a Gaussian of |O| - |O n D| with the same deviation.
+
+        Args:
+            members: (K,) objects of the group.
+            measured: (R, C + 1) row sums of the measured union (``row_prefix``).
+            prior: size expected per row.
+            area: area of one object [cells], the unit of the deviation.
+        Returns:
+            (P,) float64.
+        """
+        out = np.empty((self._params.particles, 2))
+        law = (prior.half_length_0, prior.half_length_slope, prior.aspect)
+        kernels.union_overlap(self.particles, members, measured, *law, out)
+        missed = float(measured[:, -1].sum()) - out[:, 0]
+        sigma = self._params.overlap_deviation * area * math.sqrt(len(members))
+        return np.asarray(-0.5 * (missed**2 + self._params.outside_weight * out[:, 1] ** 2) / sigma**2)
+
+    def estimate(self, members: I64, log_likelihood: F64, radius: F64) -> F64:
+        """MAP estimate of a group: the most probable particle, moved to the mean of its mode.
+
+        The most probable particle has the largest likelihood times transition density. Alone it is as noisy as the
+        sampling; so each object takes the weighted mean of the particles within ``radius`` (K,) [cells] of it
+        (one mean-shift step with a Gaussian kernel).
+
+        Returns:
+            (K, 7) states.
+        """
+        weights = normalised(log_likelihood)
+        best = int(np.argmax(log_likelihood - self._surprise[:, members].sum(axis=1)))
+        states = self.particles[:, members]
+        offset = (states[..., :2] - states[best, :, :2]) / radius[:, None]
+        near = weights[:, None] * np.exp(-0.5 * np.sum(offset * offset, axis=-1))
+        return np.asarray(np.einsum("pk,pks->ks", near, states) / near.sum(axis=0)[:, None])
+
+    def resample(self, members: I64, log_likelihood: F64) -> None:
+        """Draw particles of a group in proportion to their weights; systematic, or multinomial (SIR)."""
+        weights = normalised(log_likelihood)
+        n = self._params.particles
+        if self._params.resampling == "systematic":
+            where = (np.arange(n) + self._rng.random()) / n
+        else:
+            where = np.sort(self._rng.random(n))
+        index = np.minimum(np.searchsorted(np.cumsum(weights), where), n - 1)
+        self.particles[:, members] = self.particles[index][:, members]
+
+    def means(self) -> F64:
+        """(N, 7) mean state of each object."""
+        return np.asarray(self.particles.mean(axis=0))
+
+    def deviations(self) -> F64:
+        """(N, 2) standard deviation of each object's x and y [cells]."""
+        return np.asarray(self.particles[..., :2].std(axis=0))
+
+
+def normalised(log_weights: F64) -> F64:
+    """Weights that sum to one from their logarithms."""
+    weights = np.exp(log_weights - log_weights.max())
+    return np.asarray(weights / weights.sum())
+
+
+def ellipses_of(states: F64, prior: SizePrior) -> F64:
+    """(N, 5) ellipses (x, y, a, b, angle) of (N, 7) states."""
+    half = np.maximum(1.0, prior.half_length_0 + prior.half_length_slope * states[:, Y])
+    return np.column_stack([
+        states[:, X], states[:, Y], half * np.exp(states[:, LN_A]),
+        half * prior.aspect * np.exp(states[:, LN_B]), states[:, ANGLE],
+    ])  # fmt: skip
+
+
+def union_prefix(ellipses: F64, shape: tuple[int, int]) -> F64:
+    """Row sums of the union of (M, 5) measured ellipses."""
+    mask = np.zeros(shape, dtype=np.uint8)
+    ellipse_kernels.paint(mask, ellipses, 1)
+    return np.asarray(ellipse_kernels.row_prefix(mask.astype(np.float32)))

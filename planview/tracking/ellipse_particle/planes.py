@@ -1,0 +1,120 @@
+"""What the tracker sees of a frame: a grid of foreground cells, in the image or on the floor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from calib.types import F32, F64, U8
+from planview.ellipses import SizePrior
+from planview.grid import Grid
+from planview.tracking.base import Observation
+from planview.tracking.ellipse_particle.params import DetectionParams, SizeParams
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneView:
+    """Foreground of one frame on the tracker's grid.
+
+    Attributes:
+        mask: (R, C) float32, foreground share of each cell, 0..1.
+        scale: plane units per cell (px in the image, m on the floor).
+        origin: (x, y) of the centre of cell (0, 0) in plane units.
+    """
+
+    mask: F32
+    scale: float
+    origin: tuple[float, float]
+
+    def to_plane(self, xy: F64) -> F64:
+        """(..., 2) plane coordinates of fractional cells."""
+        return np.asarray(np.asarray(xy) * self.scale + np.asarray(self.origin))
+
+
+class ImagePlane:
+    """Foreground of the image: mixture of Gaussians with shadows removed, specks removed, cells averaged."""
+
+    def __init__(self, params: DetectionParams) -> None:
+        self._params = params
+        self.reset()
+
+    def reset(self) -> None:
+        self._size: tuple[int, ...] = ()
+        self._background: cv2.BackgroundSubtractorMOG2 | None = None
+
+    def __call__(self, observation: Observation) -> PlaneView | None:
+        """The frame's cells; None when the observation has no image or foreground to work on.
+
+        Raises:
+            ValueError: image or foreground is not uint8 of (H, W) or, for images, (H, W, 3).
+        """
+        foreground = self._foreground(observation)
+        if foreground is None:
+            return None
+        height, width = foreground.shape
+        step = max(1, math.ceil(width / self._params.columns))
+        clean = cv2.medianBlur(foreground, 3)
+        rows, cols = max(1, height // step), max(1, width // step)
+        cells = cv2.resize(clean[: rows * step, : cols * step], (cols, rows), interpolation=cv2.INTER_AREA)
+        mask = np.asarray(cells, dtype=np.float32) / np.float32(255)
+        # An image may be larger than its foreground by a whole factor.
+        factor = 1.0 if observation.image is None else observation.image.shape[1] / width
+        scale = step * factor
+        return PlaneView(mask, scale, ((scale - 1) / 2, (scale - 1) / 2))
+
+    def _foreground(self, observation: Observation) -> U8 | None:
+        if self._params.source == "given":
+            given = observation.foreground
+            if given is not None and (given.ndim != 2 or given.dtype != np.uint8):
+                raise ValueError(f"expected a (H, W) uint8 foreground, got {given.shape} {given.dtype}")
+            return given
+        image = observation.image
+        if image is None:
+            return None
+        if image.dtype != np.uint8 or image.ndim not in (2, 3):
+            raise ValueError(f"expected a (H, W[, 3]) uint8 image, got {image.shape} {image.dtype}")
+        if self._background is None or image.shape != self._size:
+            self._size = image.shape
+            self._background = cv2.createBackgroundSubtractorMOG2(
+                history=self._params.history, varThreshold=self._params.variance_gate, detectShadows=True
+            )
+        labels = self._background.apply(image)
+        # The subtractor marks shadows 127: only 255 is an object.
+        return np.asarray(cv2.compare(labels, 255, cv2.CMP_EQ), dtype=np.uint8)
+
+
+class FloorPlane:
+    """Foreground of the floor: occupancy against the density of a person's visible surface over its ellipse."""
+
+    def __init__(self, params: DetectionParams, size: SizeParams) -> None:
+        body = math.pi * size.floor_half_length_m**2 * size.floor_aspect
+        self._full_density = 0.5 * params.person_area_m2 / body
+
+    def reset(self) -> None:
+        """Nothing is remembered."""
+
+    def __call__(self, observation: Observation) -> PlaneView | None:
+        """The frame's cells; None when the observation has no maps."""
+        maps = observation.maps
+        if maps is None:
+            return None
+        cell = maps.grid.cell_m
+        mask = np.clip(maps.occupancy / np.float32(self._full_density * cell * cell), 0, 1).astype(np.float32)
+        return PlaneView(mask, cell, maps.grid.centre_of(0, 0))
+
+
+def floor_prior(size: SizeParams, grid: Grid) -> SizePrior:
+    """The constant metric size in cells of a map."""
+    return SizePrior(size.floor_half_length_m / grid.cell_m, 0.0, size.floor_aspect)
+
+
+def given_prior(size: SizeParams, view: PlaneView) -> SizePrior | None:
+    """The given image size in cells of a view; None when it is to be learned."""
+    if size.half_length_px is None:
+        return None
+    middle = (view.mask.shape[0] - 1) / 2
+    at_zero = size.half_length_px / view.scale - size.slope * middle
+    return SizePrior(at_zero, size.slope, size.aspect)

@@ -1,0 +1,281 @@
+"""The tracker: detection, prediction, overlap likelihood, births and deaths."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from calib.ground_camera import GroundCamera
+from calib.types import F64, Bool
+from planview import _ellipse_kernels as kernels
+from planview.ellipses import SizePrior, fit_ellipses
+from planview.tracking.base import Decision, DecisionKind, Observation, TrackerDebug, TrackState
+from planview.tracking.ellipse_particle.drawing import draw
+from planview.tracking.ellipse_particle.groups import group, overlaps
+from planview.tracking.ellipse_particle.life import Life, birth, gone, observe
+from planview.tracking.ellipse_particle.outputs import floor_state, image_state
+from planview.tracking.ellipse_particle.params import EllipseParticleParams
+from planview.tracking.ellipse_particle.particles import VX, VY, ParticleFilter, ellipses_of, union_prefix
+from planview.tracking.ellipse_particle.planes import FloorPlane, ImagePlane, PlaneView, floor_prior, given_prior
+from planview.tracking.ellipse_particle.size_learning import SizeLearner
+
+NO_ELLIPSES: F64 = np.zeros((0, 5))
+LONGEST_STEP_S = 1.0
+"""A gap in the recording longer than this is predicted over as if it were this long [s]."""
+
+
+class EllipseParticleTracker:
+    """Ellipses fitted to foreground, tracked by a particle filter without explicit association.
+
+    Works in the image plane, where it needs no calibration, or on the plan-view occupancy map.
+
+    Args:
+        params: all parameters; one seed gives one result.
+        camera: image plane only: gives floor positions and heights; None leaves them unknown.
+    """
+
+    def __init__(self, params: EllipseParticleParams | None = None, camera: GroundCamera | None = None) -> None:
+        self._params = params or EllipseParticleParams()
+        self._camera = camera
+        p = self._params
+        self._fit = p.fit
+        self._filter_params = p.filter
+        if p.plane == "floor":
+            # Seen from above a body may point anywhere.
+            self._fit = p.fit.model_copy(update={"angle_spread_deg": 45.0, "angle_limit_deg": 90.0})
+            self._filter_params = p.filter.model_copy(update={"angle_spread_deg": 30.0})
+        self._plane = FloorPlane(p.detection, p.size) if p.plane == "floor" else ImagePlane(p.detection)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget people, background, sizes and the random state; ids start at 1 again."""
+        self._rng = np.random.default_rng(self._params.seed)
+        self._filter = ParticleFilter(self._filter_params, self._rng)
+        self._learner = SizeLearner(self._params.size, self._rng)
+        self._plane.reset()
+        self._lives: list[Life] = []
+        self._states: F64 = np.zeros((0, 7))
+        self._next_id = 1
+        self._time: float | None = None
+        self._view: PlaneView | None = None
+        self._prior: SizePrior | None = None
+        self._measured = NO_ELLIPSES
+        self._decisions: list[Decision] = []
+
+    @property
+    def decisions(self) -> tuple[Decision, ...]:
+        return tuple(self._decisions)
+
+    @property
+    def prior(self) -> SizePrior | None:
+        """Size expected of objects [cells], None while it is being learned."""
+        return self._prior
+
+    def update(self, observation: Observation) -> tuple[TrackState, ...]:
+        """Track one frame.
+
+        Returns:
+            one state per object, tentative ones included; x, y, velocity and height are NaN in the image plane
+            without a camera, the box is NaN on the floor.
+        Raises:
+            ValueError: the observation's arrays are not what they should be.
+        """
+        self._decisions = []
+        dt = self._step(observation.timestamp_s)
+        view = self._plane(observation)
+        self._resize(view)
+        self._view = view
+        self._measured = self._measure(view, observation)
+        if self._prior is None or view is None:
+            return ()
+        self._predict(dt, view, self._prior)
+        self._filter_groups(view, self._prior)
+        self._judge(dt, view, self._prior, observation.frame)
+        return tuple(self._output(view, observation))
+
+    def debug(self) -> TrackerDebug:
+        """Measured ellipses, object ellipses, particles, and the foreground grid as a tile."""
+        if self._view is None or self._prior is None:
+            return TrackerDebug()
+        ids = [life.track_id for life in self._lives]
+        plane = self._params.plane
+        return draw(plane, self._view, self._prior, self._measured, self._states, ids, self._filter.particles)
+
+    def _step(self, time_s: float) -> float:
+        dt = 0.0 if self._time is None else min(max(time_s - self._time, 0.0), LONGEST_STEP_S)
+        self._time = time_s
+        return dt
+
+    def _resize(self, view: PlaneView | None) -> None:
+        """A picture of another size is another scene: its objects cannot be carried over."""
+        if view is None or self._view is None or view.mask.shape == self._view.mask.shape:
+            return
+        for life in self._lives:
+            self._say(life.track_id, "removed", f"the frame size changed to {view.mask.shape} cells")
+        self._keep(np.zeros(len(self._lives), dtype=np.bool_))
+        self._learner = SizeLearner(self._params.size, self._rng)
+        self._prior = None
+
+    def _measure(self, view: PlaneView | None, observation: Observation) -> F64:
+        if view is None or float(view.mask.mean()) > self._params.detection.flooded:
+            return NO_ELLIPSES
+        if observation.maps is not None and self._params.plane == "floor":
+            self._prior = floor_prior(self._params.size, observation.maps.grid)
+        else:
+            given = given_prior(self._params.size, view)
+            self._prior = given or self._learner.update(view.mask, observation.timestamp_s)
+        if self._prior is None:
+            return NO_ELLIPSES
+        return fit_ellipses(view.mask, self._prior, self._fit)
+
+    def _cells_per_m(self, view: PlaneView, prior: SizePrior, rows: F64) -> F64:
+        if self._params.plane == "floor":
+            return np.full(len(rows), 1.0 / view.scale)
+        half = np.maximum(1.0, prior.half_length_0 + prior.half_length_slope * rows)
+        return np.asarray(2.0 * half / self._params.size.object_length_m)
+
+    def _predict(self, dt: float, view: PlaneView, prior: SizePrior) -> None:
+        rows = self._states[:, 1]
+        self._filter.predict(dt, self._cells_per_m(view, prior, rows))
+        self._states = self._filter.means()
+
+    def _filter_groups(self, view: PlaneView, prior: SizePrior) -> None:
+        """Weigh and resample each group of objects with the measurements within its reach.
+
+        An object that was not seen in the last frame keeps to its prediction here and is found again in ``_found``:
+        weighed with others it would slip onto their measurements, where it costs no area outside.
+        """
+        active = np.flatnonzero([life.seen for life in self._lives])
+        if not len(active) or not len(self._measured):
+            return
+        ellipses = ellipses_of(self._states, prior)[active]
+        margin = 1.5 * self._filter.deviations()[active]
+        near = overlaps(ellipses, ellipses, margin)
+        reached = overlaps(ellipses, self._measured, margin)
+        for members, measured in group(near, reached, self._params.filter.joint):
+            if not len(measured):
+                continue
+            chosen = active[members]
+            prefix = union_prefix(self._measured[measured], view.mask.shape)
+            area = float(np.mean(np.pi * ellipses[members, 2] * ellipses[members, 3]))
+            log_likelihood = self._filter.weigh(chosen, prefix, prior, area)
+            self._states[chosen] = self._filter.estimate(chosen, log_likelihood, 0.5 * ellipses[members, 3])
+            self._filter.resample(chosen, log_likelihood)
+
+    def _judge(self, dt: float, view: PlaneView, prior: SizePrior, frame: int) -> None:
+        """Seen or not, births, deaths."""
+        shares = self._shares(view, prior)
+        p = self._params.life
+        for life, (covered, own) in zip(self._lives, shares, strict=True):
+            was = life.state
+            observe(life, bool(covered >= p.seen_overlap), bool(own >= 0.5 * p.seen_overlap), dt, p)
+            if was != life.state:
+                self._tell_state(life, covered)
+        unexplained = self._unexplained(view, prior)
+        unexplained = self._found(unexplained, view, prior)
+        for ellipse in self._measured[unexplained]:
+            self._bear(ellipse, view, prior, frame)
+        self._bury(view)
+
+    def _tell_state(self, life: Life, covered: float) -> None:
+        if life.state == "confirmed" and life.unseen_s == 0.0:
+            self._say(life.track_id, "confirmed", f"probability {life.probability:.2f}", life.probability)
+        elif life.state == "lost":
+            limit = self._params.life.seen_overlap
+            self._say(life.track_id, "lost", f"measurements cover {covered:.2f} < {limit:.2f} of it", covered)
+
+    def _shares(self, view: PlaneView, prior: SizePrior) -> F64:
+        """(N, 2) share of each object's ellipse that is measured, and that is measured and in no older object."""
+        ellipses = ellipses_of(self._states, prior)
+        out = np.zeros((len(ellipses), 4))
+        kernels.claim(union_prefix(self._measured, view.mask.shape), ellipses, np.arange(len(ellipses)), out)
+        area = np.maximum(np.pi * ellipses[:, 2] * ellipses[:, 3], 1.0)
+        return out[:, 1:3] / area[:, None]
+
+    def _unexplained(self, view: PlaneView, prior: SizePrior) -> Bool:
+        """(M,) measurements that the objects' ellipses leave uncovered."""
+        seen = np.array([life.seen for life in self._lives], dtype=np.bool_)
+        objects = union_prefix(ellipses_of(self._states, prior)[seen], view.mask.shape)
+        out = np.zeros((len(self._measured), 4))
+        kernels.claim(objects, self._measured, np.arange(len(self._measured)), out)
+        return np.asarray(out[:, 1] < self._params.life.seen_overlap * np.maximum(out[:, 0], 1.0))
+
+    def _found(self, unexplained: Bool, view: PlaneView, prior: SizePrior) -> Bool:
+        """Give unexplained measurements to objects unseen so far, nearest first; returns what is left."""
+        lost = [n for n, life in enumerate(self._lives) if not life.seen]
+        left = unexplained.copy()
+        deviations = self._filter.deviations()
+        pairs = []
+        for n in lost:
+            for m in np.flatnonzero(unexplained):
+                offset = self._measured[m, :2] - self._states[n, :2]
+                per_m = float(self._cells_per_m(view, prior, self._measured[m : m + 1, 1])[0])
+                away = float(np.hypot(*offset)) / per_m
+                spread = float(np.hypot(*deviations[n])) / per_m
+                if away <= min(self._params.life.reattach_m, 0.4 + 2.5 * spread):
+                    pairs.append((away, n, int(m)))
+        for away, n, m in sorted(pairs):
+            life = self._lives[n]
+            if left[m] and not life.seen:
+                left[m] = False
+                per_m = float(self._cells_per_m(view, prior, self._measured[m : m + 1, 1])[0])
+                self._filter.place(n, self._measured[m], prior, per_m, self._states[n, [VX, VY]])
+                self._states[n] = self._filter.particles[:, n].mean(axis=0)
+                unseen = life.unseen_s
+                life.seen, life.unseen_s, life.shared_s = True, 0.0, 0.0
+                self._say(
+                    life.track_id, "reattached", f"found {away:.2f} m from its prediction after {unseen:.1f} s", away
+                )
+        return left
+
+    def _bear(self, ellipse: F64, view: PlaneView, prior: SizePrior, frame: int) -> None:
+        per_m = float(self._cells_per_m(view, prior, ellipse[1:2])[0])
+        self._filter.add(ellipse, prior, per_m)
+        life = birth(self._next_id, frame, self._params.life)
+        self._next_id += 1
+        self._lives.append(life)
+        self._states = np.concatenate([self._states, self._filter.particles[:, -1].mean(axis=0)[None]])
+        x, y = view.to_plane(ellipse[:2])
+        self._say(life.track_id, "born", f"a measurement at ({x:.1f}, {y:.1f}) overlaps no object", life.probability)
+
+    def _bury(self, view: PlaneView) -> None:
+        """Remove objects that have left; outside the view at once, since nothing can be measured there."""
+        rows, cols = view.mask.shape
+        keep = np.ones(len(self._lives), dtype=np.bool_)
+        for n, life in enumerate(self._lives):
+            x, y = self._states[n, :2]
+            probability = gone(life, self._params.life)
+            limit = self._params.life.leave if life.confirmed else self._params.life.believe
+            if not (-0.5 <= x <= cols - 0.5 and -0.5 <= y <= rows - 0.5) or not math.isfinite(x + y):
+                keep[n] = False
+                self._say(life.track_id, "removed", "its centre has left the view")
+            elif probability > limit:
+                keep[n] = False
+                waited = max(life.unseen_s, life.shared_s)
+                why = f"unseen or shared for {waited:.1f} s, left with probability {probability:.2f}"
+                self._say(life.track_id, "removed", why, probability)
+        self._keep(keep)
+
+    def _keep(self, keep: Bool) -> None:
+        if keep.all():
+            return
+        index = np.flatnonzero(keep)
+        self._filter.remove(index.tolist())
+        self._states = self._states[index]
+        self._lives = [self._lives[i] for i in index]
+
+    def _output(self, view: PlaneView, observation: Observation) -> list[TrackState]:
+        assert self._prior is not None
+        ellipses = ellipses_of(self._states, self._prior)
+        rows = []
+        for life, state, ellipse in zip(self._lives, self._states, ellipses, strict=True):
+            velocity = state[[VX, VY]] * view.scale
+            if self._params.plane == "floor":
+                rows.append(floor_state(life, view, ellipse, velocity, observation.maps))
+            else:
+                rows.append(image_state(life, view, ellipse, velocity, self._camera))
+        return rows
+
+    def _say(self, track_id: int, kind: DecisionKind, reason: str, value: float = math.nan) -> None:
+        self._decisions.append(Decision(track_id, kind, reason, value))
