@@ -1,0 +1,69 @@
+"""Compiled kernels of the plan-view maps; ``tests/reference/maps.py`` defines them in plain numpy."""
+
+import math
+
+from numba import njit
+
+from calib.types import F32, F64, I32, U8
+
+
+@njit(cache=True, nogil=True)
+def back_project(  # type: ignore[no-untyped-def]
+    disparity: F32, mask: U8, disparity_min: float, focal_baseline: float, intrinsics: F64, pose: F64, height_max_m: float,
+    points: F32, area: F32, pixels: I32,
+):  # fmt: skip
+    """Foreground pixels with a disparity to world points (Harville 2002, eq. 1 and 2).
+
+    ``intrinsics`` is (fu, fv, cu, cv), ``pose`` (3, 4) world_SE3_left. Fills ``points`` (N, 3), ``area`` (N) = Z^2/(fu fv)
+    and ``pixels`` (N) = row * width + column, and returns N. Points above ``height_max_m`` or with less than
+    ``disparity_min`` are dropped.
+    """
+    fu, fv, cu, cv = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
+    rows, cols = disparity.shape
+    n = 0
+    for row in range(rows):
+        ray_y = (row - cv) / fv
+        bx = pose[0, 1] * ray_y + pose[0, 2]
+        by = pose[1, 1] * ray_y + pose[1, 2]
+        bz = pose[2, 1] * ray_y + pose[2, 2]
+        for col in range(cols):
+            if mask[row, col] == 0:
+                continue
+            d = disparity[row, col]
+            if not d >= disparity_min:
+                continue
+            z = focal_baseline / d
+            ray_x = (col - cu) / fu
+            height = z * (pose[2, 0] * ray_x + bz) + pose[2, 3]
+            if height > height_max_m:
+                continue
+            points[n, 0] = z * (pose[0, 0] * ray_x + bx) + pose[0, 3]
+            points[n, 1] = z * (pose[1, 0] * ray_x + by) + pose[1, 3]
+            points[n, 2] = height
+            area[n] = z * z / (fu * fv)
+            pixels[n] = row * cols + col
+            n += 1
+    return n
+
+
+@njit(cache=True, nogil=True)
+def accumulate(  # type: ignore[no-untyped-def]
+    points: F32, weight: F32, height_min_m: float, x_min_m: float, y_min_m: float, cell_m: float, height: F32, occupancy: F32
+):
+    """Highest point and summed weight per cell in one pass (Harville 2002, section 3).
+
+    ``height`` and ``occupancy`` (n_rows, n_cols) are zeroed first; points outside the grid or lower than
+    ``height_min_m`` are skipped.
+    """
+    height[:] = 0.0
+    occupancy[:] = 0.0
+    rows, cols = height.shape
+    for i in range(len(points)):
+        if points[i, 2] < height_min_m:
+            continue
+        col = math.floor((float(points[i, 0]) - x_min_m) / cell_m)
+        row = math.floor((float(points[i, 1]) - y_min_m) / cell_m)
+        if col < 0 or row < 0 or col >= cols or row >= rows:
+            continue
+        height[row, col] = max(height[row, col], points[i, 2])
+        occupancy[row, col] += weight[i]

@@ -1,0 +1,165 @@
+"""Compiled kernels of the template tracker; ``tests/reference/template.py`` defines them in plain numpy.
+
+Maps arrive padded by the templates' half side, so that a template centred on any cell stays inside.
+"""
+
+import math
+
+from numba import njit
+
+from calib.types import F32, F64
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+def differences(  # type: ignore[no-untyped-def]
+    template_height: F32, template_occupancy: F32, height: F32, occupancy: F32, row: int, col: int, one_sided: float
+):
+    """Mean height and occupancy differences over the cells where template or map has height (eq. 4).
+
+    ``row``, ``col``: the window's first cell. A cell with height in exactly one of the two counts as ``one_sided``.
+    """
+    n = template_height.shape[0]
+    height_sum = 0.0
+    occupancy_sum = 0.0
+    used = 0
+    for i in range(n):
+        for j in range(n):
+            a = template_height[i, j]
+            b = height[row + i, col + j]
+            either = a > 0.0 or b > 0.0
+            both = a > 0.0 and b > 0.0
+            height_sum += abs(a - b) if both else (one_sided if either else 0.0)
+            occupancy_sum += abs(template_occupancy[i, j] - occupancy[row + i, col + j]) if either else 0.0
+            used += 1 if either else 0
+    if used == 0:
+        return one_sided, 0.0
+    return height_sum / used, occupancy_sum / used
+
+
+@njit(cache=True, nogil=True)
+def search(  # type: ignore[no-untyped-def]
+    template_height: F32, template_occupancy: F32, height: F32, occupancy: F32,
+    row: float, col: float, reach: int, one_sided: float,
+    height_weight: float, occupancy_weight: float, distance_weight: float,
+    separation_weight: float, separation_cells: float, others: F64, result: F64,
+):  # fmt: skip
+    """Minimise the match score (eq. 4) over the cells within ``reach`` of the prediction (row, col).
+
+    ``others`` (K, 2): cells of people already placed this frame. Fills ``result`` with
+    (score, row, col, height term, occupancy term, distance term, separation term).
+    """
+    rows = height.shape[0] - template_height.shape[0] + 1
+    cols = height.shape[1] - template_height.shape[1] + 1
+    centre_row = min(max(int(round(row)), 0), rows - 1)
+    centre_col = min(max(int(round(col)), 0), cols - 1)
+    result[0] = math.inf
+    for r in range(max(0, centre_row - reach), min(rows, centre_row + reach + 1)):
+        for c in range(max(0, centre_col - reach), min(cols, centre_col + reach + 1)):
+            distance = distance_weight * math.sqrt((r - row) ** 2 + (c - col) ** 2)
+            separation = 0.0
+            for k in range(len(others)):
+                squared = (r - others[k, 0]) ** 2 + (c - others[k, 1]) ** 2
+                separation += separation_weight * math.exp(-0.5 * squared / separation_cells**2)
+            if distance + separation >= result[0]:
+                continue
+            sad_height, sad_occupancy = differences(
+                template_height, template_occupancy, height, occupancy, r, c, one_sided
+            )
+            score = height_weight * sad_height + occupancy_weight * sad_occupancy + distance + separation
+            if score < result[0]:
+                result[0], result[1], result[2] = score, r, c
+                result[3], result[4] = height_weight * sad_height, occupancy_weight * sad_occupancy
+                result[5], result[6] = distance, separation
+
+
+@njit(cache=True, nogil=True)
+def clear(  # type: ignore[no-untyped-def]
+    height: F32, occupancy: F32, row: float, col: float, ray_row: float, ray_col: float,
+    across_cells: float, along_cells: float, others: F64,
+):  # fmt: skip
+    """Zero both padded maps within an ellipse whose long axis follows the viewing ray.
+
+    Cells nearer to one of ``others`` (K, 2: padded rows and cols) are left, since they are somebody else's.
+    """
+    reach = int(math.ceil(max(across_cells, along_cells)))
+    rows, cols = height.shape
+    centre_row, centre_col = int(round(row)), int(round(col))
+    for r in range(max(0, centre_row - reach), min(rows, centre_row + reach + 1)):
+        for c in range(max(0, centre_col - reach), min(cols, centre_col + reach + 1)):
+            along = (r - row) * ray_row + (c - col) * ray_col
+            across = -(r - row) * ray_col + (c - col) * ray_row
+            if (along / along_cells) ** 2 + (across / across_cells) ** 2 > 1.0:
+                continue
+            mine = (r - row) ** 2 + (c - col) ** 2
+            free = True
+            for k in range(len(others)):
+                if (r - others[k, 0]) ** 2 + (c - others[k, 1]) ** 2 < mine:
+                    free = False
+            if free:
+                height[r, c] = 0.0
+                occupancy[r, c] = 0.0
+
+
+@njit(cache=True, nogil=True)
+def adapt(  # type: ignore[no-untyped-def]
+    template_height: F32, template_occupancy: F32, height: F32, occupancy: F32, row: int, col: int,
+    people: F64, me: int, gain: float, occupancy_min: float,
+):  # fmt: skip
+    """Blend the map around a person into the templates; returns the share of cells with height and their centroid.
+
+    ``row``, ``col``: the window's first cell in the padded maps. Cells nearer to another of ``people`` (K, 2: padded
+    rows and cols) than to person ``me`` are theirs and count as empty. Height is kept where the adapted occupancy is
+    at least ``occupancy_min``. Centroid offsets are in cells from the template's centre.
+    """
+    n = template_height.shape[0]
+    count = 0
+    sum_row = 0.0
+    sum_col = 0.0
+    for i in range(n):
+        for j in range(n):
+            r, c = row + i, col + j
+            mine = (r - people[me, 0]) ** 2 + (c - people[me, 1]) ** 2
+            seen_height = height[r, c]
+            seen_occupancy = occupancy[r, c]
+            for k in range(len(people)):
+                if k != me and (r - people[k, 0]) ** 2 + (c - people[k, 1]) ** 2 < mine:
+                    seen_height = 0.0
+                    seen_occupancy = 0.0
+            template_occupancy[i, j] += gain * (seen_occupancy - template_occupancy[i, j])
+            if seen_height > 0.0:
+                if template_height[i, j] > 0.0:
+                    template_height[i, j] += gain * (seen_height - template_height[i, j])
+                else:
+                    template_height[i, j] = seen_height
+            if template_occupancy[i, j] < occupancy_min:
+                template_height[i, j] = 0.0
+            if template_height[i, j] > 0.0:
+                count += 1
+                sum_row += i
+                sum_col += j
+    if count == 0:
+        return 0.0, 0.0, 0.0
+    half = (n - 1) / 2
+    return count / (n * n), sum_row / count - half, sum_col / count - half
+
+
+@njit(cache=True, nogil=True)
+def occupancy_peak(  # type: ignore[no-untyped-def]
+    occupancy: F32, row: int, col: int, n: int, people: F64, me: int
+):
+    """Padded cell of the largest occupancy in the n x n window from (row, col), others' cells left out; -1 if empty."""
+    best = 0.0
+    best_row, best_col = -1, -1
+    for r in range(row, row + n):
+        for c in range(col, col + n):
+            if occupancy[r, c] <= best:
+                continue
+            mine = (r - people[me, 0]) ** 2 + (c - people[me, 1]) ** 2
+            free = True
+            for k in range(len(people)):
+                if k != me and (r - people[k, 0]) ** 2 + (c - people[k, 1]) ** 2 < mine:
+                    free = False
+            if free:
+                best = occupancy[r, c]
+                best_row, best_col = r, c
+    return best_row, best_col

@@ -1,0 +1,131 @@
+"""New people in what is left of the maps after everybody known is cleared (Harville 2002, section 4)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from pydantic import Field
+
+from calib.params import Params
+from calib.types import F32
+from planview.maps import PlanViewMaps
+from planview.tracking.body_axis import BodyAxis
+
+_MAX_CANDIDATES = 20
+
+
+class DetectionParams(Params):
+    """What counts as a person nobody knew of; our choices where no source is named."""
+
+    height_min_m: float = Field(1.2, gt=0.0)
+    """Plausible minimum height [m] (Harville 2002, section 4): above chair backs (about 1.1 m) and below the head of
+    a seated adult (about 1.3 m)."""
+    area_min_m2: float = Field(0.06, gt=0.0)
+    """Visible surface within W_avg [m^2] ("high occupancy"): a head and neck seen over a partition."""
+    head_width_max_m: float = Field(0.55, gt=0.0)
+    """Widest extent, across the viewing ray, of what lies within a head's height of the top [m]: shoulders of a broad
+    person are 0.5 m; doors, shelves and boards are wider."""
+    separation_m: float = Field(0.45, gt=0.0)
+    """Smallest distance between somebody new and somebody known [m]: shoulders side by side."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A place where somebody new may stand [m], his height [m] and visible surface [m^2]."""
+
+    x_m: float
+    y_m: float
+    height_m: float
+    area_m2: float
+
+
+class NewPeople:
+    """Finds local occupancy maxima with a person's height and head.
+
+    Args:
+        axis: measures how tall a candidate is.
+        width_m: W_avg [m].
+    """
+
+    def __init__(self, params: DetectionParams, axis: BodyAxis, width_m: float) -> None:
+        self.params = params
+        self._axis = axis
+        self._width_m = width_m
+
+    def __call__(
+        self, maps: PlanViewMaps, height: F32, occupancy: F32, taken: Sequence[tuple[float, float]]
+    ) -> list[Candidate]:
+        """Candidates, largest visible surface first.
+
+        Args:
+            maps: the frame's maps (grid, points, view).
+            height, occupancy: (n_rows, n_cols) float32, cleared under known people.
+            taken: (x, y) of known people [m].
+        """
+        tall = height >= self.params.height_min_m
+        if not tall.any():
+            return []
+        area, cells = self._areas(maps, tall, occupancy)
+        found: list[Candidate] = []
+        for _ in range(_MAX_CANDIDATES):
+            _, peak, _, (col, row) = cv2.minMaxLoc(area)
+            if peak < self.params.area_min_m2:
+                break
+            candidate = self._candidate(maps, occupancy, row, col, cells, float(peak))
+            if candidate and not self._too_close(maps, candidate, [*taken, *((c.x_m, c.y_m) for c in found)]):
+                found.append(candidate)
+            r = cells
+            area[max(0, row - r) : row + r + 1, max(0, col - r) : col + r + 1] = 0.0
+        return found
+
+    def _areas(self, maps: PlanViewMaps, tall: np.ndarray, occupancy: F32) -> tuple[F32, int]:
+        """Visible surface within W_avg around each cell, zero where nothing tall is near; and W_avg in cells."""
+        cells = max(1, round(self._width_m / maps.grid.cell_m))
+        side = 2 * (cells // 2) + 1
+        area = cv2.boxFilter(occupancy, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        near = cv2.dilate(tall.astype(np.uint8), np.ones((side, side), dtype=np.uint8))
+        area[near == 0] = 0.0
+        return np.asarray(area, dtype=np.float32), cells
+
+    def _candidate(
+        self, maps: PlanViewMaps, occupancy: F32, row: int, col: int, cells: int, area: float
+    ) -> Candidate | None:
+        half = cells // 2
+        r0, c0 = max(0, row - half), max(0, col - half)
+        window = occupancy[r0 : row + half + 1, c0 : col + half + 1]
+        total = float(window.sum())
+        if total <= 0.0:
+            return None
+        rows, cols = np.indices(window.shape, sparse=True)
+        x, y = maps.grid.centre_of(r0 + float((window * rows).sum()) / total, c0 + float((window * cols).sum()) / total)
+        top = self._axis(maps.points, np.array([[x, y]]), self._width_m)[0].height_m
+        if not top >= self.params.height_min_m or self._head_width(maps, x, y, top) > self.params.head_width_max_m:
+            return None
+        return Candidate(x, y, top, area)
+
+    def _head_width(self, maps: PlanViewMaps, x: float, y: float, top: float) -> float:
+        """Extent across the viewing ray of the points near the top [m]: root of 12 times their variance."""
+        xyz, area = maps.points.xyz, maps.points.area
+        across, along, ray = maps.view.footprint(x, y, 2 * self._width_m)
+        near = (np.abs(xyz[:, 0] - x) < along) & (np.abs(xyz[:, 1] - y) < along) & (xyz[:, 2] > top - 0.25)
+        sideways = -(xyz[near, 0] - x) * ray[1] + (xyz[near, 1] - y) * ray[0]
+        inside = np.abs(sideways) < across
+        weight = area[near][inside]
+        if weight.sum() <= 0:
+            return 0.0
+        mean = np.average(sideways[inside], weights=weight)
+        return math.sqrt(12 * float(np.average((sideways[inside] - mean) ** 2, weights=weight)))
+
+    def _too_close(self, maps: PlanViewMaps, candidate: Candidate, taken: list[tuple[float, float]]) -> bool:
+        """Within a body's separation of somebody known, stretched along the ray by depth noise."""
+        across, along, ray = maps.view.footprint(candidate.x_m, candidate.y_m, self.params.separation_m)
+        for x, y in taken:
+            dx, dy = x - candidate.x_m, y - candidate.y_m
+            radial, lateral = dx * ray[0] + dy * ray[1], -dx * ray[1] + dy * ray[0]
+            if (radial / along) ** 2 + (lateral / across) ** 2 < 1.0:
+                return True
+        return False
