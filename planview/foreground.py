@@ -126,6 +126,7 @@ class Foreground:
         if math.isnan(self._first_s):
             self._first_s = self._last_s = timestamp_s
             self._rest[:] = 0
+            self._rest[kernels.VAR_Y :: kernels.N_FIELDS] = 1  # no weight, but a rank
             kernels.start_blocks(self._lead, flat, disp, self._mask.size, self._step(0.0, 0.0))
             return np.zeros(self.shape, np.uint8)
         dt = min(max(timestamp_s - self._last_s, 0.0), MAX_STEP_S)
