@@ -13,12 +13,12 @@ def disparity_from_fixed(
     darkest: U8,
     brightest: U8,
     lowest: int,
+    subpixel: F32,
     saturated_level: int,
     texture_min: int,
     out: F32,
 ) -> None:
     """Sixteenths to pixels, NaN where masked, below ``lowest``, beyond the border, saturated or without texture."""
-    scale = np.float32(1.0 / 16.0)
     for row in range(fixed.shape[0]):
         for col in range(fixed.shape[1]):
             value = np.int32(fixed[row, col])
@@ -32,4 +32,4 @@ def disparity_from_fixed(
             ):
                 out[row, col] = np.nan
             else:
-                out[row, col] = np.float32(value) * scale
+                out[row, col] = np.float32(value >> 4) + subpixel[value & 15]

@@ -19,6 +19,15 @@ from stereo.depth import RectifiedGeometry
 STEP = 16
 """SGBM counts disparities in multiples of 16, and returns sixteenths of a pixel."""
 
+SUBPIXEL = np.array(
+    [-0.077, 0.180, 0.294, 0.360, 0.402, 0.435, 0.461, 0.483, 0.497, 0.505, 0.518, 0.540, 0.567, 0.600, 0.642, 0.707],
+    dtype=np.float32,
+)
+"""Expected fraction of a pixel where StereoSGBM says 0/16 ... 15/16. It fits a parabola to the dissimilarity of
+Birchfield and Tomasi (1998), which half a pixel of shift hardly changes, so its fractions crowd at whole pixels: 0.15 for
+0.375, an error up to 0.28 px that is the same for every texture. The table is the mean true fraction for each answer over
+random textures (0.5-3 px, contrast 10-40, noise 2 grey levels, slopes to 0.05); it halves the error, 0.20 to 0.10 px rms."""
+
 
 class Matcher(Protocol):
     """Finds how far each left pixel moved."""
@@ -175,6 +184,7 @@ class SgbmMatcher:
             darkest,
             brightest,
             STEP * self.disparities.first_px,
+            SUBPIXEL,
             self.params.saturated_level,
             self.params.texture_min,
             disparity,
