@@ -46,6 +46,10 @@ class StereoRig:
             self.left.scaled(width, height), self.right.scaled(width, height), self.right_SE3_left, self.source
         )
 
+    def swapped(self) -> StereoRig:
+        """The rig with left and right exchanged."""
+        return StereoRig(self.right, self.left, self.right_SE3_left.inverse(), self.source)
+
     def check(self, source: str) -> StereoRig:
         """Return self, or refuse a geometry that cannot be a stereo rig.
 
@@ -55,15 +59,28 @@ class StereoRig:
         if not MIN_BASELINE_M <= self.baseline_m <= MAX_BASELINE_M:
             raise InputError(
                 f"{source}: expected a baseline of {MIN_BASELINE_M}-{MAX_BASELINE_M:g} m, "
-                f"found {self.baseline_m:g} m (wrong units, or no extrinsics?)"
+                f"found {self.baseline_m:g} m ({_likely_cause(self.baseline_m)})"
             )
         t = self.right_SE3_left.translation
+        if abs(t[2]) > max(abs(t[0]), abs(t[1])):
+            raise InputError(
+                f"{source}: expected cameras side by side, found T = {[round(float(v), 4) for v in t]} m: "
+                "one lies ahead of the other"
+            )
         if t[0] > 0 and abs(t[0]) > abs(t[1]):
             raise InputError(
                 f"{source}: expected the right camera on the right (negative x translation), "
                 f"found T = {t[0]:+.4f} m: left and right are swapped"
             )
         return self
+
+
+def _likely_cause(baseline_m: float) -> str:
+    if baseline_m == 0:
+        return "the file holds no distance between the cameras"
+    if MIN_BASELINE_M <= baseline_m / 1000 <= MAX_BASELINE_M:
+        return f"millimetres? planview calibrate convert --unit mm makes it {baseline_m / 1000:g} m"
+    return "wrong units?"
 
 
 def save_rig(rig: StereoRig, path: Path) -> None:

@@ -1,20 +1,38 @@
-"""Calibrations as other tools write them: one file per format, found by content."""
+"""Calibrations as other tools write them: one file per format, told by content."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
+import numpy as np
+
+from calib.camera import Camera
 from calib.errors import InputError
 from calib.formats.depthai import FORMAT as DEPTHAI
+from calib.formats.euroc import FORMAT as EUROC
 from calib.formats.find import find_rig
+from calib.formats.kalibr import FORMAT as KALIBR
+from calib.formats.kitti import FORMAT as KITTI
+from calib.formats.middlebury import FORMAT as MIDDLEBURY
 from calib.formats.native import FORMAT as NATIVE
 from calib.formats.opencv import FORMAT as OPENCV
-from calib.formats.source import Choice
+from calib.formats.ros import FORMAT as ROS
+from calib.formats.source import Choice, Format
+from calib.formats.tsai import is_tsai
+from calib.formats.zed import FORMAT as ZED
 from calib.rig import StereoRig
 
-FORMATS = (NATIVE, OPENCV, DEPTHAI)
+FORMATS: tuple[Format, ...] = (NATIVE, OPENCV, DEPTHAI, KALIBR, ROS, ZED, KITTI, EUROC, MIDDLEBURY)
 
-__all__ = ["FORMATS", "load_rig"]
+MAX_TURN_DEG = 45.0
+"""Cameras turned further against each other share no view worth matching (our choice)."""
+MIN_FOCAL_WIDTHS, MAX_FOCAL_WIDTHS = 0.1, 30.0
+"""A focal length outside these multiples of the image width is in other units (fisheye of 200 deg: 0.2)."""
+MAX_OFF_IMAGE = 0.25
+"""Share of the image by which a principal point may lie outside of it; crops rarely go further (our choice)."""
+
+__all__ = ["FORMATS", "load_rig", "write_rig"]
 
 
 def load_rig(
@@ -23,6 +41,7 @@ def load_rig(
     *,
     cameras: tuple[str, str] | None = None,
     unit_m: float | None = None,
+    swap: bool = False,
 ) -> StereoRig:
     """Read a stereo calibration in any supported format, told by its content.
 
@@ -33,24 +52,81 @@ def load_rig(
             ``source`` then says.
         cameras: names of the left and right camera (or sockets) where the file holds more than two.
         unit_m: length of the unit of the file's translations [m]; None: what the format prescribes.
+        swap: the file calls the right camera left.
     Returns:
         The rig, checked (``StereoRig.check``).
     Raises:
         InputError: nothing readable there, not a stereo rig, or a rig for another image size.
     """
     choice = Choice(size, cameras, unit_m)
-    found, sources = find_rig(path, FORMATS)
+    found, sources = find_rig(path, FORMATS, is_tsai)
     name = "+".join(str(source.path) for source in sources)
     try:
         rig = found.read(sources, choice)
-    except (ValueError, TypeError, KeyError, IndexError, OverflowError) as error:
-        raise InputError(f"{name}: expected a calibration ({found.name}), {_detail(error)}") from error
-    return _fitted(rig.check(name), name, size)
+        _refuse_strange_camera(rig.left, "left")
+        _refuse_strange_camera(rig.right, "right")
+        _refuse_turned(rig)
+    except (ValueError, TypeError, KeyError, IndexError, OverflowError, np.linalg.LinAlgError) as error:
+        raise InputError(f"{name}: expected a calibration ({found.name}), but {_detail(error)}") from error
+    return _fitted((rig.swapped() if swap else rig).check(name), name, size)
+
+
+def write_rig(rig: StereoRig, path: Path, format_key: str | None = None) -> list[Path]:
+    """Write a rig in a format.
+
+    Args:
+        path: file, or folder for formats of two files.
+        format_key: ``Format.key``; None takes the first format that writes files of this suffix.
+    Returns:
+        The files written.
+    Raises:
+        InputError: no such format, a format that cannot hold this rig exactly, or a place that cannot be written.
+    """
+    chosen = _format_for(path, format_key)
+    try:
+        return chosen.write(rig, path)
+    except ValueError as error:
+        raise InputError(f"{path}: expected a rig that {chosen.name} can hold, but {error}") from error
+    except OSError as error:
+        raise InputError(f"{path}: expected a place to write to, found {error.strerror or error}") from error
+
+
+def _format_for(path: Path, format_key: str | None) -> Format:
+    keys = ", ".join(f.key for f in FORMATS)
+    if format_key is not None:
+        for one in FORMATS:
+            if one.key == format_key:
+                return one
+        raise InputError(f"{path}: expected a format of {keys}, found {format_key!r}")
+    for one in FORMATS:
+        if one.suffix and one.suffix == path.suffix.lower():
+            return one
+    raise InputError(f"{path}: expected --to {keys}, because the name {path.name!r} does not tell the format")
 
 
 def _detail(error: Exception) -> str:
     text = " ".join(str(error).split())
     return text if "expected" in text else f"found {text}"
+
+
+def _refuse_strange_camera(one: Camera, side: str) -> None:
+    """A camera whose numbers belong to another image size or another unit."""
+    if not MIN_FOCAL_WIDTHS <= one.fx / one.width <= MAX_FOCAL_WIDTHS or not 0.5 <= one.fx / one.fy <= 2.0:
+        raise ValueError(
+            f"expected a {side} focal length in pixels of {one.width}x{one.height}, found fx={one.fx:g} fy={one.fy:g}"
+        )
+    off = max(abs(one.cx / one.width - 0.5), abs(one.cy / one.height - 0.5)) - 0.5
+    if off > MAX_OFF_IMAGE:
+        raise ValueError(
+            f"expected a {side} principal point inside the image of {one.width}x{one.height}, "
+            f"found ({one.cx:.1f}, {one.cy:.1f})"
+        )
+
+
+def _refuse_turned(rig: StereoRig) -> None:
+    turn = math.degrees(float(np.linalg.norm(rig.right_SE3_left.rotvec)))
+    if turn > MAX_TURN_DEG:
+        raise ValueError(f"expected cameras that look the same way, found {turn:.0f} degrees between them")
 
 
 def _fitted(rig: StereoRig, name: str, size: tuple[int, int] | None) -> StereoRig:
@@ -66,9 +142,8 @@ def _fitted(rig: StereoRig, name: str, size: tuple[int, int] | None) -> StereoRi
             f"{name}: expected a calibration for images of {_text(size)}, found one for {_text(own)} (another aspect)"
         )
     scaled = rig.scaled(*size)
-    return StereoRig(
-        scaled.left, scaled.right, rig.right_SE3_left, f"{rig.source} (scaled from {_text(own)} to {_text(size)})"
-    )
+    said = f"{rig.source} (scaled from {_text(own)} to {_text(size)})"
+    return StereoRig(scaled.left, scaled.right, rig.right_SE3_left, said)
 
 
 def _text(size: tuple[int, int]) -> str:

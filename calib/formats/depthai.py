@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from calib.camera import Camera
-from calib.formats.fields import camera, entry, number, numbers, table, transform, whole
+from calib.formats.fields import camera, entry, held, number, numbers, table, transform, whole
 from calib.formats.source import Choice, Format, Source
 from calib.pose import SE3
 from calib.rig import StereoRig
@@ -109,4 +110,31 @@ def _link(socket: int, values: Mapping[str, Any], unit_m: float) -> tuple[int, i
     return socket, to, transform(rotation, translation, f"rotationMatrix of socket {socket}")
 
 
-FORMAT = Format("DepthAI EEPROM JSON", _part, _read)
+def _write(rig: StereoRig, path: Path) -> list[Path]:
+    link = rig.right_SE3_left
+    entries = [[1, _entry(rig.left, link, 2)], [2, _entry(rig.right, SE3.identity(), -1)]]
+    stereo = {"leftCameraSocket": 1, "rightCameraSocket": 2}
+    data = {"boardName": "", "cameraData": entries, "stereoRectificationData": stereo, "version": 7}
+    path.write_text(json.dumps(data, indent=1), encoding="utf-8")
+    return [path]
+
+
+def _entry(one: Camera, pose: SE3, to: int) -> dict[str, Any]:
+    model, coefficients = held("DepthAI", one, {"rational": 14, "brown": 14, "fisheye": 4})
+    translation = dict(zip("xyz", (pose.translation / _CENTIMETRE_M).tolist(), strict=True))
+    return {
+        "cameraType": _FISHEYE if model == "fisheye" else _PERSPECTIVE,
+        "distortionCoeff": [*coefficients, *[0.0] * (14 - len(coefficients))],
+        "extrinsics": {
+            "rotationMatrix": pose.rotation.tolist(),
+            "specTranslation": translation,
+            "toCameraSocket": to,
+            "translation": translation,
+        },
+        "height": one.height,
+        "intrinsicMatrix": one.matrix.tolist(),
+        "width": one.width,
+    }
+
+
+FORMAT = Format("depthai", "DepthAI EEPROM JSON", _part, _read, _write, ".json")

@@ -102,6 +102,36 @@ def transform(rotation: F64, translation: F64, name: str = "rotation") -> SE3:
     return SE3(matrix if exact else nearest, translation)
 
 
+def rigid(value: Any, name: str, unit_m: float) -> SE3:
+    """A pose from a 4x4 (or 3x4) matrix, flat or nested."""
+    flat = numbers(value, name, (12, 16))
+    if len(flat) == 16 and np.abs(flat[12:] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
+        raise ValueError(f"expected {name} to end with the row 0 0 0 1, found {flat[12:].tolist()}")
+    m = flat[:12].reshape(3, 4)
+    return transform(m[:, :3].ravel(), m[:, 3] * unit_m, name)
+
+
+def held(name: str, one: Camera, counts: Mapping[str, int]) -> tuple[LensModel, list[float]]:
+    """The lens as a format holds it, if it does so exactly.
+
+    Args:
+        name: the format, for the message.
+        counts: number of coefficients it holds, by lens model.
+    Returns:
+        The model and that many coefficients; a rational lens without its denominator is a Brown lens.
+    Raises:
+        ValueError: the format has no such lens.
+    """
+    values = np.trim_zeros(one.coefficients, "b")
+    model: LensModel = "brown" if one.model == "rational" and len(values) <= 5 else one.model
+    if model == "brown" and len(values) > counts.get("brown", -1) and "rational" in counts:
+        model = "rational"
+    if len(values) > counts.get(model, -1):
+        holds = ", ".join(f"{n} {m} coefficients" for m, n in counts.items())
+        raise ValueError(f"the {name} format holds {holds}, not this {one.model} lens with {len(values)} of them")
+    return model, [*(float(v) for v in values), *[0.0] * (counts[model] - len(values))]
+
+
 def _shown(value: Any) -> str:
     text = repr(value) if isinstance(value, str | int | float | bool | type(None)) else type(value).__name__
     return text if len(text) <= 40 else text[:37] + "..."

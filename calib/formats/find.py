@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from calib.errors import InputError
@@ -15,9 +15,11 @@ _NESTED = ("cam0", "cam1", "left", "right", "mav0/cam0", "mav0/cam1")
 Found = tuple[Format, tuple[Source, ...]]
 
 
-def find_rig(path: Path, formats: Sequence[Format]) -> Found:
+def find_rig(path: Path, formats: Sequence[Format], is_single: Callable[[Source], bool]) -> Found:
     """The calibration at a file or in a folder.
 
+    Args:
+        is_single: tells files that hold one camera, for a better message.
     Raises:
         InputError: none there, half of a pair, or several.
     """
@@ -25,6 +27,8 @@ def find_rig(path: Path, formats: Sequence[Format]) -> Found:
         return _in_folder(path, formats)
     source = read_source(path)
     found = _recognise(source, formats)
+    if found is None and is_single(source):
+        raise InputError(f"{path}: expected a stereo calibration, found a single camera (Tsai)")
     if found is None:
         raise InputError(
             f"{path}: expected a calibration ({', '.join(f.name for f in formats)}), found none of these formats"

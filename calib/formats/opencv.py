@@ -12,16 +12,16 @@ import numpy as np
 from calib.camera import Camera, LensModel
 from calib.formats.fields import camera, entry, numbers, transform, whole
 from calib.formats.source import Choice, Format, Size, Source
+from calib.formats.xml_text import parse_xml
 from calib.formats.yaml_text import parse_yaml
 from calib.rig import StereoRig
+from calib.types import F64
 
-_K1, _K2 = (
-    ("M1", "K1", "cameraMatrix1", "camera_matrix1", "CM1"),
-    ("M2", "K2", "cameraMatrix2", "camera_matrix2", "CM2"),
-)
+_K1 = ("M1", "K1", "cameraMatrix1", "camera_matrix1", "CM1")
+_K2 = ("M2", "K2", "cameraMatrix2", "camera_matrix2", "CM2")
 _D1, _D2 = ("D1", "distCoeffs1", "dist_coeffs1"), ("D2", "distCoeffs2", "dist_coeffs2")
-_MATRIX = re.compile(r"^\s*(M1|K1|cameraMatrix1|camera_matrix1|CM1)\s*:", re.MULTILINE)
-_TRANSLATION = re.compile(r"^\s*T\s*:", re.MULTILINE)
+_MATRIX = re.compile(rf"<({'|'.join(_K1)})[ >]|^\s*({'|'.join(_K1)})\s*:", re.MULTILINE)
+_TRANSLATION = re.compile(r"<T[ >]|^\s*T\s*:", re.MULTILINE)
 _COUNTS = (4, 5, 8, 12, 14)
 
 COMMON_SIZES: tuple[Size, ...] = (
@@ -30,10 +30,12 @@ COMMON_SIZES: tuple[Size, ...] = (
     (2048, 1536), (2208, 1242), (2592, 1944), (3840, 2160),
 )  # fmt: skip
 """Sizes of usual sensors [px], for files that hold none."""
+_MAX_OFF_CENTRE = 0.08
+"""Share of the image that a principal point may lie off centre when the size is taken from it."""
 
 
 def _part(source: Source) -> str | None:
-    if "opencv-matrix" not in source.text and "opencv_storage" not in source.text:
+    if "opencv-matrix" not in source.text:
         return None
     intrinsics = _MATRIX.search(source.text) is not None
     extrinsics = _TRANSLATION.search(source.text) is not None
@@ -45,7 +47,7 @@ def _part(source: Source) -> str | None:
 def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     data: dict[str, Any] = {}
     for source in sources:
-        data.update(parse_yaml(source.text))
+        data.update(_parse(source.text))
     matrices = [numbers(entry(data, *names), names[0], 9) for names in (_K1, _K2)]
     size, said = _size(data, choice, [(float(k[2]), float(k[5])) for k in matrices])
     model = _model(data)
@@ -54,16 +56,26 @@ def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
         for k, names in zip(matrices, (_D1, _D2), strict=True)
     )
     pose = transform(numbers(entry(data, "R"), "R", 9), numbers(entry(data, "T"), "T", 3) * choice.unit(), "R")
-    names = "+".join(source.path.name for source in sources)
-    return StereoRig(left, right, pose, names + said)
+    return StereoRig(left, right, pose, "+".join(source.path.name for source in sources) + said)
+
+
+def _parse(text: str) -> Mapping[str, Any]:
+    if not text.lstrip().startswith("<"):
+        return parse_yaml(text)
+    data: dict[str, Any] = {}
+    for node in parse_xml(text):
+        inner = node.find("data")
+        data[str(node.tag)] = (node.text if inner is None else inner.text) or ""
+    return data
 
 
 def _model(data: Mapping[str, Any]) -> LensModel | None:
-    name = str(data.get("distortion_model", "")).lower()
-    return "fisheye" if name in {"fisheye", "equidistant"} or str(data.get("fisheye", 0)) == "1" else None
+    """Four coefficients are Brown's unless the file says fisheye, which OpenCV itself has no key for."""
+    name = str(data.get("distortion_model", "")).strip().lower()
+    return "fisheye" if name in {"fisheye", "equidistant"} or str(data.get("fisheye", 0)).strip() == "1" else None
 
 
-def _size(data: Mapping[str, Any], choice: Choice, centres: list[tuple[float, float]]) -> tuple[Size, str]:
+def _size(data: Mapping[str, Any], choice: Choice, centres: Sequence[tuple[float, float]]) -> tuple[Size, str]:
     for key in ("imageSize", "image_size", "size", "Size"):
         if key in data:
             width, height = numbers(data[key], key, 2)
@@ -72,53 +84,58 @@ def _size(data: Mapping[str, Any], choice: Choice, centres: list[tuple[float, fl
         return (whole(data["image_width"], "image_width"), whole(data["image_height"], "image_height")), ""
     if choice.size is not None:
         return choice.size, ""
-    size = guess_size(centres)
+    size = _guessed_size(centres)
     return size, f" (image size {size[0]}x{size[1]} taken from the principal points: the file has none)"
 
 
-def guess_size(centres: Sequence[tuple[float, float]]) -> Size:
-    """The usual sensor size whose middle is nearest to the principal points.
-
-    Raises:
-        ValueError: none is near (8 % of the size).
-    """
+def _guessed_size(centres: Sequence[tuple[float, float]]) -> Size:
+    """The usual sensor size whose middle is nearest to the principal points."""
     cx, cy = np.mean(np.asarray(centres, dtype=np.float64), axis=0)
-    away = [max(abs(2 * cx / w - 1), abs(2 * cy / h - 1)) for w, h in COMMON_SIZES]
+    away = [max(abs(cx / w - 0.5), abs(cy / h - 0.5)) for w, h in COMMON_SIZES]
     best = int(np.argmin(away))
-    if not away[best] < 0.16:
+    if away[best] > _MAX_OFF_CENTRE:
         raise ValueError(
-            f"expected an image size, found none (principal point {cx:.0f}, {cy:.0f} fits no usual size): give it"
+            f"expected an image size, found none, and the principal point ({cx:.0f}, {cy:.0f}) fits no usual size"
         )
     return COMMON_SIZES[best]
 
 
-def write_opencv(rig: StereoRig, path: Path) -> None:
-    """Write one FileStorage file with everything (M1 D1 M2 D2 R T and the image size), floats with all digits."""
-    blocks = [f"%YAML:1.0\n---\nimage_width: {rig.left.width}\nimage_height: {rig.left.height}\n"]
-    blocks.append(f"distortion_model: {rig.left.model}\n")
-    blocks += [_intrinsics_text(rig), _extrinsics_text(rig)]
-    path.write_text("".join(blocks), encoding="utf-8")
+def _write(rig: StereoRig, path: Path) -> list[Path]:
+    """One file with everything, or intrinsics.yml and extrinsics.yml when the path is a folder (no suffix)."""
+    if path.suffix:
+        path.write_text(_HEADER + _intrinsics(rig) + _extrinsics(rig), encoding="utf-8")
+        return [path]
+    path.mkdir(parents=True, exist_ok=True)
+    paths = [path / "intrinsics.yml", path / "extrinsics.yml"]
+    paths[0].write_text(_HEADER + _intrinsics(rig), encoding="utf-8")
+    paths[1].write_text(_HEADER + _extrinsics(rig), encoding="utf-8")
+    return paths
 
 
-def _intrinsics_text(rig: StereoRig) -> str:
-    parts = []
-    for index, one in ((1, rig.left), (2, rig.right)):
-        parts += [_block(f"M{index}", one.matrix), _block(f"D{index}", _row(one))]
-    return "".join(parts)
+_HEADER = "%YAML:1.0\n---\n"
 
 
-def _extrinsics_text(rig: StereoRig) -> str:
-    return _block("R", rig.right_SE3_left.rotation) + _block("T", rig.right_SE3_left.translation.reshape(3, 1))
+def _intrinsics(rig: StereoRig) -> str:
+    if (rig.left.model == "fisheye") != (rig.right.model == "fisheye"):
+        raise ValueError("the OpenCV format holds one lens model for both cameras, and only one of these is a fisheye")
+    model = "fisheye" if rig.left.model == "fisheye" else "opencv"
+    head = f"image_width: {rig.left.width}\nimage_height: {rig.left.height}\ndistortion_model: {model}\n"
+    return head + "".join(_camera_blocks(number, one) for number, one in ((1, rig.left), (2, rig.right)))
 
 
-def _row(one: Camera) -> np.ndarray[Any, np.dtype[np.float64]]:
-    return one.coefficients.reshape(1, -1)
+def _camera_blocks(number: int, one: Camera) -> str:
+    return _block(f"M{number}", one.matrix) + _block(f"D{number}", one.coefficients.reshape(1, -1))
 
 
-def _block(name: str, matrix: np.ndarray[Any, np.dtype[np.float64]]) -> str:
+def _extrinsics(rig: StereoRig) -> str:
+    pose = rig.right_SE3_left
+    return _block("R", pose.rotation) + _block("T", pose.translation.reshape(3, 1))
+
+
+def _block(name: str, matrix: F64) -> str:
     values = ", ".join(repr(float(v)) for v in matrix.ravel())
     rows, cols = matrix.shape
     return f"{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {values} ]\n"
 
 
-FORMAT = Format("OpenCV FileStorage", _part, _read)
+FORMAT = Format("opencv", "OpenCV FileStorage", _part, _read, _write, ".yml")

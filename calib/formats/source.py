@@ -48,14 +48,20 @@ class Format:
     """How one tool writes a rig.
 
     Attributes:
+        key: short name for the command line.
         name: as the user knows it.
         part: what a text holds in this format: "whole" (a rig), "left" or "right" (a half), or None (not this format).
         read: a rig from a whole, or from its left and right half; raises ValueError for bad content.
+        write: writes a rig, returns the files; raises ValueError when the format cannot hold it.
+        suffix: of the file it writes; empty: it writes a folder.
     """
 
+    key: str
     name: str
     part: Callable[[Source], str | None]
     read: Callable[[Sequence[Source], Choice], StereoRig]
+    write: Callable[[StereoRig, Path], list[Path]]
+    suffix: str
 
 
 def read_source(path: Path) -> Source:

@@ -9,11 +9,28 @@ BROWN = Camera(640, 480, 500.0, 505.0, 320.0, 240.0, "brown", (-0.3, 0.1, 0.001,
 FISHEYE = Camera(640, 480, 300.0, 300.0, 320.0, 240.0, "fisheye", (0.02, -0.01, 0.003, 0.0))
 
 
-@pytest.mark.parametrize("camera", [BROWN, FISHEYE])
+RATIONAL = Camera(
+    1280, 800, 808.3, 807.5, 634.2, 407.7, "rational", (-9.2, 65.3, -5e-5, 5e-4, -87.7, -9.29, 65.5, -87.8)
+)
+TILTED = Camera(
+    640, 480, 500.0, 505.0, 320.0, 240.0, "rational",
+    (-0.3, 0.1, 0.001, -0.001, 0.0, 0.1, 0.05, 0.01, 0.001, 0.002, -0.001, 0.0005, 0.02, -0.03),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("camera", [BROWN, FISHEYE, RATIONAL, TILTED])
 def test_camera_unproject_inverts_project(camera: Camera) -> None:
-    points = np.array([[0.0, 0.0, 2.0], [0.8, -0.5, 2.0], [-0.9, 0.6, 3.0]])
+    points = np.array([[0.0, 0.0, 2.0], [0.8, -0.5, 2.0], [-0.9, 0.6, 3.0], [1.0, 0.6, 2.0]])
     rays = camera.unproject(camera.project(points))
-    np.testing.assert_allclose(rays, points / points[:, 2:], atol=1e-6)
+    np.testing.assert_allclose(rays, points / points[:, 2:], atol=1e-9)
+
+
+def test_camera_has_no_ray_for_a_pixel_beyond_where_its_lens_turns_back() -> None:
+    # r - 0.3 r^3 has its maximum 0.7027 at r = 1.054: nothing is imaged further out than 351 px.
+    camera = Camera(1000, 480, 500.0, 500.0, 500.0, 240.0, "brown", (-0.3, 0.0, 0.0, 0.0))
+    rays = camera.unproject([[500.0 + 340.0, 240.0], [500.0 + 360.0, 240.0]])
+    assert np.isfinite(rays[0]).all()
+    assert np.isnan(rays[1, :2]).all()
 
 
 def test_camera_projects_points_behind_it_to_nan() -> None:

@@ -1,0 +1,210 @@
+"""One calibrated camera above a floor in Tsai's model, as PETS publishes it in XML."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.errors import InputError
+from calib.formats.fields import entry, number, whole
+from calib.formats.source import Size, Source, read_source
+from calib.formats.xml_text import parse_xml
+from calib.pose import SE3
+from calib.types import F64
+
+_MILLIMETRE_M = 0.001
+_CUBIC_STEPS = 50
+
+
+@dataclass(frozen=True)
+class TsaiCamera:
+    """Tsai's camera (Tsai 1987): radial distortion from image to ideal, Xu = Xd (1 + kappa1 Rd^2), in millimetres.
+
+    Attributes:
+        width, height: image size [px].
+        focal_mm: focal length.
+        kappa1: radial coefficient [1/mm^2].
+        cx, cy: principal point [px].
+        dx_mm, dy_mm: pixel pitch, Tsai's dpx / sx and dpy.
+        camera_SE3_world: pose; the world's Z is up, floor at Z = 0 [m].
+    Raises:
+        ValueError: a size, focal length or pitch that cannot be a camera's.
+    """
+
+    width: int
+    height: int
+    focal_mm: float
+    kappa1: float
+    cx: float
+    cy: float
+    dx_mm: float
+    dy_mm: float
+    camera_SE3_world: SE3
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height", "focal_mm", "dx_mm", "dy_mm"):
+            value = float(getattr(self, name))
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f"expected a positive {name}, found {value:g}")
+        if not 0.05 <= self.focal_px / self.width <= 50:
+            raise ValueError(
+                f"expected a focal length in the units of the pixel pitch, found {self.focal_px:.3g} px "
+                f"for an image of {self.width} px"
+            )
+
+    @property
+    def size(self) -> Size:
+        """(width, height) [px]."""
+        return self.width, self.height
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length along x [px]."""
+        return self.focal_mm / self.dx_mm
+
+    @property
+    def centre_m(self) -> F64:
+        """(3,) camera centre in the world [m]."""
+        return self.camera_SE3_world.inverse().translation
+
+    def scaled(self, width: int, height: int) -> TsaiCamera:
+        """The same camera at another resolution of the same field of view."""
+        sx, sy = width / self.width, height / self.height
+        return replace(
+            self,
+            width=width,
+            height=height,
+            cx=(self.cx + 0.5) * sx - 0.5,
+            cy=(self.cy + 0.5) * sy - 0.5,
+            dx_mm=self.dx_mm / sx,
+            dy_mm=self.dy_mm / sy,
+        )
+
+    def project(self, points_world: ArrayLike) -> F64:
+        """Pixels of world points.
+
+        Args:
+            points_world: (N, 3) [m]; a point behind the camera, or beyond where the lens turns back, gives NaN.
+        Returns:
+            (N, 2) float64 [px].
+        """
+        p = self.camera_SE3_world @ np.asarray(points_world, dtype=np.float64).reshape(-1, 3)
+        depth = np.where(p[:, 2] > 0, p[:, 2], np.nan)
+        ideal = self.focal_mm * p[:, :2] / depth[:, None]
+        radius = np.linalg.norm(ideal, axis=1)
+        scale = np.where(radius > 0, self._distorted(radius) / np.where(radius > 0, radius, 1.0), 1.0)
+        return ideal * scale[:, None] / [self.dx_mm, self.dy_mm] + [self.cx, self.cy]
+
+    def back_project(self, pixels: ArrayLike, height_m: float = 0.0) -> F64:
+        """World (x, y) of pixels known to show a point at a height above the floor.
+
+        Args:
+            pixels: (N, 2) [px].
+            height_m: height of the points [m].
+        Returns:
+            (N, 2) float64 [m]; NaN where the ray does not meet that height in front of the camera.
+        """
+        sensor = (np.asarray(pixels, dtype=np.float64).reshape(-1, 2) - [self.cx, self.cy]) * [self.dx_mm, self.dy_mm]
+        ideal = sensor * (1.0 + self.kappa1 * (sensor**2).sum(axis=1, keepdims=True))
+        rays = np.column_stack([ideal / self.focal_mm, np.ones(len(ideal))]) @ self.camera_SE3_world.rotation
+        centre = self.centre_m
+        falling = np.where(np.abs(rays[:, 2]) > 1e-12, rays[:, 2], np.nan)
+        distance = (height_m - centre[2]) / falling
+        distance = np.where(distance > 0, distance, np.nan)
+        return centre[:2] + distance[:, None] * rays[:, :2]
+
+    def _distorted(self, ideal: F64) -> F64:
+        """The smallest r with r + kappa1 r^3 = ideal, by Newton's method; NaN where there is none."""
+        k, r = self.kappa1, ideal.copy()
+        if k < 0:
+            # The cubic turns back at r = 1/sqrt(-3k); Newton from the left of it stays on the first branch.
+            turn = 1.0 / math.sqrt(-3.0 * k)
+            r = np.where(ideal <= 2.0 / 3.0 * turn, np.minimum(ideal, 0.999 * turn), np.nan)
+        for _ in range(_CUBIC_STEPS):
+            step = (r + k * r**3 - ideal) / (1.0 + 3.0 * k * r**2)
+            r = r - step
+            if not np.nanmax(np.abs(step), initial=0.0) > 1e-14:
+                break
+        return r
+
+
+def is_tsai(source: Source) -> bool:
+    """Does this text hold one camera in Tsai's model?"""
+    return "<Geometry" in source.text and "<Extrinsic" in source.text
+
+
+def load_tsai(path: Path, size: Size | None = None, unit_m: float = _MILLIMETRE_M) -> TsaiCamera:
+    """Read a Tsai camera.
+
+    Args:
+        size: (width, height) of the images [px]; scales the file's camera.
+        unit_m: length of the world's unit [m]; PETS uses millimetres.
+    Raises:
+        InputError: unreadable, another format, or values that cannot be a camera.
+    """
+    source = read_source(path)
+    if not is_tsai(source):
+        raise InputError(f"{path}: expected a Tsai camera (XML with Geometry, Intrinsic, Extrinsic), found none")
+    try:
+        camera = _from_xml(source.text, unit_m)
+        return camera if size is None else _scaled(camera, size)
+    except (ValueError, OverflowError) as error:
+        raise InputError(f"{path}: expected a Tsai camera, but {error}") from error
+
+
+def _scaled(camera: TsaiCamera, size: Size) -> TsaiCamera:
+    if size[0] * camera.height != size[1] * camera.width:
+        raise ValueError(f"expected images of the aspect {camera.width}:{camera.height}, found {size[0]}x{size[1]}")
+    return camera.scaled(*size)
+
+
+def _from_xml(text: str, unit_m: float) -> TsaiCamera:
+    root = parse_xml(text)
+
+    def values(tag: str) -> Mapping[str, str]:
+        node = root.find(tag)
+        if node is None:
+            raise ValueError(f"expected the element {tag}, found none")
+        return node.attrib
+
+    geometry, intrinsic, extrinsic = values("Geometry"), values("Intrinsic"), values("Extrinsic")
+    sx = number(intrinsic.get("sx", 1.0), "sx")
+    if sx <= 0:
+        raise ValueError(f"expected a positive sx, found {sx:g}")
+    focal, kappa1, cx, cy = (number(entry(intrinsic, key), key) for key in ("focal", "kappa1", "cx", "cy"))
+    rx, ry, rz, *translation = (number(entry(extrinsic, key), key) for key in ("rx", "ry", "rz", "tx", "ty", "tz"))
+    return TsaiCamera(
+        whole(entry(geometry, "width"), "width"),
+        whole(entry(geometry, "height"), "height"),
+        focal,
+        kappa1,
+        cx,
+        cy,
+        _pitch(geometry) / sx,
+        number(entry(geometry, "dpy", "dy"), "dpy"),
+        SE3(_rotation(rx, ry, rz), np.array(translation) * unit_m),
+    )
+
+
+def _pitch(geometry: Mapping[str, str]) -> float:
+    """Tsai's dpx: given, or the sensor's dx stretched by ncx sensor elements over nfx pixels."""
+    if "dpx" in geometry:
+        return number(geometry["dpx"], "dpx")
+    dx, ncx, nfx = (number(entry(geometry, key), key) for key in ("dx", "ncx", "nfx"))
+    if nfx <= 0:
+        raise ValueError(f"expected a positive nfx, found {nfx:g}")
+    return dx * ncx / nfx
+
+
+def _rotation(rx: float, ry: float, rz: float) -> F64:
+    """R = Rz Ry Rx (Tsai's order)."""
+    return np.asarray(
+        SE3.from_rotvec([0.0, 0.0, rz]).rotation
+        @ SE3.from_rotvec([0.0, ry, 0.0]).rotation
+        @ SE3.from_rotvec([rx, 0.0, 0.0]).rotation
+    )
