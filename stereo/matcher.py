@@ -25,7 +25,7 @@ SUBPIXEL = np.array(
 )
 """Expected fraction of a pixel where StereoSGBM says 0/16 ... 15/16. It fits a parabola to the dissimilarity of
 Birchfield and Tomasi (1998), which half a pixel of shift hardly changes, so its fractions crowd at whole pixels: 0.15
-for 0.375, an error up to 0.28 px that is the same for every texture. The table is the mean true fraction for each answer
+for 0.375, an error up to 0.28 px, the same for every texture. The table is the mean true fraction for each answer
 over random textures (0.5-3 px, contrast 10-40, noise 2 grey levels, slopes to 0.05); it halves the error, from 0.20 to
 0.10 px rms."""
 
