@@ -1,0 +1,76 @@
+"""``events.csv``: who crossed what, entered or left what, and when."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Literal, cast, get_args
+
+from calib.errors import InputError
+
+EventKind = Literal["crossing", "entry", "exit"]
+Direction = Literal["left_to_right", "right_to_left", ""]
+EVENT_COLUMNS = ("frame", "timestamp_s", "rule", "kind", "id", "direction")
+
+
+@dataclass(frozen=True)
+class Event:
+    """A row of events.csv.
+
+    Attributes:
+        frame: first frame at or after the moment.
+        timestamp_s: the moment, interpolated between frames [s].
+        rule: name of the tripwire or zone.
+        kind: "crossing" of a tripwire, "entry" or "exit" of a zone.
+        track_id: the track that did it.
+        direction: of a crossing, seen along the line from its first to its second point; empty for zones.
+    """
+
+    frame: int
+    timestamp_s: float
+    rule: str
+    kind: EventKind
+    track_id: int
+    direction: Direction = ""
+
+
+def write_event_header(file: IO[str]) -> None:
+    csv.writer(file, lineterminator="\n").writerow(EVENT_COLUMNS)
+
+
+def write_event_rows(file: IO[str], events: Iterable[Event]) -> None:
+    """Append events in the order given."""
+    csv.writer(file, lineterminator="\n").writerows(
+        (e.frame, f"{e.timestamp_s:.4f}", e.rule, e.kind, e.track_id, e.direction) for e in events
+    )
+
+
+def read_events(path: Path) -> list[Event]:
+    """Read events.csv.
+
+    Raises:
+        InputError: unreadable, columns missing, or a value that does not belong.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file)
+            missing = [name for name in EVENT_COLUMNS if name not in (reader.fieldnames or [])]
+            if missing:
+                raise InputError(f"{path}: expected events with the column {missing[0]!r}, found {reader.fieldnames}")
+            return [_event(row, f"{path}: line {line}") for line, row in enumerate(reader, start=2)]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: expected an events file, found {error}") from error
+
+
+def _event(row: dict[str, str], where: str) -> Event:
+    try:
+        frame, moment, track_id = int(row["frame"]), float(row["timestamp_s"]), int(row["id"])
+    except (ValueError, TypeError):
+        raise InputError(
+            f"{where}: expected numbers for frame, timestamp_s and id, found {list(row.values())}"
+        ) from None
+    if row["kind"] not in get_args(EventKind) or row["direction"] not in get_args(Direction):
+        raise InputError(f"{where}: expected a known kind and direction, found {row['kind']!r}, {row['direction']!r}")
+    return Event(frame, moment, row["rule"], cast(EventKind, row["kind"]), track_id, cast(Direction, row["direction"]))

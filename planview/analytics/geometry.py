@@ -1,0 +1,149 @@
+"""Lines and polygons on the floor or in the image, and the camera that relates the two."""
+
+from __future__ import annotations
+
+from typing import Literal, Protocol
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.types import F64
+
+PlaneName = Literal["floor", "image"]
+_SAMPLES = 65
+"""Points along a line that are tested for being in view."""
+
+
+class FloorCamera(Protocol):
+    """A camera whose pixels have places on the floor (``calib.ground_camera.GroundCamera`` is one)."""
+
+    @property
+    def size(self) -> tuple[int, int]: ...
+
+    def project(self, points_world: F64) -> F64: ...
+
+    def back_project(self, pixels: F64) -> F64: ...
+
+
+class Plane:
+    """Where rules are applied: on the floor; in the image for rules in pixels of a camera that is not known.
+
+    Args:
+        camera: relates pixels and metres; None when unknown.
+        image_size: (width, height) [px] where only that is known.
+    """
+
+    def __init__(self, camera: FloorCamera | None = None, image_size: tuple[int, int] | None = None) -> None:
+        self.camera = camera
+        self.image_size = camera.size if camera is not None else image_size
+
+    def place(self, points: F64, *, in_pixels: bool, what: str) -> tuple[PlaneName, F64]:
+        """The plane and the points in it: pixels go to the floor when the camera is known.
+
+        Pixels are taken as showing the floor; the line is straight on the floor between the two places seen there.
+
+        Raises:
+            InputError: outside the view, or above the horizon.
+        """
+        if self.camera is None:
+            if in_pixels:
+                self._refuse_unseen(points, _along(points), what)
+            return ("image" if in_pixels else "floor"), points
+        if not in_pixels:
+            outline = _along(points)
+            pixels = self.camera.project(np.column_stack([outline, np.zeros(len(outline))]))
+            self._refuse_unseen(points, pixels, what, self.camera.back_project(self._raster()))
+            return "floor", points
+        self._refuse_unseen(points, _along(points), what)
+        on_floor = self.camera.back_project(points)
+        if not np.isfinite(on_floor).all():
+            bad = tuple(points[~np.isfinite(on_floor).all(axis=1)][0].tolist())
+            raise InputError(f"{what}: expected pixels that show the floor, found {bad} above the horizon")
+        return "floor", on_floor
+
+    def _refuse_unseen(self, points: F64, outline_px: F64, what: str, raster: F64 | None = None) -> None:
+        """Raise unless part of the outline is in the image, or a zone surrounds some of what the image shows."""
+        if self.image_size is None:
+            return
+        width, height = self.image_size
+        u, v = outline_px.T
+        if ((u >= -0.5) & (u <= width - 0.5) & (v >= -0.5) & (v <= height - 0.5)).any():
+            return
+        seen = self._raster() if raster is None else raster[np.isfinite(raster).all(axis=1)]
+        if len(points) > 2 and any(depth_inside(points, x, y) > 0 for x, y in seen):
+            return
+        raise InputError(f"{what}: expected a place inside the view of {width}x{height} pixels, found it outside")
+
+    def _raster(self) -> F64:
+        """(64, 2) pixels spread over the image."""
+        width, height = self.image_size or (0, 0)
+        u, v = np.meshgrid(np.linspace(0, width - 1, 8), np.linspace(0, height - 1, 8))
+        return np.column_stack([u.ravel(), v.ravel()])
+
+
+def _along(points: F64) -> F64:
+    """Points on the closed outline, corners included."""
+    t = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
+    ends = np.roll(points, -1, axis=0)
+    return np.concatenate([a + t * (b - a) for a, b in zip(points, ends, strict=True)])
+
+
+def crossing_edges(polygon: F64) -> tuple[int, int] | None:
+    """The first two edges of a closed (N, 2) polygon that cross or touch without being neighbours, if any."""
+    n = len(polygon)
+    ends = np.roll(polygon, -1, axis=0)
+    for i in range(n):
+        for j in range(i + 1, n):
+            neighbours = j == i + 1 or (i == 0 and j == n - 1)
+            if neighbours:
+                if _folds_back(polygon, i, j):
+                    return i, j
+            elif segments_meet(polygon[i], ends[i], polygon[j], ends[j]):
+                return i, j
+    return None
+
+
+def _folds_back(polygon: F64, i: int, j: int) -> bool:
+    """Neighbouring edges that run over each other (or an edge of no length)."""
+    n = len(polygon)
+    shared = j if j == i + 1 else i
+    a, b, c = polygon[(shared - 1) % n], polygon[shared], polygon[(shared + 1) % n]
+    return bool(abs(cross(b - a, c - b)) < 1e-12 and float(np.dot(a - b, c - b)) >= 0 and n > 3)
+
+
+def segments_meet(a: F64, b: F64, c: F64, d: F64) -> bool:
+    """Whether segments ab and cd have a point in common."""
+    d1, d2 = cross(b - a, c - a), cross(b - a, d - a)
+    d3, d4 = cross(d - c, a - c), cross(d - c, b - c)
+    if d1 * d2 < 0 and d3 * d4 < 0:
+        return True
+    on = ((d1, a, b, c), (d2, a, b, d), (d3, c, d, a), (d4, c, d, b))
+    return any(side == 0 and _within(p, q, x) for side, p, q, x in on)
+
+
+def _within(p: F64, q: F64, x: F64) -> bool:
+    return bool((np.minimum(p, q) <= x).all() and (x <= np.maximum(p, q)).all())
+
+
+def cross(a: F64, b: F64) -> float:
+    """z of the cross product: positive when b points to the left of a."""
+    return float(a[0] * b[1] - a[1] * b[0])
+
+
+def depth_inside(polygon: F64, x: float, y: float) -> float:
+    """Distance of a point to the outline of an (N, 2) polygon: positive inside, negative outside."""
+    p = np.array([x, y])
+    ends = np.roll(polygon, -1, axis=0)
+    edge = ends - polygon
+    t = np.clip(((p - polygon) * edge).sum(axis=1) / (edge**2).sum(axis=1), 0.0, 1.0)
+    distance = float(np.hypot(*(polygon + t[:, None] * edge - p).T).min())
+    rising = (polygon[:, 1] > y) != (ends[:, 1] > y)
+    at = polygon[:, 0] + (y - polygon[:, 1]) / np.where(rising, edge[:, 1], 1.0) * edge[:, 0]
+    return distance if np.count_nonzero(rising & (x < at)) % 2 else -distance
+
+
+def inner_radius(polygon: F64) -> float:
+    """Roughly the radius of the largest circle inside: the deepest point of a 24 x 24 raster."""
+    low, high = polygon.min(axis=0), polygon.max(axis=0)
+    raster = low + (np.arange(24)[:, None] + 0.5) / 24 * (high - low)
+    return max(0.0, max(depth_inside(polygon, x, y) for x in raster[:, 0] for y in raster[:, 1]))

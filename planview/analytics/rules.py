@@ -1,0 +1,217 @@
+"""``rules.toml``: the tripwires, zones and queues that somebody wants counted."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from calib.errors import InputError
+from calib.types import F64
+from planview.analytics.geometry import Plane, PlaneName, crossing_edges
+
+Point = tuple[float, float]
+_Name = Annotated[str, Field(min_length=1, max_length=100)]
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+_PointIn = tuple[_Number, _Number]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False, use_attribute_docstrings=True)
+
+    name: _Name
+
+
+class Tripwire(_Table):
+    """A line that people cross, from its first to its second point, on the floor [m] or in the image [px]."""
+
+    from_m: _PointIn | None = None
+    to_m: _PointIn | None = None
+    from_px: _PointIn | None = None
+    to_px: _PointIn | None = None
+    hysteresis_m: float | None = Field(None, ge=0, le=5)
+    """Instead of the parameter of the same name."""
+    min_age_s: float | None = Field(None, ge=0, le=60)
+    """Instead of the parameter of the same name."""
+
+
+class Zone(_Table):
+    """An area that people are in; the polygon is closed by itself."""
+
+    polygon_m: list[_PointIn] | None = None
+    polygon_px: list[_PointIn] | None = None
+    hysteresis_m: float | None = Field(None, ge=0, le=5)
+    """Instead of the parameter of the same name."""
+    min_age_s: float | None = Field(None, ge=0, le=60)
+    """Instead of the parameter of the same name."""
+
+
+class Queue(_Table):
+    """People who wait in a zone."""
+
+    zone: _Name
+    """Name of the zone."""
+    min_wait_s: float = Field(5.0, ge=0, le=3600)
+    """Who stays in the zone for less passes through and does not wait [s]. Our choice: a zone of a queue's usual 4 m
+    is crossed in 3 s at walking pace."""
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    tripwire: list[Tripwire] = Field(default_factory=list)
+    zone: list[Zone] = Field(default_factory=list)
+    queue: list[Queue] = Field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A line (2, 2) or polygon (N, 2) in the plane in which it is applied; own parameters are None where not given."""
+
+    name: str
+    plane: PlaneName
+    points: F64
+    hysteresis_m: float | None = None
+    min_age_s: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Rules:
+    """Checked rules."""
+
+    tripwires: tuple[Placed, ...]
+    zones: tuple[Placed, ...]
+    queues: tuple[Queue, ...]
+    source: str
+
+    @property
+    def names(self) -> list[str]:
+        return [rule.name for rule in self.tripwires + self.zones] + [queue.name for queue in self.queues]
+
+    def strict(self, hysteresis_m: float) -> Rules:
+        """The same places with one hysteresis and no age, for truth."""
+        wires = tuple(replace(wire, hysteresis_m=hysteresis_m, min_age_s=0.0) for wire in self.tripwires)
+        zones = tuple(replace(zone, hysteresis_m=hysteresis_m, min_age_s=0.0) for zone in self.zones)
+        return replace(self, tripwires=wires, zones=zones)
+
+
+def load_rules(path: Path, plane: Plane | None = None) -> Rules:
+    """Read ``rules.toml``.
+
+    Args:
+        path: the file.
+        plane: what is known about the camera; pixels stay pixels without one.
+    Raises:
+        InputError: unreadable, empty, a key or value that does not belong, duplicate names, a line of zero length or
+            outside the view, a polygon that crosses itself or has no area, a queue of an unknown zone.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{path}: expected a rules.toml, found {error}") from error
+    return parse_rules(data, plane or Plane(), str(path))
+
+
+def parse_rules(data: dict[str, Any], plane: Plane, source: str) -> Rules:
+    """Rules from the content of a rules.toml (same errors as ``load_rules``)."""
+    if not data:
+        raise InputError(f"{source}: expected at least one [[tripwire]] or [[zone]], found an empty file")
+    try:
+        file = _File.model_validate(data)
+    except ValidationError as error:
+        raise InputError(f"{source}: {_first_problem(error, data)}") from error
+    if not file.tripwire and not file.zone:
+        raise InputError(f"{source}: expected at least one [[tripwire]] or [[zone]], found none")
+    _refuse_duplicates([rule.name for rule in (*file.tripwire, *file.zone, *file.queue)], source)
+    _refuse_unknown_zones(file, source)
+    return Rules(
+        tuple(_placed(rule, *_wire_points(rule, plane, source)) for rule in file.tripwire),
+        tuple(_placed(rule, *_zone_points(rule, plane, source)) for rule in file.zone),
+        tuple(file.queue),
+        source,
+    )
+
+
+def _placed(rule: Tripwire | Zone, plane: PlaneName, points: F64) -> Placed:
+    return Placed(rule.name, plane, points, rule.hysteresis_m, rule.min_age_s)
+
+
+def _first_problem(error: ValidationError, data: dict[str, Any]) -> str:
+    first = error.errors()[0]
+    where = [str(part) for part in first["loc"]]
+    if first["type"] == "extra_forbidden" and len(where) == 1:
+        return f"expected tables named tripwire, zone or queue, found {where[0]!r}"
+    rule = _name_of(data, first["loc"])
+    if first["type"] == "extra_forbidden":
+        return f"expected only known keys in {rule}, found {where[-1]!r}"
+    if first["type"] == "missing":
+        return f"expected {where[-1]!r} in {rule}, found none"
+    return f"expected a valid {'.'.join(where[2:]) or where[0]} in {rule}, found {first['input']!r} ({first['msg']})"
+
+
+def _name_of(data: dict[str, Any], loc: tuple[int | str, ...]) -> str:
+    table = loc[0]
+    try:
+        return f"{table} {data[str(table)][int(loc[1])]['name']!r}"
+    except (LookupError, TypeError, ValueError):
+        return f"{table} number {int(loc[1]) + 1}" if len(loc) > 1 and isinstance(loc[1], int) else str(table)
+
+
+def _refuse_duplicates(names: list[str], source: str) -> None:
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise InputError(f"{source}: expected every rule to have a name of its own, found {name!r} twice")
+
+
+def _refuse_unknown_zones(file: _File, source: str) -> None:
+    known = [zone.name for zone in file.zone]
+    for queue in file.queue:
+        if queue.zone not in known:
+            raise InputError(
+                f"{source}: expected queue {queue.name!r} to name one of the zones "
+                f"({', '.join(known) or 'there are none'}), found {queue.zone!r}"
+            )
+
+
+def _wire_points(rule: Tripwire, plane: Plane, source: str) -> tuple[PlaneName, F64]:
+    metres, pixels = (rule.from_m, rule.to_m), (rule.from_px, rule.to_px)
+    given = [pair for pair in (metres, pixels) if pair != (None, None)]
+    if len(given) != 1 or None in given[0]:
+        raise InputError(
+            f"{source}: expected from_m and to_m, or from_px and to_px, in tripwire {rule.name!r}, "
+            f"found {', '.join(sorted(rule.model_fields_set - {'name'})) or 'neither'}"
+        )
+    points = np.array(given[0], dtype=np.float64)
+    if np.hypot(*(points[1] - points[0])) < (1e-6 if given[0] is metres else 1e-3):
+        raise InputError(
+            f"{source}: expected two different points in tripwire {rule.name!r}, found a line of zero length "
+            f"at {given[0][0]}"
+        )
+    return plane.place(points, in_pixels=given[0] is pixels, what=f"{source}: tripwire {rule.name!r}")
+
+
+def _zone_points(rule: Zone, plane: Plane, source: str) -> tuple[PlaneName, F64]:
+    if (rule.polygon_m is None) == (rule.polygon_px is None):
+        found = "neither" if rule.polygon_m is None else "both"
+        raise InputError(f"{source}: expected polygon_m or polygon_px in zone {rule.name!r}, found {found}")
+    polygon = rule.polygon_m if rule.polygon_m is not None else rule.polygon_px
+    points = np.array(polygon, dtype=np.float64).reshape(-1, 2)
+    if len(points) > 3 and (points[0] == points[-1]).all():
+        points = points[:-1]
+    if len(points) < 3:
+        raise InputError(f"{source}: expected at least 3 points in zone {rule.name!r}, found {len(points)}")
+    crossing = crossing_edges(points)
+    if crossing is not None:
+        raise InputError(
+            f"{source}: expected a polygon that does not cross itself in zone {rule.name!r}, "
+            f"found edges {crossing[0] + 1} and {crossing[1] + 1} crossing"
+        )
+    x, y = points.T
+    area = 0.5 * abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
+    if area < 1e-6:
+        raise InputError(f"{source}: expected a polygon with an area in zone {rule.name!r}, found points on a line")
+    return plane.place(points, in_pixels=rule.polygon_px is not None, what=f"{source}: zone {rule.name!r}")

@@ -1,0 +1,122 @@
+"""Counting frame by frame: the same for a file of tracks and for a live run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from planview.analytics.events import Event
+from planview.analytics.params import AnalyticsParams
+from planview.analytics.people import People, Person, Sighting
+from planview.analytics.rules import Placed, Rules
+from planview.analytics.tripwire import Wire, WireState
+from planview.analytics.zone import Area, AreaState, Stay
+from planview.tracking.base import TrackState
+
+
+@dataclass(eq=False)
+class _Memory:
+    """What is remembered of one person; ``events`` and ``stays`` wait until the person is old enough for their rule."""
+
+    wires: list[WireState]
+    areas: list[AreaState]
+    events: list[Event] = field(default_factory=list)
+    stays: list[tuple[str, Stay]] = field(default_factory=list)
+
+
+class Analytics:
+    """Tripwires and zones over tracks.
+
+    Call ``update`` once per frame, in order; afterwards ``stays`` and the events returned tell everything
+    (``planview.analytics.totals``).
+
+    Args:
+        rules: what to count.
+        params: when a person counts.
+    """
+
+    def __init__(self, rules: Rules, params: AnalyticsParams | None = None) -> None:
+        self.rules = rules
+        self.params = params or AnalyticsParams()
+        self._wires = [
+            Wire(rule.name, rule.points, rule.plane, self._hysteresis(rule), self._age(rule))
+            for rule in rules.tripwires
+        ]
+        self._areas = [
+            Area(rule.name, rule.points, rule.plane, self._hysteresis(rule), self._age(rule)) for rule in rules.zones
+        ]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everybody and all stays."""
+        self._people = People(self.params)
+        self._memory: dict[int, _Memory] = {}
+        self._inside: dict[str, int] = {area.name: 0 for area in self._areas}
+        self.stays: dict[str, list[Stay]] = {area.name: [] for area in self._areas}
+
+    @property
+    def occupancy(self) -> dict[str, int]:
+        """People in each zone now, those only predicted included."""
+        return dict(self._inside)
+
+    def update(self, frame: int, timestamp_s: float, tracks: Iterable[TrackState]) -> tuple[Event, ...]:
+        """Take one frame's tracks and return the events that have become certain, by time.
+
+        An event is dated to its moment, which lies before this frame by the time that the hysteresis and the age took.
+        """
+        present, gone = self._people.update(frame, timestamp_s, tracks)
+        events: list[Event] = []
+        self._inside = dict.fromkeys(self._inside, 0)
+        for person, sighting in present:
+            memory = self._memory.get(id(person)) or self._remember(person)
+            if sighting is not None:
+                person.see(sighting)
+                self._look(person, sighting, memory)
+            events += self._release(person, memory, timestamp_s)
+            for area, state in zip(self._areas, memory.areas, strict=True):
+                self._inside[area.name] += state.stay is not None and state.stay.counted
+        for person in gone:
+            self._memory.pop(id(person), None)
+        return tuple(sorted(events, key=lambda e: e.timestamp_s))
+
+    def _look(self, person: Person, sighting: Sighting, memory: _Memory) -> None:
+        for wire, at_wire in zip(self._wires, memory.wires, strict=True):
+            crossing = at_wire.update(sighting)
+            if crossing is not None:
+                moment = crossing.frame, crossing.timestamp_s
+                memory.events.append(Event(*moment, wire.name, "crossing", person.track_id, crossing.direction))
+        for area, at_area in zip(self._areas, memory.areas, strict=True):
+            before = at_area.stay
+            passage = at_area.update(sighting)
+            if passage is not None:
+                moment = passage.frame, passage.timestamp_s
+                memory.events.append(Event(*moment, area.name, passage.kind, person.track_id))
+            if at_area.stay is not None and before is None:
+                memory.stays.append((area.name, at_area.stay))
+
+    def _release(self, person: Person, memory: _Memory, timestamp_s: float) -> list[Event]:
+        """Events of a person old enough for their rules; stays become counted at the same time."""
+        if not person.confirmed:
+            return []
+        age = timestamp_s - person.born_s
+        ready = {wire.name for wire in self._wires if age >= wire.min_age_s}
+        ready |= {area.name for area in self._areas if age >= area.min_age_s}
+        for name, stay in memory.stays:
+            if name in ready:
+                stay.counted = True
+                self.stays[name].append(stay)
+        memory.stays = [(name, stay) for name, stay in memory.stays if name not in ready]
+        released = [event for event in memory.events if event.rule in ready]
+        memory.events = [event for event in memory.events if event.rule not in ready]
+        return released
+
+    def _remember(self, person: Person) -> _Memory:
+        memory = _Memory([WireState(wire) for wire in self._wires], [AreaState(area) for area in self._areas])
+        self._memory[id(person)] = memory
+        return memory
+
+    def _hysteresis(self, rule: Placed) -> float:
+        return self.params.hysteresis_m if rule.hysteresis_m is None else rule.hysteresis_m
+
+    def _age(self, rule: Placed) -> float:
+        return self.params.min_age_s if rule.min_age_s is None else rule.min_age_s

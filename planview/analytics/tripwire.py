@@ -1,0 +1,100 @@
+"""Crossings of a line, with a side that must be left and another that must be reached."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.types import F64
+from planview.analytics.events import Direction
+from planview.analytics.geometry import PlaneName
+from planview.analytics.people import Sighting
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """When (interpolated) and which way."""
+
+    frame: int
+    timestamp_s: float
+    direction: Direction
+
+
+@dataclass(frozen=True)
+class _At:
+    """A sighting relative to the line: side_m left of it [m], ``along`` 0 at its first and 1 at its second point."""
+
+    frame: int
+    timestamp_s: float
+    side_m: float
+    along: float
+
+
+class Wire:
+    """A tripwire in its plane.
+
+    Args:
+        points: (2, 2) first and second point.
+        plane: "floor", or "image" whose y axis points down, so that left and right change places.
+        hysteresis_m: distance that decides a side [m].
+    """
+
+    def __init__(self, name: str, points: F64, plane: PlaneName, hysteresis_m: float, min_age_s: float) -> None:
+        self.name, self.plane, self.hysteresis_m, self.min_age_s = name, plane, hysteresis_m, min_age_s
+        self._start = points[0]
+        self._length = float(np.hypot(*(points[1] - points[0])))
+        self._ahead = (points[1] - points[0]) / self._length
+        self._left_sign = 1.0 if plane == "floor" else -1.0
+
+    def locate(self, sighting: Sighting) -> _At | None:
+        """Where a person is; None when not known in this plane."""
+        x, y, unit = sighting.at(self.plane)
+        if not math.isfinite(x + y + unit):
+            return None
+        dx, dy = x - self._start[0], y - self._start[1]
+        ahead = self._ahead[0] * dx + self._ahead[1] * dy
+        left = self._left_sign * (self._ahead[0] * dy - self._ahead[1] * dx)
+        return _At(sighting.frame, sighting.timestamp_s, left / unit, ahead / self._length)
+
+
+class WireState:
+    """One person at one wire: the side last decided, and the way taken since."""
+
+    def __init__(self, wire: Wire) -> None:
+        self._wire = wire
+        self._side = 0  # 1 left, -1 right, 0 not decided: never seen far enough from the line
+        self._last: _At | None = None
+        self._net = 0  # passages through the wire since the side was decided, 1 to the left, -1 to the right
+        self._passed: tuple[int, float] = (0, 0.0)
+
+    def update(self, sighting: Sighting) -> Crossing | None:
+        """A crossing once the person is far enough on the other side, dated to when the line was passed.
+
+        Who goes round the end of the line passes its extension, which counts nothing; whoever turns back within the
+        hysteresis has not crossed.
+        """
+        now = self._wire.locate(sighting)
+        if now is None:
+            return None
+        if self._last is not None:
+            self._pass(self._last, now)
+        self._last = now
+        if abs(now.side_m) < self._wire.hysteresis_m:
+            return None
+        side = 1 if now.side_m >= 0 else -1
+        before, net = self._side, self._net
+        self._side, self._net = side, 0
+        if before in (0, side) or net * side <= 0:
+            return None
+        return Crossing(*self._passed, "right_to_left" if side > 0 else "left_to_right")
+
+    def _pass(self, a: _At, b: _At) -> None:
+        if (a.side_m >= 0) == (b.side_m >= 0):
+            return
+        part = a.side_m / (a.side_m - b.side_m)
+        if 0.0 <= a.along + part * (b.along - a.along) <= 1.0:
+            self._net += 1 if b.side_m >= 0 else -1
+            moment = a.timestamp_s + part * (b.timestamp_s - a.timestamp_s)
+            self._passed = math.ceil(a.frame + part * (b.frame - a.frame)), moment
