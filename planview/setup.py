@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from calib.errors import WorkError
 from calib.floor import find_floor
 from calib.rig import Floor
@@ -14,7 +12,8 @@ from planview.config import Config
 from stereo.depth import DepthFromDisparity, back_project
 from stereo.matcher import DisparityRange, SgbmMatcher, disparity_range
 from stereo.recording import Recording, StereoFrame
-from stereo.rectify import Rectifier
+from stereo.rectify import Rectifier, aligned_rectifier
+from stereo.vertical import VerticalFit
 
 FLOOR_STEP_PX = 3
 """The floor is fitted to every n-th row and column of the setup frames."""
@@ -29,12 +28,14 @@ class Setup:
         floor: found in the recording or read from ``world.toml``.
         disparities: range that people on that floor can have.
         floor_source: "found" or the file that gave it.
+        vertical: the row offset that was measured, before and after.
     """
 
     rectifier: Rectifier
     floor: Floor
     disparities: DisparityRange
     floor_source: str
+    vertical: VerticalFit
 
 
 def set_up(recording: Recording, config: Config) -> Setup:
@@ -43,26 +44,15 @@ def set_up(recording: Recording, config: Config) -> Setup:
     Raises:
         WorkError: no usable frame, or no floor visible.
     """
-    frames = sample_frames(recording, config.analysis.setup_frames)
-    rectifier = Rectifier(recording.rig, config.rectify)
+    frames = recording.sample(config.analysis.setup_frames)
+    if not frames:
+        raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used")
+    rectifier, vertical = aligned_rectifier(recording.rig, frames, config.rectify)
     if recording.world_SE3_left is not None:
         floor, source = Floor(recording.world_SE3_left), "world.toml"
     else:
         floor, source = floor_of(rectifier, frames, config), "found"
-    return Setup(rectifier, floor, disparity_range(rectifier.geometry, config.range, floor), source)
-
-
-def sample_frames(recording: Recording, count: int) -> list[StereoFrame]:
-    """About ``count`` usable frames, evenly spread over the recording.
-
-    Raises:
-        WorkError: not one frame can be used.
-    """
-    wanted = set(np.linspace(0, max(recording.n_frames - 1, 0), count).round().astype(int).tolist())
-    frames = [frame for frame in recording if frame.index in wanted]
-    if not frames:
-        raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used")
-    return frames
+    return Setup(rectifier, floor, disparity_range(rectifier.geometry, config.range, floor), source, vertical)
 
 
 def floor_of(rectifier: Rectifier, frames: list[StereoFrame], config: Config) -> Floor:

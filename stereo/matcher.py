@@ -49,8 +49,9 @@ class RangeParams(Params):
     nearest_m: float = Field(default=0.7, gt=0.05, le=10.0)
     """Nearest depth to measure [m] while the floor is not known; an overhead camera at 2.7 m has a tall person's raised
     hand about that near (our choice)."""
-    reach_m: float = Field(default=2.3, gt=0.5, le=5.0)
-    """Highest point to measure above a known floor [m]: a raised hand (our choice)."""
+    reach_m: float = Field(default=2.0, gt=0.5, le=5.0)
+    """Highest point to measure above a known floor [m]: the head of a very tall person; a hand raised right below the
+    camera is not worth twice the search (our choice)."""
     below_floor_m: float = Field(default=0.5, ge=0.0, le=5.0)
     """Lowest point to measure, this far below a known floor [m]: a step or a floor fitted badly (our choice)."""
     max_disparities: int = Field(default=160, ge=16, le=512)
