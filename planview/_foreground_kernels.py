@@ -450,3 +450,23 @@ def start_blocks(lead: F32, image: U8, disparity: F32, n_pixels: int, s: Step) -
                 lead[block, f * BLOCK + i] = g[f]
             lead[block, ACTIVITY * BLOCK + i] = ZERO
             lead[block, LAST_Y * BLOCK + i] = g[Y]
+
+
+@njit(cache=True, nogil=True)
+def rebase(lead: F32, rest: F32, gain: float, offset: float) -> None:
+    """Bring all means, variances and lumas into the exposure of the image: luma = gain * luma + offset."""
+    factor, shift = F(gain), F(offset)
+    for block in range(lead.shape[0]):
+        for i in range(BLOCK):
+            for f in (Y, LAST_Y):
+                lead[block, f * BLOCK + i] = factor * lead[block, f * BLOCK + i] + shift
+            for f in (U, V, ACTIVITY):
+                lead[block, f * BLOCK + i] *= factor
+            for f in (VAR_Y, VAR_U, VAR_V):
+                lead[block, f * BLOCK + i] *= factor * factor
+    for b in range(0, rest.size, N_FIELDS):
+        rest[b + Y] = factor * rest[b + Y] + shift
+        for f in (U, V):
+            rest[b + f] *= factor
+        for f in (VAR_Y, VAR_U, VAR_V):
+            rest[b + f] *= factor * factor

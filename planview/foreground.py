@@ -12,12 +12,16 @@ from pydantic import Field
 from calib.params import Params
 from calib.types import F32, U8
 from planview import _foreground_kernels as kernels
+from planview.gain import GainFollower
 
 NO_OPINION, PERSON, BACKGROUND = 0, 1, 2
 """Values of a feedback mask: what a tracker knows about each pixel."""
 
 FOREGROUND = 255
 """Value of foreground pixels in a mask; background is 0."""
+
+REBASE_GAIN = 2.0
+"""The model moves to the exposure of the image when that differs by this factor: noise stays comparable."""
 
 MAX_STEP_S = 1.0
 """A gap in time counts as at most this much learning [s]: what happened in it was not seen."""
@@ -98,6 +102,7 @@ class Foreground:
         self._lead = np.zeros((n_blocks, kernels.N_LEAD * kernels.BLOCK), np.float32)
         self._rest = np.zeros(n * (params.gaussians - 1) * kernels.N_FIELDS, np.float32)
         self._mask = np.zeros(n, np.uint8)
+        self._gain = GainFollower(shape, params.clip_level, 3 * params.luma_noise)
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="foreground")
         self.reset()
 
@@ -105,7 +110,7 @@ class Foreground:
         """Forget everything; the next image starts a new background."""
         self._first_s = math.nan
         self._last_s = math.nan
-        self._gain, self._offset = 1.0, 0.0
+        self._gain.reset()
 
     def update(self, image: U8, disparity: F32 | None, timestamp_s: float, feedback: U8 | None = None) -> U8:
         """Learn from one frame and say what is foreground.
@@ -131,6 +136,8 @@ class Foreground:
             return np.zeros(self.shape, np.uint8)
         dt = min(max(timestamp_s - self._last_s, 0.0), MAX_STEP_S)
         self._last_s = max(timestamp_s, self._last_s)
+        if self.params.compensate_gain:
+            self._follow_gain(flat)
         self._run(flat, disp, opinion, self._step(dt, self._last_s - self._first_s))
         mask = self._mask.reshape(self.shape)
         return np.asarray(cv2.medianBlur(mask, 3)) if self.params.clean else mask.copy()
@@ -139,6 +146,12 @@ class Foreground:
         if image.dtype != np.uint8 or image.shape[:2] != self.shape or image.shape[2:] not in ((), (1,), (3,)):
             raise ValueError(f"expected a {self.shape} uint8 image, grey or BGR, got {image.shape} {image.dtype}")
         return np.ascontiguousarray(image).reshape(-1)
+
+    def _follow_gain(self, image: U8) -> None:
+        self._gain.update(self._lead, image)
+        if not 1 / REBASE_GAIN < self._gain.gain < REBASE_GAIN:
+            kernels.rebase(self._lead, self._rest, self._gain.gain, self._gain.offset)
+            self._gain.reset()
 
     def _run(self, image: U8, disparity: F32, opinion: U8, step: kernels.Step) -> None:
         n_blocks = len(self._lead)
@@ -150,7 +163,7 @@ class Foreground:
 
     def _step(self, dt: float, age_s: float) -> kernels.Step:
         p = self.params
-        gain, offset = self._gain, self._offset
+        gain, offset = self._gain.gain, self._gain.offset
         start = dt / (age_s + dt) if 0 < age_s <= p.settle_s else 0.0
         values = kernels.Step(
             beta=p.beta,
@@ -171,7 +184,7 @@ class Foreground:
             rate_m=max(_rate(dt * p.adaptation_rate), start),
             rate_fast=max(_rate(dt / p.settle_s), start),
             rate_activity=_rate(dt / p.activity_s),
-            active=p.activity_level,
+            active=p.activity_level / gain,
             slow_active=1.0 / p.activity_slowdown,
             slow_person=p.person_learning,
             background_weight=p.background_weight,

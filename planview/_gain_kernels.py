@@ -1,0 +1,93 @@
+"""Kernels of the gain estimate, without checks; tests/reference/gain.py defines them."""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from calib.types import F32, U8
+from planview._foreground_kernels import BLOCK, VAR_Y, Y
+
+LADDER_STEP = 0.05
+"""Distance of the gains tried, in log gain: 5 % of mid grey is within the tolerance of an unchanged pixel."""
+LADDER_STEPS = 40
+"""Gains tried on either side of 1: a factor 7, as between lamps off and on."""
+ROUNDS = 6
+"""Rounds of refinement; the tolerance settles in three or four."""
+NARROWEST = 3.0
+"""Narrowest tolerance [levels of 255]: rounding and compression."""
+OFFSET_PRIOR = 0.02
+"""Weight of "the offset is 0" beside the pixels: cameras move their black level little, and a person who resembles a
+part of the background must not tilt the line."""
+FEWEST = 16
+"""Fewest pixels a fit may rest on."""
+
+
+@njit(cache=True, nogil=True)
+def sample_lumas(lead: F32, image: U8, colour: bool, n_pixels: int, stride: int, model: F32, seen: F32) -> int:
+    """Background luma and image luma of every stride-th pixel; means that are bounds are left out. Returns how many."""
+    n = 0
+    for p in range(0, n_pixels, stride):
+        block, i = p // BLOCK, p % BLOCK
+        if lead[block, VAR_Y * BLOCK + i] <= 0:
+            continue
+        model[n] = lead[block, Y * BLOCK + i]
+        if not colour:
+            seen[n] = image[p]
+        else:
+            seen[n] = 0.114 * image[3 * p] + 0.587 * image[3 * p + 1] + 0.299 * image[3 * p + 2]
+        n += 1
+    return n
+
+
+@njit(cache=True, nogil=True)
+def count_inliers(model: F32, seen: F32, gain: float, offset: float, clip: float, tolerance: float) -> int:
+    """Pixels whose luma is explained; what must clip and does is explained."""
+    n = 0
+    for i in range(model.size):
+        expected = min(gain * model[i] + offset, clip)
+        n += abs(min(seen[i], clip) - expected) <= tolerance
+    return n
+
+
+@njit(cache=True, nogil=True)
+def likeliest_gain(model: F32, seen: F32, clip: float, tolerance: float) -> float:
+    """The smallest gain of a ladder that explains most pixels, without offset."""
+    best, best_count = 1.0, 0
+    for k in range(-LADDER_STEPS, LADDER_STEPS + 1):
+        gain = math.exp(k * LADDER_STEP)
+        count = count_inliers(model, seen, gain, 0.0, clip, tolerance)
+        if count > best_count:
+            best, best_count = gain, count
+    return best
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def refine_gain(
+    model: F32, seen: F32, gain: float, offset: float, clip: float, tolerance: float
+) -> tuple[float, float]:
+    """Least squares of seen = gain * model + offset over inliers, again and again with a narrower tolerance.
+
+    Pixels are chosen by what they should show, not by what they show, so that clipping does not bias the fit.
+    """
+    reach = tolerance
+    for _ in range(ROUNDS):
+        n, sm, sy, smm, smy, rest = 0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(model.size):
+            m, y = float(model[i]), float(seen[i])
+            expected = gain * m + offset
+            if expected < clip - tolerance and abs(y - expected) <= reach:
+                n += 1
+                sm += m
+                sy += y
+                smm += m * m
+                smy += m * y
+                rest += abs(y - expected)
+        held = n * (1.0 + OFFSET_PRIOR)
+        det = smm * held - sm * sm
+        if n < FEWEST or det <= 0.0:
+            break
+        gain, offset = (smy * held - sm * sy) / det, (smm * sy - sm * smy) / det
+        reach = min(max(3.0 * rest / n, NARROWEST), tolerance)
+    return gain, offset
