@@ -222,6 +222,7 @@ def em_step(
     ellipses: F64,
     half0: float,
     half1: float,
+    least: float,
     aspect: float,
     strength: float,
     outlier: float,
@@ -231,7 +232,7 @@ def em_step(
 
     points: (P, 3) x, y, weight of the foreground cells. Each ellipse is the two-sigma contour of a Gaussian
     (the Gaussian with the second moments of a uniform ellipse), next to a uniform density of outliers.
-    half0 + half1 * y: half length expected in row y; strength: mass of the prior in units of the ellipse's area
+    max(least, half0 + half1 * y): half length expected in row y; strength: mass of the prior in units of the ellipse's area
     (the inverse-Wishart prior of a covariance, so the step maximises the posterior);
     upright: the length axis stays nearer the rows' direction than the columns'.
     """
@@ -272,7 +273,7 @@ def em_step(
         my = sums[k, 2] / mass
         ellipses[k, 0] += mx
         ellipses[k, 1] += my
-        a0 = max(1.0, half0 + half1 * ellipses[k, 1])
+        a0 = max(least, half0 + half1 * ellipses[k, 1])
         b0 = a0 * aspect
         weight = strength * math.pi * a0 * b0
         vxx = (4.0 * (sums[k, 3] - mass * mx * mx) + weight * b0 * b0) / (mass + weight)
@@ -372,7 +373,7 @@ def normal_equations(mask: F32, ellipses: F64, k: int, background: float, soft: 
 
 @njit(cache=True, nogil=True)
 def refine(
-    mask: F32, ellipses: F64, half0: float, half1: float, aspect: float, spread: F64, limits: F64,
+    mask: F32, ellipses: F64, half0: float, half1: float, least: float, aspect: float, spread: F64, limits: F64,
     background: float, soft: float, sweeps: int,
 ) -> None:  # fmt: skip
     """Levenberg-Marquardt on one ellipse at a time, the others held, ``sweeps`` times round; in place.
@@ -388,7 +389,7 @@ def refine(
     step = np.empty(5)
     for _ in range(sweeps):
         for k in range(n):
-            a0 = max(1.0, half0 + half1 * ellipses[k, 1])
+            a0 = max(least, half0 + half1 * ellipses[k, 1])
             cost = normal_equations(mask, ellipses, k, background, soft, grad, hess) * precision
             cost += _prior(ellipses, k, a0, aspect, spread, grad, hess, precision)
             old = ellipses[k].copy()
@@ -397,7 +398,7 @@ def refine(
             step[:] = np.linalg.solve(hess, grad)
             ellipses[k, 0] += min(max(step[0], -3.0), 3.0)
             ellipses[k, 1] += min(max(step[1], -3.0), 3.0)
-            a0 = max(1.0, half0 + half1 * ellipses[k, 1])
+            a0 = max(least, half0 + half1 * ellipses[k, 1])
             la = math.log(ellipses[k, 2] / a0) + step[2]
             lb = math.log(ellipses[k, 3] / (a0 * aspect)) + step[3]
             ellipses[k, 2] = max(0.7, a0 * math.exp(min(max(la, -limits[0]), limits[0])))

@@ -66,6 +66,8 @@ class SizePrior:
         half_length_0: half length of an object centred in row 0 [cells].
         half_length_slope: its growth per row [cells/cell].
         aspect: width / length.
+        least: half length below which nothing is expected, however far away [cells]; a line must not run on to
+            objects of no size at the horizon.
     Raises:
         ValueError: aspect not positive.
     """
@@ -73,19 +75,25 @@ class SizePrior:
     half_length_0: float
     half_length_slope: float
     aspect: float
+    least: float = 1.0
 
     def __post_init__(self) -> None:
-        values = (self.half_length_0, self.half_length_slope, self.aspect)
-        if not all(math.isfinite(v) for v in values) or self.aspect <= 0:
-            raise ValueError(f"expected finite sizes and a positive aspect, got {values}")
+        values = self.law
+        if not all(math.isfinite(v) for v in values) or min(self.aspect, self.least) <= 0:
+            raise ValueError(f"expected finite sizes and a positive aspect and least, got {values}")
+
+    @property
+    def law(self) -> tuple[float, float, float, float]:
+        """(half_length_0, half_length_slope, least, aspect), the order in which kernels take them."""
+        return self.half_length_0, self.half_length_slope, self.least, self.aspect
 
     def half_length(self, row: float) -> float:
-        """Half length in cells of an object centred in a row, at least one cell."""
-        return max(1.0, self.half_length_0 + self.half_length_slope * row)
+        """Half length in cells of an object centred in a row."""
+        return max(self.least, self.half_length_0 + self.half_length_slope * row)
 
-    def half_lengths(self, n_rows: int) -> F64:
-        """``half_length`` of every row, (n_rows,) float64."""
-        return np.maximum(1.0, self.half_length_0 + self.half_length_slope * np.arange(n_rows, dtype=np.float64))
+    def half_lengths(self, rows: F64) -> F64:
+        """``half_length`` of many rows, (N,) float64."""
+        return np.asarray(np.maximum(self.least, self.half_length_0 + self.half_length_slope * rows))
 
 
 def fit_ellipses(mask: F32, prior: SizePrior, params: EllipseFitParams) -> F64:
@@ -103,7 +111,7 @@ def fit_ellipses(mask: F32, prior: SizePrior, params: EllipseFitParams) -> F64:
     if mask.ndim != 2 or mask.dtype != np.float32:
         raise ValueError(f"expected a (R, C) float32 mask, got {mask.shape} {mask.dtype}")
     score = mask - np.float32(params.background_weight) * (1 - mask)
-    lengths = prior.half_lengths(mask.shape[0])
+    lengths = prior.half_lengths(np.arange(mask.shape[0], dtype=np.float64))
     stride = max(1, int(0.4 * prior.aspect * float(np.median(lengths))))
     found = kernels.cover(score, lengths, prior.aspect, stride, params.least_share, params.max_ellipses)
     if not len(found):
@@ -119,7 +127,7 @@ def refine_ellipses(mask: F32, ellipses: F64, prior: SizePrior, params: EllipseF
     spread = np.array([params.size_spread, params.size_spread, angle, params.cell_deviation])
     limits = np.array([math.log(params.size_limit), math.radians(params.angle_limit_deg)])
     kernels.refine(
-        mask, ellipses, prior.half_length_0, prior.half_length_slope, prior.aspect, spread, limits,
+        mask, ellipses, *prior.law, spread, limits,
         params.background_weight, 0.7, params.lm_sweeps,
     )  # fmt: skip
 
@@ -128,9 +136,8 @@ def _expect_and_maximise(mask: F32, ellipses: F64, prior: SizePrior, params: Ell
     rows, cols = np.nonzero(mask)
     points = np.column_stack([cols, rows, mask[rows, cols]]).astype(np.float64)
     outlier = 0.02 / (math.pi * prior.half_length(mask.shape[0] / 2) ** 2 * prior.aspect)
-    law = (prior.half_length_0, prior.half_length_slope, prior.aspect)
     for _ in range(params.em_steps):
-        kernels.em_step(points, ellipses, *law, params.prior_mass, outlier, params.angle_limit_deg < 45)
+        kernels.em_step(points, ellipses, *prior.law, params.prior_mass, outlier, params.angle_limit_deg < 45)
     for k, row in enumerate(ellipses[:, 1]):
         a0 = prior.half_length(row)
         ellipses[k, 2] = np.clip(ellipses[k, 2], a0 / params.size_limit, a0 * params.size_limit)

@@ -11,13 +11,13 @@ from planview._ellipse_kernels import between, conic, rows_of, span
 
 @njit(cache=True, nogil=True)
 def union_overlap(
-    particles: F64, members: I64, prefix: F64, half0: float, half1: float, aspect: float, out: F64
+    particles: F64, members: I64, prefix: F64, half0: float, half1: float, least: float, aspect: float, out: F64
 ) -> None:
     """Area of the union of the members' ellipses in each particle, inside and outside the measured union.
 
     particles: (P, N, 7) x, y, vx, vy, ln length ratio, ln width ratio, angle; members: (K,) columns of N;
     prefix: (R, C + 1) row sums of the measured union (``row_prefix``);
-    half0 + half1 * y: half length expected in row y; aspect: width / length.
+    max(least, half0 + half1 * y): half length expected in row y; aspect: width / length.
     out: (P, 2) covered measured area, object area in the grid outside the measured union [cells].
     """
     n_rows = prefix.shape[0]
@@ -33,7 +33,7 @@ def union_overlap(
         for k in range(k_all):
             n = members[k]
             y = particles[p, n, 1]
-            base = max(1.0, half0 + half1 * y)
+            base = max(least, half0 + half1 * y)
             a = base * math.exp(particles[p, n, 4])
             b = base * aspect * math.exp(particles[p, n, 5])
             qxx, qxy, qyy = conic(a, b, particles[p, n, 6])

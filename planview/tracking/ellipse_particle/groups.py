@@ -35,7 +35,7 @@ def group(objects: Bool, measurements: Bool, joint: bool) -> list[tuple[I64, I64
     Returns:
         per group, its objects and its measurements (indices); groups in order of their first object.
     """
-    n, m = measurements.shape
+    n = len(measurements)
     if n == 0:
         return []
     if joint:

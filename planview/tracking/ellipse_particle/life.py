@@ -17,7 +17,8 @@ class Life:
 
     Attributes:
         track_id: positive, unique in a run.
-        born_frame: frame of its first measurement.
+        birthplace: (x, y) of its first measurement [cells].
+        moved: it has left its birthplace, which no ghost of the background does.
         confirmed: believed once, and so for ever.
         log_odds: of being an object rather than a false alarm, while not confirmed.
         seen: its ellipse is covered by measurements in this frame.
@@ -26,10 +27,11 @@ class Life:
     """
 
     track_id: int
-    born_frame: int
+    birthplace: tuple[float, float]
     confirmed: bool
     log_odds: float
     seen: bool = True
+    moved: bool = False
     unseen_s: float = 0.0
     shared_s: float = 0.0
 
@@ -45,13 +47,13 @@ class Life:
         return 1.0 / (1.0 + math.exp(-max(-500.0, min(500.0, self.log_odds))))
 
 
-def birth(track_id: int, frame: int, params: LifeParams) -> Life:
+def birth(track_id: int, birthplace: tuple[float, float], params: LifeParams) -> Life:
     """A new object from an unexplained measurement.
 
     Of n unexplained measurements the number of objects is binomial, B(n, q) with q = entries / (entries + false
     alarms): each is an object with the prior probability q.
     """
-    return Life(track_id, frame, False, math.log(params.entries / params.false_alarms))
+    return Life(track_id, birthplace, False, math.log(params.entries / params.false_alarms))
 
 
 def observe(life: Life, seen: bool, own: bool, dt_s: float, params: LifeParams) -> None:

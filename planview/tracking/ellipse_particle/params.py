@@ -16,9 +16,9 @@ class DetectionParams(Params):
     source: Literal["mog2", "given"] = "mog2"
     """Image plane: OpenCV's mixture of Gaussians on ``Observation.image`` (the paper takes one off the shelf), or the
     project's own ``Observation.foreground``. The floor plane always reads the occupancy map."""
-    history: int = Field(2000, ge=10, le=100_000)
-    """Frames of memory of the mixture. Our choice: somebody who stands is absorbed after a tenth of it, so 200 frames,
-    half a minute at the 7 frames per second of PETS."""
+    history: int = Field(500, ge=20, le=100_000)
+    """Frames of memory of the mixture (OpenCV's default): a thing put down is absorbed after a tenth of it. People are
+    not: see ``Background``."""
     variance_gate: float = Field(16.0, gt=0, le=1000)
     """Squared deviations within which a pixel is background (OpenCV's default)."""
     columns: int = Field(240, ge=40, le=2000)

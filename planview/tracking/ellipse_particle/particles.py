@@ -98,8 +98,7 @@ class ParticleFilter:
             (P,) float64.
         """
         out = np.empty((self._params.particles, 2))
-        law = (prior.half_length_0, prior.half_length_slope, prior.aspect)
-        kernels.union_overlap(self.particles, members, measured, *law, out)
+        kernels.union_overlap(self.particles, members, measured, *prior.law, out)
         missed = float(measured[:, -1].sum()) - out[:, 0]
         sigma = self._params.overlap_deviation * area * math.sqrt(len(members))
         return np.asarray(-0.5 * (missed**2 + self._params.outside_weight * out[:, 1] ** 2) / sigma**2)
@@ -149,7 +148,7 @@ def normalised(log_weights: F64) -> F64:
 
 def ellipses_of(states: F64, prior: SizePrior) -> F64:
     """(N, 5) ellipses (x, y, a, b, angle) of (N, 7) states."""
-    half = np.maximum(1.0, prior.half_length_0 + prior.half_length_slope * states[:, Y])
+    half = prior.half_lengths(states[:, Y])
     return np.column_stack([
         states[:, X], states[:, Y], half * np.exp(states[:, LN_A]),
         half * prior.aspect * np.exp(states[:, LN_B]), states[:, ANGLE],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -12,6 +13,7 @@ from calib.types import F32, F64, U8
 from planview.ellipses import SizePrior
 from planview.grid import Grid
 from planview.tracking.base import Observation
+from planview.tracking.ellipse_particle.background import Background
 from planview.tracking.ellipse_particle.params import DetectionParams, SizeParams
 
 
@@ -42,8 +44,7 @@ class ImagePlane:
         self.reset()
 
     def reset(self) -> None:
-        self._size: tuple[int, ...] = ()
-        self._background: cv2.BackgroundSubtractorMOG2 | None = None
+        self._background = Background(self._params)
 
     def __call__(self, observation: Observation) -> PlaneView | None:
         """The frame's cells; None when the observation has no image or foreground to work on.
@@ -65,6 +66,10 @@ class ImagePlane:
         scale = step * factor
         return PlaneView(mask, scale, ((scale - 1) / 2, (scale - 1) / 2))
 
+    def protect(self, outlines: Sequence[F32]) -> None:
+        """Keep what is inside these outlines (N, 2) [px] out of the background."""
+        self._background.protect(outlines)
+
     def _foreground(self, observation: Observation) -> U8 | None:
         if self._params.source == "given":
             given = observation.foreground
@@ -76,14 +81,7 @@ class ImagePlane:
             return None
         if image.dtype != np.uint8 or image.ndim not in (2, 3):
             raise ValueError(f"expected a (H, W[, 3]) uint8 image, got {image.shape} {image.dtype}")
-        if self._background is None or image.shape != self._size:
-            self._size = image.shape
-            self._background = cv2.createBackgroundSubtractorMOG2(
-                history=self._params.history, varThreshold=self._params.variance_gate, detectShadows=True
-            )
-        labels = self._background.apply(image)
-        # The subtractor marks shadows 127: only 255 is an object.
-        return np.asarray(cv2.compare(labels, 255, cv2.CMP_EQ), dtype=np.uint8)
+        return self._background.update(image)
 
 
 class FloorPlane:
@@ -95,6 +93,9 @@ class FloorPlane:
 
     def reset(self) -> None:
         """Nothing is remembered."""
+
+    def protect(self, outlines: Sequence[F32]) -> None:
+        """The maps' background is not the tracker's to keep."""
 
     def __call__(self, observation: Observation) -> PlaneView | None:
         """The frame's cells; None when the observation has no maps."""

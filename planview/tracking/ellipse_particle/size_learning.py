@@ -71,7 +71,8 @@ class SizeLearner:
             return None
         level, slope_of = line(row[inliers], length[inliers], area[inliers], tilted=bool(slopes[np.argmax(score)] > 0))
         aspect = mode((width / length)[inliers])
-        return SizePrior(level / 2, slope_of / 2, float(np.clip(aspect, 0.15, 1.0)))
+        least = max(1.0, 0.4 * float(np.percentile(length[inliers], 5)))
+        return SizePrior(level / 2, slope_of / 2, float(np.clip(aspect, 0.15, 1.0)), least)
 
 
 def regions(mask: F32) -> F64:

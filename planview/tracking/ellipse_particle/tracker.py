@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from calib.ground_camera import GroundCamera
-from calib.types import F64, Bool
+from calib.types import F32, F64, U8, Bool
 from planview import _ellipse_kernels as kernels
 from planview.ellipses import SizePrior, fit_ellipses
 from planview.tracking.base import Decision, DecisionKind, Observation, TrackerDebug, TrackState
-from planview.tracking.ellipse_particle.drawing import draw
+from planview.tracking.ellipse_particle.drawing import draw, outline
 from planview.tracking.ellipse_particle.groups import group, overlaps
 from planview.tracking.ellipse_particle.life import Life, birth, gone, observe
 from planview.tracking.ellipse_particle.outputs import floor_state, image_state
@@ -91,8 +91,18 @@ class EllipseParticleTracker:
             return ()
         self._predict(dt, view, self._prior)
         self._filter_groups(view, self._prior)
-        self._judge(dt, view, self._prior, observation.frame)
+        self._judge(dt, view, self._prior)
+        self._plane.protect(self._people(view, self._prior))
         return tuple(self._output(view, observation))
+
+    @property
+    def needs_foreground(self) -> bool:
+        """Only when the project's own foreground was asked for; else the tracker subtracts the background itself."""
+        return self._params.plane == "image" and self._params.detection.source == "given"
+
+    def feedback(self) -> U8 | None:
+        """No opinion about pixels."""
+        return None
 
     def debug(self) -> TrackerDebug:
         """Measured ellipses, object ellipses, particles, and the foreground grid as a tile."""
@@ -132,8 +142,7 @@ class EllipseParticleTracker:
     def _cells_per_m(self, view: PlaneView, prior: SizePrior, rows: F64) -> F64:
         if self._params.plane == "floor":
             return np.full(len(rows), 1.0 / view.scale)
-        half = np.maximum(1.0, prior.half_length_0 + prior.half_length_slope * rows)
-        return np.asarray(2.0 * half / self._params.size.object_length_m)
+        return np.asarray(2.0 * prior.half_lengths(rows) / self._params.size.object_length_m)
 
     def _predict(self, dt: float, view: PlaneView, prior: SizePrior) -> None:
         rows = self._states[:, 1]
@@ -163,20 +172,28 @@ class EllipseParticleTracker:
             self._states[chosen] = self._filter.estimate(chosen, log_likelihood, 0.5 * ellipses[members, 3])
             self._filter.resample(chosen, log_likelihood)
 
-    def _judge(self, dt: float, view: PlaneView, prior: SizePrior, frame: int) -> None:
+    def _judge(self, dt: float, view: PlaneView, prior: SizePrior) -> None:
         """Seen or not, births, deaths."""
         shares = self._shares(view, prior)
         p = self._params.life
-        for life, (covered, own) in zip(self._lives, shares, strict=True):
+        for n, (life, (covered, own)) in enumerate(zip(self._lives, shares, strict=True)):
             was = life.state
+            self._watch_move(n, view, prior)
             observe(life, bool(covered >= p.seen_overlap), bool(own >= 0.5 * p.seen_overlap), dt, p)
             if was != life.state:
                 self._tell_state(life, covered)
         unexplained = self._unexplained(view, prior)
         unexplained = self._found(unexplained, view, prior)
         for ellipse in self._measured[unexplained]:
-            self._bear(ellipse, view, prior, frame)
+            self._bear(ellipse, view, prior)
         self._bury(view)
+
+    def _watch_move(self, n: int, view: PlaneView, prior: SizePrior) -> None:
+        """An object has moved when its centre is half a length or a width from its birthplace."""
+        life = self._lives[n]
+        offset = self._states[n, :2] - life.birthplace
+        a = prior.half_length(float(self._states[n, 1]))
+        life.moved = life.moved or bool(np.hypot(offset[0] / (2 * a * prior.aspect), offset[1] / a) > 1.0)
 
     def _tell_state(self, life: Life, covered: float) -> None:
         if life.state == "confirmed" and life.unseen_s == 0.0:
@@ -229,10 +246,10 @@ class EllipseParticleTracker:
                 )
         return left
 
-    def _bear(self, ellipse: F64, view: PlaneView, prior: SizePrior, frame: int) -> None:
+    def _bear(self, ellipse: F64, view: PlaneView, prior: SizePrior) -> None:
         per_m = float(self._cells_per_m(view, prior, ellipse[1:2])[0])
         self._filter.add(ellipse, prior, per_m)
-        life = birth(self._next_id, frame, self._params.life)
+        life = birth(self._next_id, (float(ellipse[0]), float(ellipse[1])), self._params.life)
         self._next_id += 1
         self._lives.append(life)
         self._states = np.concatenate([self._states, self._filter.particles[:, -1].mean(axis=0)[None]])
@@ -264,6 +281,13 @@ class EllipseParticleTracker:
         self._filter.remove(index.tolist())
         self._states = self._states[index]
         self._lives = [self._lives[i] for i in index]
+
+    def _people(self, view: PlaneView, prior: SizePrior) -> list[F32]:
+        """Outlines of objects that have proved to move; a ghost of the background never does, and is to be absorbed."""
+        sure = [life.confirmed and life.seen and life.moved for life in self._lives]
+        grown = ellipses_of(self._states, prior)[sure]
+        grown[:, 2:4] *= 1.3
+        return [outline(e, view) for e in grown]
 
     def _output(self, view: PlaneView, observation: Observation) -> list[TrackState]:
         assert self._prior is not None

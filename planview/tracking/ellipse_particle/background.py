@@ -1,0 +1,74 @@
+"""Foreground of colour images by OpenCV's mixture of Gaussians, with people kept out of the background."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from calib.types import F32, U8
+from planview.tracking.ellipse_particle.params import DetectionParams
+
+
+class Background:
+    """Mixture of Gaussians per pixel with shadow removal (the paper's reference [10], off the shelf).
+
+    The mixture absorbs whoever stands still. So the pixels of people (``protect``) are replaced by what was seen there
+    without them before the mixture learns; it looks at the real image without learning. That takes a second pass,
+    which is skipped in every other frame once the mixture is settled, and always while nobody is there to protect.
+    """
+
+    def __init__(self, params: DetectionParams) -> None:
+        self._params = params
+        self._frames = 0
+        self._mixture: cv2.BackgroundSubtractorMOG2 | None = None
+        self._empty: U8 = np.zeros((0, 0), dtype=np.uint8)
+        self._people: list[F32] = []
+
+    def protect(self, outlines: Sequence[F32]) -> None:
+        """Keep what is inside these outlines, (N, 2) [px] each, out of the background from the next frame on."""
+        self._people = list(outlines)
+
+    def update(self, image: U8) -> U8:
+        """Foreground of the next frame.
+
+        Args:
+            image: (H, W) or (H, W, 3) uint8; another size than before starts anew.
+        Returns:
+            (H, W) uint8, 255 where foreground, shadows not included.
+        """
+        if self._mixture is None or image.shape != self._empty.shape:
+            self._frames = 0
+            self._people = []
+            self._empty = image.copy()
+            self._mixture = cv2.createBackgroundSubtractorMOG2(
+                history=self._params.history, varThreshold=self._params.variance_gate, detectShadows=True
+            )
+        self._frames += 1
+        # As OpenCV's own automatic rate: an average of all frames first, exponential forgetting later.
+        rate = 1.0 / min(2 * self._frames, self._params.history)
+        if not self._people:
+            labels = self._mixture.apply(image, learningRate=rate)
+            self._remember(image, labels, np.full(labels.shape, 255, dtype=np.uint8))
+        else:
+            labels = self._mixture.apply(image, learningRate=0)
+            if self._frames < self._params.history // 10 or self._frames % 2 == 0:
+                self._learn(image, labels, rate if self._frames < self._params.history // 10 else 2 * rate)
+        # The subtractor marks shadows 127: only 255 is an object.
+        return np.asarray(cv2.compare(labels, 255, cv2.CMP_EQ), dtype=np.uint8)
+
+    def _learn(self, image: U8, labels: U8, rate: float) -> None:
+        free = np.full(image.shape[:2], 255, dtype=np.uint8)
+        for outline in self._people:
+            cv2.fillPoly(free, [np.round(outline).astype(np.int32)], 0)
+        self._remember(image, labels, free)
+        scene = self._empty.copy()
+        cv2.copyTo(image, free, scene)
+        assert self._mixture is not None
+        self._mixture.apply(scene, learningRate=rate)
+
+    def _remember(self, image: U8, labels: cv2.typing.MatLike, free: U8) -> None:
+        """Keep the last background seen at each pixel that nobody covers."""
+        background = cv2.compare(labels, 0, cv2.CMP_EQ)
+        cv2.copyTo(image, cv2.bitwise_and(background, free), self._empty)
