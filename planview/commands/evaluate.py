@@ -12,8 +12,8 @@ from rich.table import Table
 
 from calib.errors import InputError
 from planview.evaluation.evaluate import KINDS, Evaluation, EvaluationParams, evaluate_tracks
-from planview.evaluation.layouts import load_truth
-from planview.tracks import Trajectories, read_tracks
+from planview.evaluation.layouts import load_tracks, load_truth
+from planview.tracks import Trajectories
 
 
 def evaluate(
@@ -62,7 +62,7 @@ def evaluate(
     except ValueError as error:
         raise InputError(_option_error(error)) from error
     tracks_path = tracks / "tracks.csv" if tracks.is_dir() else tracks
-    found, true = read_tracks(tracks_path), load_truth(truth)
+    found, true = load_tracks(tracks_path), load_truth(truth)
     span = None if frames is None else _span(frames)
     if span is None:
         _note_frames_beyond(found, true)

@@ -2,28 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from calib.errors import InputError
 from calib.types import F64, I64
-from planview.tracks import Trajectories, read_truth
+from planview.tracks import Trajectories, read_tracks, read_truth
 
 
 def load_truth(path: Path) -> Trajectories:
-    """Truth in our layout (with a header) or as PETS/MOTChallenge rows (without one), told apart by the first line.
+    """Truth in our layout (with a header), as PETS/MOTChallenge rows or as laboratory rows, told by the first line.
 
     Raises:
-        InputError: unreadable or neither.
+        InputError: unreadable or none of these.
     """
+    return _reader(path, read_truth)(path)
+
+
+def load_tracks(path: Path) -> Trajectories:
+    """Tracks in our layout, or in one of those of ``load_truth``.
+
+    Raises:
+        InputError: unreadable or none of these.
+    """
+    return _reader(path, read_tracks)(path)
+
+
+def _reader(path: Path, own: Callable[[Path], Trajectories]) -> Callable[[Path], Trajectories]:
     try:
         with path.open(encoding="utf-8") as file:
-            first = file.readline()
+            first = file.readline(10_000)
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected a truth file, found {error}") from error
-    cells = first.replace(",", " ").split()
-    return read_pets(path) if len(cells) >= 6 and _is_number(cells[0]) else read_truth(path)
+        raise InputError(f"{path}: expected trajectories, found {error}") from error
+    if not first.strip() or not _is_number(first.replace(",", " ").split()[0]):
+        return own
+    return read_pets if "," in first else read_laboratory
 
 
 def read_pets(path: Path) -> Trajectories:
