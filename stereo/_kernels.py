@@ -10,6 +10,7 @@ from calib.types import F32, U8, AnyArray
 def disparity_from_fixed(
     fixed: AnyArray,
     mask: U8,
+    right_mask: U8,
     darkest: U8,
     brightest: U8,
     lowest: int,
@@ -18,18 +19,24 @@ def disparity_from_fixed(
     texture_min: int,
     out: F32,
 ) -> None:
-    """Sixteenths to pixels, NaN where masked, below ``lowest``, beyond the border, saturated or without texture."""
+    """Sixteenths to pixels; NaN where nothing can have been measured.
+
+    That is where the left or the matched right pixel is masked or outside, where the value is below ``lowest``, and
+    where the surroundings are saturated or without texture.
+    """
     for row in range(fixed.shape[0]):
         for col in range(fixed.shape[1]):
             value = np.int32(fixed[row, col])
+            whole = value >> 4
             low, high = np.int32(darkest[row, col]), np.int32(brightest[row, col])
             if (
                 mask[row, col] == 0
                 or value < lowest
-                or value > col * 16
+                or whole > col
+                or right_mask[row, col - whole] == 0
                 or low >= saturated_level
                 or high - low < texture_min
             ):
                 out[row, col] = np.nan
             else:
-                out[row, col] = np.float32(value >> 4) + subpixel[value & 15]
+                out[row, col] = np.float32(whole) + subpixel[value & 15]

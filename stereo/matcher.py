@@ -29,6 +29,11 @@ for 0.375, an error up to 0.28 px, the same for every texture. The table is the 
 over random textures (0.5-3 px, contrast 10-40, noise 2 grey levels, slopes to 0.05); it halves the error, from 0.20 to
 0.10 px rms."""
 
+NEAREST_M = 0.5
+"""A camera that close to a head shows nothing but the head: no disparities are spent on it."""
+_TEXTURE_PX = 15
+"""Side of the window [px] in which some texture must be found: about as far as SGBM's smoothness carries a match."""
+
 
 class Matcher(Protocol):
     """Finds how far each left pixel moved."""
@@ -80,7 +85,7 @@ def disparity_range(
         down = _descent(geometry, floor)
         clearance = floor.height_m - params.reach_m
         if clearance > 0 and down.max() > 0:
-            nearest = max(clearance / float(down.max()), 0.3)
+            nearest = max(clearance / float(down.max()), NEAREST_M)
         if down.min() > 0.05:
             farthest = (floor.height_m + params.below_floor_m) / float(down.min())
     first = max(0, math.floor(geometry.disparity_at(farthest)) - 1) if math.isfinite(farthest) else 0
@@ -116,15 +121,15 @@ class SgbmParams(Params):
     saturated_level: int = Field(default=250, ge=128, le=256)
     """Blocks entirely at or above this grey level hold no texture to match (our choice); 256 switches it off."""
     texture_min: int = Field(default=6, ge=0, le=255)
-    """Smallest difference between the darkest and the brightest pixel in three blocks around a match [grey levels];
-    below it there is nothing but sensor noise (our choice)."""
+    """Smallest difference between the darkest and the brightest pixel around a match [grey levels]; below it there is
+    nothing but sensor noise: a third of such disparities are off by more than a pixel (our choice)."""
 
 
 class SgbmMatcher:
     """OpenCV's StereoSGBM with invalid pixels as NaN.
 
-    The images are padded on the left by the searched range: OpenCV leaves that band without disparity, yet only
-    those of its points that are out of the right camera's view lack a match.
+    The images are padded on the left by the searched range: OpenCV leaves that band without disparity, yet only those
+    of its points that are out of the right camera's view lack a match.
 
     Attributes:
         disparities: the range searched.
@@ -136,16 +141,20 @@ class SgbmMatcher:
         params: SgbmParams | None = None,
         disparities: DisparityRange | None = None,
         mask: U8 | None = None,
+        right_mask: U8 | None = None,
     ) -> None:
         """Prepare.
 
         Args:
             disparities: range to search, ``disparity_range(geometry)`` when None.
-            mask: (H, W) uint8, 0 where the left image shows nothing.
+            mask, right_mask: (H, W) uint8, 0 where the left and the right image show nothing.
         """
         self.params = p = params or SgbmParams()
         self.disparities = disparities or disparity_range(geometry)
-        self._mask = np.full((geometry.height, geometry.width), 255, np.uint8) if mask is None else mask
+        whole = np.full((geometry.height, geometry.width), 255, np.uint8)
+        self._mask, self._right_mask = (
+            _inside(whole if m is None else m, p.block_px // 2 + 1) for m in (mask, right_mask)
+        )
         area = p.block_px * p.block_px
         speckle = geometry.focal_u_px * geometry.focal_v_px * (p.speckle_m / 4.0) ** 2
         self._sgbm = cv2.StereoSGBM.create(
@@ -161,8 +170,9 @@ class SgbmMatcher:
             speckleRange=1,
             mode=cv2.STEREO_SGBM_MODE_HH if p.full_paths else cv2.STEREO_SGBM_MODE_SGBM_3WAY,
         )
-        self._pad = self.disparities.count + self.disparities.first_px
-        self._window = np.ones((3 * p.block_px, 3 * p.block_px), np.uint8)
+        # Columns before first_px have no match whatever the padding.
+        self._pad = self.disparities.count
+        self._window = np.ones((_TEXTURE_PX, _TEXTURE_PX), np.uint8)
 
     def __call__(self, left_grey: U8, right_grey: U8) -> F32:
         """Match one rectified pair (see ``Matcher``).
@@ -183,6 +193,7 @@ class SgbmMatcher:
         disparity_from_fixed(
             fixed,
             self._mask,
+            self._right_mask,
             darkest,
             brightest,
             STEP * self.disparities.first_px,
@@ -192,3 +203,9 @@ class SgbmMatcher:
             disparity,
         )
         return disparity
+
+
+def _inside(mask: U8, margin: int) -> U8:
+    """The mask without a margin along the edges it has inside the image, where blocks would match the edge itself."""
+    kernel = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
+    return np.asarray(cv2.erode(mask, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=255), dtype=np.uint8)
