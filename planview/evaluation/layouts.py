@@ -55,7 +55,7 @@ def read_pets(path: Path) -> Trajectories:
         ) from error
     if table.shape[1] < 6 or not np.isfinite(table[:, :6]).all():
         raise InputError(f"{path}: expected at least 6 finite numbers per row, found {table.shape[1]} columns")
-    table = table[np.lexsort((table[:, 1], table[:, 0]))]
+    table = _sorted(path, table, frame=0, track_id=1)
     floor = table[:, 7:9] if table.shape[1] >= 9 else np.full((len(table), 2), np.nan)
     return positions_table(table[:, 0].astype(np.int64) - 1, table[:, 1].astype(np.int64), floor, box_px=table[:, 2:6])
 
@@ -72,11 +72,24 @@ def read_laboratory(path: Path, fps: float = 16.0) -> Trajectories:
         raise InputError(f"{path}: expected rows of id frame x_cm y_cm z_cm, found {error}") from error
     if table.shape[1] != 5:
         raise InputError(f"{path}: expected 5 columns (id frame x_cm y_cm z_cm), found {table.shape[1]}")
-    table = table[np.lexsort((table[:, 0], table[:, 1]))]
+    table = _sorted(path, table, frame=1, track_id=0)
     frame = table[:, 1].astype(np.int64)
     return positions_table(
         frame, table[:, 0].astype(np.int64), table[:, 2:4] / 100, table[:, 4] / 100, timestamp_s=frame / fps
     )
+
+
+def _sorted(path: Path, table: F64, frame: int, track_id: int) -> F64:
+    """Rows by frame, then id (given their columns); each pair may occur once."""
+    keys = table[:, [frame, track_id]]
+    if not np.isfinite(keys).all() or (keys != np.floor(keys)).any():
+        raise InputError(f"{path}: expected whole numbers for frame and id, found others")
+    order = np.lexsort((keys[:, 1], keys[:, 0]))
+    twice = (np.diff(keys[order], axis=0) == 0).all(axis=1)
+    if twice.any():
+        at, who = keys[order][int(np.flatnonzero(twice)[0])]
+        raise InputError(f"{path}: expected one row per frame and id, found two for frame {at:g}, id {who:g}")
+    return np.asarray(table[order])
 
 
 def positions_table(

@@ -1,0 +1,138 @@
+"""The four kinds of significant error, at 10 frames per second."""
+
+import numpy as np
+
+from planview.evaluation.significant import (
+    NOBODY,
+    PREDICTED,
+    PersonHistory,
+    SignificantError,
+    SignificantParams,
+    TrackHistory,
+    frame_period_s,
+    runs,
+    significant_errors,
+    split_visits,
+)
+
+FRAME_S = 0.1
+
+
+def person(truth_id: int, *parts: tuple[int, int], start: int = 0) -> PersonHistory:
+    """A history of (track id, number of frames) parts."""
+    ids = np.concatenate([np.full(n, track) for track, n in parts])
+    return PersonHistory(truth_id, start + np.arange(len(ids)), ids)
+
+
+def found(people: list[PersonHistory], tracks: list[TrackHistory] | None = None) -> list[SignificantError]:
+    return significant_errors(people, tracks or [], FRAME_S, SignificantParams())
+
+
+def kinds(people: list[PersonHistory], tracks: list[TrackHistory] | None = None) -> list[tuple[str, int]]:
+    return [(error.kind, error.frame) for error in found(people, tracks)]
+
+
+def test_person_held_throughout_is_no_error() -> None:
+    assert found([person(1, (5, 100))]) == []
+
+
+def test_person_never_tracked_is_missed_once_visible_long_enough() -> None:
+    assert kinds([person(1, (NOBODY, 20))]) == [("missed", 0)]
+    assert kinds([person(1, (NOBODY, 19))]) == []
+
+
+def test_late_detection_is_no_significant_error() -> None:
+    assert kinds([person(1, (NOBODY, 30), (5, 50))]) == []
+
+
+def test_brush_with_somebody_elses_track_does_not_make_a_person_tracked() -> None:
+    assert kinds([person(1, (NOBODY, 20), (9, 4), (NOBODY, 20))]) == [("missed", 0)]
+
+
+def test_person_alone_for_more_than_a_second_is_lost_where_it_began() -> None:
+    (error,) = found([person(1, (5, 30), (NOBODY, 11), (5, 30))])
+    assert (error.kind, error.frame, error.truth_id, error.track_id) == ("lost", 30, 1, 5)
+    assert kinds([person(1, (5, 30), (NOBODY, 10), (5, 30))]) == []
+
+
+def test_loss_until_the_end_counts_once() -> None:
+    assert kinds([person(1, (5, 30), (NOBODY, 15), (8, 2), (NOBODY, 15))]) == [("lost", 30)]
+
+
+def test_prediction_near_a_person_keeps_hold() -> None:
+    assert kinds([person(1, (5, 30), (PREDICTED, 25), (5, 30))]) == []
+
+
+def test_person_back_after_a_long_absence_may_get_a_new_id() -> None:
+    frames = np.concatenate([np.arange(30), 80 + np.arange(30)])
+    history = PersonHistory(1, frames, np.repeat([5, 6], 30))
+    assert found([history]) == []
+
+
+def test_person_back_after_a_short_absence_with_a_new_id_was_lost() -> None:
+    frames = np.concatenate([np.arange(30), 60 + np.arange(30)])
+    (error,) = found([PersonHistory(1, frames, np.repeat([5, 6], 30))])
+    assert (error.kind, error.frame, error.track_id) == ("lost", 60, 5)
+
+
+def test_long_loss_that_ends_in_a_new_id_is_one_error() -> None:
+    assert kinds([person(1, (5, 30), (NOBODY, 20), (6, 30))]) == [("lost", 30)]
+
+
+def test_exchange_of_identities_is_one_swap() -> None:
+    people = [person(1, (5, 30), (6, 30)), person(2, (6, 31), (5, 29))]
+    (error,) = found(people)
+    assert (error.kind, error.frame, error.truth_id, error.track_id) == ("swapped", 30, 1, 6)
+
+
+def test_exchange_and_return_are_two_swaps() -> None:
+    people = [person(1, (5, 30), (6, 80), (5, 30)), person(2, (6, 30), (5, 80), (6, 30))]
+    assert kinds(people) == [("swapped", 30), ("swapped", 110)]
+
+
+def test_flicker_between_close_people_is_no_swap() -> None:
+    people = [person(1, (5, 30), (6, 4), (5, 30)), person(2, (6, 30), (5, 4), (6, 30))]
+    assert found(people) == []
+
+
+def test_taking_over_another_persons_track_is_a_swap() -> None:
+    people = [person(1, (5, 30)), person(2, (6, 30), (5, 30))]
+    (error,) = found(people)
+    assert (error.kind, error.truth_id, error.track_id) == ("swapped", 2, 5)
+
+
+def test_track_on_nobody_for_a_second_is_false_once() -> None:
+    stray = np.array([True] * 10 + [False] * 10 + [True] * 30)
+    (error,) = found([], [TrackHistory(9, 100 + np.arange(50), stray)])
+    assert (error.kind, error.frame, error.truth_id, error.track_id) == ("false_track", 120, None, 9)
+
+
+def test_track_on_nobody_for_less_is_no_error() -> None:
+    assert found([], [TrackHistory(9, np.arange(9), np.ones(9, dtype=bool))]) == []
+
+
+def test_moment_near_a_person_does_not_excuse_a_false_track() -> None:
+    stray = np.array([True] * 8 + [False] * 3 + [True] * 8)
+    assert kinds([], [TrackHistory(9, np.arange(19), stray)]) == [("false_track", 0)]
+
+
+def test_errors_come_in_the_order_of_frames() -> None:
+    people = [person(1, (5, 50), (NOBODY, 20)), person(2, (NOBODY, 30), start=10)]
+    assert kinds(people) == [("missed", 10), ("lost", 50)]
+
+
+def test_visits_split_at_long_gaps_only() -> None:
+    frames = np.array([0, 1, 41, 42, 83])
+    parts = split_visits(PersonHistory(1, frames, np.ones(5, dtype=np.int64)), FRAME_S, 4.0)
+    assert [part.frame.tolist() for part in parts] == [[0, 1, 41, 42], [83]]
+
+
+def test_runs_lists_stretches() -> None:
+    assert runs(np.array([True, False, True, True])) == [(0, 1), (2, 4)]
+    assert runs(np.zeros(0, dtype=bool)) == []
+
+
+def test_frame_period_is_the_median_over_gaps() -> None:
+    frame = np.array([0, 0, 1, 2, 12])
+    assert frame_period_s(frame, frame / 25.0, 1 / 30) == 0.04
+    assert frame_period_s(frame, np.full(5, np.nan), 1 / 30) == 1 / 30
