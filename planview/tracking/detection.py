@@ -72,10 +72,11 @@ class NewPeople:
         area, cells = self._areas(maps, tall, occupancy)
         found: list[Candidate] = []
         for _ in range(_MAX_CANDIDATES):
-            _, peak, _, (col, row) = cv2.minMaxLoc(area)
+            row, col = divmod(int(np.argmax(area)), area.shape[1])
+            peak = float(area[row, col])
             if peak < self.params.area_min_m2:
                 break
-            candidate = self._candidate(maps, occupancy, row, col, cells, float(peak))
+            candidate = self._candidate(maps, occupancy, row, col, cells, peak)
             if candidate and not self._too_close(maps, candidate, [*taken, *((c.x_m, c.y_m) for c in found)]):
                 found.append(candidate)
             r = cells
@@ -100,8 +101,9 @@ class NewPeople:
         total = float(window.sum())
         if total <= 0.0:
             return None
-        rows, cols = np.indices(window.shape, sparse=True)
-        x, y = maps.grid.centre_of(r0 + float((window * rows).sum()) / total, c0 + float((window * cols).sum()) / total)
+        row_mean = float(window.sum(axis=1) @ np.arange(window.shape[0])) / total
+        col_mean = float(window.sum(axis=0) @ np.arange(window.shape[1])) / total
+        x, y = maps.grid.centre_of(r0 + row_mean, c0 + col_mean)
         top = self._axis(maps.points, np.array([[x, y]]), self._width_m)[0].height_m
         if not top >= self.params.height_min_m or self._head_width(maps, x, y, top) > self.params.head_width_max_m:
             return None

@@ -1,0 +1,104 @@
+"""``planview run``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from planview.analytics.geometry import Plane
+from planview.analytics.rules import load_rules
+from planview.analytics.stream import Analytics
+from planview.config import load_config
+from planview.engines import Engine, open_engine
+from planview.output import prepare_folder
+from planview.pipeline import Pipeline
+from planview.progress import FrameProgress, summary
+from planview.run import RunOptions
+from planview.run import run as run_engine
+from planview.run_log import NoLog, RunLog
+
+
+def run(
+    recording: Path,
+    *,
+    out: Path,
+    tracker: Literal["template", "human-model", "ellipse-particle"] = "template",
+    camera: Path | None = None,
+    calibration: Path | None = None,
+    rules: Path | None = None,
+    config: Path | None = None,
+    set_: Annotated[Sequence[str], Parameter(name="--set")] = (),
+    rrd: Annotated[bool, Parameter(negative="")] = False,
+    debug: Annotated[bool, Parameter(negative="")] = False,
+    overwrite: Annotated[bool, Parameter(negative="")] = False,
+    frames: int = 0,
+    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> None:
+    """Track people in a recording: tracks.csv, run.json and report.html in a folder.
+
+    Example: planview run my_recording --out out --rrd
+
+    Example with one camera: planview run street.mp4 --tracker human-model --camera camera.toml --out out
+
+    Parameters
+    ----------
+    recording
+        Folder with left/ and right/ images or videos (or one side-by-side video) and a calibration; or one video.
+    out
+        Folder for the results; made if need be.
+    tracker
+        Who follows people: plan-view templates (stereo), a human model (one camera), or ellipses and particles.
+    camera
+        camera.toml of a single camera (planview calibrate human writes it).
+    calibration
+        Calibration of the stereo pair, when it does not lie in the recording.
+    rules
+        rules.toml with tripwires and zones to count while tracking.
+    config
+        TOML file with parameters, a table per stage.
+    set_
+        One parameter, e.g. --set foreground.learning_rate=0.002; may be given several times.
+    rrd
+        Also write run.rrd, to be looked at with planview view.
+    debug
+        Also write decisions.csv: every decision of the tracker with its reason.
+    overwrite
+        Replace a finished run in the folder.
+    frames
+        Stop after so many frames; 0 for all.
+    json_output
+        Print run.json to standard output at the end.
+    """
+    settings = load_config(config, set_)
+    console = Console(stderr=True)
+    engine = open_engine(recording, tracker, settings, camera, calibration)
+    analytics = Analytics(load_rules(rules, _plane(engine))) if rules else None
+    prepare_folder(out, overwrite)
+    options = RunOptions(tracker=tracker, analytics=analytics, debug=debug, max_frames=frames)
+    with FrameProgress(console, min(frames or engine.recording.n_frames, engine.recording.n_frames)) as progress:
+        info = run_engine(engine, out, options, _log(engine, out, rrd), progress)
+    summary(console, info, out)
+    if json_output:
+        print(json.dumps(info.model_dump(mode="json")))
+
+
+def _plane(engine: Engine) -> Plane:
+    """What rules in pixels refer to."""
+    if isinstance(engine, Pipeline):
+        from planview.analytics.cameras import StereoFloorCamera
+
+        return Plane(StereoFloorCamera(engine.setup.rectifier.geometry, engine.setup.floor.world_SE3_left))
+    return Plane(engine.camera, engine.recording.size)
+
+
+def _log(engine: Engine, out: Path, wanted: bool) -> RunLog:
+    if not wanted:
+        return NoLog()
+    from planview.rerun_log import RerunLog
+
+    return RerunLog(engine, out / "run.rrd")
