@@ -30,6 +30,9 @@ class HumanModelMapParams(Params):
     step_px: int = Field(default=4, ge=1, le=64)
     """Distance of the foot pixels held in the map [px]; between them the nearest is taken. Our choice: half a step
     is about the error of a foreground outline."""
+    min_height_px: float = Field(default=24.0, ge=0, le=1000)
+    """Longest side of a person's box in the image below which nobody is looked for [px]. Our choice: the head is then
+    under 3 px wide, and a person is told from a bird or a bag by size alone."""
     min_visible: float = Field(default=0.05, ge=0, lt=1)
     """Visible fraction of the model below which no person is expected [1]. Our choice."""
 
@@ -148,7 +151,7 @@ def save_model_map(model_map: HumanModelMap, path: Path) -> None:
         path,
         camera=np.array([c.width, c.height, c.focal_px, c.height_m, c.tilt_rad, _LENSES.index(c.lens)]),
         model=np.array([m.head_m, m.torso_m, m.leg_m, m.head_radius_m, m.torso_radius_m, m.leg_radius_m]),
-        params=np.array([p.max_distance_m, p.step_px, p.min_visible]),
+        params=np.array([p.max_distance_m, p.step_px, p.min_height_px, p.min_visible]),
         origin_px=np.array(model_map.origin_px),
         index=model_map.index,
         foot_px=model_map.foot_px,
@@ -172,7 +175,7 @@ def load_model_map(path: Path) -> HumanModelMap:
             model_map = HumanModelMap(
                 camera,
                 HumanModel(*(float(x) for x in m)),
-                HumanModelMapParams(max_distance_m=float(p[0]), step_px=int(p[1]), min_visible=float(p[2])),
+                _params_of(p),
                 (int(data["origin_px"][0]), int(data["origin_px"][1])),
                 data["index"].astype(np.int32),
                 *(data[name] for name in ("foot_px", "head_px", "floor_m", "hull_px", "visibility")),
@@ -181,6 +184,12 @@ def load_model_map(path: Path) -> HumanModelMap:
         raise InputError(f"{path}: expected a human model map (.npz), found {error}") from error
     _check_columns(model_map, path)
     return model_map
+
+
+def _params_of(row: F64) -> HumanModelMapParams:
+    return HumanModelMapParams(
+        max_distance_m=float(row[0]), step_px=int(row[1]), min_height_px=float(row[2]), min_visible=float(row[3])
+    )
 
 
 def _check_columns(model_map: HumanModelMap, path: Path) -> None:
@@ -212,7 +221,8 @@ def _entries(
     finite = np.isfinite(hulls).all(axis=(1, 2))
     visibility = np.zeros(len(keep))
     visibility[finite] = visible_fraction(hulls[finite], camera.width, camera.height)
-    seen = visibility > params.min_visible
+    size = (hulls.max(axis=1) - hulls.min(axis=1)).max(axis=1)
+    seen = (visibility > params.min_visible) & (size >= params.min_height_px)
     keep, hulls, visibility = keep[seen], hulls[seen], visibility[seen]
     columns = (foot[keep], model.head(camera, floor[keep]), floor[keep], hulls, visibility)
     return keep.astype(np.int32), tuple(c.astype(np.float32) for c in columns)

@@ -58,7 +58,7 @@ class SingleCamera:
             raise InputError(f"frame {frame.index}: expected {self.size[0]}x{self.size[1]} px, found {width}x{height}")
         mask = self._foreground.update(frame.image, None, frame.timestamp_s, feedback)
         motion = self._motion(frame)
-        return Observation(frame.index, frame.timestamp_s, frame.image, mask, motion)
+        return Observation(frame.index, frame.timestamp_s, frame.image, mask, motion, shadow=self._foreground.shadow)
 
     def _motion(self, frame: VideoFrame) -> U8:
         """(H, W) uint8, 255 where the smoothed luma differs from that of motion_interval_s ago."""

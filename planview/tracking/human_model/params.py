@@ -1,0 +1,119 @@
+"""Parameters of the human-model tracker."""
+
+from pydantic import Field
+
+from calib.human_model_map import HumanModelMapParams
+from calib.params import Params
+
+
+class MatchParams(Params):
+    """Predicted models against foreground (Zhang et al. 2008, equation 1)."""
+
+    acceleration_mps2: float = Field(default=2.0, gt=0, le=20)
+    """Standard deviation of a walker's acceleration [m/s^2]. Our choice: starting, stopping and turning within a
+    second at 1.3 m/s, with margin."""
+    position_noise: float = Field(default=0.05, gt=0, le=0.5)
+    """Standard deviation of an observed foot point, as a fraction of the model's height in the image. Our choice: legs
+    swing by a tenth of the height."""
+    search_sigmas: float = Field(default=2.5, gt=0, le=6)
+    """Search radius in standard deviations of the prediction. Our choice: 1 % of the true positions lie outside."""
+    sweeps: int = Field(default=2, ge=1, le=10)
+    """Rounds of the joint maximisation over all targets. Our choice: the second settles who owns shared pixels."""
+    ring: float = Field(default=0.5, ge=0, le=2)
+    """Width beside the model, as a fraction of its width, where foreground is half explained. Our choice: arms and
+    stride reach 0.35 m from the axis, the torso cylinder 0.21 m."""
+    overlap_weight: float = Field(default=0.3, ge=0, le=2)
+    """Price of a pixel covered twice, in pixels. The paper's R_overlap has 1; less, since people do hide each other."""
+    prior_weight: float = Field(default=0.04, ge=0, le=1)
+    """Price of one squared standard deviation from the prediction, in model areas. Our choice."""
+    coast_s: float = Field(default=1.0, gt=0, le=30)
+    """Time constant with which the predicted speed of a target without blob decays [s]. Our choice: who is hidden for
+    longer has often stopped."""
+    min_precision: float = Field(default=0.35, gt=0, lt=1)
+    """Foreground fraction of the model's free part below which a target has no matching blob. Our choice: legs alone
+    are a third of the outline."""
+    min_free: float = Field(default=0.25, gt=0, lt=1)
+    """Fraction of the model that no other model covers, below which a target is hidden and only predicted."""
+
+
+class StateParams(Params):
+    """Motion and stability automata (section 4)."""
+
+    window_s: float = Field(default=0.8, gt=0, le=10)
+    """Time over which motion and trends are judged [s]. Our choice: about one and a half steps."""
+    moving_mps: float = Field(default=0.25, gt=0, le=3)
+    """Speed of the footprint from which a target is moving [m/s]. Our choice: swaying is slower, walking faster."""
+    internal_motion: float = Field(default=0.02, gt=0, lt=1)
+    """Fraction of the model's area in motion that is internal motion. Our choice: a moving hand or head."""
+    trend: float = Field(default=0.1, gt=0, lt=1)
+    """Change of the visible fraction within the window that is appearing or disappearing. Our choice."""
+    occlusion: float = Field(default=0.15, gt=0, lt=1)
+    """Fraction of the model shared with other models that is an occlusion. Our choice."""
+    uncertain_noise: float = Field(default=2.5, ge=1, le=20)
+    """Factor on the observation's standard deviation while disappearing or in occlusion, so that the prediction weighs
+    more (section 4). Our choice."""
+
+
+class BirthParams(Params):
+    """New targets (section 4, the four criteria)."""
+
+    min_precision: float = Field(default=0.6, gt=0, lt=1)
+    """Size and shape: foreground fraction of the model's visible area."""
+    min_recall: float = Field(default=0.45, ge=0, lt=1)
+    """Size and shape: fraction of the unexplained blob around the model that the model covers."""
+    min_visible: float = Field(default=0.4, gt=0, le=1)
+    """Visibility: fraction of the model inside the image."""
+    min_motion: float = Field(default=0.05, ge=0, lt=1)
+    """Motion salience: fraction of the model's foreground in motion at birth. Our choice: walking moves most of it."""
+    min_travel_m: float = Field(default=0.4, ge=0, le=5)
+    """Motion salience: distance walked before a target is believed [m]. Our choice: a torso's width."""
+    min_matches: int = Field(default=3, ge=1, le=100)
+    """Frames matched before a target is believed. Our choice."""
+    max_shared: float = Field(default=0.3, ge=0, le=1)
+    """Non-occlusion: fraction of the model that existing targets may cover."""
+    tentative_s: float = Field(default=2.0, gt=0, le=30)
+    """Time after which a target that was never believed is dropped [s]. Our choice."""
+
+
+class LifeParams(Params):
+    """Merging, splitting, losing and removing (section 4)."""
+
+    merge_overlap: float = Field(default=0.6, gt=0, le=1)
+    """Fraction of a model covered by another from which two may be one person. Our choice."""
+    merge_after_s: float = Field(default=1.0, gt=0, le=30)
+    """Both must have been moving and overlapped for so long [s]. Our choice: crossing people overlap for less."""
+    patience_s: float = Field(default=3.0, gt=0, le=60)
+    """How long a fully visible target without blob is predicted [s]. Our choice: passing behind a car or a column."""
+    border_visible: float = Field(default=0.6, gt=0, le=1)
+    """Visible fraction when last seen below which a disappearing target has left the view. Our choice."""
+    inanimate_s: float = Field(default=10.0, gt=0, le=600)
+    """Time without any internal motion after which a target is a thing [s]. Our choice: seated people move a hand or
+    the head more often."""
+    still_s: float = Field(default=3.0, gt=0, le=600)
+    """Time without motion after which unexplained foreground is background [s]. Our choice."""
+    reattach_m: float = Field(default=1.5, ge=0, le=10)
+    """A new target this near to where a lost one is predicted, and alike, is that one [m]. Our choice: a second of
+    walking."""
+    alike: float = Field(default=0.6, ge=0, le=1)
+    """Smallest similarity (Bhattacharyya) of colours of the same person. Our choice."""
+
+
+class HumanModelParams(Params):
+    """The tracker of Zhang, Venetianer and Lipton 2008."""
+
+    height_m: float = Field(default=1.76, gt=0.5, le=2.5)
+    """Height of the average person [m]. Table 1."""
+    min_height: float = Field(default=0.85, gt=0.2, le=1)
+    """Smallest height of a person, as a fraction of the average. Our choice: 1.5 m."""
+    max_height: float = Field(default=1.15, ge=1, le=2)
+    """Largest height of a person, as a fraction of the average. Our choice: 2.0 m."""
+    map: HumanModelMapParams = HumanModelMapParams()
+    """Where people are expected."""
+    match: MatchParams = MatchParams()
+    """Matching."""
+    states: StateParams = StateParams()
+    """Motion and stability states."""
+    birth: BirthParams = BirthParams()
+    """New targets."""
+    life: LifeParams = LifeParams()
+    """Merging and removing."""

@@ -1,0 +1,160 @@
+"""The model map and workspaces that the kernels need, and one method per kernel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.human_model_map import HumanModelMap
+from calib.types import F32, F64, I64, U8
+from planview.blobs import Blobs
+from planview.tracking.human_model import _kernels as kernels
+from planview.tracking.human_model.params import MatchParams
+
+COLOUR_PARTS = 2
+"""Parts of the body (upper, lower) with a colour histogram each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """What the placed models cover, one row per target (see ``kernels.measure_models``)."""
+
+    position: F64
+    counts: I64
+    extent: F64
+
+    @property
+    def area(self) -> F64:
+        return np.maximum(1, self.counts[:, 0]).astype(np.float64)
+
+    @property
+    def shared(self) -> F64:
+        """Fraction of the model that other models cover too."""
+        return self.counts[:, 3] / self.area
+
+    @property
+    def precision(self) -> F64:
+        """Foreground fraction of the part that is this model's alone."""
+        return self.counts[:, 2] / np.maximum(1.0, self.area - self.counts[:, 3])
+
+    @property
+    def internal_motion(self) -> F64:
+        """Moving fraction of the model."""
+        return self.counts[:, 4] / self.area
+
+
+class ModelScene:
+    """Draws, scores and places models in the images of one camera."""
+
+    def __init__(self, model_map: HumanModelMap, params: MatchParams) -> None:
+        self.model_map = model_map
+        self.params = params
+        width, height = model_map.camera.size
+        self.cover = np.zeros((height, width), np.uint8)
+        self.claimed = np.zeros((height, width), np.uint8)
+        self._rest = np.zeros((height, width + 1), np.int32)
+        self._taken = np.zeros((height, width + 1), np.int32)
+        self._left = np.zeros(height, np.int32)
+        self._right = np.zeros(height, np.int32)
+        self._map = (
+            np.ascontiguousarray(model_map.index),
+            model_map.origin_px[0],
+            model_map.origin_px[1],
+            model_map.params.step_px,
+            np.ascontiguousarray(model_map.foot_px),
+            np.ascontiguousarray(model_map.hull_px),
+        )
+
+        self.map_boxes = model_map.boxes()
+        low = np.maximum(self.map_boxes[:, :2], 0)
+        high = np.minimum(self.map_boxes[:, :2] + self.map_boxes[:, 2:], (width, height))
+        self.map_seen = np.prod(np.maximum(high - low, 0), axis=1)
+        """(N,) area of each entry's box inside the image [px^2]."""
+
+    def match(self, foreground: U8, predicted: F64, scale: F64, covariance: F64, order: I64, fresh: bool) -> F64:
+        """Joint best foot pixels (N, 2) of all targets.
+
+        Args:
+            foreground: (H, W) uint8, 2 where salient, 1 where less salient, 0 elsewhere.
+            predicted: (N, 2) predicted foot pixels.
+            scale: (N,) heights over the average.
+            covariance: (N, 2, 2) of the predictions [px^2].
+            order: (N,) which target claims pixels first.
+            fresh: forget the models drawn before; else they keep their pixels.
+        """
+        p = self.params
+        inverse = np.linalg.inv(covariance)
+        information = np.stack([inverse[:, 0, 0], inverse[:, 0, 1], inverse[:, 1, 1]], axis=1)
+        sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]], axis=1))
+        radius = np.clip(p.search_sigmas * sigma, 1.0, 0.25 * max(foreground.shape))
+        position = np.empty_like(predicted)
+        kernels.match_models(
+            foreground, self.cover, self._rest, self._taken, self._left, self._right, *self._map,
+            predicted, scale, information, radius, order, position, p.sweeps, p.ring, p.overlap_weight, p.prior_weight,
+            fresh,
+        )  # fmt: skip
+        return position
+
+    def measure(self, foreground: U8, motion: U8, blobs: Blobs, position: F64, scale: F64) -> Measurement:
+        """What the models at (N, 2) foot pixels cover; also marks ``claimed``, which ``clear`` resets."""
+        n = len(scale)
+        counts, extent = np.zeros((n, 7), np.int64), np.zeros((n, 3))
+        votes = np.zeros(len(blobs), np.int64)
+        kernels.measure_models(
+            foreground, motion, self.cover, blobs.labels, self._left, self._right, self.claimed, *self._map,
+            position, scale, self.params.ring, votes, counts, extent,
+        )  # fmt: skip
+        return Measurement(position, counts, extent)
+
+    def clear(self) -> None:
+        """No models drawn."""
+        self.cover[:] = 0
+        self.claimed[:] = 0
+
+    def prepare_candidates(self, foreground: U8, taken: U8) -> None:
+        """Count unexplained foreground once, before ``score``."""
+        height, width = foreground.shape
+        kernels.row_prefix(foreground, taken, 0, height, 0, width, self._rest, self._taken)
+
+    def score(self, candidates: F64) -> I64:
+        """(N, 4) area, free foreground, taken pixels, foreground in the ring, of (N, 3) foot pixels and scales."""
+        counts = np.zeros((len(candidates), 4), np.int64)
+        kernels.score_candidates(
+            self._rest, self._taken, self._left, self._right, *self._map, candidates, self.params.ring, counts
+        )
+        return counts
+
+    def colours(self, image: U8, foreground: U8, position: F64, scale: float) -> F32:
+        """(COLOUR_PARTS, 64) float32 histogram of what only this model covers (``cover`` is of the last match)."""
+        histogram = np.zeros((COLOUR_PARTS, 64), np.float32)
+        top, bottom = self._fill(position, scale)
+        kernels.colour_histogram(
+            image, foreground, self.cover, self._left, self._right, top, bottom, COLOUR_PARTS, histogram
+        )
+        return histogram
+
+    def paint(self, image: U8, position: F64, scale: float, amount: int) -> None:
+        """Add ``amount`` to the pixels of the model at a (2,) foot pixel."""
+        top, bottom = self._fill(position, scale)
+        kernels.paint(image, self._left, self._right, top, bottom, amount)
+
+    def hull(self, position: F64, scale: float) -> F64 | None:
+        """(HULL_POINTS, 2) outline [px] of the model at a (2,) foot pixel; None where no person is possible."""
+        entry = int(self.model_map.entry_at(position))
+        if entry < 0:
+            return None
+        return position + scale * (self.model_map.hull_px[entry] - self.model_map.foot_px[entry]).astype(np.float64)
+
+    def _fill(self, position: F64, scale: float) -> tuple[int, int]:
+        return kernels.fill_spans(
+            *self._map, position[0], position[1], scale, self.cover.shape[1], self._left, self._right
+        )
+
+
+def similarity(first: F32, second: F32) -> float:
+    """Bhattacharyya coefficient of two (parts, 64) histograms, averaged over the parts that both have; NaN if none."""
+    both = (first.sum(axis=1) > 0) & (second.sum(axis=1) > 0)
+    if not both.any():
+        return float("nan")
+    return float(np.sqrt(first[both] * second[both]).sum(axis=1).mean())
