@@ -12,6 +12,7 @@ from pydantic import Field
 from calib.params import Params
 from calib.types import F32, U8
 from planview import _foreground_kernels as kernels
+from planview._gaussian_kernels import Step
 from planview.gain import GainFollower
 
 NO_OPINION, PERSON, BACKGROUND = 0, 1, 2
@@ -22,6 +23,9 @@ FOREGROUND = 255
 
 REBASE_GAIN = 2.0
 """The model moves to the exposure of the image when that differs by this factor: noise stays comparable."""
+
+REBASE_OFFSET = 20.0
+"""The same for the offset [levels]: beyond it ratios of luma mean little."""
 
 MAX_STEP_S = 1.0
 """A gap in time counts as at most this much learning [s]: what happened in it was not seen."""
@@ -50,7 +54,7 @@ class ForegroundParams(Params):
     noise, compression and mains flicker add as much."""
     chroma_noise: float = Field(2.5, gt=0, le=50)
     """Smallest standard deviation of U and V (levels of 255). Our choice: as luma_noise, times the 0.5 of U and V."""
-    disparity_noise_px: float = Field(0.35, gt=0, le=5)
+    disparity_noise_px: float = Field(0.25, gt=0, le=5)
     """Smallest standard deviation of disparity [px]. Semi-global matching has sub-pixel errors of 0.1 to 0.3 px on
     texture and steps towards whole pixels (pixel locking); in disparity this is the same all over the image."""
     learning_rate: float = Field(1.0 / 60.0, gt=0, le=1)
@@ -74,8 +78,8 @@ class ForegroundParams(Params):
     deepest_weight: float = Field(0.2, gt=0, lt=1)
     """The deepest Gaussian with depth is background above this weight (T_D). Harville 2001: about 0.2."""
     shadow_ratio: float = Field(0.35, gt=0, le=1)
-    """Darkest shadow, as a fraction of the lit luma. Our choice: shade outdoors keeps a third of the image level after
-    the camera's tone curve."""
+    """Darkest shadow, as a fraction of the lit luma; inverted, where depth agrees, the brightest patch of light. Our
+    choice: shade outdoors keeps a third of the image level after the camera's tone curve."""
     remove_colour_shadows: bool = False
     """Remove shadows by the ratio of luma at equal chroma where there is no depth (for one camera without depth)."""
     compensate_gain: bool = True
@@ -108,6 +112,8 @@ class Foreground:
 
     def reset(self) -> None:
         """Forget everything; the next image starts a new background."""
+        self.shadow = np.zeros(self.shape, np.uint8)
+        """(H, W) uint8, 255 where the last update removed a shadow by its colour."""
         self._first_s = math.nan
         self._last_s = math.nan
         self._gain.reset()
@@ -130,9 +136,7 @@ class Foreground:
         opinion = _flat(feedback, self.shape, np.uint8, "feedback")
         if math.isnan(self._first_s):
             self._first_s = self._last_s = timestamp_s
-            self._rest[:] = 0
-            self._rest[kernels.VAR_Y :: kernels.N_FIELDS] = 1  # no weight, but a rank
-            kernels.start_blocks(self._lead, flat, disp, self._mask.size, self._step(0.0, 0.0))
+            kernels.start_blocks(self._lead, self._rest, flat, disp, self._mask.size, self._step(0.0, 0.0))
             return np.zeros(self.shape, np.uint8)
         dt = min(max(timestamp_s - self._last_s, 0.0), MAX_STEP_S)
         self._last_s = max(timestamp_s, self._last_s)
@@ -140,7 +144,11 @@ class Foreground:
             self._follow_gain(flat)
         self._run(flat, disp, opinion, self._step(dt, self._last_s - self._first_s))
         mask = self._mask.reshape(self.shape)
-        return np.asarray(cv2.medianBlur(mask, 3)) if self.params.clean else mask.copy()
+        mask = np.asarray(cv2.medianBlur(mask, 3)) if self.params.clean else mask.copy()
+        if self.params.remove_colour_shadows:
+            self.shadow = np.asarray(cv2.inRange(mask, kernels.SHADOW, kernels.SHADOW), dtype=np.uint8)
+            mask[self.shadow > 0] = 0
+        return mask
 
     def _flat_image(self, image: U8) -> U8:
         if image.dtype != np.uint8 or image.shape[:2] != self.shape or image.shape[2:] not in ((), (1,), (3,)):
@@ -149,11 +157,11 @@ class Foreground:
 
     def _follow_gain(self, image: U8) -> None:
         self._gain.update(self._lead, image)
-        if not 1 / REBASE_GAIN < self._gain.gain < REBASE_GAIN:
+        if not 1 / REBASE_GAIN < self._gain.gain < REBASE_GAIN or abs(self._gain.offset) > REBASE_OFFSET:
             kernels.rebase(self._lead, self._rest, self._gain.gain, self._gain.offset)
             self._gain.reset()
 
-    def _run(self, image: U8, disparity: F32, opinion: U8, step: kernels.Step) -> None:
+    def _run(self, image: U8, disparity: F32, opinion: U8, step: Step) -> None:
         n_blocks = len(self._lead)
         half = n_blocks // 2
         args = self._lead, self._rest, image, disparity, opinion, self._mask
@@ -161,16 +169,17 @@ class Foreground:
         kernels.update_blocks(*args, 0, half, step)
         other.result()
 
-    def _step(self, dt: float, age_s: float) -> kernels.Step:
+    def _step(self, dt: float, age_s: float) -> Step:
         p = self.params
         gain, offset = self._gain.gain, self._gain.offset
         start = dt / (age_s + dt) if 0 < age_s <= p.settle_s else 0.0
-        values = kernels.Step(
+        values = Step(
             beta=p.beta,
             beta_relaxed=p.beta * p.depth_relaxation,
             min_seen=p.min_depth_fraction,
             dark=(p.dark_level - offset) / gain,
             clip=(p.clip_level - offset) / gain,
+            black=-offset / gain,
             clip_image=p.clip_level,
             gain=gain,
             offset=offset,
@@ -192,7 +201,7 @@ class Foreground:
             shadow_ratio=p.shadow_ratio,
             colour_shadows=p.remove_colour_shadows,
         )
-        return kernels.Step._make(np.float32(value) for value in values)
+        return Step._make(np.float32(value) for value in values)
 
 
 def _rate(time_constants: float) -> float:

@@ -1,0 +1,164 @@
+"""One Gaussian of a mixture over (Y, U, V, disparity): how it matches and how it learns, without branches or checks.
+
+The same two functions serve vector loops and single pixels. tests/reference/foreground.py defines them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+# Numbers of a Gaussian: weight, fraction of observations with depth, means, variances. A negative luma variance marks
+# a mean that was learned from clipped pixels: the surface is at least so bright.
+WEIGHT, SEEN, Y, U, V, D, VAR_Y, VAR_U, VAR_V, VAR_D = range(10)
+N_FIELDS = 10
+
+NO_MATCH, SAME, OTHER_LIGHT = 0, 1, 2
+"""How a Gaussian matches: not, by colour, or by depth under a shadow or a patch of light."""
+
+F = np.float32
+ZERO, ONE = F(0), F(1)
+
+
+class Step(NamedTuple):
+    """Numbers of one update, all float32; colour in the exposure of the model."""
+
+    beta: float  # squared normalised distance of a match
+    beta_relaxed: float  # the same for colour where depth agrees
+    min_seen: float  # fraction of observations with depth that makes depth reliable
+    dark: float  # luma below which chroma is noise
+    clip: float  # luma at which the sensor saturates
+    black: float  # luma that the image shows as 0
+    clip_image: float  # clip as the image shows it, 0-255
+    gain: float  # image luma = gain * model luma + offset
+    offset: float
+    floor_y: float  # variance floors
+    floor_uv: float
+    floor_d: float
+    init_y: float  # variances of a new Gaussian
+    init_uv: float
+    init_d: float
+    rate_w: float  # learning rates of this step: weights, means and variances, known background
+    rate_m: float
+    rate_fast: float
+    rate_activity: float
+    active: float  # mean |dY| above which a pixel is active
+    slow_active: float  # factors on the rates of active pixels and of pixels under a person
+    slow_person: float
+    background_weight: float
+    deepest_weight: float
+    shadow_ratio: float
+    colour_shadows: float  # 1: shadows are removed by colour alone where there is no depth
+
+
+class Colour(NamedTuple):
+    """Luma, chroma and disparity of an observation (NaN: none), and 1 where its chroma is usable; float32."""
+
+    y: float
+    u: float
+    v: float
+    d: float
+    chroma: float
+
+
+class Gaussian(NamedTuple):
+    """All but the weight of a Gaussian, float32."""
+
+    seen: float
+    y: float
+    u: float
+    v: float
+    d: float
+    var_y: float
+    var_u: float
+    var_v: float
+    var_d: float
+
+
+@njit(cache=True, nogil=True)
+def shown_luma(g: Gaussian, s: Step) -> float:
+    """The mean luma as the camera can show it now."""
+    return max(min(g.y, s.clip), s.black)
+
+
+@njit(cache=True, nogil=True)
+def chroma_counts(g: Gaussian, o: Colour, s: Step) -> bool:
+    """Chroma is compared unless one side is dark or clipped (notes, section 2: dark pixels)."""
+    return (o.chroma > ZERO) & (min(shown_luma(g, s), o.y) > s.dark) & (g.var_y > ZERO)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def is_other_light(g: Gaussian, o: Colour, chroma: bool, s: Step) -> bool:
+    """The same surface under a shadow or a patch of light: luma off by a plausible ratio, chroma scaled alike."""
+    ratio = (o.y - s.black) / max(shown_luma(g, s) - s.black, ONE)
+    du, dv = o.u - ratio * g.u, o.v - ratio * g.v
+    like = (du * du / g.var_u + dv * dv / g.var_v < s.beta) | (not chroma)
+    return like & (ratio >= s.shadow_ratio) & (ratio * s.shadow_ratio <= ONE)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def match_kind(g: Gaussian, o: Colour, s: Step) -> int:
+    """NO_MATCH, SAME or OTHER_LIGHT: depth rules colour where both have it (notes, section 2)."""
+    dy, du, dv, dd = o.y - shown_luma(g, s), o.u - g.u, o.v - g.v, o.d - g.d
+    chroma = chroma_counts(g, o, s)
+    far = dy * dy / abs(g.var_y) + (du * du / g.var_u + dv * dv / g.var_v if chroma else ZERO)
+    both = (o.d == o.d) & (g.seen >= s.min_seen)
+    agree = both & (dd * dd < s.beta * g.var_d)
+    same = far < (s.beta_relaxed if agree else s.beta)
+    kind = SAME if same else (OTHER_LIGHT if agree & is_other_light(g, o, chroma, s) else NO_MATCH)
+    return NO_MATCH if both & (not agree) else kind
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def learned(g: Gaussian, o: Colour, kind: int, rate: float, s: Step) -> Gaussian:
+    """The Gaussian after a match of some kind; other light moves the means but says nothing of the noise."""
+    rate = rate if kind != NO_MATCH else ZERO
+    rate_var = rate if kind == SAME else ZERO
+    bound = g.var_y < ZERO
+    clipped = o.y >= s.clip
+    still_bound = clipped & (bound | (g.y <= s.clip)) if kind == SAME else bound
+    raised = still_bound & (kind == SAME)
+
+    dy, du, dv = o.y - shown_luma(g, s), o.u - g.u, o.v - g.v
+    var_y = max(abs(g.var_y) + rate_var * (dy * dy - abs(g.var_y)), s.floor_y)
+    chroma = chroma_counts(g, o, s)
+    rate_c = rate if chroma else ZERO
+    rate_cv = rate_var if chroma else ZERO
+
+    # The mean of the valid disparities only: an exponential mean of d over one of validity.
+    has_depth = o.d == o.d
+    seen = g.seen + rate * ((ONE if has_depth else ZERO) - g.seen)
+    learns_d = has_depth & (rate > ZERO)
+    rate_d = rate / max(seen, rate) if learns_d else ZERO
+    dd = o.d - g.d if has_depth else ZERO
+    var_d = max(g.var_d + rate_d * (dd * dd - g.var_d), s.floor_d)
+    return Gaussian(
+        seen,
+        max(g.y, s.clip) if raised else g.y + rate * dy,
+        g.u + rate_c * du,
+        g.v + rate_c * dv,
+        g.d + rate_d * dd,
+        -var_y if still_bound else var_y,
+        max(g.var_u + rate_cv * (du * du - g.var_u), s.floor_uv),
+        max(g.var_v + rate_cv * (dv * dv - g.var_v), s.floor_uv),
+        s.init_d if learns_d & (g.seen <= ZERO) else var_d,
+    )
+
+
+@njit(cache=True, nogil=True)
+def started(o: Colour, s: Step) -> Gaussian:
+    """A new Gaussian at an observation."""
+    has_depth = o.d == o.d
+    return Gaussian(
+        ONE if has_depth else ZERO,
+        o.y,
+        o.u,
+        o.v,
+        o.d if has_depth else ZERO,
+        -s.init_y if o.y >= s.clip else s.init_y,
+        s.init_uv,
+        s.init_uv,
+        s.init_d,
+    )
