@@ -46,6 +46,8 @@ N_LEAD = 12
 # leaves to the second.
 CHROMA, OPINION, RATE_W, RATE_M, UNMATCHED = 0, 1, 6, 7, 8
 N_SCRATCH = 9
+# Values of the mask: other pixels are 0.
+FOREGROUND, SHADOW = 255, 127
 # Unsigned indices: those that cannot be negative let LLVM vectorise a loop.
 AT_Y, AT_U, AT_V = np.uintp(Y * BLOCK), np.uintp(U * BLOCK), np.uintp(V * BLOCK)
 AT_CHROMA, AT_OPINION = np.uintp(CHROMA * BLOCK), np.uintp(OPINION * BLOCK)
@@ -254,8 +256,8 @@ def explains(g: Gaussian, o: Colour, s: Step) -> tuple[bool, bool]:
 @njit(cache=True, nogil=True, error_model="numpy")
 def update_rest(
     lead: F32, i: int, rest: F32, first: int, end: int, o: Colour, rate_w: float, rate_m: float, s: Step
-) -> bool:
-    """Pixel i of a block, whose leader did not match: its other Gaussians are rest[first:end]. Returns foreground."""
+) -> int:
+    """Pixel i of a block, whose leader did not match; its others are rest[first:end]. Returns its mask value."""
     found, kind = first_match(rest, first, end, o, s)
     left = ONE - lead[WEIGHT * BLOCK + i]
     for b in range(first, end, N_FIELDS):
@@ -275,7 +277,9 @@ def update_rest(
         rest[end - N_FIELDS + WEIGHT] = rate_w
         store(rest, end - N_FIELDS, 1, started(o, s))
     settle_order(lead, i, rest, first, end)
-    return foreground
+    if foreground:
+        return FOREGROUND
+    return SHADOW if excused and s.colour_shadows > ZERO else 0
 
 
 @njit(cache=True, nogil=True)
@@ -307,8 +311,7 @@ def update_blocks(
             if obs[UNMATCHED * BLOCK + i] > ZERO:
                 at = (start + i) * size
                 rate_w, rate_m = obs[RATE_W * BLOCK + i], obs[RATE_M * BLOCK + i]
-                if update_rest(leaders, i, rest, at, at + size, observed(obs, i), rate_w, rate_m, s):
-                    mask[start + i] = 255
+                mask[start + i] = update_rest(leaders, i, rest, at, at + size, observed(obs, i), rate_w, rate_m, s)
 
 
 @njit(cache=True, nogil=True)
