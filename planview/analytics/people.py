@@ -96,8 +96,7 @@ class People:
         """
         sightings = [(track, _sighting(frame, timestamp_s, track)) for track in tracks]
         present: dict[int, tuple[Person, Sighting | None]] = {}
-        # Known ids first, so that nobody who is seen now is taken for the past of a new id.
-        for track, sighting in sorted(sightings, key=lambda s: (s[0].track_id not in self._of_id, s[0].track_id)):
+        for track, sighting in sorted(sightings, key=self._turn):
             if sighting is None:
                 continue
             person = self._of_id.get(track.track_id)
@@ -108,6 +107,7 @@ class People:
             self._of_id[track.track_id] = person
             person.track_id, person.present_s = track.track_id, timestamp_s
             person.confirmed |= track.state == "confirmed"
+            person.see(sighting)
             present[id(person)] = person, sighting
         for track, sighting in sightings:
             person = self._of_id.get(track.track_id)
@@ -115,6 +115,16 @@ class People:
                 person.present_s = timestamp_s
                 present.setdefault(id(person), (person, None))
         return list(present.values()), self._gone(timestamp_s)
+
+    def _turn(self, seen: tuple[TrackState, Sighting | None]) -> tuple[int, int]:
+        """Order of the tracks: those that people went by last, other known ones, new ones.
+
+        So nobody who is seen now is taken for the past of a new id, and an old id that comes back after a new one took
+        over does not take the person back.
+        """
+        track_id = seen[0].track_id
+        person = self._of_id.get(track_id)
+        return (2 if person is None else int(person.track_id != track_id)), track_id
 
     def all(self) -> list[Person]:
         """Everybody not gone yet."""

@@ -70,7 +70,6 @@ class Analytics:
         for person, sighting in present:
             memory = self._memory.get(id(person)) or self._remember(person)
             if sighting is not None:
-                person.see(sighting)
                 self._look(person, sighting, memory)
             events += self._release(person, memory, timestamp_s)
             for area, state in zip(self._areas, memory.areas, strict=True):
