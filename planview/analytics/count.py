@@ -61,7 +61,7 @@ def count_truth(truth: Trajectories, rules: Rules, clock: Clock, interval_s: flo
 def frames_of(tracks: Trajectories, clock: Clock) -> Iterator[tuple[int, float, list[TrackState]]]:
     """(frame, time, tracks) of every frame that has rows."""
     frames, starts = np.unique(tracks.frame, return_index=True)
-    ends = np.append(starts[1:], len(tracks))
+    ends = np.searchsorted(tracks.frame, frames, side="right")
     for frame, moment, start, end in zip(frames, clock.at(frames), starts, ends, strict=True):
         yield int(frame), float(moment), [_state(tracks, row) for row in range(start, end)]
 
