@@ -13,6 +13,7 @@ from stereo.synthetic.motion import Handling, pose_at, scripted_motion
 from stereo.synthetic.scene import Furniture, Scene
 from stereo.synthetic.shapes import Mesh
 from stereo.synthetic.texture import Palette
+from stereo.synthetic.wandering import wander
 
 PUSH_M = 0.72
 """Distance of a pushed thing in front of the person's hips."""
@@ -33,7 +34,8 @@ class Cast:
     def __init__(self, scene: Scene, palette: Palette) -> None:
         self._scene = scene
         furniture = {f.name: f for f in scene.furniture if f.name}
-        self.motions = [scripted_motion(p, furniture, scene.duration_s) for p in scene.people]
+        scripted = [scripted_motion(p, furniture, scene.duration_s) for p in scene.people]
+        self.motions = wander(scene, scripted)
         self._bodies = [Body(p, palette) for p in scene.people]
         handled = {h.furniture for m in self.motions for h in m.handlings}
         self.is_moving = [bool(f.moves or f.swivel or f.name in handled) for f in scene.furniture]

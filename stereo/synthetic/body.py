@@ -110,7 +110,7 @@ class Body:
 
     def _arm(self, placed: list[Mesh], pose: Pose, side: int, chest: F64) -> F64:
         h, sign = self.height_m, 1.0 if side == 0 else -1.0
-        joint = chest @ np.array([0.0, sign * 0.112 * h, (SHOULDER - HIP) * h])
+        joint = chest @ np.array([0.0, sign * 0.105 * h, (SHOULDER - HIP) * h])
         upper = chest @ _rx(sign * pose.abduct[side]) @ _ry(-pose.shoulder[side])
         placed.append(self._parts["arm"].moved(upper, joint))
         elbow = joint + upper @ np.array([0.0, 0.0, -UPPER_ARM * h])
@@ -201,8 +201,11 @@ def _hand(h: float, skin: int) -> Mesh:
 
 def _foot(h: float, shoes: int) -> Mesh:
     """A shoe along +x whose sole is ANKLE h below the ankle."""
-    rows = np.array([(-0.045, 0.0, 0.0), (-0.043, 0.017, 0.018), (-0.02, 0.030, 0.025), (0.02, 0.030, 0.026),
-                     (0.06, 0.020, 0.030), (0.095, 0.014, 0.027), (0.108, 0.008, 0.015), (0.110, 0.0, 0.0)]) * h  # fmt: skip
+    profile = [
+        (-0.045, 0.0, 0.0), (-0.043, 0.017, 0.018), (-0.02, 0.030, 0.025), (0.02, 0.030, 0.026),
+        (0.06, 0.020, 0.030), (0.095, 0.014, 0.027), (0.108, 0.008, 0.015), (0.110, 0.0, 0.0),
+    ]  # fmt: skip
+    rows = np.array(profile) * h
     # Swept along z, then laid down along x: z -> x, x -> z.
     sole = -ANKLE * h
     rings = np.column_stack([rows[:, 0], rows[:, 1], rows[:, 2], sole + rows[:, 1], np.zeros(len(rows))])

@@ -24,6 +24,11 @@ def furniture_mesh(item: Furniture, palette: Palette) -> Mesh:
     return join(build(item.size_m or size, main, palette.add(DARK)))
 
 
+def furniture_size(item: Furniture) -> Size:
+    """Length, depth and height of a piece [m]."""
+    return item.size_m or _KINDS[item.kind][0]
+
+
 def _table(s: Size, main: int, dark: int) -> list[Mesh]:
     x, y, z = s[0] / 2, s[1] / 2, s[2]
     legs = [
@@ -73,8 +78,12 @@ def _block(s: Size, main: int, _dark: int) -> list[Mesh]:
 
 def _partition(s: Size, main: int, dark: int) -> list[Mesh]:
     x, y, z = s[0] / 2, s[1] / 2, s[2]
-    return [box((-x, -y, 0.08), (x, y, z - 0.03), main), box((-x - 0.005, -y - 0.01, z - 0.03), (x + 0.005, y + 0.01, z), dark),
-            box((-x, -y * 0.8, 0), (-x + 0.04, y * 0.8, 0.1), dark), box((x - 0.04, -y * 0.8, 0), (x, y * 0.8, 0.1), dark)]  # fmt: skip
+    return [
+        box((-x, -y, 0.08), (x, y, z - 0.03), main),
+        box((-x - 0.005, -y - 0.01, z - 0.03), (x + 0.005, y + 0.01, z), dark),
+        box((-x, -y * 0.8, 0), (-x + 0.04, y * 0.8, 0.1), dark),
+        box((x - 0.04, -y * 0.8, 0), (x, y * 0.8, 0.1), dark),
+    ]
 
 
 def _shelf(s: Size, main: int, dark: int) -> list[Mesh]:
@@ -113,8 +122,8 @@ def _column(s: Size, main: int, _dark: int) -> list[Mesh]:
 
 def _bench(s: Size, main: int, dark: int) -> list[Mesh]:
     x, y, z = s[0] / 2, s[1] / 2, s[2]
-    return [box((-x, -y, z - 0.05), (x, y, z), main), *(
-        box((-x + 0.03, cy - 0.03, 0), (x - 0.03, cy + 0.03, z - 0.05), dark) for cy in (-y * 0.7, y * 0.7))]  # fmt: skip
+    feet = [box((-x + 0.03, cy - 0.03, 0), (x - 0.03, cy + 0.03, z - 0.05), dark) for cy in (-y * 0.7, y * 0.7)]
+    return [box((-x, -y, z - 0.05), (x, y, z), main), *feet]
 
 
 _KINDS: dict[FurnitureKind, tuple[Size, Surface, Builder]] = {

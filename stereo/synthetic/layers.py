@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from calib.types import F32, I32, Bool
+from calib.types import F32, I32, I64
 from stereo.synthetic.actors import Actor
-from stereo.synthetic.lighting import ambient, ball_samples, colour_of, irradiance, level_at, visibility
-from stereo.synthetic.scene import Scene
+from stereo.synthetic.lighting import ball_samples, hemisphere, openness, visibility
+from stereo.synthetic.scene import Light, Scene
+from stereo.synthetic.shading import LightStack, Shader, Surfaces, mirrored, surfaces
 from stereo.synthetic.shapes import Mesh, join
 from stereo.synthetic.texture import Palette
 from stereo.synthetic.tracing import Hits, Tracer
@@ -18,35 +19,17 @@ from stereo.synthetic.view import View
 
 STATIC_SAMPLES = 3
 """Rays per pixel and direction for what does not move."""
-SHADOW_SAMPLES = 4
+SHADOW_SAMPLES = 6
 SHADOW_STEP = 2
 """Shadows of moving things on the room are traced on every second pixel and interpolated."""
+PENUMBRA = 13
+"""Widest soft rim of a shadow, in those second pixels."""
+CONTACT_STEP = 4
+"""Their soft contact shadows on every fourth."""
+MIRROR_BLUR_PX = 1.2
+"""Floors are never perfect mirrors."""
 
-
-@dataclass(frozen=True, eq=False)
-class Surfaces:
-    """Shading inputs at hits: points, unit normals facing the viewer, albedo, emission; (N, 3), (N,) for the last."""
-
-    points: F32
-    normals: F32
-    albedo: F32
-    emission: F32
-
-
-def surfaces(hits: Hits, mesh: Mesh, rays: F32, palette: Palette, focal_px: float, chosen: I32) -> Surfaces:
-    """What the chosen rays hit."""
-    direction, depth = rays[chosen, 3:], hits.depth[chosen]
-    points = rays[chosen, :3] + direction * depth[:, None]
-    normals = hits.interpolate(mesh, mesh.normals, chosen)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
-    length = np.linalg.norm(direction, axis=1)
-    facing = np.einsum("ij,ij->i", normals, direction) / length
-    normals[facing > 0] *= -1
-    footprint = depth * length / focal_px / np.sqrt(np.clip(np.abs(facing), 0.08, 1.0))
-    material = mesh.material[hits.triangle[chosen]]
-    albedo = palette.albedo(material, hits.interpolate(mesh, mesh.local, chosen), footprint.astype(np.float32))
-    emission = np.array([m.emission for m in palette.materials], np.float32)[material]
-    return Surfaces(points.astype(np.float32), normals, albedo, emission)
+Box = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,162 +41,187 @@ class Layer:
         depth: (H, W) float32 [m] of the pixel centres; inf where nothing is.
         owner: (H, W) int32, index into the frame's actors plus one; 0 for the room.
         alone: per actor, the number of pixels it covers when nothing hides it.
-        boxes: per actor, (left, top, width, height) of that alone silhouette [px], NaN when out of view.
+        boxes: per actor, left, top, width, height of that silhouette [px]; NaN when out of view.
     """
 
     linear: F32
     depth: F32
     owner: I32
     alone: list[int]
-    boxes: list[tuple[float, float, float, float]]
+    boxes: list[Box]
 
 
 class ViewRenderer:
     """Renders frames of one view."""
 
-    def __init__(self, scene: Scene, view: View, static: Mesh, shades: Mesh | None, palette: Palette) -> None:
-        """``shades`` is the furniture alone, which also shades the sun."""
+    def __init__(self, scene: Scene, view: View, static: Mesh, furniture: Mesh | None, palette: Palette) -> None:
+        """``furniture`` is the part of ``static`` that shades the sun."""
         self._scene, self._view, self._palette, self._static = scene, view, palette, static
-        self._solid, self._furniture = Tracer(static), Tracer(shades)
-        self._rays = view.rays(view.pixels())
-        self._lamps = scene.lights.lamps
-        self._render_static()
-
-    def _blockers(self, index: int) -> list[Tracer]:
-        return [self._furniture if self._lamps[index].kind == "sun" else self._solid]
-
-    def _render_static(self) -> None:
-        n, s = self._view.width * self._view.height, STATIC_SAMPLES
-        self._glow, self._ambient = np.zeros((n, 3), np.float32), np.zeros((n, 3), np.float32)
-        self._lit = [np.zeros((n, 3), np.float32) for _ in self._lamps]
-        samples = ball_samples(s * s)
-        for k in range(s * s):
-            offset = ((k % s + 0.5) / s - 0.5, (k // s + 0.5) / s - 0.5)
-            rays = self._view.rays(self._view.pixels(offset))
-            hits = self._solid.cast(rays)
-            chosen = np.flatnonzero(hits.found)
-            at = surfaces(hits, self._static, rays, self._palette, self._view.focal_px * s, chosen)
-            share = np.float32(1 / (s * s))
-            self._glow[chosen] += share * at.albedo * at.emission[:, None]
-            self._ambient[chosen] += share * at.albedo * ambient(at.normals)[:, None]
-            for i, lamp in enumerate(self._lamps):
-                light = irradiance(lamp, self._scene.room, at.points, at.normals)
-                lit = np.flatnonzero(light > 1e-4)
-                if lamp.shadows:
-                    light[lit] *= visibility(
-                        lamp, self._blockers(i), at.points[lit], at.normals[lit], samples[k : k + 1]
-                    )
-                self._lit[i][chosen] += share * at.albedo * light[:, None] * colour_of(lamp)
+        self._solid = Tracer(static)
+        self._shader = Shader(scene, self._solid, Tracer(furniture))
+        self._rays = view.rays()
+        self._steps = view.ray_steps(self._rays)
+        n, lamps = view.width * view.height, len(scene.lights.lamps)
+        self._room, self._mirror = LightStack(n, lamps), LightStack(n, lamps)
+        for k in range(STATIC_SAMPLES**2):
+            self._render_room(k)
         self._keep_centres()
 
+    def _render_room(self, k: int) -> None:
+        """One of the rays of every pixel, with its own sample of every lamp."""
+        s = STATIC_SAMPLES
+        right, down = (k % s + 0.5) / s - 0.5, (k // s + 0.5) / s - 0.5
+        rays = self._rays + np.float32(right) * self._steps[0] + np.float32(down) * self._steps[1]
+        share = np.float32(1 / (s * s))
+        index = np.arange(len(rays))
+        hit, at = self._see(rays, 1 / (self._view.focal_px * s))
+        self._add(self._room, index[hit], at, np.full(len(hit), share, np.float32), k)
+        glossy = np.flatnonzero(at.gloss > 0)
+        if len(glossy):
+            onward = mirrored(rays[hit], at)[glossy]
+            hit2, at2 = self._see(onward, 1 / self._view.focal_px)
+            self._add(self._mirror, index[hit][glossy][hit2], at2, share * at.gloss[glossy][hit2], k)
+
+    def _see(self, rays: F32, pixel_rad: float) -> tuple[I64, Surfaces]:
+        hits = self._solid.cast(rays)
+        hit = np.flatnonzero(hits.found)
+        return hit, surfaces(hits, self._static, rays, self._palette, pixel_rad, hit)
+
+    def _add(self, stack: LightStack, index: I64, at: Surfaces, weight: F32, k: int) -> None:
+        lamps = self._shader.lamps(at, ball_samples(STATIC_SAMPLES**2)[k : k + 1])
+        stack.add(index, at, weight, self._shader.open_share(at, k), lamps)
+
     def _keep_centres(self) -> None:
-        """Depth, points and normals of the pixel centres, for compositing and shadows."""
-        hits = self._solid.cast(self._rays)
-        self._depth = hits.depth
-        found = np.flatnonzero(hits.found)
-        self._points = np.zeros((len(hits.depth), 3), np.float32)
-        self._normals = np.zeros_like(self._points)
-        at = surfaces(hits, self._static, self._rays, self._palette, self._view.focal_px, found)
-        self._points[found], self._normals[found] = at.points, at.normals
+        """What compositing, shadows and mirroring need to know of the pixel centres."""
+        self._depth = self._solid.cast(self._rays).depth
+        hit, at = self._see(self._rays, 1 / self._view.focal_px)
+        n = len(self._rays)
+        self._points, self._normals = np.zeros((n, 3), np.float32), np.zeros((n, 3), np.float32)
+        self._points[hit], self._normals[hit] = at.points, at.normals
+        glossy = np.flatnonzero(at.gloss > 0)
+        self._glossy, self._gloss = hit[glossy], at.gloss[glossy]
+        self._onward = mirrored(self._rays[hit], at)[glossy]
+        self._onward_depth = self._solid.cast(self._onward).depth
 
-    def static_mean(self) -> float:
+    def room_mean(self) -> float:
         """Mean linear level of the empty room at the start, for the automatic exposure."""
-        return float(self._room(0.0, Tracer(None)).mean())
-
-    def _room(self, t: float, moving: Tracer) -> F32:
-        lights = self._scene.lights
-        linear = self._glow + self._ambient * np.float32(lights.ambient * level_at(lights.ambient_dim, t))
-        for lamp, lit in zip(self._lamps, self._lit, strict=True):
-            dim = np.float32(level_at(lamp.dim, t))
-            if dim == 0:
-                continue
-            if lamp.shadows and moving.mesh is not None:
-                linear += lit * (dim * self._shade(lamp, lit, moving))[:, None]
-            else:
-                linear += lit * dim
-        return np.asarray(linear, np.float32)
-
-    def _shade(self, lamp: object, lit: F32, moving: Tracer) -> F32:
-        """(N,) visibility of a lamp past moving things, for every pixel of the room."""
-        h, w, step = self._view.height, self._view.width, SHADOW_STEP
-        rows, cols = np.arange(0, h, step), np.arange(0, w, step)
-        index = (rows[:, None] * w + cols).ravel()
-        chosen = np.flatnonzero(lit[index].max(axis=1) > 1e-3)
-        seen = np.ones(len(index), np.float32)
-        pick = index[chosen]
-        seen[chosen] = visibility(
-            lamp,
-            [moving],
-            self._points[pick],
-            self._normals[pick],
-            ball_samples(SHADOW_SAMPLES),  # type: ignore[arg-type]
-        )
-        small = seen.reshape(len(rows), len(cols))
-        grid_u = (np.arange(w, dtype=np.float32) / step)[None, :].repeat(h, 0)
-        grid_v = (np.arange(h, dtype=np.float32) / step)[:, None].repeat(w, 1)
-        full = cv2.remap(small, grid_u, grid_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(full, np.float32).ravel()
+        return float(self._room.radiance(self._scene, 0.0, [None] * len(self._scene.lights.lamps), None).mean())
 
     def render(self, actors: list[Actor], t: float) -> Layer:
         """The frame at a time [s]."""
         moving = Tracer(join([a.mesh for a in actors]) if actors else None)
-        linear = self._room(t, moving)
+        linear = self._lit_room(t, moving)
         depth, owner = self._depth.copy(), np.zeros(len(self._depth), np.int32)
-        alone, boxes, found = [], [], []
-        for k, actor in enumerate(actors):
-            index, hits = self._cast_actor(actor)
-            covered = hits.found
-            alone.append(int(covered.sum()))
-            boxes.append(self._box(index[covered]))
+        found = [self._cast_actor(actor) for actor in actors]
+        for k, (index, hits) in enumerate(found):
             nearer = np.flatnonzero(hits.depth < depth[index])
             depth[index[nearer]] = hits.depth[nearer]
             owner[index[nearer]] = k + 1
-            found.append((index, hits))
         for k, (index, hits) in enumerate(found):
             mine = np.flatnonzero(owner[index] == k + 1)
             if len(mine):
-                linear[index[mine]] = self._shade_actor(actors[k].mesh, index, hits, mine, moving, t)
+                rays, pixel = self._rays[index], 1 / self._view.focal_px
+                at = surfaces(hits, actors[k].mesh, rays, self._palette, pixel, mine)
+                linear[index[mine]] = self._shader.colour(at, t, moving)
         shape = (self._view.height, self._view.width)
+        alone = [int(hits.found.sum()) for _, hits in found]
+        boxes = [self._box(index[hits.found]) for index, hits in found]
         return Layer(linear.reshape(*shape, 3), depth.reshape(shape), owner.reshape(shape), alone, boxes)
 
-    def _cast_actor(self, actor: Actor) -> tuple[I32, Hits]:
+    def _lit_room(self, t: float, moving: Tracer) -> F32:
+        lamps = self._scene.lights.lamps
+        if moving.mesh is None:
+            shares: list[F32 | None] = [None] * len(lamps)
+            open_share = None
+        else:
+            shares = [
+                self._shadow(lamp, lit, moving) if lamp.shadows else None
+                for lamp, lit in zip(lamps, self._room.lit, strict=True)
+            ]
+            open_share = self._contact(moving)
+        linear = self._room.radiance(self._scene, t, shares, open_share)
+        if len(self._glossy):
+            linear += self._mirrored(t, moving)
+        return linear
+
+    def _mirrored(self, t: float, moving: Tracer) -> F32:
+        """Light mirrored by glossy floors, moving things included."""
+        image = self._mirror.radiance(self._scene, t, [None] * len(self._scene.lights.lamps), None)
+        if moving.mesh is not None:
+            hits = moving.cast(self._onward)
+            mine = np.flatnonzero(hits.depth < self._onward_depth)
+            if len(mine):
+                at = surfaces(hits, moving.mesh, self._onward, self._palette, 1 / self._view.focal_px, mine)
+                colour = self._shader.colour(at, t, moving)
+                image[self._glossy[mine]] = colour * self._gloss[mine, None]
+        h, w = self._view.height, self._view.width
+        blurred = cv2.GaussianBlur(image.reshape(h, w, 3), (0, 0), MIRROR_BLUR_PX)
+        return np.asarray(blurred.reshape(-1, 3), np.float32)
+
+    def _shadow(self, lamp: Light, lit: F32, moving: Tracer) -> F32:
+        """(N,) visibility of a lamp past moving things."""
+        index = self._coarse(SHADOW_STEP)
+        lit_up = lit[index].max(axis=1) > 1e-3
+        seen = np.ones(len(index), np.float32)
+        seen[lit_up] = self._seen(lamp, index[lit_up], 1, moving)
+        # Only the rims of shadows need more than the lamp's centre.
+        shape = -(-self._view.height // SHADOW_STEP), -(-self._view.width // SHADOW_STEP)
+        hard, kernel = seen.reshape(shape), np.ones((PENUMBRA, PENUMBRA), np.uint8)
+        rim = (cv2.dilate(hard, kernel) != cv2.erode(hard, kernel)).ravel() & lit_up
+        seen[rim] = self._seen(lamp, index[rim], SHADOW_SAMPLES, moving)
+        return self._enlarge(seen, SHADOW_STEP)
+
+    def _seen(self, lamp: Light, pixels: I64, samples: int, moving: Tracer) -> F32:
+        return visibility(lamp, [moving], self._points[pixels], self._normals[pixels], ball_samples(samples))
+
+    def _contact(self, moving: Tracer) -> F32:
+        """(N,) share of ambient light that moving things leave."""
+        assert moving.mesh is not None  # the caller has looked
+        index = self._coarse(CONTACT_STEP)
+        reach = 0.8
+        low, high = moving.mesh.vertices.min(axis=0) - reach, moving.mesh.vertices.max(axis=0) + reach
+        points = self._points[index]
+        near = np.flatnonzero(((points > low) & (points < high)).all(axis=1))
+        seen = np.ones(len(index), np.float32)
+        seen[near] = openness(moving, points[near], self._normals[index[near]], hemisphere(8, 0))
+        return self._enlarge(seen, CONTACT_STEP)
+
+    def _coarse(self, step: int) -> I64:
+        """Pixels of every step-th row and column."""
+        rows, cols = np.arange(0, self._view.height, step), np.arange(0, self._view.width, step)
+        return np.asarray((rows[:, None] * self._view.width + cols).ravel(), np.int64)
+
+    def _enlarge(self, values: F32, step: int) -> F32:
+        """Values of every step-th pixel for all, linear between."""
+        h, w = self._view.height, self._view.width
+        small = values.reshape(-(-h // step), -(-w // step))
+        to_full = np.array([[step, 0, 0], [0, step, 0]], np.float64)
+        full = cv2.warpAffine(small, to_full, (w, h), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(full, np.float32).ravel()
+
+    def _cast_actor(self, actor: Actor) -> tuple[I64, Hits]:
         """Pixels that may show an actor, and its hits there."""
-        w, h = self._view.width, self._view.height
-        low, high = _bounds(self._view, actor.mesh, w, h)
-        cols, rows = np.arange(low[0], high[0]), np.arange(low[1], high[1])
-        index = (rows[:, None] * w + cols).ravel().astype(np.int32)
+        (left, top), (right, bottom) = _bounds(self._view, actor.mesh)
+        rows, cols = np.arange(top, bottom), np.arange(left, right)
+        index = np.asarray((rows[:, None] * self._view.width + cols).ravel(), np.int64)
         return index, Tracer(actor.mesh).cast(self._rays[index])
 
-    def _box(self, pixels: I32) -> tuple[float, float, float, float]:
+    def _box(self, pixels: I64) -> Box:
         if len(pixels) == 0:
-            return (np.nan,) * 4
+            return (np.nan, np.nan, np.nan, np.nan)
         rows, cols = np.divmod(pixels, self._view.width)
         left, top = int(cols.min()), int(rows.min())
         return float(left), float(top), float(cols.max() - left + 1), float(rows.max() - top + 1)
 
-    def _shade_actor(self, mesh: Mesh, index: I32, hits: Hits, mine: Bool | I32, moving: Tracer, t: float) -> F32:
-        rays = self._rays[index]
-        at = surfaces(hits, mesh, rays, self._palette, self._view.focal_px, np.asarray(mine, np.int32))
-        lights = self._scene.lights
-        total = (ambient(at.normals) * lights.ambient * level_at(lights.ambient_dim, t))[:, None].repeat(3, 1)
-        for i, lamp in enumerate(self._lamps):
-            light = irradiance(lamp, self._scene.room, at.points, at.normals) * level_at(lamp.dim, t)
-            lit = np.flatnonzero(light > 1e-3)
-            if lamp.shadows:
-                blockers = [*self._blockers(i), moving]
-                light[lit] *= visibility(lamp, blockers, at.points[lit], at.normals[lit], ball_samples(1))
-            total = total + light[:, None] * colour_of(lamp)
-        return np.asarray(at.albedo * total, np.float32)
 
-
-def _bounds(view: View, mesh: Mesh, width: int, height: int) -> tuple[tuple[int, int], tuple[int, int]]:
+def _bounds(view: View, mesh: Mesh) -> tuple[tuple[int, int], tuple[int, int]]:
     """Pixels (from inclusive, to exclusive) around a mesh; the whole image when it reaches behind the camera."""
     local = view.room_SE3_camera.inverse() @ mesh.vertices.astype(np.float64)
     if (local[:, 2] < 0.05).all():
         return (0, 0), (0, 0)
     uv = view.project(local)
     if (local[:, 2] < 0.3).any() or not np.isfinite(uv).all():
-        return (0, 0), (width, height)
-    low = np.clip(np.floor(uv.min(axis=0)) - 1, 0, [width, height])
-    high = np.clip(np.ceil(uv.max(axis=0)) + 2, 0, [width, height])
+        return (0, 0), (view.width, view.height)
+    low = np.clip(np.floor(uv.min(axis=0)) - 1, 0, [view.width, view.height])
+    high = np.clip(np.ceil(uv.max(axis=0)) + 2, 0, [view.width, view.height])
     return (int(low[0]), int(low[1])), (int(high[0]), int(high[1]))

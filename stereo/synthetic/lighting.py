@@ -13,6 +13,9 @@ from stereo.synthetic.tracing import EPSILON_M, Tracer
 SUN_M = 60.0
 """Length of shadow rays towards the sun."""
 
+NEAR_M = 1.0
+"""Lamps are no brighter nearer than this: they are panels, not points, and shine downwards."""
+
 
 def level_at(frames: Keyframes, t: float) -> float:
     """Keyframed value at a time."""
@@ -40,7 +43,7 @@ def irradiance(light: Light, room: Room, points: F32, normals: F32) -> F32:
     distance = np.linalg.norm(to, axis=1)
     cosine = np.clip(np.einsum("ij,ij->i", to, normals) / np.maximum(distance, 1e-6), 0, 1)
     if light.kind == "point":
-        return np.asarray(light.level * cosine * (2.0 / np.maximum(distance, 0.3)) ** 2, np.float32)
+        return np.asarray(light.level * cosine * (2.0 / np.maximum(distance, NEAR_M)) ** 2, np.float32)
     result = light.level * cosine
     if light.window is not None:
         result = result * _through_window(light, room, points, to)
@@ -87,3 +90,25 @@ def ball_samples(n: int) -> F64:
 def colour_of(light: Light) -> F32:
     """(3,) linear BGR."""
     return linear_colour(light.colour)
+
+
+def hemisphere(n: int, turn: int) -> F32:
+    """(n, 3) cosine-weighted directions about z, turned so that several sets fill the gaps."""
+    k = np.arange(n) + 0.5
+    r = np.sqrt(k / n)
+    angle = np.pi * (3 - 5**0.5) * (k * (turn + 1)) + 2.4 * turn
+    return np.column_stack([r * np.cos(angle), r * np.sin(angle), np.sqrt(1 - r * r)]).astype(np.float32)
+
+
+def openness(tracer: Tracer, points: F32, normals: F32, directions: F32, reach_m: float = 0.8) -> F32:
+    """(N,) share of directions about the normals in which nothing is within reach: soft contact shadows."""
+    seen = np.zeros(len(points), np.float32)
+    origins = points + EPSILON_M * normals
+    helper = np.where(np.abs(normals[:, 2:]) < 0.9, np.array([0, 0, 1], np.float32), np.array([1, 0, 0], np.float32))
+    side = np.cross(helper, normals)
+    side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-9)
+    other = np.cross(normals, side)
+    for d in directions:
+        to = (reach_m * (d[0] * side + d[1] * other + d[2] * normals)).astype(np.float32)
+        seen += ~tracer.blocked(origins, to)
+    return np.asarray(seen / len(directions), np.float32)

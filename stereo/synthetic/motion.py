@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -40,6 +40,8 @@ class Motion:
         speed: [m/s].
         actions: (T, len(ACTIONS)) weights 0..1.
         handlings: things carried and pushed.
+        raw_xy, raw_face, raw_actions: the ticks before smoothing, for continuing them.
+        script_end_s: when the steps are done.
     """
 
     first_s: float
@@ -50,6 +52,10 @@ class Motion:
     speed: F64
     actions: F64
     handlings: tuple[Handling, ...]
+    raw_xy: F64
+    raw_face: F64
+    raw_actions: F64
+    script_end_s: float = 0.0
 
     def exists(self, t: float) -> bool:
         return self.first_s <= t < self.last_s
@@ -101,20 +107,26 @@ def scripted_motion(person: Person, furniture: dict[str, Furniture], end_s: floa
     script = _Script(person)
     for step in person.steps:
         _play(script, step, furniture)
-    last = script.now_s if person.leaves else np.inf
-    if script.now_s < end_s + 1:
-        script.stay(end_s + 1 - script.now_s, np.nan)
-    return motion_from_ticks(
-        person, np.concatenate(script.xy), np.concatenate(script.face), np.concatenate(script.actions),
-        tuple(script.handlings), last,
-    )  # fmt: skip
+    done = script.now_s
+    if done < end_s + 1:
+        script.stay(end_s + 1 - done, np.nan)
+    motion = motion_from_ticks(
+        person,
+        np.concatenate(script.xy),
+        np.concatenate(script.face),
+        np.concatenate(script.actions),
+        tuple(script.handlings),
+        done if person.leaves else np.inf,
+    )
+    return replace(motion, script_end_s=done)
 
 
 def motion_from_ticks(
     person: Person, xy: F64, face: F64, actions: F64, handlings: tuple[Handling, ...] = (), last_s: float = np.inf
 ) -> Motion:
     """Smooth a raw tick track: corners rounded, starts and stops gradual, heading along the way."""
-    xy = gaussian_filter1d(xy, 0.22 * TICK_HZ, axis=0, mode="nearest")
+    raw_xy = xy
+    xy = gaussian_filter1d(raw_xy, 0.22 * TICK_HZ, axis=0, mode="nearest")
     velocity = np.gradient(xy, axis=0) * TICK_HZ if len(xy) > 1 else np.zeros_like(xy)
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
     along = np.arctan2(velocity[:, 1], velocity[:, 0])
@@ -122,7 +134,7 @@ def motion_from_ticks(
     step_m = step_length_m(person.height_m, speed)
     phase = np.cumsum(np.pi * speed / step_m / TICK_HZ)
     weights = gaussian_filter1d(actions, 0.25 * TICK_HZ, axis=0, mode="nearest")
-    return Motion(person.enter_s, last_s, xy, heading, phase, speed, weights, handlings)
+    return Motion(person.enter_s, last_s, xy, heading, phase, speed, weights, handlings, raw_xy, face, actions)
 
 
 def step_length_m(height_m: float, speed_mps: F64) -> F64:
@@ -201,7 +213,7 @@ def pose_at(person_index: int, height_m: float, motion: Motion, t: float) -> tup
     idle = _fidget(person_index, t)
     sides = np.array([phase, phase + np.pi])
     forward = np.cos(sides)
-    lifting = np.maximum(0.0, -np.sin(sides + 0.35)) ** 1.5
+    lifting = np.maximum(0.0, -np.sin(sides + 0.6)) ** 1.3
     hip = 0.06 * going + swing * forward
     knee = 0.06 * going + 2.3 * swing * lifting
     foot = swing * (0.7 * np.maximum(0, forward) ** 4 - 1.5 * np.maximum(0, np.cos(sides - np.pi - 0.25)) ** 4)

@@ -90,7 +90,7 @@ class SceneRenderer:
         shades = join(standing) if standing else None
         self._views_of = views
         self._renderers = [ViewRenderer(scene, v, static, shades, palette) for v in views]
-        gain = scene.sensor.brightness / max(self._renderers[0].static_mean(), 1e-6)
+        gain = scene.sensor.brightness / max(self._renderers[0].room_mean(), 1e-6)
         self._sensors = [
             SensorModel(scene.sensor, (v.height, v.width), gain, scene.seed, i) for i, v in enumerate(views)
         ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.types import F64
 from stereo.synthetic.scene import Opening, Panel, Room, Wall
 from stereo.synthetic.shapes import Mesh, join, quad
 from stereo.synthetic.texture import Palette
@@ -25,7 +26,7 @@ def room_mesh(room: Room, palette: Palette) -> Mesh:
     return join(parts)
 
 
-def wall_frame(room: Room, wall: Wall) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:  # type: ignore[type-arg]
+def wall_frame(room: Room, wall: Wall) -> tuple[F64, F64, F64, float]:
     """Lower corner, direction along, direction into the room, and length of a wall."""
     sx, sy, _ = room.size_m
     x, y = np.array([1.0, 0, 0]), np.array([0, 1.0, 0])
@@ -79,7 +80,7 @@ def _corridor(room: Room, o: Opening, floor: int, wall: int, ceiling: int) -> li
     ]
 
 
-def _upwards(corner: np.ndarray, a: np.ndarray, b: np.ndarray, material: int) -> Mesh:  # type: ignore[type-arg]
+def _upwards(corner: F64, a: F64, b: F64, material: int) -> Mesh:
     if np.cross(a, b)[2] < 0:
         corner, a = corner + a, -a
     mesh = quad(corner, a, b, material)

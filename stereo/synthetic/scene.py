@@ -14,7 +14,7 @@ from calib.params import Params
 
 Pair = tuple[float, float]
 Triple = tuple[float, float, float]
-Keyframes = list[Pair]
+Keyframes = tuple[Pair, ...]
 """(time [s], value) pairs in order of time; linear between them, constant outside."""
 Colour = Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")]
 Texture = Literal["plain", "tiles", "wood", "carpet", "concrete", "stripes", "checks", "print", "books", "poster"]
@@ -70,8 +70,8 @@ class Room(Params):
     floor: Surface = Surface(texture="tiles", colour="#a8a090", scale_m=0.4)
     walls: Surface = Surface(colour="#d8d4c8", scale_m=0.8, contrast=0.05)
     ceiling: Surface = Surface(colour="#e8e8e4", contrast=0.03)
-    openings: list[Opening] = []
-    panels: list[Panel] = []
+    openings: tuple[Opening, ...] = ()
+    panels: tuple[Panel, ...] = ()
 
     @model_validator(mode="after")
     def _plausible(self) -> Room:
@@ -110,14 +110,14 @@ class Furniture(Params):
     size_m: Triple | None = None
     """Length (along its front), depth and height; the kind's own when absent."""
     surface: Surface | None = None
-    moves: list[Move] = []
+    moves: tuple[Move, ...] = ()
     swivel: Swivel | None = None
 
 
 class Step(Params):
     """One thing a person does; exactly one of the actions."""
 
-    go: list[Pair] | None = None
+    go: tuple[Pair, ...] | None = None
     """Walk through these points [m]."""
     speed_mps: float = Field(1.2, gt=0.1, le=2.5)
     stand_s: float | None = Field(None, gt=0)
@@ -161,7 +161,7 @@ class Wander(Params):
     pause_s: Pair = (0.0, 2.0)
     until_s: float | None = None
     """When the person leaves towards ``exit_m``; stays to the end when absent."""
-    exit_m: list[Pair] = []
+    exit_m: tuple[Pair, ...] = ()
 
 
 class Person(Params):
@@ -182,7 +182,7 @@ class Person(Params):
     """When the person comes to be, at ``start_m`` (choose a place out of view) [s]."""
     start_m: Pair
     face_deg: float = 0.0
-    steps: list[Step] = []
+    steps: tuple[Step, ...] = ()
     wander: Wander | None = None
     leaves: bool = False
     """Whether the person is gone after the last step."""
@@ -205,7 +205,7 @@ class Light(Params):
     level: float = Field(0.6, ge=0, le=20)
     """Irradiance at 2 m from a point light, or across sunlight; 1 lights white to full scale before auto exposure."""
     colour: Colour = "#fff4e4"
-    dim: Keyframes = [(0.0, 1.0)]
+    dim: Keyframes = ((0.0, 1.0),)
     """Factor on the level over time: steps and ramps."""
     shadows: bool = True
 
@@ -222,8 +222,8 @@ class Lights(Params):
     """All light of the scene."""
 
     ambient: float = Field(0.45, ge=0, le=10)
-    ambient_dim: Keyframes = [(0.0, 1.0)]
-    lamps: list[Light] = []
+    ambient_dim: Keyframes = ((0.0, 1.0),)
+    lamps: tuple[Light, ...] = ()
 
 
 class Sensor(Params):
@@ -232,7 +232,7 @@ class Sensor(Params):
     grey: bool = False
     brightness: float = Field(0.22, gt=0, le=0.8)
     """Mean linear level of the empty room in the first frame: the automatic exposure at the start."""
-    exposure: Keyframes = [(0.0, 1.0)]
+    exposure: Keyframes = ((0.0, 1.0),)
     """Factor on the exposure over time: steps of gain or shutter."""
     full_well_e: float = Field(8000.0, gt=100)
     """Electrons at full scale: shot noise is the square root of the signal."""
@@ -272,7 +272,7 @@ class Rig(Mount):
     """fy / fx."""
     centre_offset_px: Pair = (0.0, 0.0)
     """Principal point from the middle of the image [px]; the right camera has the opposite."""
-    distortion: list[float] = []
+    distortion: tuple[float, ...] = ()
     """Brown k1 k2 p1 p2 k3 of the left camera; the right one's are 3 % smaller."""
 
 
@@ -302,8 +302,8 @@ class Scene(Params):
     camera: SingleCamera | None = None
     sensor: Sensor = Sensor()
     lights: Lights = Lights()
-    furniture: list[Furniture] = []
-    people: list[Person] = Field([], max_length=60)
+    furniture: tuple[Furniture, ...] = ()
+    people: tuple[Person, ...] = Field((), max_length=60)
 
     @model_validator(mode="after")
     def _consistent(self) -> Scene:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.types import F32, F64, I32
+from calib.types import F32, F64, I32, I64
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ def sweep(rings: ArrayLike, material: int, segments: int = 14) -> Mesh:
     return smooth(vertices, triangles, material)
 
 
-def smooth(vertices: F64, triangles: np.ndarray, material: int) -> Mesh:  # type: ignore[type-arg]
+def smooth(vertices: F64, triangles: I64, material: int) -> Mesh:
     """A mesh with averaged normals; its local coordinates are its vertices."""
     v = vertices.astype(np.float64)
     face = np.cross(v[triangles[:, 1]] - v[triangles[:, 0]], v[triangles[:, 2]] - v[triangles[:, 0]])

@@ -49,6 +49,16 @@ class Palette:
         self.materials.append(Material(surface, first, second, emission, len(self.materials) * 7919))
         return len(self.materials) - 1
 
+    @property
+    def emission(self) -> F32:
+        """(M,) of all materials."""
+        return np.array([m.emission for m in self.materials], np.float32)
+
+    @property
+    def gloss(self) -> F32:
+        """(M,) of all materials."""
+        return np.array([m.surface.gloss for m in self.materials], np.float32)
+
     def albedo(self, material: I32, local: F32, footprint: F32) -> F32:
         """Reflectance of surface points.
 
@@ -73,13 +83,14 @@ def _evaluate(m: Material, p: F32, footprint: F32) -> F32:
     mix, shade = _pattern(m, p, footprint)
     grain = _noise(p, footprint, s.scale_m, 4, m.seed)
     albedo = m.first + mix[:, None] * (m.second - m.first)
-    return np.clip(albedo * (shade * (1.0 + 1.6 * s.contrast * grain))[:, None], 0.004, 0.95).astype(np.float32)
+    shaded = albedo * (shade * (1.0 + 1.6 * s.contrast * grain))[:, None]
+    return np.asarray(np.clip(shaded, 0.004, 0.95), np.float32)
 
 
 def _pattern(m: Material, p: F32, footprint: F32) -> tuple[F32, F32]:
     """Share of the second colour and a brightness factor, (N,) each."""
     s, one, none = m.surface, np.ones(len(p), np.float32), np.zeros(len(p), np.float32)
-    x, y, z = p[:, 0], p[:, 1], p[:, 2]
+    x, y, z = (np.asarray(p[:, c], np.float32) for c in range(3))
     if s.texture == "tiles":
         grout = np.maximum(_line(x, s.scale_m, 0.006, footprint), _line(y, s.scale_m, 0.006, footprint))
         return grout, _tone(m, np.floor(x / s.scale_m), np.floor(y / s.scale_m), 0.10)
@@ -91,16 +102,16 @@ def _pattern(m: Material, p: F32, footprint: F32) -> tuple[F32, F32]:
             _line(x + 0.37 * plank * 8 * s.scale_m, 8 * s.scale_m, 0.003, footprint),
         )
         grain = _noise(p * np.array([0.12, 1.5, 1.5], np.float32), footprint, 0.08, 4, m.seed + 5)
-        return gap, _tone(m, board, plank, 0.16) * (1 + 0.25 * grain)
+        return gap, _tone(m, board, plank, 0.16) * _shade(0.25 * grain)
     if s.texture == "carpet":
-        return none, 1 + 0.5 * s.contrast * _noise(p, footprint, 0.03, 2, m.seed + 9)
+        return none, _shade(0.5 * s.contrast * _noise(p, footprint, 0.03, 2, m.seed + 9))
     if s.texture == "concrete":
-        return none, 1 + 0.6 * s.contrast * _noise(p, footprint, 4 * s.scale_m, 2, m.seed + 3)
+        return none, _shade(0.6 * s.contrast * _noise(p, footprint, 4 * s.scale_m, 2, m.seed + 3))
     if s.texture == "stripes":
         return _wave(z, s.scale_m, footprint), one
     if s.texture == "checks":
         a, b = _wave(z, s.scale_m, footprint), _wave(x + y, s.scale_m, footprint)
-        return (a + b) / 2, one
+        return np.asarray((a + b) / 2, np.float32), one
     if s.texture == "print":
         n = _noise(p, footprint, 2 * s.scale_m, 3, m.seed + 21)
         return np.clip(0.5 + 3.0 * n, 0, 1).astype(np.float32), one
@@ -118,13 +129,17 @@ def _poster(m: Material, p: F32, footprint: F32) -> F32:
     b = np.clip(0.5 + 3.0 * _noise(p, footprint, m.surface.scale_m, 3, m.seed + 50), 0, 1)[:, None]
     third = m.first[::-1] * 0.7
     out = m.first * (1 - a) + m.second * a
-    return np.clip(out * (1 - 0.5 * b) + 0.5 * b * third, 0.01, 0.9).astype(np.float32)
+    return np.asarray(np.clip(out * (1 - 0.5 * b) + 0.5 * b * third, 0.01, 0.9), np.float32)
 
 
 def _noise(p: F32, footprint: F32, scale_m: float, octaves: int, seed: int) -> F32:
     wavelength = np.full(len(p), scale_m, np.float32)
     points, pixel = np.ascontiguousarray(p, np.float32), np.ascontiguousarray(footprint, np.float32)
     return np.asarray(fractal_noise(points, pixel, wavelength, octaves, seed), np.float32)
+
+
+def _shade(variation: F32) -> F32:
+    return np.asarray(1.0 + variation, np.float32)
 
 
 def _tone(m: Material, i: AnyArray, j: AnyArray, amount: float) -> F32:

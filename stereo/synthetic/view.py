@@ -32,16 +32,24 @@ class View:
     project: Callable[[F64], F64]
     unproject: Callable[[F64], F64]
 
-    def pixels(self, offset: tuple[float, float] = (0.0, 0.0)) -> F64:
-        """(H * W, 2) pixel centres plus an offset [px]."""
-        u, v = np.meshgrid(np.arange(self.width) + offset[0], np.arange(self.height) + offset[1])
-        return np.column_stack([u.ravel(), v.ravel()])
+    def rays(self) -> F32:
+        """(H * W, 6) origin and direction in the room of every pixel centre.
 
-    def rays(self, pixels: F64) -> F32:
-        """(N, 6) origin and direction in the room; the direction has unit camera z, so that hits give depth."""
+        Directions have unit camera z, so that the ray parameter of a hit is its depth.
+        """
+        u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
+        pixels = np.column_stack([u.ravel(), v.ravel()]).astype(np.float64)
         directions = np.nan_to_num(self.unproject(pixels), nan=0.0) @ self.room_SE3_camera.rotation.T
         origins = np.broadcast_to(self.room_SE3_camera.translation, directions.shape)
         return np.concatenate([origins, directions], axis=1).astype(np.float32)
+
+    def ray_steps(self, rays: F32) -> tuple[F32, F32]:
+        """How the rays (H * W, 6) change per pixel to the right and down."""
+        grid = rays.reshape(self.height, self.width, 6)
+        return (
+            np.asarray(np.gradient(grid, axis=1)).reshape(-1, 6).astype(np.float32),
+            np.asarray(np.gradient(grid, axis=0)).reshape(-1, 6).astype(np.float32),
+        )
 
     def project_room(self, points: F64) -> F64:
         """(N, 2) pixels of room points (N, 3)."""
