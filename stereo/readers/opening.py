@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from calib.errors import InputError
 from calib.formats import load_rig
-from calib.rig import StereoRig
 from calib.types import F64
 from calib.world_file import load_world
 from stereo.readers import images, videos
@@ -33,6 +31,7 @@ def open_recording(path: Path, calibration: Path | None = None) -> StereoRecordi
     lie in the folder. Videos of different lengths are cut to the shorter one and the missing frames are reported in
     ``skipped``: a video that ends early is a recorder that was stopped, and its frames still pair by position.
     Image folders whose names do not pair are refused (see ``pair_files``): there, any pairing would be a guess.
+    A calibration for another resolution of the same aspect is scaled, which ``rig.source`` then says.
 
     Args:
         path: the folder or the side-by-side video.
@@ -44,7 +43,7 @@ def open_recording(path: Path, calibration: Path | None = None) -> StereoRecordi
     if not path.exists():
         raise InputError(f"{path}: expected a recording (folder or video), found nothing there")
     size, n_frames, fps, pairs = _layout(path)
-    rig = fit_rig(load_rig(calibration or folder, size), size, path)
+    rig = load_rig(calibration or folder, size)
     times = _times(folder)
     fps = rate_of(times) if times is not None else (fps if math.isfinite(fps) else DEFAULT_FPS)
     world = folder / "world.toml"
@@ -69,27 +68,6 @@ def open_video(path: Path) -> SingleRecording:
     if len(found) == 1:
         return SingleRecording(path, VideoFile(found[0]), _times(path))
     raise InputError(f"{path}: expected images or one video, found {len(found)} videos and no image")
-
-
-def fit_rig(rig: StereoRig, size: Size, path: Path) -> StereoRig:
-    """The rig at the images' size.
-
-    Only an exact scaling of the whole sensor keeps the calibration valid; a crop moves the principal point by an
-    amount that no file tells.
-
-    Raises:
-        InputError: the calibration is for images of another shape.
-    """
-    if rig.left.size == size and rig.right.size == size:
-        return rig
-    for camera in (rig.left, rig.right):
-        if camera.width * size[1] != camera.height * size[0]:
-            raise InputError(
-                f"{path}: expected images of the calibration's size {camera.width}x{camera.height} ({rig.source}) "
-                f"or scaled by one factor, found {size[0]}x{size[1]}"
-            )
-    note = f"{rig.source}, scaled from {rig.left.width}x{rig.left.height} to {size[0]}x{size[1]}"
-    return replace(rig.scaled(*size), source=note)
 
 
 def _layout(path: Path) -> Layout:

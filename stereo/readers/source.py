@@ -48,20 +48,25 @@ class FrameSource(Protocol):
         """Only these frames, which must ascend; the iteration ends where the file does."""
 
 
+GREY_TOLERANCE = 4
+"""Largest difference of the channels [grey levels] in a grey video: codecs that store YUV round a little."""
+
+
 def is_grey(image: U8) -> bool:
-    """Whether an image holds no colour: one channel, or three equal ones that are not all the same value.
+    """Whether an image holds no colour: one channel, or three nearly equal ones that are not all the same value.
 
     A uniform picture (a black first frame) says nothing and counts as colour, which loses nothing.
     """
     if image.ndim == 2:
         return True
-    blue, green, red = image[..., 0], image[..., 1], image[..., 2]
-    return bool(np.ptp(green) > 0 and np.array_equal(blue, green) and np.array_equal(green, red))
+    green = image[..., 1]
+    difference = max(int(cv2.absdiff(image[..., c], green).max()) for c in (0, 2))
+    return int(np.ptp(green)) > 4 * GREY_TOLERANCE and difference <= GREY_TOLERANCE
 
 
 def as_grey(image: U8) -> U8:
-    """(H, W) of an image whose channels are equal."""
-    return image if image.ndim == 2 else np.asarray(cv2.extractChannel(image, 1), dtype=np.uint8)
+    """(H, W) of an image."""
+    return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
 
 
 def as_colour(image: U8) -> U8:

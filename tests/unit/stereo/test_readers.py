@@ -1,0 +1,296 @@
+import threading
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from toy_stereo import toy_rig
+
+from calib.errors import InputError
+from calib.rig import save_rig
+from calib.types import U8
+from stereo.readers import open_recording, open_video
+from stereo.readers.pairing import even_sequence, pair_files
+from stereo.readers.prefetch import prefetch
+from stereo.readers.timestamps import load_timestamps
+
+W, H = 32, 24
+
+
+def picture(value: int, colour: bool = False) -> U8:
+    """A ramp whose top left pixel tells the frame."""
+    image = np.add.outer(np.arange(H), np.arange(W)).astype(np.uint8)
+    image[:8, :8] = value
+    return np.dstack([image, image // 2, image]) if colour else image
+
+
+def folder_recording(folder: Path, count: int = 6, colour: bool = False, size: tuple[int, int] = (W, H)) -> Path:
+    for side in ("left", "right"):
+        (folder / side).mkdir(parents=True)
+        for i in range(count):
+            cv2.imwrite(str(folder / side / f"{i:04d}.png"), picture(10 * i, colour))
+    save_rig(toy_rig(size, focal_px=30.0), folder / "rig.toml")
+    return folder
+
+
+def write_video(path: Path, count: int, width: int = 64, height: int = 48, colour: bool = False) -> None:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (width, height))
+    assert writer.isOpened()
+    rng = np.random.default_rng(0)
+    image = cv2.resize(rng.integers(0, 255, (6, 8, 3 if colour else 1), dtype=np.uint8), (width, height))
+    for i in range(count):
+        frame = image.copy()
+        frame[:16, :16] = 20 * (i % 12)
+        writer.write(frame if frame.ndim == 3 else cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR))
+    writer.release()
+
+
+def test_folder_recording_yields_pairs_in_order(tmp_path: Path) -> None:
+    recording = open_recording(folder_recording(tmp_path / "r"))
+    frames = list(recording)
+    assert [f.index for f in frames] == list(range(6))
+    assert [int(f.left[0, 0]) for f in frames] == [0, 10, 20, 30, 40, 50]
+    assert frames[0].left.shape == (H, W)
+    assert recording.n_frames == 6 and recording.skipped == []
+
+
+def test_folder_recording_keeps_colour(tmp_path: Path) -> None:
+    frame = next(iter(open_recording(folder_recording(tmp_path / "r", colour=True))))
+    assert frame.left.shape == (H, W, 3)
+
+
+def test_recording_can_be_iterated_twice(tmp_path: Path) -> None:
+    recording = open_recording(folder_recording(tmp_path / "r"))
+    assert len(list(recording)) == len(list(recording)) == 6
+
+
+def test_undecodable_image_is_skipped_and_counted(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r")
+    (folder / "left" / "0002.png").write_bytes(b"not an image")
+    recording = open_recording(folder)
+    assert [f.index for f in recording] == [0, 1, 3, 4, 5]
+    assert [(s.index, s.why) for s in recording.skipped] == [(2, "left: left/0002.png cannot be decoded")]
+
+
+def test_truncated_image_is_not_taken_for_a_whole_one(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r")
+    file = folder / "right" / "0003.png"
+    file.write_bytes(file.read_bytes()[:-40])
+    recording = open_recording(folder)
+    assert [f.index for f in recording] == [0, 1, 2, 4, 5]
+
+
+def test_image_of_another_size_is_skipped(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r")
+    cv2.imwrite(str(folder / "left" / "0004.png"), np.zeros((H, W + 2), np.uint8))
+    recording = open_recording(folder)
+    assert [f.index for f in recording] == [0, 1, 2, 3, 5]
+    assert "34x24, not 32x24" in recording.skipped[0].why
+
+
+def test_missing_file_leaves_a_gap_in_time(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r", count=15)
+    (folder / "left" / "0002.png").unlink()
+    rows = [f"{i},{i * 0.1}" for i in range(15)]
+    (folder / "timestamps.csv").write_text("frame,timestamp_s\n" + "\n".join(rows))
+    recording = open_recording(folder)
+    frames = list(recording)
+    assert [f.index for f in frames][:4] == [0, 1, 3, 4]
+    assert frames[2].timestamp_s == pytest.approx(0.3)
+    assert recording.fps == pytest.approx(10.0)
+    assert recording.skipped[0].index == 2
+
+
+def test_numbers_missing_on_both_sides_are_skipped_frames(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r", count=15)
+    for side in ("left", "right"):
+        (folder / side / "0005.png").unlink()
+    recording = open_recording(folder)
+    assert len(list(recording)) == 14
+    assert recording.n_frames == 15 and [s.index for s in recording.skipped] == [5]
+
+
+def test_folders_that_do_not_pair_are_refused_by_name(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r", count=9)
+    for i in (3, 5, 7):
+        (folder / "right" / f"{i:04d}.png").unlink()
+    with pytest.raises(InputError, match=r"0003\.png: expected a mate .*9 left, 6 right"):
+        open_recording(folder)
+
+
+def test_unnumbered_names_of_different_count_are_refused() -> None:
+    left = [Path("left/a.png"), Path("left/b.png"), Path("left/c.png")]
+    with pytest.raises(InputError, match=r"left/b\.png"):
+        pair_files(left, [Path("right/a.png"), Path("right/c.png")])
+
+
+def test_names_with_a_side_in_them_pair_by_number() -> None:
+    pairs = pair_files([Path(f"l/left{i:02d}.jpg") for i in range(9)], [Path(f"r/right{i:02d}.jpg") for i in range(9)])
+    assert pairs[4] == (Path("l/left04.jpg"), Path("r/right04.jpg"))
+
+
+def test_images_stamped_by_two_clocks_pair_in_order() -> None:
+    left = [Path(f"l/{1000 + 33 * i}.png") for i in range(5)]
+    right = [Path(f"r/{1007 + 33 * i}.png") for i in range(5)]
+    assert pair_files(left, right) == list(zip(left, right, strict=True))
+
+
+def test_even_sequence_leaves_uneven_numbers_alone() -> None:
+    assert even_sequence([0, 5, 15]) == [0, 5, 10, 15]
+    assert even_sequence([1000, 1033, 1067, 1100]) == [1000, 1033, 1067, 1100]
+    assert even_sequence([3]) == [3]
+
+
+def test_video_pair_is_read_and_grey_detected(tmp_path: Path) -> None:
+    for side in ("left", "right"):
+        write_video(tmp_path / f"{side}.avi", 8)
+    save_rig(toy_rig((64, 48), focal_px=60.0), tmp_path / "rig.toml")
+    recording = open_recording(tmp_path)
+    frames = list(recording)
+    assert len(frames) == recording.n_frames == 8
+    assert frames[0].left.ndim == 2
+    assert recording.fps == pytest.approx(10.0)
+    assert frames[5].timestamp_s == pytest.approx(0.5)
+
+
+def test_shorter_video_trims_the_pair_and_says_so(tmp_path: Path) -> None:
+    write_video(tmp_path / "left.avi", 8)
+    write_video(tmp_path / "right.avi", 5)
+    save_rig(toy_rig((64, 48), focal_px=60.0), tmp_path / "rig.toml")
+    recording = open_recording(tmp_path)
+    assert [f.index for f in recording] == [0, 1, 2, 3, 4]
+    assert [s.index for s in recording.skipped] == [5, 6, 7]
+
+
+def test_truncated_video_ends_early_and_says_so(tmp_path: Path) -> None:
+    for side in ("left", "right"):
+        write_video(tmp_path / f"{side}.avi", 30, 320, 240)
+    data = (tmp_path / "right.avi").read_bytes()
+    (tmp_path / "right.avi").write_bytes(data[: len(data) // 2])
+    save_rig(toy_rig((320, 240), focal_px=60.0), tmp_path / "rig.toml")
+    recording = open_recording(tmp_path)
+    count = len(list(recording))
+    assert 0 < count < 30
+    assert len(recording.skipped) == 30 - count
+
+
+def test_side_by_side_video_is_cut_in_halves(tmp_path: Path) -> None:
+    write_video(tmp_path / "pair.avi", 4, 128, 48, colour=True)
+    save_rig(toy_rig((64, 48), focal_px=60.0), tmp_path / "rig.toml")
+    for path in (tmp_path, tmp_path / "pair.avi"):
+        frames = list(open_recording(path))
+        assert frames[0].left.shape == frames[0].right.shape == (48, 64, 3)
+
+
+def test_single_camera_video_is_refused_as_a_pair(tmp_path: Path) -> None:
+    write_video(tmp_path / "clip.avi", 3, 64, 48)
+    with pytest.raises(InputError, match="needs both cameras"):
+        open_recording(tmp_path / "clip.avi")
+
+
+def test_sample_spreads_frames_and_leaves_skipped_alone(tmp_path: Path) -> None:
+    recording = open_recording(folder_recording(tmp_path / "r"))
+    assert [f.index for f in recording.sample(3)] == [0, 2, 5]
+    assert [f.index for f in recording.sample(100)] == list(range(6))
+    assert recording.skipped == []
+
+
+def test_sample_of_videos_seeks_to_the_same_frames(tmp_path: Path) -> None:
+    for side in ("left", "right"):
+        write_video(tmp_path / f"{side}.avi", 12)
+    save_rig(toy_rig((64, 48), focal_px=60.0), tmp_path / "rig.toml")
+    frames = open_recording(tmp_path).sample(4)
+    assert [f.index for f in frames] == [0, 4, 7, 11]
+    assert [round(int(f.left[4, 4]) / 20) for f in frames] == [0, 4, 7, 11]
+
+
+def test_sides_of_different_size_are_refused(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r")
+    for file in (folder / "right").iterdir():
+        cv2.imwrite(str(file), np.zeros((H, W * 2), np.uint8))
+    with pytest.raises(InputError, match="32x24, found 64x24"):
+        open_recording(folder)
+
+
+def test_calibration_of_another_aspect_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="32x24, found one for 64x40"):
+        open_recording(folder_recording(tmp_path / "r", size=(64, 40)))
+
+
+def test_calibration_of_the_whole_sensor_is_scaled_and_noted(tmp_path: Path) -> None:
+    recording = open_recording(folder_recording(tmp_path / "r", size=(64, 48)))
+    assert recording.rig.left.size == (W, H)
+    assert recording.rig.left.fx == pytest.approx(15.0)
+    assert "scaled from 64x48 to 32x24" in recording.rig.source
+
+
+def test_recording_without_images_names_what_it_found(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("hello")
+    with pytest.raises(InputError, match=r"found notes\.txt"):
+        open_recording(tmp_path)
+    with pytest.raises(InputError, match="nothing there"):
+        open_recording(tmp_path / "absent")
+
+
+def test_blank_file_for_a_video_is_refused(tmp_path: Path) -> None:
+    for side in ("left", "right"):
+        (tmp_path / f"{side}.mp4").write_bytes(b"\0" * 100)
+    with pytest.raises(InputError, match="cannot be opened as one"):
+        open_recording(tmp_path)
+
+
+def test_world_file_gives_the_pose(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r")
+    (folder / "world.toml").write_text(
+        "[world_SE3_left]\nrotation = [[1,0,0],[0,-1,0],[0,0,-1]]\ntranslation_m = [0,0,2.5]\n"
+    )
+    pose = open_recording(folder).world_SE3_left
+    assert pose is not None and pose.translation[2] == 2.5
+
+
+def test_single_camera_folder_is_a_video(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r") / "left"
+    (folder / "0001.png").write_bytes(b"")
+    video = open_video(folder)
+    assert [f.index for f in video] == [0, 2, 3, 4, 5]
+    assert video.size == (W, H) and len(video.skipped) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("frame,timestamp_s\n0,0\n1,nan\n", "finite"),
+        ("frame,time\n0,0\n", "frame,timestamp_s"),
+        ("frame,timestamp_s\n0,0.5\n1,0.4\n", "increase"),
+        ("frame,timestamp_s\n", "none"),
+        ("frame,timestamp_s\n0,0\n999999999,1\n", "counted from 0"),
+    ],
+)
+def test_bad_timestamps_are_refused(tmp_path: Path, text: str, found: str) -> None:
+    (tmp_path / "timestamps.csv").write_text(text)
+    with pytest.raises(InputError, match=found):
+        load_timestamps(tmp_path / "timestamps.csv")
+
+
+def test_timestamps_start_at_zero_and_keep_gaps(tmp_path: Path) -> None:
+    (tmp_path / "timestamps.csv").write_text("frame,timestamp_s\n0,100.0\n1,100.1\n3,100.9\n")
+    np.testing.assert_allclose(load_timestamps(tmp_path / "timestamps.csv"), [0.0, 0.1, np.nan, 0.9])
+
+
+def test_prefetch_passes_errors_on() -> None:
+    def broken():  # type: ignore[no-untyped-def]
+        yield 1
+        raise OSError("gone")
+
+    items = prefetch(broken())
+    assert next(items) == 1
+    with pytest.raises(OSError, match="gone"):
+        next(items)
+
+
+def test_prefetch_left_early_stops_its_thread() -> None:
+    before = threading.active_count()
+    items = prefetch(iter(range(1000)), depth=2)
+    assert next(items) == 0
+    items.close()
+    assert threading.active_count() == before
