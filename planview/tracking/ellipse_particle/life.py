@@ -11,6 +11,10 @@ from planview.tracking.base import State
 from planview.tracking.ellipse_particle.params import LifeParams
 
 
+HIDDEN_S = 0.7
+"""An object without measured area of its own for longer than this is reported as predicted only [s]."""
+
+
 @dataclass
 class Life:
     """What is known of one object's existence.
@@ -23,7 +27,9 @@ class Life:
         log_odds: of being an object rather than a false alarm, while not confirmed.
         seen: its ellipse is covered by measurements in this frame.
         unseen_s: time since it last had measured area.
-        shared_s: time since it last had measured area of its own, not shared with another object.
+        shared_s: time without measured area of its own, only such that an older object covers too (occlusion); it
+            runs back twice as fast, since two ellipses on one object take turns at having some of their own.
+        hidden: it is sharing.
     """
 
     track_id: int
@@ -34,12 +40,13 @@ class Life:
     moved: bool = False
     unseen_s: float = 0.0
     shared_s: float = 0.0
+    hidden: bool = False
 
     @property
     def state(self) -> State:
         if not self.confirmed:
             return "tentative"
-        return "confirmed" if self.seen else "lost"
+        return "confirmed" if self.seen and not (self.hidden and self.shared_s > HIDDEN_S) else "lost"
 
     @property
     def probability(self) -> float:
@@ -69,7 +76,8 @@ def observe(life: Life, seen: bool, own: bool, dt_s: float, params: LifeParams) 
     """
     life.seen = seen
     life.unseen_s = 0.0 if seen else life.unseen_s + dt_s
-    life.shared_s = 0.0 if own else life.shared_s + dt_s
+    life.shared_s = max(0.0, life.shared_s - 2 * dt_s) if own else life.shared_s + dt_s
+    life.hidden = seen and not own
     if not life.confirmed:
         hit = seen and own
         real = params.detection if hit else 1.0 - params.detection

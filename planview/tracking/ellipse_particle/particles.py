@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib.types import F64, I64
+from calib.types import F64, I64, U8
 from planview import _ellipse_kernels as ellipse_kernels
-from planview.ellipses import SizePrior
+from planview.ellipses import SizePrior, paint_union
 from planview.tracking.ellipse_particle import _kernels as kernels
 from planview.tracking.ellipse_particle.params import FilterParams
 
@@ -103,25 +103,64 @@ class ParticleFilter:
         sigma = self._params.overlap_deviation * area * math.sqrt(len(members))
         return np.asarray(-0.5 * (missed**2 + self._params.outside_weight * out[:, 1] ** 2) / sigma**2)
 
-    def estimate(self, members: I64, log_likelihood: F64, radius: F64) -> F64:
+    def partition(
+        self, members: I64, measured: F64, states: F64, shape: tuple[int, int], prior: SizePrior, area: float
+    ) -> F64:
+        """Resample each object of a group by itself, before the group is judged jointly.
+
+        A joint sample is good only when all its objects are; of several objects hardly any is. So each object is first
+        drawn to what the others leave of the measured union: inside the others' predicted ellipses there is nothing
+        to gain or to lose (independent partitions, Orton and Fitzgerald 2002; ours, the paper has the joint step only).
+
+        Args:
+            members: (K,) objects of the group.
+            measured: (M, 5) measurements of the group.
+            states: (K, 7) predicted states of the members.
+            shape: (R, C) of the grid.
+            prior, area: as in ``weigh``.
+        Returns:
+            (P,) logarithm of the density by which the particles are now favoured, to be taken off ``weigh``.
+        """
+        favour = np.zeros(self._params.particles)
+        ellipses = ellipses_of(states, prior)
+        sigma = self._params.overlap_deviation * area
+        found, free = np.empty((self._params.particles, 2)), np.empty((self._params.particles, 2))
+        target = paint_union(measured, shape)
+        for k, n in enumerate(members):
+            others = paint_union(np.delete(ellipses, k, axis=0), shape)
+            alone = np.array([n])
+            kernels.union_overlap(self.particles, alone, _prefix(target & (1 - others)), *prior.law, found)
+            kernels.union_overlap(self.particles, alone, _prefix(target | others), *prior.law, free)
+            missed = found[:, 0].max() - found[:, 0]
+            log_likelihood = -0.5 * (missed**2 + self._params.outside_weight * free[:, 1] ** 2) / sigma**2
+            favour += log_likelihood[self.resample(alone, log_likelihood)]
+        return favour
+
+    def estimate(self, members: I64, log_likelihood: F64, radius: F64, weights: F64) -> F64:
         """MAP estimate of a group: the most probable particle, moved to the mean of its mode.
 
         The most probable particle has the largest likelihood times transition density. Alone it is as noisy as the
         sampling; so each object takes the weighted mean of the particles within ``radius`` (K,) [cells] of it
         (one mean-shift step with a Gaussian kernel).
 
+        Args:
+            log_likelihood: (P,) ``weigh``.
+            weights: (P,) of the particles, which differ from the likelihood after ``partition``.
         Returns:
             (K, 7) states.
         """
-        weights = normalised(log_likelihood)
         best = int(np.argmax(log_likelihood - self._surprise[:, members].sum(axis=1)))
         states = self.particles[:, members]
         offset = (states[..., :2] - states[best, :, :2]) / radius[:, None]
         near = weights[:, None] * np.exp(-0.5 * np.sum(offset * offset, axis=-1))
         return np.asarray(np.einsum("pk,pks->ks", near, states) / near.sum(axis=0)[:, None])
 
-    def resample(self, members: I64, log_likelihood: F64) -> None:
-        """Draw particles of a group in proportion to their weights; systematic, or multinomial (SIR)."""
+    def resample(self, members: I64, log_likelihood: F64) -> I64:
+        """Draw particles of a group in proportion to their weights; systematic, or multinomial (SIR).
+
+        Returns:
+            (P,) the particle from which each was copied.
+        """
         weights = normalised(log_likelihood)
         n = self._params.particles
         if self._params.resampling == "systematic":
@@ -129,7 +168,9 @@ class ParticleFilter:
         else:
             where = np.sort(self._rng.random(n))
         index = np.minimum(np.searchsorted(np.cumsum(weights), where), n - 1)
-        self.particles[:, members] = self.particles[index][:, members]
+        self.particles[:, members] = self.particles[index[:, None], members]
+        self._surprise[:, members] = self._surprise[index[:, None], members]
+        return np.asarray(index)
 
     def means(self) -> F64:
         """(N, 7) mean state of each object."""
@@ -157,6 +198,8 @@ def ellipses_of(states: F64, prior: SizePrior) -> F64:
 
 def union_prefix(ellipses: F64, shape: tuple[int, int]) -> F64:
     """Row sums of the union of (M, 5) measured ellipses."""
-    mask = np.zeros(shape, dtype=np.uint8)
-    ellipse_kernels.paint(mask, ellipses, 1)
+    return _prefix(paint_union(ellipses, shape))
+
+
+def _prefix(mask: U8) -> F64:
     return np.asarray(ellipse_kernels.row_prefix(mask.astype(np.float32)))

@@ -13,6 +13,8 @@ PER_FRAME = 12
 """Largest regions kept of a frame; a frame full of specks must not outvote the others."""
 KEPT = 600
 """Samples kept, evenly thinned; bounds time and memory."""
+PAIRED = 40
+"""Samples, evenly spread over the rows, between which lines are tried."""
 TOLERANCE = 0.15
 """Relative error of a length that still agrees with a line: a step, and a mask with ragged edges."""
 
@@ -26,9 +28,8 @@ class SizeLearner:
     person. The width is the mode of width/length among those, since groups are wider, never narrower.
     """
 
-    def __init__(self, params: SizeParams, rng: np.random.Generator) -> None:
+    def __init__(self, params: SizeParams) -> None:
         self._params = params
-        self._rng = rng
         self._samples: F64 = np.zeros((0, 4))
         self._next_fit = params.least_samples
         self._closed = False
@@ -56,10 +57,12 @@ class SizeLearner:
 
     def _fit(self, n_rows: int) -> SizePrior | None:
         row, length, width, area = self._samples.T
-        pairs = self._rng.integers(0, len(row), (300, 2))
-        i, j = pairs[np.abs(row[pairs[:, 0]] - row[pairs[:, 1]]) > 0.1 * n_rows].T
+        chosen = np.argsort(row, kind="stable")[np.linspace(0, len(row) - 1, min(len(row), PAIRED)).astype(np.int64)]
+        i, j = (chosen[k] for k in np.triu_indices(len(chosen), 1))
+        apart = np.abs(row[i] - row[j]) > 0.1 * n_rows
+        i, j = i[apart], j[apart]
         slope = np.maximum((length[i] - length[j]) / (row[i] - row[j]), 0.0)
-        flat = self._rng.integers(0, len(row), 60)
+        flat = chosen
         slopes = np.concatenate([np.zeros(len(flat)), slope])
         heights = np.concatenate([length[flat], length[i] - slope * row[i]])
         fitted = heights[:, None] + slopes[:, None] * row

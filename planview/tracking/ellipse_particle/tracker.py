@@ -16,7 +16,7 @@ from planview.tracking.ellipse_particle.groups import group, overlaps
 from planview.tracking.ellipse_particle.life import Life, birth, gone, observe
 from planview.tracking.ellipse_particle.outputs import floor_state, image_state
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
-from planview.tracking.ellipse_particle.particles import VX, VY, ParticleFilter, ellipses_of, union_prefix
+from planview.tracking.ellipse_particle.particles import VX, VY, ParticleFilter, ellipses_of, normalised, union_prefix
 from planview.tracking.ellipse_particle.planes import FloorPlane, ImagePlane, PlaneView, floor_prior, given_prior
 from planview.tracking.ellipse_particle.size_learning import SizeLearner
 
@@ -52,7 +52,7 @@ class EllipseParticleTracker:
         """Forget people, background, sizes and the random state; ids start at 1 again."""
         self._rng = np.random.default_rng(self._params.seed)
         self._filter = ParticleFilter(self._filter_params, self._rng)
-        self._learner = SizeLearner(self._params.size, self._rng)
+        self._learner = SizeLearner(self._params.size)
         self._plane.reset()
         self._lives: list[Life] = []
         self._states: F64 = np.zeros((0, 7))
@@ -124,7 +124,7 @@ class EllipseParticleTracker:
         for life in self._lives:
             self._say(life.track_id, "removed", f"the frame size changed to {view.mask.shape} cells")
         self._keep(np.zeros(len(self._lives), dtype=np.bool_))
-        self._learner = SizeLearner(self._params.size, self._rng)
+        self._learner = SizeLearner(self._params.size)
         self._prior = None
 
     def _measure(self, view: PlaneView | None, observation: Observation) -> F64:
@@ -168,9 +168,14 @@ class EllipseParticleTracker:
             chosen = active[members]
             prefix = union_prefix(self._measured[measured], view.mask.shape)
             area = float(np.mean(np.pi * ellipses[members, 2] * ellipses[members, 3]))
+            favour = 0.0
+            if len(chosen) > 1 and not self._params.filter.joint:
+                shape, states = view.mask.shape, self._states[chosen]
+                favour = self._filter.partition(chosen, self._measured[measured], states, shape, prior, area)
             log_likelihood = self._filter.weigh(chosen, prefix, prior, area)
-            self._states[chosen] = self._filter.estimate(chosen, log_likelihood, 0.5 * ellipses[members, 3])
-            self._filter.resample(chosen, log_likelihood)
+            weights = normalised(log_likelihood - favour)
+            self._states[chosen] = self._filter.estimate(chosen, log_likelihood, 0.5 * ellipses[members, 3], weights)
+            self._filter.resample(chosen, log_likelihood - favour)
 
     def _judge(self, dt: float, view: PlaneView, prior: SizePrior) -> None:
         """Seen or not, births, deaths."""
@@ -179,7 +184,7 @@ class EllipseParticleTracker:
         for n, (life, (covered, own)) in enumerate(zip(self._lives, shares, strict=True)):
             was = life.state
             self._watch_move(n, view, prior)
-            observe(life, bool(covered >= p.seen_overlap), bool(own >= 0.5 * p.seen_overlap), dt, p)
+            observe(life, bool(covered >= p.seen_overlap), bool(own >= p.seen_overlap), dt, p)
             if was != life.state:
                 self._tell_state(life, covered)
         unexplained = self._unexplained(view, prior)
@@ -220,7 +225,7 @@ class EllipseParticleTracker:
 
     def _found(self, unexplained: Bool, view: PlaneView, prior: SizePrior) -> Bool:
         """Give unexplained measurements to objects unseen so far, nearest first; returns what is left."""
-        lost = [n for n, life in enumerate(self._lives) if not life.seen]
+        lost = [n for n, life in enumerate(self._lives) if not life.seen or life.hidden]
         left = unexplained.copy()
         deviations = self._filter.deviations()
         pairs = []
@@ -234,13 +239,13 @@ class EllipseParticleTracker:
                     pairs.append((away, n, int(m)))
         for away, n, m in sorted(pairs):
             life = self._lives[n]
-            if left[m] and not life.seen:
+            if left[m] and (not life.seen or life.hidden):
                 left[m] = False
                 per_m = float(self._cells_per_m(view, prior, self._measured[m : m + 1, 1])[0])
                 self._filter.place(n, self._measured[m], prior, per_m, self._states[n, [VX, VY]])
                 self._states[n] = self._filter.particles[:, n].mean(axis=0)
-                unseen = life.unseen_s
-                life.seen, life.unseen_s, life.shared_s = True, 0.0, 0.0
+                unseen = max(life.unseen_s, life.shared_s)
+                life.seen, life.hidden, life.unseen_s, life.shared_s = True, False, 0.0, 0.0
                 self._say(
                     life.track_id, "reattached", f"found {away:.2f} m from its prediction after {unseen:.1f} s", away
                 )
