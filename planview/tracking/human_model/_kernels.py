@@ -290,23 +290,26 @@ def score_candidates(
 
 @njit(cache=True, nogil=True)
 def colour_histogram(
-    image: U8, foreground: U8, cover: U8, left: I32, right: I32, top: int, bottom: int, parts: int, histogram: F32,
+    image: U8, evidence: U8, cover: U8, left: I32, right: I32, top: int, bottom: int, level: U8, n_levels: int,
+    histogram: F32,
 ) -> None:  # fmt: skip
     """Colours of the foreground that only this model covers, per horizontal part of the body.
 
-    Fills ``histogram`` (parts, 64), 4 levels per channel, each part summing to one (or zero if nothing is seen).
+    ``level`` (256,) quantises a channel to ``n_levels``. Fills ``histogram`` (parts, n_levels^3), each part summing to
+    one (zero if nothing of it is seen).
     """
+    parts, n_bins = histogram.shape
     histogram[:, :] = 0.0
     for y in range(top, bottom):
         part = min(parts - 1, (y - top) * parts // max(1, bottom - top))
         for x in range(left[y], right[y]):
-            if foreground[y, x] > 0 and cover[y, x] == 1:
-                b = (image[y, x, 0] >> 6) * 16 + (image[y, x, 1] >> 6) * 4 + (image[y, x, 2] >> 6)
+            if evidence[y, x] > 0 and cover[y, x] == 1:
+                b = (level[image[y, x, 0]] * n_levels + level[image[y, x, 1]]) * n_levels + level[image[y, x, 2]]
                 histogram[part, b] += 1.0
     for part in range(parts):
         total = np.float32(0.0)
-        for b in range(64):
+        for b in range(n_bins):
             total += histogram[part, b]
         if total > 0:
-            for b in range(64):
+            for b in range(n_bins):
                 histogram[part, b] /= total

@@ -78,10 +78,12 @@ class BirthParams(Params):
 class LifeParams(Params):
     """Merging, splitting, losing and removing (section 4)."""
 
-    merge_overlap: float = Field(default=0.6, gt=0, le=1)
-    """Fraction of a model covered by another from which two may be one person. Our choice."""
+    merge_alone: float = Field(default=0.2, ge=0, lt=1)
+    """Foreground that only this model covers, as a fraction of its area, below which the target adds nothing to the
+    matching score. Our choice: a head, an arm or noise."""
     merge_after_s: float = Field(default=1.0, gt=0, le=30)
-    """Both must have been moving and overlapped for so long [s]. Our choice: crossing people overlap for less."""
+    """It and those that cover it must have been moving for so long [s]. Our choice: people who cross overlap for
+    less."""
     patience_s: float = Field(default=3.0, gt=0, le=60)
     """How long a fully visible target without blob is predicted [s]. Our choice: passing behind a car or a column."""
     border_visible: float = Field(default=0.6, gt=0, le=1)
@@ -91,6 +93,13 @@ class LifeParams(Params):
     the head more often."""
     still_s: float = Field(default=3.0, gt=0, le=600)
     """Time without motion after which unexplained foreground is background [s]. Our choice."""
+    looks: int = Field(default=3, ge=1, le=100)
+    """Frames in which both people are seen alone again before their colours are compared. Our choice."""
+    doubt_s: float = Field(default=5.0, gt=0, le=60)
+    """Time after an occlusion for which identities stay in doubt [s]. Our choice."""
+    swap_gain: float = Field(default=0.08, gt=0, le=1)
+    """Mean gain of colour similarity (Bhattacharyya, 0 to 1) for which two people are swapped. Our choice: the same
+    person seen again differs by about 0.1."""
     reattach_m: float = Field(default=1.5, ge=0, le=10)
     """A new target this near to where a lost one is predicted, and alike, is that one [m]. Our choice: a second of
     walking."""

@@ -14,6 +14,9 @@ from planview.tracking.human_model.params import MatchParams
 
 COLOUR_PARTS = 2
 """Parts of the body (upper, lower) with a colour histogram each."""
+COLOUR_LEVELS = 6
+"""Levels per colour channel, evenly spaced in its square root: clothes are dark more often than bright."""
+_LEVEL = np.minimum(COLOUR_LEVELS - 1, np.sqrt(np.arange(256) / 256) * COLOUR_LEVELS).astype(np.uint8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +35,11 @@ class Measurement:
     def shared(self) -> F64:
         """Fraction of the model that other models cover too."""
         return self.counts[:, 3] / self.area
+
+    @property
+    def alone(self) -> F64:
+        """Fraction of the model that is foreground nobody else covers."""
+        return self.counts[:, 2] / self.area
 
     @property
     def precision(self) -> F64:
@@ -125,12 +133,12 @@ class ModelScene:
         )
         return counts
 
-    def colours(self, image: U8, foreground: U8, position: F64, scale: float) -> F32:
-        """(COLOUR_PARTS, 64) float32 histogram of what only this model covers (``cover`` is of the last match)."""
-        histogram = np.zeros((COLOUR_PARTS, 64), np.float32)
+    def colours(self, image: U8, evidence: U8, position: F64, scale: float) -> F32:
+        """(COLOUR_PARTS, COLOUR_LEVELS^3) float32 histogram of what only this model covers (after ``match``)."""
+        histogram = np.zeros((COLOUR_PARTS, COLOUR_LEVELS**3), np.float32)
         top, bottom = self._fill(position, scale)
         kernels.colour_histogram(
-            image, foreground, self.cover, self._left, self._right, top, bottom, COLOUR_PARTS, histogram
+            image, evidence, self.cover, self._left, self._right, top, bottom, _LEVEL, COLOUR_LEVELS, histogram
         )
         return histogram
 
@@ -153,7 +161,7 @@ class ModelScene:
 
 
 def similarity(first: F32, second: F32) -> float:
-    """Bhattacharyya coefficient of two (parts, 64) histograms, averaged over the parts that both have; NaN if none."""
+    """Bhattacharyya coefficient of two (parts, bins) histograms, averaged over the parts that both have; NaN if none."""
     both = (first.sum(axis=1) > 0) & (second.sum(axis=1) > 0)
     if not both.any():
         return float("nan")

@@ -67,11 +67,12 @@ class Target:
         trail: recent (time, x, y, internal motion, visible fraction).
         visible: visible fraction of the model (map) times the share that is seen.
         inside: visible fraction of the model in the image.
-        still_since_s, moving_since_s: since when without a break, NaN if not now.
+        still_since_s, moving_since_s, covered_since_s: stationary, moving, covered by others:
+            since when without a break, NaN if not now.
         shared: fraction of the model that other models cover too.
         merged: found to be the same person as another target.
         born_xy, travel_m: where it was born and how far it has been from there.
-        colours: (parts, 64) mean colour histogram, None before it was seen alone.
+        colours: (parts, bins) mean colour histogram, None before it was seen alone.
         half_width: observed half width over the model's.
         score: matching score M of the last frame.
     """
@@ -93,12 +94,20 @@ class Target:
     inside: float = 1.0
     still_since_s: float = np.nan
     moving_since_s: float = np.nan
+    covered_since_s: float = np.nan
     shared: float = 0.0
     merged: bool = False
     travel_m: float = 0.0
     colours: F32 | None = None
     half_width: float = 1.3
     score: float = 0.0
+
+    def swap_with(self, other: Target) -> None:
+        """Exchange who the two are; places and motion stay."""
+        for name in ("track_id", "colours", "scale", "half_width", "born_s", "born_xy", "travel_m", "confirmed"):
+            mine = getattr(self, name)
+            setattr(self, name, getattr(other, name))
+            setattr(other, name, mine)
 
     def remember(self, now_s: float, internal: float, visible: float, window_s: float) -> None:
         """Add what this frame showed to the recent past."""
@@ -127,8 +136,9 @@ class Target:
             return "stable"
         return "appearing" if change > 0 else "disappearing"
 
-    def advance(self, now_s: float) -> None:
-        """Start or stop the clocks of the motion state."""
+    def advance(self, now_s: float, covered: bool) -> None:
+        """Start or stop the clocks of the motion state and of being covered."""
+        self.covered_since_s = _clock(self.covered_since_s, covered, now_s)
         self.still_since_s = _clock(self.still_since_s, self.motion == "stationary", now_s)
         self.moving_since_s = _clock(self.moving_since_s, self.motion == "moving", now_s)
 

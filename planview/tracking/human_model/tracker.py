@@ -17,6 +17,7 @@ from planview.foreground import BACKGROUND, PERSON
 from planview.tracking.base import Decision, DecisionKind, Observation, TrackerDebug, TrackState
 from planview.tracking.human_model.births import Candidate, find_candidates
 from planview.tracking.human_model.drawing import draw
+from planview.tracking.human_model.identity import Mingling
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.scene import Measurement, ModelScene, similarity
 from planview.tracking.human_model.target import FootprintKalman, Target
@@ -50,7 +51,7 @@ class HumanModelTracker:
         self._ids: Iterator[int] = itertools.count(1)
         self._decisions: list[Decision] = []
         self._now_s = np.nan
-        self._together: dict[tuple[int, int], float] = {}
+        self._mingling = Mingling(self.params.life)
         self._still_s = np.zeros(self.camera.size[::-1], np.float32)
 
     @property
@@ -73,6 +74,7 @@ class HumanModelTracker:
         blobs = find_blobs(foreground)
         self._predict(dt)
         self._match_and_update(observation, foreground, motion, blobs)
+        self._tell_apart()
         self._new_targets(observation, foreground, motion, blobs)
         self._merge()
         self._clean()
@@ -130,7 +132,7 @@ class HumanModelTracker:
                 measured = self.scene.measure(foreground, motion, blobs, position, prediction[1])
                 for i, target in enumerate(group):
                     self._update_target(target, i, measured, blobs)
-                    self._learn_colours(target, i, measured, observation, foreground)
+                    self._learn_colours(target, i, measured, observation.image, evidence)
 
     def _prediction(self, group: list[Target]) -> tuple[F64, F64, F64, I64]:
         """Foot pixels, scales, their covariances [px^2] and the order of targets, nearest to the camera first."""
@@ -183,7 +185,7 @@ class HumanModelTracker:
         visible = target.inside * (precision if not hidden else 1.0)
         target.visible = visible if target.matched else target.visible
         target.remember(now, float(measured.internal_motion[i]), visible, p.states.window_s)
-        self._advance_states(target, shared)
+        self._advance_states(target, shared, float(measured.alone[i]))
         target.score = self._score(i, measured, blobs)
         if target.stability == "stable" and target.matched and shared == 0 and measured.extent[i, 2] > 0:
             # Columns of a silhouette fall off towards arms and feet: about a triangle, half width sqrt(6) sigma.
@@ -196,11 +198,11 @@ class HumanModelTracker:
 
     def _score(self, i: int, measured: Measurement, blobs: Blobs) -> float:
         """M of equation 1 for one target and the blob it covers most."""
-        area, foreground, alone, shared, _, _, label = measured.counts[i]
+        area, foreground, _, shared, _, _, label = measured.counts[i]
         blob = float(max(1, blobs.area_px[label])) if label else 1.0
         return float(min(1.0, foreground / blob) + foreground / max(1, area) - shared / max(1, area))
 
-    def _advance_states(self, target: Target, shared: float) -> None:
+    def _advance_states(self, target: Target, shared: float, alone: float) -> None:
         motion = target.next_motion(self.params.states)
         stability = target.next_stability(shared, self.params.states)
         if motion != target.motion:
@@ -208,21 +210,34 @@ class HumanModelTracker:
         if stability != target.stability:
             self._decide(target, "state", f"{target.stability} -> {stability}", target.visible)
         target.motion, target.stability = motion, stability
-        target.advance(self._now_s)
+        target.advance(self._now_s, alone < self.params.life.merge_alone and shared > 0.0)
 
     def _believable(self, target: Target) -> bool:
         b = self.params.birth
         return target.matches >= b.min_matches and target.travel_m >= b.min_travel_m
 
-    def _learn_colours(
-        self, target: Target, i: int, measured: Measurement, observation: Observation, foreground: U8
-    ) -> None:
-        if observation.image is None or observation.image.ndim != 3 or not target.matched:
+    def _learn_colours(self, target: Target, i: int, measured: Measurement, image: U8 | None, evidence: U8) -> None:
+        """Mean colours of who is seen alone; while an identity is in doubt they are only collected."""
+        if image is None or image.ndim != 3 or not target.matched:
             return
         if float(measured.shared[i]) > 0.1 or float(measured.precision[i]) < self.params.birth.min_precision:
             return
-        seen = self.scene.colours(observation.image, foreground, target.foot_px, target.scale)
-        target.colours = seen if target.colours is None else np.float32(0.9) * target.colours + np.float32(0.1) * seen
+        seen = self.scene.colours(image, evidence, target.foot_px, target.scale)
+        if self._mingling.busy(target.track_id):
+            self._mingling.see(target, seen)
+        else:
+            target.colours = (
+                seen if target.colours is None else np.float32(0.9) * target.colours + np.float32(0.1) * seen
+            )
+
+    def _tell_apart(self) -> None:
+        """After an occlusion, swap two people whose colours say so."""
+        for first, second in itertools.combinations(self.targets, 2):
+            if min(first.shared, second.shared) > 0.05 and self._touch(first, second):
+                self._mingling.close(first, second, self._now_s)
+        for first, second, gain in self._mingling.swapped(self.targets, self._now_s):
+            first.swap_with(second)
+            self._decide(first, "state", f"colours say: swapped with {second.track_id} (gain {gain:.2f})", gain)
 
     def _new_targets(self, observation: Observation, foreground: U8, motion: U8, blobs: Blobs) -> None:
         rest = np.where(self.scene.claimed > 0, 0, foreground).astype(np.uint8)
@@ -269,30 +284,21 @@ class HumanModelTracker:
         return best
 
     def _merge(self) -> None:
-        """Two targets that walk on top of each other for long are one person."""
-        life, now = self.params.life, self._now_s
-        together: dict[tuple[int, int], float] = {}
-        for older, younger in itertools.combinations(sorted(self.targets, key=lambda t: t.track_id), 2):
-            if max(younger.shared, older.shared) < life.merge_overlap or not older.matched or not younger.matched:
-                continue
-            if max(self._overlap(younger, older), self._overlap(older, younger)) >= life.merge_overlap:
-                pair = older.track_id, younger.track_id
-                together[pair] = self._together.get(pair, now)
-                since = max(younger.moving_since_s, older.moving_since_s, together[pair])
-                if younger.motion == older.motion == "moving" and now - since >= life.merge_after_s:
-                    younger.merged = True
-                    self._decide(younger, "merged", f"walks on {older.track_id}")
-        self._together = together
+        """A target that others cover for long while all of them walk is one of them: without it M is higher."""
+        for target in sorted(self.targets, key=lambda t: -t.covered_since_s if t.covered_since_s > 0 else 0.0):
+            others = [t for t in self.targets if t is not target and not t.merged and self._touch(t, target)]
+            since = max([target.covered_since_s, target.moving_since_s, *(t.moving_since_s for t in others)])
+            if others and self._now_s - since >= self.params.life.merge_after_s:
+                target.merged = True
+                self._decide(target, "merged", f"walks on {others[0].track_id}")
         self.targets = [t for t in self.targets if not t.merged]
 
-    def _overlap(self, first: Target, second: Target) -> float:
-        if np.abs(first.foot_px - second.foot_px).max() > self._height_px(first):
-            return 0.0
-        canvas = np.zeros_like(self.scene.cover)
-        self.scene.paint(canvas, first.foot_px, first.scale, 1)
-        area = int(canvas.sum())
-        self.scene.paint(canvas, second.foot_px, second.scale, 1)
-        return float((canvas == 2).sum()) / max(1, area)
+    def _touch(self, first: Target, second: Target) -> bool:
+        """Whether the models' boxes overlap by at least half of the smaller width."""
+        a, b = self._box(first), self._box(second)
+        return min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0]) > 0.5 * min(a[2], b[2]) and (
+            min(a[1] + a[3], b[1] + b[3]) > max(a[1], b[1])
+        )
 
     def _height_px(self, target: Target) -> float:
         entry = int(self.scene.model_map.entry_at(target.foot_px))
