@@ -12,7 +12,7 @@ import numpy as np
 from calib.types import F64, I64
 from planview.analytics.clock import Span
 from planview.analytics.events import Event
-from planview.analytics.rules import Queue, Rules
+from planview.analytics.rules import Placed, Queue, Rules
 from planview.analytics.zone import Stay
 
 
@@ -35,8 +35,8 @@ class Counts:
 
     def to_json(self) -> dict[str, Any]:
         """The object of ``count --json`` and counts.json: ``rules`` by name, the totals per interval within."""
-        rules: dict[str, Any] = {rule.name: self._wire(rule.name) for rule in self.rules.tripwires}
-        rules |= {rule.name: self._zone(rule.name) for rule in self.rules.zones}
+        rules: dict[str, Any] = {rule.name: self._wire(rule.name) | _place(rule) for rule in self.rules.tripwires}
+        rules |= {rule.name: self._zone(rule.name) | _place(rule) for rule in self.rules.zones}
         rules |= {queue.name: self._queue(queue) for queue in self.rules.queues}
         return {
             "rules": rules,
@@ -71,6 +71,7 @@ class Counts:
             "stays": len(stays),
             "appeared_inside": sum(not stay.entered for stay in stays),
             "vanished_inside": sum(not stay.left for stay in stays),
+            "occupancy": self._changes(stays),
             "intervals": [
                 {"start_s": start, **_passages(group), "mean_occupancy": self._mean_within(stays, start)}
                 for start, group in self._intervals(events)
@@ -91,11 +92,19 @@ class Counts:
             "max_wait_s": max(waited, default=0.0),
             "waited": len(waits),
             "served": sum(stay.left for stay in waits),
+            "length": self._changes(waits),
             "intervals": [
                 {"start_s": float(start), "mean_length": self._mean_within(waits, float(start))}
                 for start in self.span.interval_starts(self.interval_s)
             ],
         }
+
+    def _changes(self, stays: Sequence[Stay]) -> list[tuple[float, int]]:
+        """(time, people from then on) at the beginning and at every change."""
+        ends = [_end(stay, self.span.frame_s) for stay in stays]
+        times = np.unique([self.span.start_s, *(stay.start_s for stay in stays), *ends])
+        numbers = occupancy_at(stays, times, self.span.frame_s)
+        return [(round(float(t), 4), int(n)) for t, n in zip(times, numbers, strict=True)]
 
     def _intervals(self, events: Sequence[Event]) -> list[tuple[float, list[Event]]]:
         starts = self.span.interval_starts(self.interval_s)
@@ -122,6 +131,11 @@ def occupancy_at(stays: Sequence[Stay], times_s: F64, frame_s: float) -> I64:
 
 def _end(stay: Stay, frame_s: float) -> float:
     return stay.end_s if stay.left else stay.end_s + frame_s
+
+
+def _place(rule: Placed) -> dict[str, Any]:
+    """Where a rule was applied, for pictures."""
+    return {"plane": rule.plane, "points": rule.points.tolist()}
 
 
 def _by_direction(events: Sequence[Event]) -> dict[str, int]:
