@@ -9,13 +9,14 @@ from calib.types import F32, F64, I32, U8
 
 @njit(cache=True, nogil=True)
 def back_project(  # type: ignore[no-untyped-def]
-    disparity: F32, mask: U8, disparity_min: float, focal_baseline: float, intrinsics: F64, pose: F64, height_max_m: float,
+    disparity: F32, mask: U8, disparity_min: float, focal_baseline: float,
+    intrinsics: F64, pose: F64, height_max_m: float,
     points: F32, area: F32, pixels: I32,
 ):  # fmt: skip
     """Foreground pixels with a disparity to world points (Harville 2002, eq. 1 and 2).
 
-    ``intrinsics`` is (fu, fv, cu, cv), ``pose`` (3, 4) world_SE3_left. Fills ``points`` (N, 3), ``area`` (N) = Z^2/(fu fv)
-    and ``pixels`` (N) = row * width + column, and returns N. Points above ``height_max_m`` or with less than
+    ``intrinsics`` is (fu, fv, cu, cv), ``pose`` (3, 4) world_SE3_left. Fills ``points`` (N, 3), ``area`` (N)
+    = Z^2/(fu fv) and ``pixels`` (N) = row * width + column, and returns N. Points above ``height_max_m`` or with less than
     ``disparity_min`` are dropped.
     """
     fu, fv, cu, cv = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
@@ -48,7 +49,14 @@ def back_project(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def accumulate(  # type: ignore[no-untyped-def]
-    points: F32, weight: F32, height_min_m: float, x_min_m: float, y_min_m: float, cell_m: float, height: F32, occupancy: F32
+    points: F32,
+    weight: F32,
+    height_min_m: float,
+    x_min_m: float,
+    y_min_m: float,
+    cell_m: float,
+    height: F32,
+    occupancy: F32,
 ):
     """Highest point and summed weight per cell in one pass (Harville 2002, section 3).
 

@@ -15,6 +15,9 @@ from calib.params import Params
 from planview.feedback import FeedbackParams
 from planview.foreground import ForegroundParams
 from planview.maps import MapParams
+from planview.single_camera import SingleCameraParams
+from planview.tracking.ellipse_particle.params import EllipseParticleParams
+from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.template import TemplateTrackerParams
 from stereo.matcher import RangeParams, SgbmParams
 from stereo.rectify import RectifyParams
@@ -44,6 +47,9 @@ class Config(Params):
     feedback: FeedbackParams = FeedbackParams()
     maps: MapParams = MapParams()
     template: TemplateTrackerParams = TemplateTrackerParams()
+    single_camera: SingleCameraParams = SingleCameraParams()
+    human_model: HumanModelParams = HumanModelParams()
+    ellipse_particle: EllipseParticleParams = EllipseParticleParams()
 
 
 def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Config:

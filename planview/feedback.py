@@ -52,20 +52,19 @@ class Feedback:
         if not p.enabled:
             return None
         self._remember(tracks)
-        mask = np.zeros(shape[0] * shape[1], dtype=np.uint8)
+        painted = np.zeros(shape[0] * shape[1], dtype=np.uint8)
         near = np.zeros(len(points.xyz), dtype=bool)
         for track in tracks:
             body = (points.xyz[:, 0] - track.x_m) ** 2 + (points.xyz[:, 1] - track.y_m) ** 2 < p.body_m**2
             near |= body
             if track.track_id in self._walked and track.state == "confirmed":
-                mask[points.pixels[body]] = PERSON
-        mask = mask.reshape(shape)
-        if p.spread_px:
-            mask = cv2.dilate(mask, np.ones((2 * p.spread_px + 1,) * 2, dtype=np.uint8))
+                painted[points.pixels[body]] = PERSON
+        side = 2 * p.spread_px + 1
+        mask = np.asarray(cv2.dilate(painted.reshape(shape), np.ones((side, side), dtype=np.uint8)), dtype=np.uint8)
         ground = points.pixels[~near & (points.xyz[:, 2] < p.ground_m)]
         flat = mask.reshape(-1)
         flat[ground[flat[ground] != PERSON]] = BACKGROUND
-        return np.asarray(mask, dtype=np.uint8)
+        return mask
 
     def _remember(self, tracks: Sequence[TrackState]) -> None:
         alive = {track.track_id for track in tracks}

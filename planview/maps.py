@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 from pydantic import Field
 
-from calib.params import Params
 from calib.pose import SE3
 from calib.types import F32, F64, I32, U8
 from planview._map_kernels import accumulate, back_project
 from planview.grid import Grid, GridParams
 from stereo.depth import RectifiedGeometry
+
 
 class MapParams(GridParams):
     """Plan-view maps."""
@@ -184,7 +184,9 @@ class MapBuilder:
     def _accumulate(self, xyz: F32, weight: F32) -> tuple[F32, F32]:
         height = np.empty(self.grid.shape, dtype=np.float32)
         total = np.empty(self.grid.shape, dtype=np.float32)
-        accumulate(xyz, weight, self.params.height_min_m, self.grid.x_min_m, self.grid.y_min_m, self.grid.cell_m, height, total)
+        accumulate(
+            xyz, weight, self.params.height_min_m, self.grid.x_min_m, self.grid.y_min_m, self.grid.cell_m, height, total
+        )
         return height, total
 
     def _smooth(self, height_raw: F32, occupancy_raw: F32) -> tuple[F32, F32]:
@@ -193,11 +195,11 @@ class MapBuilder:
         if sigma > 0.0:
             occupied = (height_raw > 0.0).astype(np.float32)
             occupancy = _blur(occupancy_raw, sigma)
-            height = _blur(height_raw, sigma) / np.maximum(_blur(occupied, sigma), 1e-3)
+            height = np.divide(_blur(height_raw, sigma), np.maximum(_blur(occupied, sigma), 1e-3), dtype=np.float32)
         else:
             occupancy, height = occupancy_raw, height_raw
-        height = np.where(occupancy >= self._occupancy_min, height, np.float32(0.0))
-        return height, occupancy
+        masked = np.where(occupancy >= np.float32(self._occupancy_min), height, np.float32(0.0))
+        return np.asarray(masked, dtype=np.float32), occupancy
 
     def _confidence(self, points: FloorPoints) -> F32:
         """Mean of 1 / (1 + (sigma_z / cell)^2) over a cell's points: 1 where depth is exact, 0 where it is unknown."""

@@ -10,6 +10,7 @@ from time import perf_counter
 import cv2
 import numpy as np
 
+from calib.ground_camera import GroundCamera
 from calib.types import F32, U8
 from planview.boxes import BodyBoxes
 from planview.config import Config
@@ -17,12 +18,13 @@ from planview.feedback import Feedback
 from planview.foreground import Foreground
 from planview.maps import MapBuilder
 from planview.setup import Setup, set_up
-from planview.tracking.base import Decision, Observation, Tracker, TrackState
+from planview.single_camera import SingleCamera
+from planview.tracking.base import Decision, ImageTracker, Observation, Tracker, TrackState
 from planview.tracking.template import TemplateTracker
 from stereo.matcher import Matcher, SgbmMatcher
 from stereo.readers import open_recording
 from stereo.readers.prefetch import prefetch
-from stereo.recording import Recording
+from stereo.recording import Recording, Video, VideoFrame
 
 STAGES = ("read", "rectify", "match", "foreground", "maps", "track")
 """Stages timed, in order."""
@@ -38,7 +40,7 @@ class FrameResult:
         tracks: people, tentative and lost ones included.
         decisions: why the tracker did what it did.
         observation: what the tracker saw (image, foreground, maps).
-        disparity: (H, W) float32 [px], NaN invalid.
+        disparity: (H, W) float32 [px], NaN invalid; None for a single camera.
         stages_ms: time of every stage; reading and matching run ahead in other threads.
     """
 
@@ -47,7 +49,7 @@ class FrameResult:
     tracks: tuple[TrackState, ...]
     decisions: tuple[Decision, ...]
     observation: Observation
-    disparity: F32
+    disparity: F32 | None
     stages_ms: dict[str, float]
 
 
@@ -145,6 +147,51 @@ class Pipeline:
             return image
         size = self.maps.shape[::-1]
         return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+class SingleCameraPipeline:
+    """Read, separate foreground, track with one camera; iterate it for a FrameResult per frame.
+
+    Attributes:
+        recording: what is read.
+        tracker: who follows people.
+        camera: calibration above the floor, None where the tracker needs none.
+    """
+
+    def __init__(
+        self,
+        recording: Video,
+        tracker: ImageTracker,
+        config: Config | None = None,
+        camera: GroundCamera | None = None,
+    ) -> None:
+        self.recording, self.tracker, self.camera = recording, tracker, camera
+        self.config = config or Config()
+        self._source = SingleCamera(self.config.single_camera, recording.size)
+
+    def __iter__(self) -> Iterator[FrameResult]:
+        """Track the recording from its first frame; each iteration starts anew."""
+        self.tracker.reset()
+        self._source.reset()
+        for frame, read_ms in self._read():
+            clock = _Clock({"read": read_ms})
+            if self.tracker.needs_foreground:
+                seen = self._source.observe(frame, self.tracker.feedback())
+            else:
+                seen = Observation(frame.index, frame.timestamp_s, frame.image)
+            clock.lap("foreground")
+            tracks = self.tracker.update(seen)
+            clock.lap("track")
+            yield FrameResult(
+                frame.index, frame.timestamp_s, tracks, self.tracker.decisions, seen, None, clock.stages_ms
+            )
+
+    def _read(self) -> Iterator[tuple[VideoFrame, float]]:
+        clock = _Clock({})
+        for frame in self.recording:
+            clock.lap("read")
+            yield frame, clock.stages_ms["read"]
+            clock = _Clock({})
 
 
 class _Clock:

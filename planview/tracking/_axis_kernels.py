@@ -28,7 +28,7 @@ def height_histograms(  # type: ignore[no-untyped-def]
                 nearest = squared
                 label[i] = k
         if label[i] >= 0 and xyz[i, 2] >= 0.0:
-            b = min(int(math.floor(float(xyz[i, 2]) / bin_m)), bins - 1)
+            b = min(math.floor(float(xyz[i, 2]) / bin_m), bins - 1)
             histogram[label[i], b] += area[i]
 
 

@@ -50,8 +50,8 @@ def search(  # type: ignore[no-untyped-def]
     """
     rows = height.shape[0] - template_height.shape[0] + 1
     cols = height.shape[1] - template_height.shape[1] + 1
-    centre_row = min(max(int(round(row)), 0), rows - 1)
-    centre_col = min(max(int(round(col)), 0), cols - 1)
+    centre_row = min(max(round(row), 0), rows - 1)
+    centre_col = min(max(round(col), 0), cols - 1)
     result[0] = math.inf
     for r in range(max(0, centre_row - reach), min(rows, centre_row + reach + 1)):
         for c in range(max(0, centre_col - reach), min(cols, centre_col + reach + 1)):
@@ -81,9 +81,9 @@ def clear(  # type: ignore[no-untyped-def]
 
     Cells nearer to one of ``others`` (K, 2: padded rows and cols) are left, since they are somebody else's.
     """
-    reach = int(math.ceil(max(across_cells, along_cells)))
+    reach = math.ceil(max(across_cells, along_cells))
     rows, cols = height.shape
-    centre_row, centre_col = int(round(row)), int(round(col))
+    centre_row, centre_col = round(row), round(col)
     for r in range(max(0, centre_row - reach), min(rows, centre_row + reach + 1)):
         for c in range(max(0, centre_col - reach), min(cols, centre_col + reach + 1)):
             along = (r - row) * ray_row + (c - col) * ray_col

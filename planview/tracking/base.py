@@ -26,6 +26,7 @@ class Observation:
         foreground: (H, W) uint8, 255 where foreground, at the image's size or an integer fraction of it.
         motion: (H, W) uint8, 255 where consecutive frames differ (single-camera trackers).
         maps: plan-view maps (stereo only).
+        shadow: (H, W) uint8, 255 where foreground was removed because it looks like a shadow (single-camera trackers).
     """
 
     frame: int
@@ -34,6 +35,7 @@ class Observation:
     foreground: U8 | None = None
     motion: U8 | None = None
     maps: PlanViewMaps | None = None
+    shadow: U8 | None = None
 
 
 @dataclass(frozen=True)
@@ -119,3 +121,14 @@ class Tracker(Protocol):
         """Shapes and tiles that explain the last update."""
 
     def reset(self) -> None: ...
+
+
+class ImageTracker(Tracker, Protocol):
+    """A tracker that works on the frames of one camera."""
+
+    @property
+    def needs_foreground(self) -> bool:
+        """Whether observations must hold foreground and motion; else the image is enough."""
+
+    def feedback(self) -> U8 | None:
+        """What the tracker knows about pixels, for ``Foreground``; None when it has no opinion."""

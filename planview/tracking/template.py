@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
 from pydantic import Field
 
@@ -32,7 +31,7 @@ class MatchParams(Params):
     separation_weight: float = Field(1.0, ge=0.0)
     """epsilon, on the Gaussian (deviation W_avg / 2) around people already placed in this frame."""
     score_max: float = Field(1.5, gt=0.0)
-    """theta_track. Nothing at all where the template expects a body scores 2; half of the body hidden scores about 1."""
+    """theta_track. Nothing at all where a body is expected scores 2; half of the body hidden scores about 1."""
 
 
 class TemplateTrackerParams(Params):
@@ -212,12 +211,14 @@ class TemplateTracker:
         )  # fmt: skip
 
     def _plausible(self, frame: _Frame, person: _Person, result: F64) -> bool:
-        """A lost person is only found again where something as tall as a person is."""
+        """A lost person is only found again where somebody about as tall is."""
         if person.state != "lost":
             return True
         row, col, n = int(result[1]), int(result[2]), len(person.template_height)
         window = frame.free_height[row : row + n, col : col + n]
-        return bool(window.max() >= min(self.params.detection.height_min_m, person.height_m - 0.2))
+        tall = float(window.max())
+        lowest = min(self.params.detection.height_min_m, person.height_m)
+        return lowest <= tall <= person.tallest_m + self.params.grow_max_m
 
     def _found(self, person: _Person, grid: Grid, result: F64) -> None:
         x, y = grid.centre_of(result[1], result[2])
@@ -424,8 +425,7 @@ class TemplateTracker:
 
     def _pad(self, maps: PlanViewMaps) -> _Frame:
         half = self._template_size(maps.grid) // 2
-        height = cv2.copyMakeBorder(maps.height, half, half, half, half, cv2.BORDER_CONSTANT)
-        occupancy = cv2.copyMakeBorder(maps.occupancy, half, half, half, half, cv2.BORDER_CONSTANT)
+        height, occupancy = (np.pad(image, half) for image in (maps.height, maps.occupancy))
         return _Frame(maps, height, occupancy, height.copy(), occupancy.copy())
 
     @staticmethod

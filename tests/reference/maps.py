@@ -1,0 +1,51 @@
+"""Plain numpy twins of planview/_map_kernels.py; they define what the compiled loops compute."""
+
+import numpy as np
+
+from calib.types import F32, F64, I32, U8
+
+
+def back_project(
+    disparity: F32,
+    mask: U8,
+    disparity_min: float,
+    focal_baseline: float,
+    intrinsics: F64,
+    pose: F64,
+    height_max_m: float,
+    points: F32,
+    area: F32,
+    pixels: I32,
+) -> int:
+    fu, fv, cu, cv = intrinsics
+    row, col = np.nonzero((mask > 0) & (disparity >= disparity_min))
+    z = focal_baseline / disparity[row, col].astype(np.float64)
+    camera = np.column_stack([(col - cu) / fu * z, (row - cv) / fv * z, z])
+    world = camera @ pose[:, :3].T + pose[:, 3]
+    keep = world[:, 2] <= height_max_m
+    n = int(keep.sum())
+    points[:n] = world[keep]
+    area[:n] = (z * z / (fu * fv))[keep]
+    pixels[:n] = (row * disparity.shape[1] + col)[keep]
+    return n
+
+
+def accumulate(
+    points: F32,
+    weight: F32,
+    height_min_m: float,
+    x_min_m: float,
+    y_min_m: float,
+    cell_m: float,
+    height: F32,
+    occupancy: F32,
+) -> None:
+    height[:] = 0.0
+    occupancy[:] = 0.0
+    xy = points[:, :2].astype(np.float64)
+    col = np.floor((xy[:, 0] - x_min_m) / cell_m).astype(np.int64)
+    row = np.floor((xy[:, 1] - y_min_m) / cell_m).astype(np.int64)
+    rows, cols = height.shape
+    keep = (points[:, 2] >= height_min_m) & (col >= 0) & (row >= 0) & (col < cols) & (row < rows)
+    np.maximum.at(height, (row[keep], col[keep]), points[keep, 2])
+    np.add.at(occupancy, (row[keep], col[keep]), weight[keep])
