@@ -26,6 +26,8 @@ from planview._gaussian_kernels import (
     D,
     F,
     Gaussian,
+    Rates,
+    Real,
     Step,
     U,
     V,
@@ -141,20 +143,28 @@ def observed(obs: F32, i: int) -> Colour:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def match_leaders(lead: F32, obs: F32, n: int, s: Step) -> None:
+    """Test n pixels against their leading Gaussian: no branches, so that it vectorises."""
+    for i in range(n):
+        kind = match_kind(load(lead, i, BLOCK), observed(obs, i), s)
+        obs[UNMATCHED * BLOCK + i] = ONE if kind == NO_MATCH else ZERO
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def learn_leaders(lead: F32, obs: F32, n: int, s: Step, rates: Rates) -> None:
     """Test n pixels against their leading Gaussian and learn where it matches: no branches, so that it vectorises."""
     for i in range(n):
         o = observed(obs, i)
         # Activity slows learning (notes, section 2), and so does a person; known background learns fast.
         change = abs(o.y - lead[LAST_Y * BLOCK + i])
-        activity = lead[ACTIVITY * BLOCK + i] + s.rate_activity * (change - lead[ACTIVITY * BLOCK + i])
+        activity = lead[ACTIVITY * BLOCK + i] + rates.activity * (change - lead[ACTIVITY * BLOCK + i])
         lead[ACTIVITY * BLOCK + i] = activity
         lead[LAST_Y * BLOCK + i] = o.y
         opinion = obs[OPINION * BLOCK + i]
         slow = s.slow_active if activity > s.active else ONE
         slow = s.slow_person if opinion == ONE else slow
         known = opinion == F(2)
-        rate_w = s.rate_fast if known else s.rate_w * slow
-        rate_m = s.rate_fast if known else s.rate_m * slow
+        rate_w = rates.fast if known else rates.weight * slow
+        rate_m = rates.fast if known else rates.mean * slow
         obs[RATE_W * BLOCK + i] = rate_w
         obs[RATE_M * BLOCK + i] = rate_m
 
@@ -179,26 +189,53 @@ def first_match(rest: F32, first: int, end: int, o: Colour, s: Step) -> tuple[in
 
 @njit(cache=True, nogil=True)
 def is_background(lead: F32, i: int, rest: F32, first: int, end: int, b: int, s: Step) -> bool:
-    """Whether the Gaussian at rest[b] is in the background set: by leading weight, or deepest (true weights)."""
+    """Whether the Gaussian at rest[b] is in the background set: by leading weight, or as the deepest."""
     before = lead[WEIGHT * BLOCK + i]
+    left = ONE - before
     for j in range(first, b, N_FIELDS):
-        before += rest[j + WEIGHT]
+        before += left * rest[j + WEIGHT]
     if before <= s.background_weight:
         return True
-    if rest[b + WEIGHT] <= s.deepest_weight or rest[b + SEEN] < s.min_seen:
+    if left * rest[b + WEIGHT] <= s.deepest_weight or rest[b + SEEN] < s.min_seen:
         return False
     deep = lead[WEIGHT * BLOCK + i] > s.deepest_weight and lead[SEEN * BLOCK + i] >= s.min_seen
     if deep and lead[D * BLOCK + i] < rest[b + D]:
         return False
     for j in range(first, end, N_FIELDS):
-        deep = rest[j + WEIGHT] > s.deepest_weight and rest[j + SEEN] >= s.min_seen
+        deep = left * rest[j + WEIGHT] > s.deepest_weight and rest[j + SEEN] >= s.min_seen
         if deep and rest[j + D] < rest[b + D]:
             return False
     return True
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def is_uncovered(g: Gaussian, o: Colour, s: Step) -> tuple[bool, bool]:
+    """Whether a pixel that its leader g does not match is (unclipped, behind) it: both are background not seen so far.
+
+    A surface that was clipped may turn out brighter than that; what appears behind the background was hidden by
+    somebody, for nobody stands there.
+    """
+    dd = o.d - g.d
+    both = o.d == o.d and g.seen >= s.min_seen
+    agree = dd * dd < s.beta * g.var_d
+    return g.var_y < ZERO and o.y > g.y and (agree or not both), both and not agree and dd < ZERO
+
+
 @njit(cache=True, nogil=True)
-def outranks(weight: float, var: float, other_weight: float, other_var: float) -> bool:
+def classify(
+    lead: F32, i: int, rest: F32, first: int, end: int, found: int, unclipped: bool, o: Colour, s: Step
+) -> int:
+    """FOREGROUND, SHADOW or 0 for a pixel whose leader does not match but whose Gaussian at rest[found] may."""
+    if unclipped or (found >= 0 and is_background(lead, i, rest, first, end, found, s)):
+        return 0
+    leader = load(lead, i, BLOCK)
+    if s.colour_shadows > ZERO and o.d != o.d and o.y < leader.y and is_other_light(leader, o, o.chroma > ZERO, s):
+        return SHADOW
+    return FOREGROUND
+
+
+@njit(cache=True, nogil=True)
+def outranks(weight: Real, var: Real, other_weight: Real, other_var: Real) -> bool:
     """Whether weight / sigma exceeds that of another Gaussian, without square roots."""
     return bool(weight * weight * abs(other_var) > other_weight * other_weight * abs(var))
 
@@ -238,59 +275,60 @@ def settle_order(lead: F32, i: int, rest: F32, first: int, end: int) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def explains(g: Gaussian, o: Colour, s: Step) -> tuple[bool, bool]:
-    """What a background Gaussian says of a pixel that it does not match: (no foreground, learn it quickly).
-
-    A surface that was clipped may turn out brighter than that, and what appears behind the background was hidden by
-    somebody: both are unknown background. Shadows may be left out without depth, if asked for.
-    """
-    dd = o.d - g.d
-    both = (o.d == o.d) & (g.seen >= s.min_seen)
-    agree = dd * dd < s.beta * g.var_d
-    unclipped = g.var_y < ZERO and o.y > g.y and (agree or not both)
-    behind = both and not agree and dd < ZERO
-    shaded = s.colour_shadows > ZERO and o.d != o.d and o.y < g.y and is_other_light(g, o, o.chroma > ZERO, s)
-    return unclipped or shaded, unclipped or behind
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def update_rest(
-    lead: F32, i: int, rest: F32, first: int, end: int, o: Colour, rate_w: float, rate_m: float, s: Step
-) -> int:
-    """Pixel i of a block, whose leader did not match; its others are rest[first:end]. Returns its mask value."""
-    found, kind = first_match(rest, first, end, o, s)
-    left = ONE - lead[WEIGHT * BLOCK + i]
-    for b in range(first, end, N_FIELDS):
-        rest[b + WEIGHT] *= left
-    excused, quickly = explains(load(lead, i, BLOCK), o, s)
-    foreground = not excused and (found < 0 or not is_background(lead, i, rest, first, end, found, s))
-    if quickly and rate_w > ZERO and (found < 0 or rest[found + WEIGHT] <= s.deepest_weight):
-        rate_w, rate_m = max(rate_w, s.rate_fast), max(rate_m, s.rate_fast)
+def learn_rest(
+    lead: F32,
+    i: int,
+    rest: F32,
+    first: int,
+    end: int,
+    found: int,
+    kind: int,
+    o: Colour,
+    rate_w: Real,
+    rate_m: Real,
+    s: Step,
+) -> None:
+    """Learn a pixel whose leader did not match: by the Gaussian at rest[found], or a new one for the last."""
     keep = ONE - rate_w
+    left = (ONE - lead[WEIGHT * BLOCK + i]) * keep
     lead[WEIGHT * BLOCK + i] *= keep
     for b in range(first, end, N_FIELDS):
-        rest[b + WEIGHT] *= keep
+        rest[b + WEIGHT] *= left
     if found >= 0:
         rest[found + WEIGHT] += rate_w
         store(rest, found, 1, learned(load(rest, found, 1), o, kind, rate_m, s))
-    elif rate_w > ZERO:
+    else:
         rest[end - N_FIELDS + WEIGHT] = rate_w
         store(rest, end - N_FIELDS, 1, started(o, s))
     settle_order(lead, i, rest, first, end)
-    if foreground:
-        return FOREGROUND
-    return SHADOW if excused and s.colour_shadows > ZERO else 0
+
+
+@njit(cache=True, nogil=True)
+def update_pixel(lead: F32, i: int, rest: F32, first: int, end: int, obs: F32, s: Step, rates: Rates) -> int:
+    """Pixel i of a block, whose leader did not match: its other Gaussians are rest[first:end]. Returns its mask."""
+    o = observed(obs, i)
+    found, kind = first_match(rest, first, end, o, s)
+    unclipped, behind = is_uncovered(load(lead, i, BLOCK), o, s)
+    mask = classify(lead, i, rest, first, end, found, unclipped, o, s)
+    rate_w, rate_m = obs[RATE_W * BLOCK + i], obs[RATE_M * BLOCK + i]
+    if rates.weight > ZERO and rate_w > ZERO:
+        young = found < 0 or (ONE - lead[WEIGHT * BLOCK + i]) * rest[found + WEIGHT] <= s.deepest_weight
+        if (unclipped or behind) and young:
+            rate_w, rate_m = max(rate_w, rates.fast), max(rate_m, rates.fast)
+        learn_rest(lead, i, rest, first, end, found, kind, o, rate_w, rate_m, s)
+    return mask
 
 
 @njit(cache=True, nogil=True)
 def update_blocks(
-    lead: F32, rest: F32, image: U8, disparity: F32, opinion: U8, mask: U8, first: int, last: int, s: Step
+    lead: F32, rest: F32, image: U8, disparity: F32, opinion: U8, mask: U8, first: int, last: int, s: Step, turns: F32
 ) -> None:
     """Update blocks first..last-1 and write their part of the mask.
 
     Args:
         lead: (n_blocks, N_LEAD * BLOCK) leading Gaussians. rest: (N * (K-1) * N_FIELDS,) the others.
         image: (N,) or (3 N,) uint8. disparity: (N,) float32 or empty. opinion: (N,) uint8 or empty. mask: (N,) uint8.
+        turns: (T, 4) the rates of blocks b = t modulo T; a row of zeros does not learn.
     """
     colour = image.size > mask.size
     obs = np.zeros(N_SCRATCH * BLOCK, np.float32)
@@ -300,7 +338,12 @@ def update_blocks(
         n = min(BLOCK, mask.size - start)
         stage(image, disparity, opinion, start, n, colour, s, obs)
         leaders = lead[block]
-        match_leaders(leaders, obs, n, s)
+        turn = block % turns.shape[0]
+        rates = Rates(turns[turn, 0], turns[turn, 1], turns[turn, 2], turns[turn, 3])
+        if rates.weight > ZERO:
+            learn_leaders(leaders, obs, n, s, rates)
+        else:
+            match_leaders(leaders, obs, n, s)
         unmatched = 0
         for i in range(n):
             mask[start + i] = 0
@@ -310,8 +353,7 @@ def update_blocks(
         for i in range(n):
             if obs[UNMATCHED * BLOCK + i] > ZERO:
                 at = (start + i) * size
-                rate_w, rate_m = obs[RATE_W * BLOCK + i], obs[RATE_M * BLOCK + i]
-                mask[start + i] = update_rest(leaders, i, rest, at, at + size, observed(obs, i), rate_w, rate_m, s)
+                mask[start + i] = update_pixel(leaders, i, rest, at, at + size, obs, s, rates)
 
 
 @njit(cache=True, nogil=True)
@@ -335,7 +377,7 @@ def start_blocks(lead: F32, rest: F32, image: U8, disparity: F32, n_pixels: int,
 
 
 @njit(cache=True, nogil=True)
-def rebase(lead: F32, rest: F32, gain: float, offset: float) -> None:
+def rebase(lead: F32, rest: F32, gain: Real, offset: Real) -> None:
     """Bring all means, variances and lumas into the exposure of the image: luma = gain * luma + offset."""
     factor, shift = F(gain), F(offset)
     for block in range(lead.shape[0]):

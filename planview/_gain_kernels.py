@@ -7,7 +7,8 @@ import math
 from numba import njit
 
 from calib.types import F32, U8
-from planview._foreground_kernels import BLOCK, VAR_Y, Y
+from planview._foreground_kernels import BLOCK
+from planview._gaussian_kernels import VAR_Y, Y
 
 LADDER_STEP = 0.05
 """Distance of the gains tried, in log gain: 5 % of mid grey is within the tolerance of an unchanged pixel."""

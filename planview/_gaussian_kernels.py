@@ -5,7 +5,7 @@ The same two functions serve vector loops and single pixels. tests/reference/for
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -18,6 +18,9 @@ N_FIELDS = 10
 NO_MATCH, SAME, OTHER_LIGHT = 0, 1, 2
 """How a Gaussian matches: not, by colour, or by depth under a shadow or a patch of light."""
 
+Real = Any
+"""float32; numpy's scalar and Python's float do not mix for a type checker."""
+
 F = np.float32
 ZERO, ONE = F(0), F(1)
 
@@ -25,72 +28,77 @@ ZERO, ONE = F(0), F(1)
 class Step(NamedTuple):
     """Numbers of one update, all float32; colour in the exposure of the model."""
 
-    beta: float  # squared normalised distance of a match
-    beta_relaxed: float  # the same for colour where depth agrees
-    min_seen: float  # fraction of observations with depth that makes depth reliable
-    dark: float  # luma below which chroma is noise
-    clip: float  # luma at which the sensor saturates
-    black: float  # luma that the image shows as 0
-    clip_image: float  # clip as the image shows it, 0-255
-    gain: float  # image luma = gain * model luma + offset
-    offset: float
-    floor_y: float  # variance floors
-    floor_uv: float
-    floor_d: float
-    init_y: float  # variances of a new Gaussian
-    init_uv: float
-    init_d: float
-    rate_w: float  # learning rates of this step: weights, means and variances, known background
-    rate_m: float
-    rate_fast: float
-    rate_activity: float
-    active: float  # mean |dY| above which a pixel is active
-    slow_active: float  # factors on the rates of active pixels and of pixels under a person
-    slow_person: float
-    background_weight: float
-    deepest_weight: float
-    shadow_ratio: float
-    colour_shadows: float  # 1: shadows are removed by colour alone where there is no depth
+    beta: Real  # squared normalised distance of a match
+    beta_relaxed: Real  # the same for colour where depth agrees
+    min_seen: Real  # fraction of observations with depth that makes depth reliable
+    dark: Real  # luma below which chroma is noise
+    clip: Real  # luma at which the sensor saturates
+    black: Real  # luma that the image shows as 0
+    clip_image: Real  # clip as the image shows it, 0-255
+    gain: Real  # image luma = gain * model luma + offset
+    offset: Real
+    floor_y: Real  # variance floors
+    floor_uv: Real
+    floor_d: Real
+    init_y: Real  # variances of a new Gaussian
+    init_uv: Real
+    init_d: Real
+    active: Real  # mean |dY| above which a pixel is active
+    slow_active: Real  # factors on the rates of active pixels and of pixels under a person
+    slow_person: Real
+    background_weight: Real
+    deepest_weight: Real
+    shadow_ratio: Real
+    colour_shadows: Real  # 1: shadows are removed by colour alone where there is no depth
+
+
+class Rates(NamedTuple):
+    """Shares of the new observation, float32; all zero when it is not the pixel's turn to learn."""
+
+    weight: Real
+    mean: Real  # means and variances
+    fast: Real  # all, where the background is known or was uncovered
+    activity: Real
 
 
 class Colour(NamedTuple):
     """Luma, chroma and disparity of an observation (NaN: none), and 1 where its chroma is usable; float32."""
 
-    y: float
-    u: float
-    v: float
-    d: float
-    chroma: float
+    y: Real
+    u: Real
+    v: Real
+    d: Real
+    chroma: Real
 
 
 class Gaussian(NamedTuple):
     """All but the weight of a Gaussian, float32."""
 
-    seen: float
-    y: float
-    u: float
-    v: float
-    d: float
-    var_y: float
-    var_u: float
-    var_v: float
-    var_d: float
+    seen: Real
+    y: Real
+    u: Real
+    v: Real
+    d: Real
+    var_y: Real
+    var_u: Real
+    var_v: Real
+    var_d: Real
 
 
 @njit(cache=True, nogil=True)
-def shown_luma(g: Gaussian, s: Step) -> float:
+def shown_luma(g: Gaussian, s: Step) -> Real:
     """The mean luma as the camera can show it now."""
     return max(min(g.y, s.clip), s.black)
 
 
 @njit(cache=True, nogil=True)
-def chroma_counts(g: Gaussian, o: Colour, s: Step) -> bool:
+def chroma_counts(g: Gaussian, o: Colour, s: Step) -> Real:
     """Chroma is compared unless one side is dark or clipped (notes, section 2: dark pixels)."""
     return (o.chroma > ZERO) & (min(shown_luma(g, s), o.y) > s.dark) & (g.var_y > ZERO)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def is_other_light(g: Gaussian, o: Colour, chroma: bool, s: Step) -> bool:
+def is_other_light(g: Gaussian, o: Colour, chroma: bool, s: Step) -> Real:
     """The same surface under a shadow or a patch of light: luma off by a plausible ratio, chroma scaled alike."""
     ratio = (o.y - s.black) / max(shown_luma(g, s) - s.black, ONE)
     du, dv = o.u - ratio * g.u, o.v - ratio * g.v
@@ -112,7 +120,7 @@ def match_kind(g: Gaussian, o: Colour, s: Step) -> int:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def learned(g: Gaussian, o: Colour, kind: int, rate: float, s: Step) -> Gaussian:
+def learned(g: Gaussian, o: Colour, kind: int, rate: Real, s: Step) -> Gaussian:
     """The Gaussian after a match of some kind; other light moves the means but says nothing of the noise."""
     rate = rate if kind != NO_MATCH else ZERO
     rate_var = rate if kind == SAME else ZERO

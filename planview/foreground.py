@@ -12,7 +12,7 @@ from pydantic import Field
 from calib.params import Params
 from calib.types import F32, U8
 from planview import _foreground_kernels as kernels
-from planview._gaussian_kernels import Step
+from planview._gaussian_kernels import N_FIELDS, Step
 from planview.gain import GainFollower
 
 NO_OPINION, PERSON, BACKGROUND = 0, 1, 2
@@ -26,6 +26,13 @@ REBASE_GAIN = 2.0
 
 REBASE_OFFSET = 20.0
 """The same for the offset [levels]: beyond it ratios of luma mean little."""
+
+TURNS = 4
+"""Most turns in which pixels learn."""
+
+TURN_S = 0.13
+"""Each pixel learns about so often [s]: video at 30 frames per second teaches no more than at 7, and costs a fraction
+where only every fourth frame is written back to memory."""
 
 MAX_STEP_S = 1.0
 """A gap in time counts as at most this much learning [s]: what happened in it was not seen."""
@@ -104,7 +111,7 @@ class Foreground:
         n = shape[0] * shape[1]
         n_blocks = -(-n // kernels.BLOCK)
         self._lead = np.zeros((n_blocks, kernels.N_LEAD * kernels.BLOCK), np.float32)
-        self._rest = np.zeros(n * (params.gaussians - 1) * kernels.N_FIELDS, np.float32)
+        self._rest = np.zeros(n * (params.gaussians - 1) * N_FIELDS, np.float32)
         self._mask = np.zeros(n, np.uint8)
         self._gain = GainFollower(shape, params.clip_level, 3 * params.luma_noise)
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="foreground")
@@ -114,8 +121,7 @@ class Foreground:
         """Forget everything; the next image starts a new background."""
         self.shadow = np.zeros(self.shape, np.uint8)
         """(H, W) uint8, 255 where the last update removed a shadow by its colour."""
-        self._first_s = math.nan
-        self._last_s = math.nan
+        self._turns = _Turns(self.params)
         self._gain.reset()
 
     def update(self, image: U8, disparity: F32 | None, timestamp_s: float, feedback: U8 | None = None) -> U8:
@@ -134,15 +140,13 @@ class Foreground:
         flat = self._flat_image(image)
         disp = _flat(disparity, self.shape, np.float32, "disparity")
         opinion = _flat(feedback, self.shape, np.uint8, "feedback")
-        if math.isnan(self._first_s):
-            self._first_s = self._last_s = timestamp_s
-            kernels.start_blocks(self._lead, self._rest, flat, disp, self._mask.size, self._step(0.0, 0.0))
+        if self._turns.is_new:
+            self._turns.start(timestamp_s)
+            kernels.start_blocks(self._lead, self._rest, flat, disp, self._mask.size, self._step())
             return np.zeros(self.shape, np.uint8)
-        dt = min(max(timestamp_s - self._last_s, 0.0), MAX_STEP_S)
-        self._last_s = max(timestamp_s, self._last_s)
         if self.params.compensate_gain:
             self._follow_gain(flat)
-        self._run(flat, disp, opinion, self._step(dt, self._last_s - self._first_s))
+        self._run(flat, disp, opinion, self._step(), self._turns.rates(timestamp_s))
         mask = self._mask.reshape(self.shape)
         mask = np.asarray(cv2.medianBlur(mask, 3)) if self.params.clean else mask.copy()
         if self.params.remove_colour_shadows:
@@ -161,18 +165,17 @@ class Foreground:
             kernels.rebase(self._lead, self._rest, self._gain.gain, self._gain.offset)
             self._gain.reset()
 
-    def _run(self, image: U8, disparity: F32, opinion: U8, step: Step) -> None:
+    def _run(self, image: U8, disparity: F32, opinion: U8, step: Step, rates: F32) -> None:
         n_blocks = len(self._lead)
         half = n_blocks // 2
         args = self._lead, self._rest, image, disparity, opinion, self._mask
-        other = self._worker.submit(kernels.update_blocks, *args, half, n_blocks, step)
-        kernels.update_blocks(*args, 0, half, step)
+        other = self._worker.submit(kernels.update_blocks, *args, half, n_blocks, step, rates)
+        kernels.update_blocks(*args, 0, half, step, rates)
         other.result()
 
-    def _step(self, dt: float, age_s: float) -> Step:
+    def _step(self) -> Step:
         p = self.params
         gain, offset = self._gain.gain, self._gain.offset
-        start = dt / (age_s + dt) if 0 < age_s <= p.settle_s else 0.0
         values = Step(
             beta=p.beta,
             beta_relaxed=p.beta * p.depth_relaxation,
@@ -189,10 +192,6 @@ class Foreground:
             init_y=(2 * p.luma_noise / gain) ** 2,
             init_uv=(2 * p.chroma_noise / gain) ** 2,
             init_d=(2 * p.disparity_noise_px) ** 2,
-            rate_w=max(_rate(dt * p.learning_rate), start),
-            rate_m=max(_rate(dt * p.adaptation_rate), start),
-            rate_fast=max(_rate(dt / p.settle_s), start),
-            rate_activity=_rate(dt / p.activity_s),
             active=p.activity_level / gain,
             slow_active=1.0 / p.activity_slowdown,
             slow_person=p.person_learning,
@@ -202,6 +201,45 @@ class Foreground:
             colour_shadows=p.remove_colour_shadows,
         )
         return Step._make(np.float32(value) for value in values)
+
+
+class _Turns:
+    """Whose turn it is to learn, and how much: blocks take turns, so that every pixel learns every TURN_S seconds."""
+
+    def __init__(self, params: ForegroundParams) -> None:
+        self._params = params
+        self._first_s = self._now_s = math.nan
+        self._learned_s = [math.nan] * TURNS
+        self._frame = 0
+
+    @property
+    def is_new(self) -> bool:
+        """Whether no frame was seen yet."""
+        return math.isnan(self._first_s)
+
+    def start(self, timestamp_s: float) -> None:
+        """Begin with a first frame."""
+        self._first_s = self._now_s = timestamp_s
+        self._learned_s = [timestamp_s] * TURNS
+
+    def rates(self, timestamp_s: float) -> F32:
+        """(TURNS, 4) float32: Rates of every turn at this frame; zeros where it is not due."""
+        dt = max(timestamp_s - self._now_s, 0.0)
+        self._now_s = max(timestamp_s, self._now_s)
+        self._frame += 1
+        age_s = self._now_s - self._first_s
+        n = 1 if age_s <= self._params.settle_s else min(max(round(TURN_S / max(dt, 1e-3)), 1), TURNS)
+        rates = np.zeros((TURNS, 4), np.float32)
+        for turn in range(self._frame % n, TURNS, n):
+            rates[turn] = self._rates(min(self._now_s - self._learned_s[turn], MAX_STEP_S), age_s)
+            self._learned_s[turn] = self._now_s
+        return rates
+
+    def _rates(self, dt: float, age_s: float) -> tuple[float, float, float, float]:
+        p = self._params
+        start = dt / (age_s + dt) if 0 < age_s <= p.settle_s else 0.0
+        weight, mean, fast = _rate(dt * p.learning_rate), _rate(dt * p.adaptation_rate), _rate(dt / p.settle_s)
+        return max(weight, start), max(mean, start), max(fast, start), _rate(dt / p.activity_s)
 
 
 def _rate(time_constants: float) -> float:
