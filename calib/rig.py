@@ -14,6 +14,7 @@ from calib.camera import Camera, LensModel
 from calib.errors import InputError
 from calib.pose import SE3
 from calib.types import F64
+from calib.types import F64
 
 MAX_BASELINE_M = 5.0
 """Longer baselines mean wrong units: no pair for people is wider than this."""
@@ -45,6 +46,20 @@ class StereoRig:
         return StereoRig(
             self.left.scaled(width, height), self.right.scaled(width, height), self.right_SE3_left, self.source
         )
+
+    def rectifying_rotations(self) -> tuple[F64, F64]:
+        """(3, 3) rotations of the left and the right camera into frames whose x axis is the baseline.
+
+        The z axis is as near to both optical axes as the baseline allows.
+        """
+        pose = self.right_SE3_left
+        centre = pose.inverse().translation
+        x = centre / np.linalg.norm(centre)
+        ahead = np.array([0.0, 0.0, 1.0]) + pose.rotation[2]
+        z = ahead - (ahead @ x) * x
+        z /= np.linalg.norm(z)
+        left = np.asarray(np.stack([x, np.cross(z, x), z]), dtype=np.float64)
+        return left, np.asarray(left @ pose.rotation.T, dtype=np.float64)
 
     def swapped(self) -> StereoRig:
         """The rig with left and right exchanged."""

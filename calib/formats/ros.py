@@ -70,7 +70,7 @@ def _refuse_crops(data: Mapping[str, Any]) -> None:
 
 def _write(rig: StereoRig, path: Path) -> list[Path]:
     path.mkdir(parents=True, exist_ok=True)
-    left_rotation, right_rotation = _rectification(rig.right_SE3_left)
+    left_rotation, right_rotation = rig.rectifying_rotations()
     focal = (rig.left.fy + rig.right.fy) / 2
     paths = []
     for name, one, rotation, shift in (
@@ -82,17 +82,6 @@ def _write(rig: StereoRig, path: Path) -> list[Path]:
         paths.append(path / f"{name}.yaml")
         paths[-1].write_text(_half_text(name, one, rotation, projection), encoding="utf-8")
     return paths
-
-
-def _rectification(right_SE3_left: SE3) -> tuple[F64, F64]:
-    """Rotations of the left and right camera into frames whose x axis is the baseline."""
-    centre = right_SE3_left.inverse().translation
-    x = centre / np.linalg.norm(centre)
-    ahead = np.array([0.0, 0.0, 1.0]) + right_SE3_left.rotation[2]
-    z = ahead - (ahead @ x) * x
-    z /= np.linalg.norm(z)
-    left = np.stack([x, np.cross(z, x), z])
-    return left, left @ right_SE3_left.rotation.T
 
 
 def _half_text(name: str, one: Camera, rotation: F64, projection: F64) -> str:

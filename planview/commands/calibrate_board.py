@@ -1,0 +1,136 @@
+"""``planview calibrate board``: a stereo rig from images of a chessboard or ChArUco board."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from calib.board import parse_board
+from calib.board_solve import BoardCalibration
+from calib.errors import InputError
+from calib.formats import write_rig
+from calib.length import parse_length
+from planview.board_calibration import BoardRequest, calibrate_images
+from planview.board_report import write_report
+
+
+def calibrate_board(
+    images: Path,
+    /,
+    *,
+    square: str,
+    out: Path = Path("rig.toml"),
+    board: str | None = None,
+    marker: str | None = None,
+    dictionary: str | None = None,
+    model: Literal["auto", "brown", "rational", "fisheye"] = "auto",
+    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> None:
+    """Calibrate a stereo rig from chessboard or ChArUco images.
+
+    Writes the rig (OUT), the same for OpenCV (.yml) and a report page (.html) beside it.
+
+    Example: planview calibrate board photos/ --square 24.23mm --out rig.toml
+
+    Parameters
+    ----------
+    images
+        Folder with left/ and right/, with names that tell left from right, with images side by side, or a video.
+    square
+        Side of a square with its unit, e.g. 24.23mm.
+    out
+        Rig to write.
+    board
+        Inner corners of a chessboard, 9x6, found by itself when not given; or charuco:8x6, the squares of a ChArUco
+        board.
+    marker
+        Side of a ChArUco marker, e.g. 18mm; usual sizes are tried when not given.
+    dictionary
+        ArUco dictionary, e.g. DICT_4X4_50; all are tried when not given.
+    model
+        Lens model; auto judges them on views left out of the fit.
+    json_
+        Print one JSON object on stdout.
+    """
+    square_m = parse_length(square, "--square")
+    request = BoardRequest(
+        parse_board(board, square_m, marker, dictionary),
+        square_m,
+        any_dictionary=dictionary is None,
+        any_marker=marker is None,
+        model=None if model == "auto" else model,
+    )
+    if out.suffix.lower() != ".toml":
+        raise InputError(f"--out: expected a name that ends in .toml, found {out.name!r}")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    result = _calibrate(images, request)
+    files = [*write_rig(result.rig, out, "rig"), *write_rig(result.rig, out.with_suffix(".yml"), "opencv")]
+    files.append(write_report(result, images, out.with_suffix(".html")))
+    _print_summary(result, files)
+    if json_:
+        print(json.dumps(_as_json(result, files)))
+
+
+def _calibrate(images: Path, request: BoardRequest) -> BoardCalibration:
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task("looking for the board", total=None)
+
+        def progress(done: int, total: int) -> None:
+            bar.update(task, completed=done, total=total)
+            if done == total:
+                bar.update(task, description="adjusting")
+
+        return calibrate_images(images, request, progress)
+
+
+def _print_summary(result: BoardCalibration, files: list[Path]) -> None:
+    console = Console(stderr=True)
+    rig, std = result.rig, result.std
+    for one in result.rejected:
+        console.print(f"not used: {one.name}: {one.why}", highlight=False)
+    table = Table(title=f"{result.board.name}, {result.pairs_used} pairs, {rig.left.width}x{rig.left.height}")
+    for column in ("", "left", "right"):
+        table.add_column(column)
+    for key in ("fx", "fy", "cx", "cy"):
+        cells = [f"{getattr(getattr(rig, s), key):.2f} ± {std[f'{s} {key}']:.2f} px" for s in ("left", "right")]
+        table.add_row(key, *cells)
+    table.add_row("image covered", *(f"{100 * result.coverage_share(s):.0f} %" for s in ("left", "right")))
+    console.print(table)
+    for lens in result.lenses:
+        chosen = "  <- chosen" if lens is result.chosen_lens else ""
+        folds = ", turns back inside the image" if lens.folds_back else ""
+        console.print(f"{lens.name}: {lens.held_out_px:.4f} px on views left out{folds}{chosen}", highlight=False)
+    console.print(
+        f"baseline {1000 * rig.baseline_m:.2f} ± {1000 * result.baseline_std_m:.2f} mm, stereo rms "
+        f"{result.adjusted.rms_px:.3f} px, rows after rectification {result.row_rms_px:.3f} px",
+        highlight=False,
+    )
+    console.print(f"wrote {', '.join(map(str, files))}", highlight=False, soft_wrap=True)
+
+
+def _as_json(result: BoardCalibration, files: list[Path]) -> dict[str, Any]:
+    return {
+        "stereo_rms_px": result.adjusted.rms_px,
+        "baseline_m": result.rig.baseline_m,
+        "baseline_std_m": result.baseline_std_m,
+        "views_used": result.pairs_used,
+        "views_rejected": [{"name": one.name, "why": one.why} for one in result.rejected],
+        "row_rms_px": result.row_rms_px,
+        "board": result.board.name,
+        "model": result.rig.left.model,
+        "lenses": [
+            {"name": one.name, "held_out_px": one.held_out_px, "folds_back": one.folds_back} for one in result.lenses
+        ],
+        "views": {v.name: float(r) for v, r in zip(result.views, result.adjusted.view_rms_px(), strict=True)},
+        "std": result.std,
+        "coverage": {side: result.coverage_share(side) for side in ("left", "right")},
+        "files": [str(path) for path in files],
+    }
