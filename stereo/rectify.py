@@ -14,12 +14,14 @@ from calib.camera import Camera
 from calib.params import Params
 from calib.pose import SE3
 from calib.rig import StereoRig
-from calib.types import F64, U8
-from stereo.depth import RectifiedGeometry
+from calib.types import F64, U8, AnyArray, Bool
 from stereo.matcher import disparity_range
 from stereo.recording import StereoFrame
 from stereo.vertical import VerticalFit, VerticalModel, measure_vertical
 from stereo.view import common_geometry, rectifying_rotations, source_pixels
+
+Maps = tuple[AnyArray, AnyArray]
+"""OpenCV's fixed-point maps: whole pixels (H, W, 2) int16 and fractions (H, W) uint16."""
 
 
 class RectifyParams(Params):
@@ -72,9 +74,9 @@ class Rectifier:
         self.rect_SE3_left = SE3(left_rotation, np.zeros(3))
         self._reduced = _reduced_size(rig.left.size, self.params.working_px)
         self.geometry = common_geometry(rig, left_rotation, self.params.working_px, self.params.field_quantile)
-        u, v = _pixel_grid(self.geometry)
-        self._left_maps, self.mask = self._maps(rig.left, left_rotation, u, v)
-        self._right_maps, self.right_mask = self._maps(rig.right, right_rotation, u, v + self.vertical(u, v))
+        to_ray: F64 = np.asarray(np.linalg.inv(self.geometry.matrix), dtype=np.float64)
+        self._left_maps, self.mask = self._maps(rig.left, left_rotation, to_ray)
+        self._right_maps, self.right_mask = self._maps(rig.right, right_rotation, to_ray @ self.vertical.matrix)
 
     def __call__(self, left: U8, right: U8) -> RectifiedPair:
         """Rectify one pair.
@@ -90,20 +92,16 @@ class Rectifier:
         rectified = self._warp(left, self._left_maps)
         return RectifiedPair(rectified, grey(rectified), self._warp(grey(right), self._right_maps))
 
-    def _maps(self, camera: Camera, rotation: F64, u: F64, v: F64) -> tuple[tuple[U8, U8], U8]:
-        pixels = source_pixels(camera, rotation, self.geometry, u, v)
-        inside = (
-            (pixels[..., 0] >= 0)
-            & (pixels[..., 0] <= camera.width - 1)
-            & (pixels[..., 1] >= 0)
-            & (pixels[..., 1] <= camera.height - 1)
-        )
+    def _maps(self, camera: Camera, rotation: F64, pixel_to_ray: F64) -> tuple[Maps, U8]:
+        pixels = source_pixels(camera, rotation, pixel_to_ray, self.geometry.size)
+        inside: Bool = np.all((pixels > -0.5) & (pixels < np.array(camera.size) - 0.5), axis=-1)
         shrink = np.array(self._reduced) / np.array(camera.size)
-        reduced = ((np.where(inside[..., None], pixels, -1e4) + 0.5) * shrink - 0.5).astype(np.float32)
+        reduced = np.clip((pixels + 0.5) * shrink - 0.5, 0.0, np.array(self._reduced) - 1.0)
+        reduced = np.where(inside[..., None], reduced, -1e4).astype(np.float32)
         fixed, fraction = cv2.convertMaps(reduced[..., 0], reduced[..., 1], cv2.CV_16SC2)
-        return (fixed, fraction), np.where(inside, np.uint8(255), np.uint8(0))
+        return (np.asarray(fixed), np.asarray(fraction)), np.where(inside, np.uint8(255), np.uint8(0))
 
-    def _warp(self, image: U8, maps: tuple[U8, U8]) -> U8:
+    def _warp(self, image: U8, maps: Maps) -> U8:
         if self._reduced != self.rig.left.size:
             image = np.asarray(cv2.resize(image, self._reduced, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), dtype=np.uint8)
@@ -139,8 +137,3 @@ def _reduced_size(size: tuple[int, int], working_px: int) -> tuple[int, int]:
     """
     factor = max(1, math.floor(max(size) / working_px + 0.3)) if working_px else 1
     return max(1, size[0] // factor), max(1, size[1] // factor)
-
-
-def _pixel_grid(geometry: RectifiedGeometry) -> tuple[F64, F64]:
-    u, v = np.meshgrid(np.arange(geometry.width, dtype=np.float64), np.arange(geometry.height, dtype=np.float64))
-    return u, v

@@ -34,6 +34,11 @@ class VerticalModel:
         """Offsets [px] at pixels of any shape."""
         return np.asarray(self.offset_px + self.per_u * u + self.per_v * v, dtype=np.float64)
 
+    @property
+    def matrix(self) -> F64:
+        """(3, 3) homogeneous pixel (u, v) to (u, v + offset)."""
+        return np.array([[1.0, 0.0, 0.0], [self.per_u, 1.0 + self.per_v, self.offset_px], [0.0, 0.0, 1.0]])
+
 
 class VerticalParams(Params):
     """Measuring the vertical residual."""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 
 from calib.camera import Camera
 from calib.rig import StereoRig
-from calib.types import F64
+from calib.types import F32, F64
 from stereo.depth import RectifiedGeometry
 
 MAX_RAY_TAN = math.tan(math.radians(60.0))
@@ -36,23 +37,25 @@ def rectifying_rotations(rig: StereoRig) -> tuple[F64, F64]:
     return left, left @ right_SE3_left.rotation.T
 
 
-def source_pixels(camera: Camera, rotation: F64, geometry: RectifiedGeometry, u: F64, v: F64) -> F64:
+def source_pixels(camera: Camera, rotation: F64, pixel_to_ray: F64, size: tuple[int, int]) -> F32:
     """Recorded pixels that rectified pixels show.
 
     Args:
         rotation: (3, 3) recorded camera frame to rectified frame.
-        u, v: (H, W) rectified pixels.
+        pixel_to_ray: (3, 3) homogeneous rectified pixel to rectified ray.
+        size: (width, height) of the rectified image [px].
     Returns:
-        (H, W, 2) float64 [px]; NaN behind the camera and where the lens model folds back on itself.
+        (H, W, 2) float32 [px]; NaN behind the camera and where the lens model folds back on itself.
     """
-    rays = np.stack(
-        [(u - geometry.cu_px) / geometry.focal_u_px, (v - geometry.cv_px) / geometry.focal_v_px, np.ones_like(u)],
-        axis=-1,
-    )
-    rays = rays.reshape(-1, 3) @ rotation
-    folded = np.hypot(rays[:, 0], rays[:, 1]) > fold_radius(camera) * rays[:, 2]
-    rays[folded, 2] = -1.0
-    return np.asarray(camera.project(rays).reshape(*u.shape, 2), dtype=np.float64)
+    matrix, coefficients = np.linalg.inv(pixel_to_ray), camera.coefficients
+    maps = cv2.fisheye.initUndistortRectifyMap if camera.model == "fisheye" else cv2.initUndistortRectifyMap
+    u, v = maps(camera.matrix, coefficients, rotation, matrix, size, cv2.CV_32FC1)
+    pixels = np.stack([u, v], axis=-1, dtype=np.float32)
+    columns, rows = np.arange(size[0], dtype=np.float64), np.arange(size[1], dtype=np.float64)[:, None]
+    x, y, z = (row[0] * columns + row[1] * rows + row[2] for row in rotation.T @ pixel_to_ray)
+    limit = min(fold_radius(camera), 1e6)
+    pixels[(z <= 0) | (x * x + y * y > (limit * z) ** 2)] = np.nan
+    return pixels
 
 
 def fold_radius(camera: Camera) -> float:

@@ -1,0 +1,144 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from reference import stereo_kernels as reference
+from toy_stereo import SIZE, ToyWorld, toy_rig
+
+from calib.rig import Floor, world_from_plane
+from calib.types import U8
+from stereo import _kernels
+from stereo.depth import RectifiedGeometry
+from stereo.matcher import SUBPIXEL, DisparityRange, RangeParams, SgbmMatcher, SgbmParams, disparity_range
+from stereo.rectify import Rectifier
+
+GEOMETRY = RectifiedGeometry(320, 240, 230.0, 230.0, 159.5, 119.5, 0.12)
+OVERHEAD = RectifiedGeometry(640, 400, 406.0, 406.0, 320.0, 200.0, 0.0738)
+
+
+def shifted(disparity_px: float, noise: float = 1.0) -> tuple[U8, U8]:
+    """A plane facing the camera, from a texture ten times finer than the pixels."""
+    rng = np.random.default_rng(3)
+    fine = rng.normal(size=(240, 3800))
+    kernel = np.exp(-0.5 * (np.arange(-40, 41) / 12.0) ** 2)
+    rows = np.apply_along_axis(np.convolve, 1, fine, kernel / kernel.sum(), "same")
+    rows = rows / rows.std()
+    start = np.arange(320) * 10
+    at = [start, start + round(10 * disparity_px)]
+    left, right = (120.0 + 35.0 * rows[:, i] + rng.normal(size=(240, 320)) * noise for i in at)
+    return np.clip(left, 0, 255).astype(np.uint8), np.clip(right, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("disparity", [12.0, 12.3, 12.5, 12.7])
+def test_sub_pixel_disparity_is_not_drawn_to_whole_pixels(disparity: float) -> None:
+    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32))(*shifted(disparity))
+    inner = found[20:-20, 60:-20]
+    assert np.isfinite(inner).mean() > 0.95
+    assert np.nanmean(inner) == pytest.approx(disparity, abs=0.08)
+
+
+def test_disparity_of_the_floor_is_that_of_its_depth() -> None:
+    rig = toy_rig()
+    world = ToyWorld(tilt_deg=0.0)
+    rectifier = Rectifier(rig)
+    pair = rectifier(*world.pair(rig))
+    found = SgbmMatcher(rectifier.geometry, mask=rectifier.mask)(pair.left_grey, pair.right_grey)
+    expected = 230.0 * 0.12 / 2.5
+    assert np.isfinite(found[:, 24:]).mean() > 0.95
+    assert np.nanmedian(found) == pytest.approx(expected, abs=0.15)
+
+
+def test_left_band_is_matched_as_far_as_the_right_camera_sees() -> None:
+    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 64))(*shifted(12.0))
+    assert np.isfinite(found[20:-20, 16:64]).mean() > 0.9
+    assert not np.isfinite(found[:, :11]).any()
+
+
+def test_search_may_start_above_zero() -> None:
+    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(5, 32))(*shifted(12.0))
+    assert np.isfinite(found[20:-20, 16:-20]).mean() > 0.9
+    assert np.nanmedian(found) == pytest.approx(12.0, abs=0.1)
+
+
+def test_saturated_area_has_no_disparity() -> None:
+    left, right = shifted(12.0)
+    left[60:180, 100:250] = 255
+    right[60:180, 88:238] = 255
+    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32))(left, right)
+    assert np.isnan(found[75:165, 115:235]).all()
+
+
+def test_area_without_texture_has_no_disparity() -> None:
+    left, right = shifted(12.0)
+    left[60:180, 100:250] = 90
+    right[60:180, 88:238] = 90
+    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32))(left, right)
+    assert np.isnan(found[75:165, 115:235]).all()
+
+
+def test_unrelated_images_give_little_disparity() -> None:
+    left, _ = ToyWorld(seed=1).pair(toy_rig())
+    right, _ = ToyWorld(seed=2).pair(toy_rig())
+    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 64))(left, right)
+    assert np.isfinite(found).mean() < 0.4
+
+
+def test_masked_pixels_have_no_disparity() -> None:
+    mask = np.full(SIZE[::-1], 255, np.uint8)
+    mask[:, 200:] = 0
+    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32), mask=mask)(*shifted(12.0))
+    assert np.isnan(found[:, 197:]).all() and np.isfinite(found[20:-20, 60:190]).mean() > 0.9
+
+
+def test_pixels_whose_match_is_masked_have_no_disparity() -> None:
+    mask = np.full(SIZE[::-1], 255, np.uint8)
+    mask[:, 200:] = 0
+    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32), right_mask=mask)(*shifted(12.0))
+    assert np.isnan(found[:, 212:]).all() and np.isfinite(found[20:-20, 60:200]).mean() > 0.9
+
+
+def test_matcher_refuses_other_sizes() -> None:
+    with pytest.raises(ValueError, match=r"\(240, 320\)"):
+        SgbmMatcher(GEOMETRY)(np.zeros((240, 300), np.uint8), np.zeros((240, 300), np.uint8))
+
+
+def test_range_without_a_floor_reaches_from_infinity_to_the_nearest_distance() -> None:
+    found = disparity_range(GEOMETRY, RangeParams(nearest_m=1.0))
+    assert found == DisparityRange(0, 32)  # f b / 1 m = 27.6 px
+
+
+def test_range_above_a_known_floor_starts_below_the_floor_and_ends_at_heads() -> None:
+    floor = Floor(world_from_plane(np.array([0.0, 0.0, -1.0]), 2.74))
+    found = disparity_range(OVERHEAD, RangeParams(reach_m=2.0, below_floor_m=0.5), floor)
+    # f b = 29.96: 9.2 px at 3.24 m, 40.5 px at 0.74 m.
+    assert found == DisparityRange(8, 48)
+
+
+def test_range_of_a_level_camera_starts_at_infinity() -> None:
+    floor = Floor(world_from_plane(np.array([0.0, -1.0, 0.0]), 1.6))
+    assert disparity_range(OVERHEAD, RangeParams(nearest_m=0.7), floor).first_px == 0
+
+
+def test_range_is_bounded_for_wide_baselines() -> None:
+    wide = RectifiedGeometry(640, 480, 500.0, 500.0, 320.0, 240.0, 1.0)
+    assert disparity_range(wide, RangeParams(max_disparities=100)).count == 96
+
+
+def test_narrow_search_spends_less() -> None:
+    assert SgbmParams(speckle_m=0.0).speckle_m == 0.0
+    assert SgbmMatcher(GEOMETRY, SgbmParams(full_paths=True)).disparities.count == 48
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 40))
+def test_disparity_kernel_equals_its_numpy_twin(seed: int, lowest: int) -> None:
+    rng = np.random.default_rng(seed)
+    shape = (9, 37)
+    fixed = rng.integers(-16, 700, shape).astype(np.int16)
+    masks = [np.where(rng.uniform(size=shape) < 0.8, 255, 0).astype(np.uint8) for _ in range(2)]
+    darkest = rng.integers(0, 256, shape).astype(np.uint8)
+    brightest = np.maximum(darkest, rng.integers(0, 256, shape)).astype(np.uint8)
+    ours, theirs = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    for kernel, out in ((_kernels.disparity_from_fixed, ours), (reference.disparity_from_fixed, theirs)):
+        kernel(fixed, *masks, darkest, brightest, lowest, SUBPIXEL, 250, 6, out)
+    np.testing.assert_array_equal(ours, theirs)

@@ -1,0 +1,166 @@
+import numpy as np
+import pytest
+from toy_stereo import ToyWorld, toy_rig, walking
+
+from calib.camera import Camera
+from calib.pose import SE3
+from calib.rig import StereoRig
+from stereo.recording import StereoFrame
+from stereo.rectify import Rectifier, RectifyParams, aligned_rectifier, grey
+from stereo.vertical import VerticalModel, VerticalParams, match_corners
+from stereo.view import common_geometry, fold_radius, rectifying_rotations, source_pixels
+
+TURN = (0.5, -0.6, 0.8)
+BROWN = (-0.2, 0.05, 0.001, -0.001, 0.0)
+RATIONAL = (-9.2, 65.3, -5e-05, 0.0005, -87.7, -9.29, 65.5, -87.8)
+
+
+def row_offsets(rig: StereoRig, vertical: VerticalModel | None = None) -> np.ndarray:
+    left, right = ToyWorld().pair(rig, walking(10))
+    pair = Rectifier(rig, vertical=vertical)(left, right)
+    return match_corners(pair.left_grey, pair.right_grey, 45.0, VerticalParams())[:, 3]
+
+
+def test_rectifying_an_ideal_pair_changes_nothing() -> None:
+    rig = toy_rig()
+    left, right = ToyWorld().pair(rig)
+    pair = Rectifier(rig)(left, right)
+    np.testing.assert_array_equal(pair.left, left)
+    np.testing.assert_array_equal(pair.right_grey, right)
+
+
+def test_geometry_of_an_ideal_pair_is_the_cameras_own() -> None:
+    geometry = Rectifier(toy_rig()).geometry
+    assert geometry.size == (320, 240)
+    assert geometry.focal_u_px == pytest.approx(230.0)
+    assert (geometry.cu_px, geometry.cv_px) == pytest.approx((159.5, 119.5))
+    assert geometry.baseline_m == pytest.approx(0.12)
+
+
+@pytest.mark.parametrize("distortion", [(), BROWN])
+def test_rows_of_a_turned_pair_are_aligned(distortion: tuple[float, ...]) -> None:
+    offsets = row_offsets(toy_rig(rotation_deg=TURN, distortion=distortion))
+    assert len(offsets) > 60
+    assert np.median(np.abs(offsets)) < 0.06
+
+
+def test_rows_of_a_fisheye_pair_are_aligned() -> None:
+    camera = Camera(320, 240, 140.0, 140.0, 159.5, 119.5, "fisheye", (0.02, -0.01, 0.0, 0.0))
+    turn = SE3.from_rotvec(np.radians(TURN))
+    rig = StereoRig(camera, camera, SE3(turn.rotation, turn.rotation @ np.array([-0.12, 0.0, 0.0])))
+    offsets = row_offsets(rig)
+    assert len(offsets) > 60
+    assert np.median(np.abs(offsets)) < 0.1
+
+
+def test_rectified_baseline_lies_along_x() -> None:
+    rig = toy_rig(rotation_deg=TURN)
+    left, right = rectifying_rotations(rig)
+    between = right @ rig.right_SE3_left.rotation @ left.T
+    np.testing.assert_allclose(between, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(right @ rig.right_SE3_left.translation, [-0.12, 0.0, 0.0], atol=1e-12)
+
+
+def test_cameras_one_behind_the_other_are_refused() -> None:
+    camera = toy_rig().left
+    with pytest.raises(ValueError, match="in front of the other"):
+        Rectifier(StereoRig(camera, camera, SE3(np.eye(3), np.array([0.0, 0.0, 0.2]))))
+
+
+def test_cameras_one_above_the_other_give_an_upright_strip() -> None:
+    camera = toy_rig().left
+    rig = StereoRig(camera, camera, SE3(np.eye(3), np.array([0.0, -0.12, 0.0])))
+    assert Rectifier(rig).geometry.size == (240, 320)
+
+
+def test_large_images_are_reduced_to_the_working_size() -> None:
+    rectifier = Rectifier(toy_rig((1280, 960), focal_px=920.0))
+    assert rectifier.geometry.size == (640, 480)
+    assert rectifier.geometry.focal_u_px == pytest.approx(460.0)
+    checker = np.kron(np.indices((480, 640)).sum(axis=0) % 2, np.ones((2, 2))).astype(np.uint8) * 255
+    pair = rectifier(checker, checker)
+    np.testing.assert_array_equal(pair.left, checker[::2, ::2])
+
+
+def test_odd_sizes_are_reduced_without_a_shift() -> None:
+    rig = toy_rig((1281, 801), focal_px=900.0)
+    rectifier = Rectifier(rig)
+    ramp = np.tile(np.arange(1281) / 6.0, (801, 1)).astype(np.uint8)
+    row = rectifier(ramp, ramp).left[200].astype(float)
+    scale = 1281 / 640
+    expected = ((np.arange(640) + 0.5) * scale - 0.5) / 6.0
+    assert np.abs(row - expected)[5:-5].mean() < 0.7
+
+
+def test_full_size_is_kept_on_request() -> None:
+    rectifier = Rectifier(toy_rig((1280, 960), focal_px=920.0), RectifyParams(working_px=0))
+    assert rectifier.geometry.size == (1280, 960)
+
+
+def test_folding_lens_model_is_not_followed_outside_its_range() -> None:
+    camera = Camera(1280, 800, 808.0, 808.0, 634.0, 408.0, "rational", RATIONAL)
+    assert 0.7 < fold_radius(camera) < 0.9
+    rig = StereoRig(camera, camera, SE3(np.eye(3), np.array([-0.07, 0.0, 0.0])))
+    rectifier = Rectifier(rig)
+    g = rectifier.geometry
+    u, v = np.meshgrid(np.arange(g.width), np.arange(g.height))
+    radius = np.hypot((u - g.cu_px) / g.focal_u_px, (v - g.cv_px) / g.focal_v_px)
+    assert not rectifier.mask[radius > 0.9].any()
+    assert rectifier.mask[radius < 0.4].all()
+
+
+def test_distortion_free_lens_never_folds() -> None:
+    assert fold_radius(toy_rig().left) == np.inf
+
+
+def test_field_grows_with_the_share_of_border_kept() -> None:
+    rig = toy_rig(distortion=BROWN)
+    rotation, _ = rectifying_rotations(rig)
+    focals = [common_geometry(rig, rotation, 640, q).focal_u_px for q in (0.0, 0.5, 1.0)]
+    assert focals[0] > focals[1] > focals[2]
+
+
+def test_source_pixels_lead_back_to_the_recorded_pixel() -> None:
+    rig = toy_rig(rotation_deg=TURN, distortion=BROWN)
+    rotation, _ = rectifying_rotations(rig)
+    g = Rectifier(rig).geometry
+    ray = rotation @ rig.left.unproject([[100.0, 80.0]])[0]
+    u, v = g.cu_px + g.focal_u_px * ray[0] / ray[2], g.cv_px + g.focal_v_px * ray[1] / ray[2]
+    shift = np.array([[1.0, 0.0, u], [0.0, 1.0, v], [0.0, 0.0, 1.0]])  # its first pixel is the one at (u, v)
+    found = source_pixels(rig.left, rotation, np.linalg.inv(g.matrix) @ shift, (2, 2))
+    np.testing.assert_allclose(found[0, 0], [100.0, 80.0], atol=1e-3)
+
+
+def test_vertical_model_shifts_the_right_image() -> None:
+    before = row_offsets(toy_rig(rotation_deg=TURN))
+    after = row_offsets(toy_rig(rotation_deg=TURN), VerticalModel(offset_px=2.0))
+    assert np.median(after) - np.median(before) == pytest.approx(-2.0, abs=0.05)
+
+
+def test_aligned_rectifier_takes_out_a_turn_the_calibration_missed() -> None:
+    true, claimed = toy_rig(rotation_deg=(0.3, 0.0, 0.3)), toy_rig()
+    world = ToyWorld()
+    frames = [StereoFrame(i, i / 15, *world.pair(true, walking(i), i)) for i in (0, 20)]
+    rectifier, fit = aligned_rectifier(claimed, frames)
+    assert fit.before_px > 1.0 and fit.after_px < 0.1
+    assert rectifier.vertical == fit.model != VerticalModel()
+
+
+def test_aligned_rectifier_leaves_a_good_calibration_alone() -> None:
+    rig = toy_rig(rotation_deg=TURN)
+    rectifier, fit = aligned_rectifier(rig, [StereoFrame(0, 0.0, *ToyWorld().pair(rig))])
+    assert rectifier.vertical == VerticalModel()
+    assert fit.before_px == fit.after_px < 0.1
+
+
+def test_rectifier_refuses_other_sizes() -> None:
+    with pytest.raises(ValueError, match=r"\(240, 320\)"):
+        Rectifier(toy_rig())(np.zeros((240, 321), np.uint8), np.zeros((240, 321), np.uint8))
+
+
+def test_colour_left_stays_colour_and_right_becomes_grey() -> None:
+    image = np.zeros((240, 320, 3), np.uint8)
+    image[..., 2] = 200
+    pair = Rectifier(toy_rig())(image, image)
+    assert pair.left.shape == (240, 320, 3)
+    assert pair.left_grey[100, 100] == pair.right_grey[100, 100] == grey(image)[0, 0]
