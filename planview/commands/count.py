@@ -94,7 +94,7 @@ def count(
     if json_output:
         print(json.dumps(result, indent=2))
     else:
-        print_counts(result, Console())
+        print_counts(result, Console(markup=False))
 
 
 def _params(**values: float) -> AnalyticsParams:
@@ -150,7 +150,7 @@ def _folder(out: Path | None, tracks: Path) -> Path | None:
     beside = tracks.parent
     if tracks.name == "tracks.csv" and beside.stat().st_mode & stat.S_IWUSR and os.access(beside, os.W_OK):
         return beside
-    Console(stderr=True).print("no events.csv and counts.json written: --out names a folder for them")
+    Console(stderr=True, markup=False).print("no events.csv and counts.json written: --out names a folder for them")
     return None
 
 

@@ -73,7 +73,7 @@ def evaluate(
     if json_output:
         print(json.dumps(result.to_json(), indent=2))
     else:
-        print_evaluation(result, Console())
+        print_evaluation(result, Console(markup=False))
 
 
 def print_evaluation(result: Evaluation, console: Console) -> None:
@@ -121,7 +121,7 @@ def _note_frames_beyond(tracks: Trajectories, truth: Trajectories) -> None:
     end = int(tracks.frame.max()) if len(tracks) else -1
     beyond = int((truth.frame > end).sum())
     if beyond:
-        Console(stderr=True).print(
+        Console(stderr=True, markup=False).print(
             f"{beyond} truth rows lie after the last track (frame {end}) and count as misses; "
             f"--frames 0:{max(end, 0)} leaves them out"
         )
