@@ -18,7 +18,7 @@ from calib.types import F64, U8, AnyArray, Bool
 from stereo.matcher import disparity_range
 from stereo.recording import StereoFrame
 from stereo.vertical import VerticalFit, VerticalModel, measure_vertical
-from stereo.view import common_geometry, rectifying_rotations, source_pixels
+from stereo.view import common_geometry, source_pixels
 
 Maps = tuple[AnyArray, AnyArray]
 """OpenCV's fixed-point maps: whole pixels (H, W, 2) int16 and fractions (H, W) uint16."""
@@ -70,7 +70,7 @@ class Rectifier:
         self.rig = rig
         self.params = params or RectifyParams()
         self.vertical = vertical or VerticalModel()
-        left_rotation, right_rotation = rectifying_rotations(rig)
+        left_rotation, right_rotation = rig.rectifying_rotations()
         self.rect_SE3_left = SE3(left_rotation, np.zeros(3))
         self._reduced = _reduced_size(rig.left.size, self.params.working_px)
         self.geometry = common_geometry(rig, left_rotation, self.params.working_px, self.params.field_quantile)

@@ -95,9 +95,13 @@ def measure_vertical(
     return VerticalFit(model, matches, before, _residual(model, matches))
 
 
-def match_corners(left: U8, right: U8, disparity_max_px: float, params: VerticalParams) -> F64:
+def match_corners(
+    left: U8, right: U8, disparity_max_px: float, params: VerticalParams, disparity_min_px: float = -2.0
+) -> F64:
     """Corners of the left image and where the right one shows them.
 
+    Args:
+        disparity_max_px, disparity_min_px: disparities to search [px]; negative ones show swapped images.
     Returns:
         (N, 4) float64 [px]: u and v in the left image, u in the right image, v_right - v_left.
     """
@@ -105,7 +109,8 @@ def match_corners(left: U8, right: U8, disparity_max_px: float, params: Vertical
     if corners is None:
         return np.empty((0, 4))
     points = np.asarray(corners, dtype=np.float32).reshape(-1, 2)
-    guesses = np.array([_search(left, right, point, disparity_max_px, params) for point in points], dtype=np.float32)
+    span = math.floor(disparity_min_px), math.ceil(disparity_max_px)
+    guesses = np.array([_search(left, right, point, span, params) for point in points], dtype=np.float32)
     good = np.isfinite(guesses).all(axis=1)
     points, guesses = points[good], guesses[good]
     if len(points) == 0:
@@ -160,13 +165,13 @@ def _matchable(image: U8) -> U8:
     return np.asarray(cv2.erode(usable, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0), dtype=np.uint8)
 
 
-def _search(left: U8, right: U8, point: F32, disparity_max_px: float, params: VerticalParams) -> tuple[float, float]:
+def _search(left: U8, right: U8, point: F32, span: tuple[int, int], params: VerticalParams) -> tuple[float, float]:
     """Best place of a left patch in the right image, NaN when it is at the limit, poor or not unique."""
     nothing = (math.nan, math.nan)
     u, v = round(float(point[0])), round(float(point[1]))
     rows, cols = left.shape
     top, bottom = max(0, v - _PATCH - params.search_px), min(rows, v + _PATCH + params.search_px + 1)
-    start, end = max(0, u - _PATCH - math.ceil(disparity_max_px)), min(cols, u + _PATCH + 3)
+    start, end = max(0, u - _PATCH - span[1]), min(cols, u + _PATCH + 1 - span[0])
     patch = left[v - _PATCH : v + _PATCH + 1, u - _PATCH : u + _PATCH + 1]
     strip = right[top:bottom, start:end]
     if strip.shape[0] <= patch.shape[0] + 2 or strip.shape[1] <= patch.shape[1] + 2:

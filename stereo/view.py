@@ -16,27 +16,6 @@ MAX_RAY_TAN = math.tan(math.radians(60.0))
 """Rays farther than 60 degrees from the axis are left out: a plane image stretches them beyond use."""
 
 
-def rectifying_rotations(rig: StereoRig) -> tuple[F64, F64]:
-    """Rotations from each recorded camera frame to the common rectified one.
-
-    x points from the left to the right camera centre, z lies as near as it can to the mean of the two optical axes
-    (Fusiello, Trucco, Verri 2000, with the mean axis instead of the old left one).
-
-    Raises:
-        ValueError: one camera in front of the other, where no common image plane exists.
-    """
-    right_SE3_left = rig.right_SE3_left
-    x_axis = -right_SE3_left.rotation.T @ right_SE3_left.translation
-    x_axis = x_axis / np.linalg.norm(x_axis)
-    mean_axis = np.array([0.0, 0.0, 1.0]) + right_SE3_left.rotation[2]
-    y_axis = np.cross(mean_axis, x_axis)
-    if np.linalg.norm(y_axis) < 0.2 * np.linalg.norm(mean_axis) or np.linalg.norm(mean_axis) < 0.5:
-        raise ValueError("expected cameras side by side that look the same way, got one in front of the other")
-    y_axis /= np.linalg.norm(y_axis)
-    left = np.stack([x_axis, y_axis, np.cross(x_axis, y_axis)])
-    return left, left @ right_SE3_left.rotation.T
-
-
 def source_pixels(camera: Camera, rotation: F64, pixel_to_ray: F64, size: tuple[int, int]) -> F32:
     """Recorded pixels that rectified pixels show.
 

@@ -28,6 +28,9 @@ class StereoRecording:
     """Frames of two cameras, decoded ahead in the background; each iteration starts at the first frame.
 
     A frame that one side lacks is passed over and noted in ``skipped``; indices and times keep the gap.
+
+    Attributes:
+        times_s: (n,) float64 [s] of timestamps.csv by frame index, NaN where it has no row; None without that file.
     """
 
     def __init__(
@@ -47,7 +50,7 @@ class StereoRecording:
         self.fps = fps
         self.skipped: list[Skipped] = []
         self._pairs = pairs
-        self._times_s = times_s
+        self.times_s = times_s
 
     def __iter__(self) -> Iterator[StereoFrame]:
         self.skipped = skipped = []
@@ -68,7 +71,11 @@ class StereoRecording:
         For what must be known before the first frame (row offset, floor, exposure) without decoding everything.
         """
         spread = np.unique(np.linspace(0, self.n_frames - 1, max(1, min(count, self.n_frames))).round().astype(int))
-        with closing(self._pairs([int(i) for i in spread])) as pairs:
+        return self.at([int(i) for i in spread])
+
+    def at(self, indices: Sequence[int]) -> list[StereoFrame]:
+        """The usable ones of these frames, whose indices ascend; ``skipped`` is not touched."""
+        with closing(self._pairs(indices)) as pairs:
             frames = [self._frame(left, right) for left, right in pairs]
         return [frame for frame in frames if isinstance(frame, StereoFrame)]
 
@@ -82,8 +89,8 @@ class StereoRecording:
         return StereoFrame(left.index, self._time(left), a, b)
 
     def _time(self, frame: Decoded) -> float:
-        if self._times_s is not None:
-            return time_at(self._times_s, frame.index, self.fps)
+        if self.times_s is not None:
+            return time_at(self.times_s, frame.index, self.fps)
         return frame.index / self.fps if frame.timestamp_s is None else frame.timestamp_s
 
 
