@@ -38,6 +38,17 @@ def wall_frame(room: Room, wall: Wall) -> tuple[F64, F64, F64, float]:
     }[wall]
 
 
+def wall_pieces(room: Room, wall: Wall) -> list[tuple[F64, F64]]:
+    """Ends (2,) on the floor of the pieces of a wall beside its openings."""
+    corner, along, _, length = wall_frame(room, wall)
+    at, pieces = 0.0, []
+    for o in sorted((o for o in room.openings if o.wall == wall), key=lambda o: o.from_m):
+        pieces.append((at, o.from_m))
+        at = o.from_m + o.width_m
+    pieces.append((at, length))
+    return [((corner + a * along)[:2], (corner + b * along)[:2]) for a, b in pieces if b > a]
+
+
 def _rectangle(room: Room, wall: Wall, low: float, high: float, bottom: float, top: float, material: int,
                proud_m: float = 0.0) -> Mesh:  # fmt: skip
     """A piece of a wall facing the room."""

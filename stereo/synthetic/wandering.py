@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calib.types import F64
 from stereo.synthetic.furniture import furniture_size
 from stereo.synthetic.motion import ACTIONS, TICK_HZ, Motion, motion_from_ticks
-from stereo.synthetic.scene import Furniture, Person, Scene, Wander
+from stereo.synthetic.room import wall_pieces
+from stereo.synthetic.scene import Person, Scene, Wall, Wander
 
 STEP_S = 0.1
 PERSONAL_M = 0.62
@@ -42,23 +45,26 @@ class _Walker:
     best_m: float = np.inf
     stuck_s: float = 0.0
     leaving: int = -1
+    detour: bool = False
     gone_s: float = np.inf
     track: list[F64] = field(default_factory=list)
 
 
 class _Obstacles:
-    """Footprints of standing furniture as oriented rectangles."""
+    """Footprints of standing furniture and of walls beside their openings, as oriented rectangles."""
 
-    def __init__(self, items: Sequence[Furniture]) -> None:
-        low = [f for f in items if f.z_m < 1.8]
-        self._centre = np.array([f.at_m for f in low], np.float64).reshape(-1, 2)
-        self._angle = np.deg2rad([f.heading_deg for f in low])
-        self._half = np.array([furniture_size(f)[:2] for f in low], np.float64).reshape(-1, 2) / 2
+    def __init__(self, scene: Scene) -> None:
+        low = [f for f in scene.furniture if f.z_m < 1.8 and not f.moves]
+        walls = [piece for side in get_args(Wall) for piece in wall_pieces(scene.room, side)]
+        middles = [(a + b) / 2 for a, b in walls]
+        spans = [b - a for a, b in walls]
+        self._centre = np.array([*(f.at_m for f in low), *middles], np.float64).reshape(-1, 2)
+        self._angle = np.array([*(np.deg2rad(f.heading_deg) for f in low), *(np.arctan2(v[1], v[0]) for v in spans)])
+        sizes = [*(furniture_size(f)[:2] for f in low), *((float(np.hypot(v[0], v[1])), 0.02) for v in spans)]
+        self._half = np.array(sizes, np.float64).reshape(-1, 2) / 2
 
     def distance(self, points: F64) -> F64:
-        """(N,) distance of points (N, 2) from the nearest footprint, 0 inside, infinite without furniture."""
-        if len(self._centre) == 0:
-            return np.full(len(points), np.inf)
+        """(N,) distance of points (N, 2) from the nearest footprint, 0 inside."""
         d = points[:, None, :] - self._centre
         c, s = np.cos(self._angle), np.sin(self._angle)
         local = np.stack([d[..., 0] * c + d[..., 1] * s, -d[..., 0] * s + d[..., 1] * c], -1)
@@ -81,7 +87,7 @@ def wander(scene: Scene, scripted: Sequence[Motion]) -> list[Motion]:
         for begin in (scripted[i].script_end_s,)
         if p.wander is not None
     }
-    obstacles = _Obstacles(scene.furniture)
+    obstacles = _Obstacles(scene)
     for walker in walkers.values():
         _new_goal(walker, obstacles)
     for k in range(int((scene.duration_s + 1) / STEP_S) + 1):
@@ -152,21 +158,37 @@ def _think(walker: _Walker, t: float, obstacles: _Obstacles) -> None:
     plan, exits = walker.wander, walker.wander.exit_m
     distance = float(np.linalg.norm(walker.goal - walker.place))
     if plan.until_s is not None and t >= plan.until_s and exits and walker.leaving < 0:
-        walker.leaving, walker.goal, walker.rest_until = 0, np.asarray(exits[0], np.float64), t
+        walker.leaving, walker.rest_until = 0, t
+        _aim(walker, exits[0])
     elif walker.leaving >= 0 and distance < 0.35:
-        walker.leaving += 1
+        walker.leaving += not walker.detour
         if walker.leaving == len(exits):
             walker.gone_s = t
         else:
-            walker.goal = np.asarray(exits[walker.leaving], np.float64)
+            _aim(walker, exits[walker.leaving])
     elif walker.leaving < 0 and distance < 0.3:
         walker.rest_until = t + walker.rng.uniform(*plan.pause_s)
         _new_goal(walker, obstacles)
-    elif walker.leaving < 0 and t >= walker.rest_until:
+    elif t >= walker.rest_until:
         walker.stuck_s = 0.0 if distance < walker.best_m - 0.05 else walker.stuck_s + STEP_S
         walker.best_m = min(walker.best_m, distance)
-        if walker.stuck_s > 3.0:
+        if walker.stuck_s > 3.0 and walker.leaving < 0:
             _new_goal(walker, obstacles)
+        elif walker.stuck_s > 1.5 and walker.leaving >= 0:
+            _step_aside(walker)
+
+
+def _aim(walker: _Walker, goal: ArrayLike, *, detour: bool = False) -> None:
+    walker.goal, walker.detour = np.asarray(goal, np.float64), detour
+    walker.best_m, walker.stuck_s = np.inf, 0.0
+
+
+def _step_aside(walker: _Walker) -> None:
+    """Around an obstacle in the way to the exit: a random place nearby first, then on."""
+    if walker.detour:
+        _aim(walker, walker.wander.exit_m[walker.leaving])
+    else:
+        _aim(walker, walker.place + walker.rng.uniform(-1.5, 1.5, 2), detour=True)
 
 
 def _new_goal(walker: _Walker, obstacles: _Obstacles) -> None:
@@ -176,8 +198,8 @@ def _new_goal(walker: _Walker, obstacles: _Obstacles) -> None:
         far = np.linalg.norm(goal - walker.place) > 0.35 * min(x1 - x0, y1 - y0)
         if far and obstacles.distance(goal[None])[0] > CLEARANCE_M + 0.1:
             break
-    walker.goal, walker.speed = goal, float(walker.rng.uniform(*walker.wander.speed_mps))
-    walker.best_m, walker.stuck_s = np.inf, 0.0
+    walker.speed = float(walker.rng.uniform(*walker.wander.speed_mps))
+    _aim(walker, goal)
 
 
 def _merged(person: Person, scripted: Motion, walker: _Walker) -> Motion:
