@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
-from calib.types import F32, F64, U8
+from calib.types import F32, F64, I64, U8
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -52,6 +52,19 @@ def row_prefix(values: F32) -> F64:
         for c in range(n_cols):
             total += values[r, c]
             out[r, c + 1] = total
+    return out
+
+
+@njit(cache=True, nogil=True)
+def integral(values: F32) -> F64:
+    """(R + 1, C + 1): sums of the positive values above and left of each corner."""
+    n_rows, n_cols = values.shape
+    out = np.zeros((n_rows + 1, n_cols + 1))
+    for r in range(n_rows):
+        total = 0.0
+        for c in range(n_cols):
+            total += max(values[r, c], 0.0)
+            out[r + 1, c + 1] = out[r, c + 1] + total
     return out
 
 
@@ -103,7 +116,7 @@ def paint(mask: U8, ellipses: F64, value: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def claim(prefix: F64, ellipses: F64, order: np.ndarray, out: F64) -> None:  # type: ignore[type-arg]
+def claim(prefix: F64, ellipses: F64, order: I64, out: F64) -> None:
     """Per ellipse: area in the grid, values inside, values not inside an ellipse earlier in the order, area likewise.
 
     out: (N, 4) float64.
@@ -143,6 +156,7 @@ def cover(score: F32, half_length: F64, aspect: float, stride: int, accept: floa
     """
     n_rows, n_cols = score.shape
     prefix = row_prefix(score)
+    bound = integral(score)
     n_r = (n_rows + stride - 1) // stride
     n_c = (n_cols + stride - 1) // stride
     gain = np.zeros((n_r, n_c))
@@ -150,7 +164,17 @@ def cover(score: F32, half_length: F64, aspect: float, stride: int, accept: floa
         r = i * stride
         a = half_length[r]
         area = math.pi * a * a * aspect
+        r0 = max(0, r - int(a) - 1)
+        r1 = min(n_rows, r + int(a) + 2)
         for j in range(n_c):
+            reach = int(a * aspect) + 1
+            c0 = max(0, j * stride - reach)
+            c1 = min(n_cols, j * stride + reach + 1)
+            most = bound[r1, c1] - bound[r0, c1] - bound[r1, c0] + bound[r0, c0]
+            if most < accept * area:
+                # Not even all gains in the box around the ellipse would do.
+                gain[i, j] = -1.0
+                continue
             total, _ = ellipse_sum(prefix, float(j * stride), float(r), a, a * aspect, 0.0)
             gain[i, j] = total / area
     found = np.empty((limit, 5))
@@ -232,8 +256,9 @@ def em_step(
 
     points: (P, 3) x, y, weight of the foreground cells. Each ellipse is the two-sigma contour of a Gaussian
     (the Gaussian with the second moments of a uniform ellipse), next to a uniform density of outliers.
-    max(least, half0 + half1 * y): half length expected in row y; strength: mass of the prior in units of the ellipse's area
-    (the inverse-Wishart prior of a covariance, so the step maximises the posterior);
+    max(least, half0 + half1 * y): half length expected in row y;
+    strength: mass of the prior in units of the ellipse's area (the inverse-Wishart prior of a covariance, so the
+    step maximises the posterior);
     upright: the length axis stays nearer the rows' direction than the columns'.
     """
     n = ellipses.shape[0]

@@ -36,12 +36,13 @@ class EllipseFitParams(Params):
     """Largest ratio to the expected size, either way (three deviations of size_spread)."""
     angle_limit_deg: float = Field(20.0, gt=0, le=90)
     """Largest angle from the prior's direction [deg] (three deviations of angle_spread_deg)."""
-    background_weight: float = Field(0.5, ge=0, le=1)
+    background_weight: float = Field(0.4, ge=0, le=1)
     """Cost of covering a background cell, against 1 gained per foreground cell. Our choice: less than 1, because a
     silhouette fills only two thirds of its ellipse and detection leaves holes in people, seldom people in holes."""
-    least_share: float = Field(0.25, gt=0, lt=1)
-    """Least gain that an ellipse must add on its own, as a share of its area. Our choice: a person two thirds hidden
-    behind another is still proposed, a bag or a shadow of a quarter of a person is not."""
+    least_share: float = Field(0.2, gt=0, lt=1)
+    """Least gain that an ellipse must add on its own, as a share of its area. Our choice: a silhouette that fills two
+    thirds gains 0.53, so somebody hidden by half is still proposed, and a bag or a shadow of a third of a person is
+    not."""
     em_steps: int = Field(4, ge=0, le=50)
     """Steps of expectation-maximisation. Our choice: the start is within a third of a width already."""
     lm_sweeps: int = Field(4, ge=0, le=50)
@@ -112,7 +113,7 @@ def fit_ellipses(mask: F32, prior: SizePrior, params: EllipseFitParams) -> F64:
         raise ValueError(f"expected a (R, C) float32 mask, got {mask.shape} {mask.dtype}")
     score = mask - np.float32(params.background_weight) * (1 - mask)
     lengths = prior.half_lengths(np.arange(mask.shape[0], dtype=np.float64))
-    stride = max(1, int(0.4 * prior.aspect * float(np.median(lengths))))
+    stride = max(1, round(0.4 * prior.aspect * float(np.median(lengths))))
     found = kernels.cover(score, lengths, prior.aspect, stride, params.least_share, params.max_ellipses)
     if not len(found):
         return found

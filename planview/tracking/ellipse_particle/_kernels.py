@@ -11,17 +11,25 @@ from planview._ellipse_kernels import between, conic, rows_of, span
 
 @njit(cache=True, nogil=True)
 def union_overlap(
-    particles: F64, members: I64, prefix: F64, half0: float, half1: float, least: float, aspect: float, out: F64
+    particles: F64,
+    members: I64,
+    measured: F64,
+    allowed: F64,
+    half0: float,
+    half1: float,
+    least: float,
+    aspect: float,
+    out: F64,
 ) -> None:
-    """Area of the union of the members' ellipses in each particle, inside and outside the measured union.
+    """Area of the union of the members' ellipses in each particle, inside the measured and outside the allowed cells.
 
     particles: (P, N, 7) x, y, vx, vy, ln length ratio, ln width ratio, angle; members: (K,) columns of N;
-    prefix: (R, C + 1) row sums of the measured union (``row_prefix``);
+    measured, allowed: (R, C + 1) row sums (``row_prefix``) of the cells to be covered, and of those that may be;
     max(least, half0 + half1 * y): half length expected in row y; aspect: width / length.
-    out: (P, 2) covered measured area, object area in the grid outside the measured union [cells].
+    out: (P, 2) covered measured area, object area in the grid outside the allowed cells.
     """
-    n_rows = prefix.shape[0]
-    n_cols = prefix.shape[1] - 1
+    n_rows = measured.shape[0]
+    n_cols = measured.shape[1] - 1
     k_all = members.shape[0]
     forms = np.empty((k_all, 5))
     limits = np.empty((k_all, 2), dtype=np.int64)
@@ -48,7 +56,7 @@ def union_overlap(
             first = min(first, r0)
             last = max(last, r1)
         covered = 0.0
-        area = 0.0
+        outside = 0.0
         for r in range(first, last + 1):
             count = 0
             for k in range(k_all):
@@ -76,7 +84,7 @@ def union_overlap(
                 while i < count and lows[i] <= hi:
                     hi = max(hi, highs[i])
                     i += 1
-                covered += between(prefix, r, lo, hi, n_cols)
-                area += hi - lo
+                covered += between(measured, r, lo, hi, n_cols)
+                outside += hi - lo - between(allowed, r, lo, hi, n_cols)
         out[p, 0] = covered
-        out[p, 1] = area - covered
+        out[p, 1] = outside

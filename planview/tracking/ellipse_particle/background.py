@@ -49,14 +49,14 @@ class Background:
         # As OpenCV's own automatic rate: an average of all frames first, exponential forgetting later.
         rate = 1.0 / min(2 * self._frames, self._params.history)
         if not self._people:
-            labels = self._mixture.apply(image, learningRate=rate)
+            labels = np.asarray(self._mixture.apply(image, learningRate=rate), dtype=np.uint8)
             self._remember(image, labels, np.full(labels.shape, 255, dtype=np.uint8))
         else:
-            labels = self._mixture.apply(image, learningRate=0)
+            labels = np.asarray(self._mixture.apply(image, learningRate=0), dtype=np.uint8)
             if self._frames < self._params.history // 10 or self._frames % 2 == 0:
                 self._learn(image, labels, rate if self._frames < self._params.history // 10 else 2 * rate)
         # The subtractor marks shadows 127: only 255 is an object.
-        return np.asarray(cv2.compare(labels, 255, cv2.CMP_EQ), dtype=np.uint8)
+        return cv2.threshold(labels, 254, 255, cv2.THRESH_BINARY)[1].astype(np.uint8, copy=False)
 
     def _learn(self, image: U8, labels: U8, rate: float) -> None:
         free = np.full(image.shape[:2], 255, dtype=np.uint8)
@@ -68,7 +68,7 @@ class Background:
         assert self._mixture is not None
         self._mixture.apply(scene, learningRate=rate)
 
-    def _remember(self, image: U8, labels: cv2.typing.MatLike, free: U8) -> None:
+    def _remember(self, image: U8, labels: U8, free: U8) -> None:
         """Keep the last background seen at each pixel that nobody covers."""
-        background = cv2.compare(labels, 0, cv2.CMP_EQ)
+        _, background = cv2.threshold(labels, 0, 255, cv2.THRESH_BINARY_INV)
         cv2.copyTo(image, cv2.bitwise_and(background, free), self._empty)

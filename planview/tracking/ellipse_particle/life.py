@@ -10,7 +10,6 @@ from scipy.special import gammainc
 from planview.tracking.base import State
 from planview.tracking.ellipse_particle.params import LifeParams
 
-
 HIDDEN_S = 0.7
 """An object without measured area of its own for longer than this is reported as predicted only [s]."""
 
@@ -30,6 +29,8 @@ class Life:
         shared_s: time without measured area of its own, only such that an older object covers too (occlusion); it
             runs back twice as fast, since two ellipses on one object take turns at having some of their own.
         hidden: it is sharing.
+        offset_m: from the centre of what is seen of a body to its axis on the floor [m] (floor plane).
+        height_m: of its head, smoothed; NaN while unknown (floor plane).
     """
 
     track_id: int
@@ -41,6 +42,8 @@ class Life:
     unseen_s: float = 0.0
     shared_s: float = 0.0
     hidden: bool = False
+    offset_m: tuple[float, float] = (0.0, 0.0)
+    height_m: float = math.nan
 
     @property
     def state(self) -> State:

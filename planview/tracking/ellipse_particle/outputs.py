@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -11,10 +12,16 @@ from calib.types import F64
 from planview.ellipses import extent
 from planview.maps import PlanViewMaps
 from planview.tracking.base import TrackState
+from planview.tracking.body_axis import BodyAxis
 from planview.tracking.ellipse_particle.life import Life
 from planview.tracking.ellipse_particle.planes import PlaneView
 
 HEIGHTS_M = np.linspace(0.3, 2.5, 45)
+"""Heights at which a vertical line is tried against an image row [m]."""
+HIGHEST_M = 2.5
+"""No person reaches higher [m]."""
+KEPT = 0.5
+"""Share of the last offset and height kept per frame: averages the noise of two or three frames. Our choice."""
 
 
 def image_state(life: Life, view: PlaneView, ellipse: F64, velocity: F64, camera: GroundCamera | None) -> TrackState:
@@ -51,24 +58,33 @@ def height_of(camera: GroundCamera, floor: F64, top_row: float) -> float:
     return float(np.interp(top_row, rows[ok][order], HEIGHTS_M[ok][order]))
 
 
-def floor_state(life: Life, view: PlaneView, ellipse: F64, velocity: F64, maps: PlanViewMaps | None) -> TrackState:
-    """Floor position [m] of the ellipse and the highest point of the map within it."""
+def floor_state(life: Life, view: PlaneView, ellipse: F64, velocity: F64) -> TrackState:
+    """Floor position [m] of the body's axis, and its height as last measured."""
     x, y = (float(v) for v in view.to_plane(ellipse[:2]))
-    height = math.nan if maps is None else highest_within(maps, ellipse)
-    return TrackState(life.track_id, life.state, x, y, float(velocity[0]), float(velocity[1]), height)
+    dx, dy = life.offset_m
+    return TrackState(life.track_id, life.state, x + dx, y + dy, float(velocity[0]), float(velocity[1]), life.height_m)
 
 
-def highest_within(maps: PlanViewMaps, ellipse: F64) -> float:
-    """Highest point [m] of the raw height map inside an ellipse; NaN where the map is empty there."""
-    x, y, a, b, angle = (float(v) for v in ellipse)
-    half_width, half_height = extent(ellipse)
-    rows = np.arange(max(0, math.ceil(y - half_height)), min(maps.grid.n_rows, math.floor(y + half_height) + 1))
-    cols = np.arange(max(0, math.ceil(x - half_width)), min(maps.grid.n_cols, math.floor(x + half_width) + 1))
-    if not len(rows) or not len(cols):
-        return math.nan
-    dx, dy = cols[None] - x, rows[:, None] - y
-    u = (dx * math.sin(angle) + dy * math.cos(angle)) / a
-    v = (dx * math.cos(angle) - dy * math.sin(angle)) / b
-    heights = maps.height_raw[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1][u * u + v * v <= 1.0]
-    top = float(heights.max()) if heights.size else 0.0
-    return top if top > 0 else math.nan
+def measure_axes(lives: Sequence[Life], view: PlaneView, ellipses: F64, maps: PlanViewMaps, reach_m: float) -> None:
+    """Find the axis and height of every body that is seen, as the template tracker does (see ``body_axis``).
+
+    The camera sees the near side of a body, so ellipses lie nearer than the axis. Offset and height are smoothed, and
+    kept while a body is hidden.
+
+    Args:
+        reach_m: how far from its ellipse's centre a body's points are taken [m].
+    """
+    seen = [n for n, life in enumerate(lives) if life.seen and not life.hidden]
+    if not seen:
+        return
+    where = view.to_plane(ellipses[seen, :2])
+    axes = BodyAxis(maps.view.camera_m, HIGHEST_M)(maps.points, where, reach_m)
+    for n, (x, y), axis in zip(seen, where, axes, strict=True):
+        life = lives[n]
+        if not math.isnan(axis.x_m):
+            keep = 0.0 if math.isnan(life.height_m) else KEPT
+            dx, dy = life.offset_m
+            life.offset_m = (keep * dx + (1 - keep) * (axis.x_m - x), keep * dy + (1 - keep) * (axis.y_m - y))
+        if not math.isnan(axis.height_m):
+            old = axis.height_m if math.isnan(life.height_m) else life.height_m
+            life.height_m = KEPT * old + (1 - KEPT) * axis.height_m

@@ -16,13 +16,13 @@ class DetectionParams(Params):
     source: Literal["mog2", "given"] = "mog2"
     """Image plane: OpenCV's mixture of Gaussians on ``Observation.image`` (the paper takes one off the shelf), or the
     project's own ``Observation.foreground``. The floor plane always reads the occupancy map."""
-    history: int = Field(500, ge=20, le=100_000)
-    """Frames of memory of the mixture (OpenCV's default): a thing put down is absorbed after a tenth of it. People are
-    not: see ``Background``."""
+    history: int = Field(1000, ge=20, le=100_000)
+    """Frames of memory of the mixture: a thing put down is absorbed after a tenth of it, 4 to 14 s at 25 to 7 frames
+    per second. Our choice. People are not absorbed: see ``Background``."""
     variance_gate: float = Field(16.0, gt=0, le=1000)
     """Squared deviations within which a pixel is background (OpenCV's default)."""
-    columns: int = Field(240, ge=40, le=2000)
-    """Ellipses are fitted on a grid of at most about this many columns: a person 1/12 of the image high is then still
+    columns: int = Field(160, ge=40, le=2000)
+    """Ellipses are fitted on a grid of at most about this many columns: a person 1/8 of the image high is then still
     15 cells high. Our choice; it is what bounds the time per frame."""
     flooded: float = Field(0.5, gt=0, le=1)
     """Share of foreground above which a frame measures nothing (a light was switched, the camera moved). Our choice."""
@@ -49,6 +49,9 @@ class SizeParams(Params):
     """Floor plane: half the shoulder width, arms included [m]."""
     floor_aspect: float = Field(0.75, gt=0, le=1)
     """Floor plane: depth over width of a body; between a standing adult's 0.55 and the 1.0 of a stride. Our choice."""
+    floor_reach_m: float = Field(0.5, gt=0, le=2)
+    """Floor plane: how far from an ellipse's centre its body's points are taken for the axis and the height [m]. Our
+    choice: half a shoulder breadth, a bent arm, and the offset between the seen side and the axis."""
     object_length_m: float = Field(1.7, gt=0, le=10)
     """Image plane: real length of an object [m], which turns speeds in m/s into cells. Body height of an adult."""
 

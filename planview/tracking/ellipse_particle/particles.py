@@ -34,7 +34,7 @@ class ParticleFilter:
         self.particles: F64 = np.zeros((params.particles, 0, 7))
 
     def __len__(self) -> int:
-        return self.particles.shape[1]
+        return int(self.particles.shape[1])
 
     def add(self, ellipse: F64, prior: SizePrior, cells_per_m: float, velocity: F64 | None = None) -> None:
         """Append an object around a measured ellipse; an unknown velocity is drawn from walking speeds."""
@@ -71,7 +71,7 @@ class ParticleFilter:
             cells_per_m: (N,) cells per metre where each object is.
         """
         p = self._params
-        noise = self._rng.standard_normal((p.particles, len(self), 7))
+        noise = self._rng.standard_normal((p.particles, len(self), 7), dtype=np.float32)
         s = self.particles
         push = p.acceleration_mps2 * cells_per_m * dt_s
         s[..., :2] += s[..., 2:4] * dt_s
@@ -98,7 +98,7 @@ class ParticleFilter:
             (P,) float64.
         """
         out = np.empty((self._params.particles, 2))
-        kernels.union_overlap(self.particles, members, measured, *prior.law, out)
+        kernels.union_overlap(self.particles, members, measured, measured, *prior.law, out)
         missed = float(measured[:, -1].sum()) - out[:, 0]
         sigma = self._params.overlap_deviation * area * math.sqrt(len(members))
         return np.asarray(-0.5 * (missed**2 + self._params.outside_weight * out[:, 1] ** 2) / sigma**2)
@@ -124,15 +124,15 @@ class ParticleFilter:
         favour = np.zeros(self._params.particles)
         ellipses = ellipses_of(states, prior)
         sigma = self._params.overlap_deviation * area
-        found, free = np.empty((self._params.particles, 2)), np.empty((self._params.particles, 2))
+        out = np.empty((self._params.particles, 2))
         target = paint_union(measured, shape)
         for k, n in enumerate(members):
             others = paint_union(np.delete(ellipses, k, axis=0), shape)
             alone = np.array([n])
-            kernels.union_overlap(self.particles, alone, _prefix(target & (1 - others)), *prior.law, found)
-            kernels.union_overlap(self.particles, alone, _prefix(target | others), *prior.law, free)
-            missed = found[:, 0].max() - found[:, 0]
-            log_likelihood = -0.5 * (missed**2 + self._params.outside_weight * free[:, 1] ** 2) / sigma**2
+            left, allowed = _prefix(target & (1 - others)), _prefix(target | others)
+            kernels.union_overlap(self.particles, alone, left, allowed, *prior.law, out)
+            missed = out[:, 0].max() - out[:, 0]
+            log_likelihood = -0.5 * (missed**2 + self._params.outside_weight * out[:, 1] ** 2) / sigma**2
             favour += log_likelihood[self.resample(alone, log_likelihood)]
         return favour
 

@@ -31,6 +31,7 @@ class SizeLearner:
     def __init__(self, params: SizeParams) -> None:
         self._params = params
         self._samples: F64 = np.zeros((0, 4))
+        self._taken = 0
         self._next_fit = params.least_samples
         self._closed = False
         self.prior: SizePrior | None = None
@@ -45,13 +46,14 @@ class SizeLearner:
         if self._closed:
             return self.prior
         self._closed = time_s > self._params.learn_s and self.prior is not None
-        self._samples = np.concatenate([self._samples, regions(mask)])
+        new = regions(mask)
+        self._taken += len(new)
+        self._samples = np.concatenate([self._samples, new])
         if len(self._samples) > KEPT:
             self._samples = self._samples[::2]
-            self._next_fit = min(self._next_fit, len(self._samples))
-        if len(self._samples) >= self._next_fit:
+        if self._taken >= self._next_fit:
             # Fits grow rarer as the samples grow: each costs time, and changes less.
-            self._next_fit = len(self._samples) + max(4, len(self._samples) // 8)
+            self._next_fit = self._taken + max(4, self._taken // 6)
             self.prior = self._fit(mask.shape[0]) or self.prior
         return self.prior
 

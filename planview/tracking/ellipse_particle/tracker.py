@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 
 from calib.ground_camera import GroundCamera
 from calib.types import F32, F64, U8, Bool
 from planview import _ellipse_kernels as kernels
 from planview.ellipses import SizePrior, fit_ellipses
+from planview.foreground import PERSON
 from planview.tracking.base import Decision, DecisionKind, Observation, TrackerDebug, TrackState
 from planview.tracking.ellipse_particle.drawing import draw, outline
 from planview.tracking.ellipse_particle.groups import group, overlaps
 from planview.tracking.ellipse_particle.life import Life, birth, gone, observe
-from planview.tracking.ellipse_particle.outputs import floor_state, image_state
+from planview.tracking.ellipse_particle.outputs import floor_state, image_state, measure_axes
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
 from planview.tracking.ellipse_particle.particles import VX, VY, ParticleFilter, ellipses_of, normalised, union_prefix
 from planview.tracking.ellipse_particle.planes import FloorPlane, ImagePlane, PlaneView, floor_prior, given_prior
@@ -61,6 +63,8 @@ class EllipseParticleTracker:
         self._view: PlaneView | None = None
         self._prior: SizePrior | None = None
         self._measured = NO_ELLIPSES
+        self._outlines: list[F32] = []
+        self._shape: tuple[int, int] | None = None
         self._decisions: list[Decision] = []
 
     @property
@@ -84,6 +88,8 @@ class EllipseParticleTracker:
         self._decisions = []
         dt = self._step(observation.timestamp_s)
         view = self._plane(observation)
+        if observation.image is not None:
+            self._shape = (observation.image.shape[0], observation.image.shape[1])
         self._resize(view)
         self._view = view
         self._measured = self._measure(view, observation)
@@ -92,7 +98,8 @@ class EllipseParticleTracker:
         self._predict(dt, view, self._prior)
         self._filter_groups(view, self._prior)
         self._judge(dt, view, self._prior)
-        self._plane.protect(self._people(view, self._prior))
+        self._outlines = self._people(view, self._prior)
+        self._plane.protect(self._outlines)
         return tuple(self._output(view, observation))
 
     @property
@@ -101,8 +108,13 @@ class EllipseParticleTracker:
         return self._params.plane == "image" and self._params.detection.source == "given"
 
     def feedback(self) -> U8 | None:
-        """No opinion about pixels."""
-        return None
+        """(H, W) uint8 for ``Foreground``: PERSON where somebody is who has been seen to move; None at first."""
+        if self._shape is None:
+            return None
+        mask = np.zeros(self._shape, dtype=np.uint8)
+        for shape in self._outlines:
+            cv2.fillPoly(mask, [np.round(shape).astype(np.int32)], PERSON)
+        return mask
 
     def debug(self) -> TrackerDebug:
         """Measured ellipses, object ellipses, particles, and the foreground grid as a tile."""
@@ -168,7 +180,7 @@ class EllipseParticleTracker:
             chosen = active[members]
             prefix = union_prefix(self._measured[measured], view.mask.shape)
             area = float(np.mean(np.pi * ellipses[members, 2] * ellipses[members, 3]))
-            favour = 0.0
+            favour: F64 = np.zeros(self._params.filter.particles)
             if len(chosen) > 1 and not self._params.filter.joint:
                 shape, states = view.mask.shape, self._states[chosen]
                 favour = self._filter.partition(chosen, self._measured[measured], states, shape, prior, area)
@@ -230,13 +242,13 @@ class EllipseParticleTracker:
         deviations = self._filter.deviations()
         pairs = []
         for n in lost:
-            for m in np.flatnonzero(unexplained):
+            for m in np.flatnonzero(unexplained).tolist():
                 offset = self._measured[m, :2] - self._states[n, :2]
                 per_m = float(self._cells_per_m(view, prior, self._measured[m : m + 1, 1])[0])
                 away = float(np.hypot(*offset)) / per_m
                 spread = float(np.hypot(*deviations[n])) / per_m
                 if away <= min(self._params.life.reattach_m, 0.4 + 2.5 * spread):
-                    pairs.append((away, n, int(m)))
+                    pairs.append((away, n, m))
         for away, n, m in sorted(pairs):
             life = self._lives[n]
             if left[m] and (not life.seen or life.hidden):
@@ -297,11 +309,13 @@ class EllipseParticleTracker:
     def _output(self, view: PlaneView, observation: Observation) -> list[TrackState]:
         assert self._prior is not None
         ellipses = ellipses_of(self._states, self._prior)
+        if observation.maps is not None and self._params.plane == "floor":
+            measure_axes(self._lives, view, ellipses, observation.maps, self._params.size.floor_reach_m)
         rows = []
         for life, state, ellipse in zip(self._lives, self._states, ellipses, strict=True):
             velocity = state[[VX, VY]] * view.scale
             if self._params.plane == "floor":
-                rows.append(floor_state(life, view, ellipse, velocity, observation.maps))
+                rows.append(floor_state(life, view, ellipse, velocity))
             else:
                 rows.append(image_state(life, view, ellipse, velocity, self._camera))
         return rows
