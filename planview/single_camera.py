@@ -19,8 +19,11 @@ from stereo.recording import VideoFrame
 class SingleCameraParams(Params):
     """Foreground and motion of one camera (Zhang et al. 2008, section 2)."""
 
-    foreground: ForegroundParams = Field(default=ForegroundParams.model_validate({"remove_colour_shadows": True}))
-    """The mixture model, here without depth, so that shadows are removed by their colour."""
+    foreground: ForegroundParams = Field(
+        default=ForegroundParams.model_validate({"remove_colour_shadows": True, "shadow_ratio": 0.5})
+    )
+    """The mixture model, here without depth: shadows are removed by their colour, at most twice as dark as the ground
+    (as OpenCV's MOG2 has it), since dark clothes are like deeper shadows."""
     motion_level: float = Field(default=15.0, gt=0, le=255)
     """Change of luma between two frames that is motion (levels of 255). Our choice: 8-bit video with a noise of 3 to
     4 levels differs by 5 between frames; three times that."""

@@ -214,19 +214,20 @@ def _search(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def measure_models(
-    foreground: U8, motion: U8, cover: U8, labels: I32, left: I32, right: I32, claimed: U8,
+    evidence: U8, motion: U8, cover: U8, labels: I32, left: I32, right: I32, claimed: U8,
     index: I32, origin_u: int, origin_v: int, step: int, foot: F32, hull: F32,
     position: F64, scale: F64, ring: float, votes: I64, counts: I64, extent: F64,
 ) -> None:  # fmt: skip
     """What each placed model covers.
 
-    Fills ``counts`` (N, 7): area, foreground, foreground covered by this model alone, pixels shared with another model,
-    motion on the model, motion without foreground on it, label of the blob it covers most (0: none). Fills ``extent``
+    ``evidence`` is 2 where salient, 1 where less salient. Fills ``counts`` (N, 7): area, evidence, evidence covered by
+    this model alone, pixels shared with another model, motion on the model, motion without evidence on it, label of the
+    blob it covers most (0: none). Fills ``extent``
     (N, 3): mean of the foreground's columns minus the model's, mean square deviation of the foreground's columns, both
     over model and ring [px, px^2], and foreground pixels used for it. Marks model and ring in ``claimed``. ``votes`` is
     a zeroed workspace with one cell per label.
     """
-    width = foreground.shape[1]
+    width = evidence.shape[1]
     for t in range(len(scale)):
         top, bottom = fill_spans(
             index, origin_u, origin_v, step, foot, hull, position[t, 0], position[t, 1], scale[t], width, left, right
@@ -243,7 +244,7 @@ def measure_models(
             for x in range(max(0, left[y] - margin), min(width, right[y] + margin)):
                 claimed[y, x] = 1
                 inside = left[y] <= x < right[y]
-                if foreground[y, x] > 0 and (cover[y, x] == 0 or (inside and cover[y, x] == 1)):
+                if evidence[y, x] > 0 and (cover[y, x] == 0 or (inside and cover[y, x] == 1)):
                     extent[t, 0] += x - middle
                     extent[t, 1] += (x - middle) ** 2
                     extent[t, 2] += 1
@@ -253,12 +254,12 @@ def measure_models(
                     counts[t, 3] += 1
                 if motion[y, x] > 0:
                     counts[t, 4] += 1
-                    if foreground[y, x] == 0:
+                    if evidence[y, x] == 0:
                         counts[t, 5] += 1
-                if foreground[y, x] > 0:
-                    counts[t, 1] += 1
+                if evidence[y, x] > 0:
+                    counts[t, 1] += evidence[y, x]
                     if cover[y, x] == 1:
-                        counts[t, 2] += 1
+                        counts[t, 2] += evidence[y, x]
                     label = labels[y, x]
                     votes[label] += 1
                     if best == 0 or votes[label] > votes[best]:

@@ -39,12 +39,12 @@ class Measurement:
     @property
     def alone(self) -> F64:
         """Fraction of the model that is foreground nobody else covers."""
-        return self.counts[:, 2] / self.area
+        return 0.5 * self.counts[:, 2] / self.area
 
     @property
     def precision(self) -> F64:
         """Foreground fraction of the part that is this model's alone."""
-        return self.counts[:, 2] / np.maximum(1.0, self.area - self.counts[:, 3])
+        return 0.5 * self.counts[:, 2] / np.maximum(1.0, self.area - self.counts[:, 3])
 
     @property
     def internal_motion(self) -> F64:
@@ -104,13 +104,13 @@ class ModelScene:
         )  # fmt: skip
         return position
 
-    def measure(self, foreground: U8, motion: U8, blobs: Blobs, position: F64, scale: F64) -> Measurement:
+    def measure(self, evidence: U8, motion: U8, blobs: Blobs, position: F64, scale: F64) -> Measurement:
         """What the models at (N, 2) foot pixels cover; also marks ``claimed``, which ``clear`` resets."""
         n = len(scale)
         counts, extent = np.zeros((n, 7), np.int64), np.zeros((n, 3))
         votes = np.zeros(len(blobs), np.int64)
         kernels.measure_models(
-            foreground, motion, self.cover, blobs.labels, self._left, self._right, self.claimed, *self._map,
+            evidence, motion, self.cover, blobs.labels, self._left, self._right, self.claimed, *self._map,
             position, scale, self.params.ring, votes, counts, extent,
         )  # fmt: skip
         return Measurement(position, counts, extent)
@@ -120,10 +120,10 @@ class ModelScene:
         self.cover[:] = 0
         self.claimed[:] = 0
 
-    def prepare_candidates(self, foreground: U8, taken: U8) -> None:
-        """Count unexplained foreground once, before ``score``."""
-        height, width = foreground.shape
-        kernels.row_prefix(foreground, taken, 0, height, 0, width, self._rest, self._taken)
+    def prepare_candidates(self, evidence: U8, taken: U8) -> None:
+        """Count unexplained evidence once, before ``score``."""
+        height, width = evidence.shape
+        kernels.row_prefix(evidence, taken, 0, height, 0, width, self._rest, self._taken)
 
     def score(self, candidates: F64) -> I64:
         """(N, 4) area, free foreground, taken pixels, foreground in the ring, of (N, 3) foot pixels and scales."""

@@ -15,7 +15,7 @@ from calib.types import F32, F64, I64, U8
 from planview.blobs import Blobs, find_blobs
 from planview.foreground import BACKGROUND, PERSON
 from planview.tracking.base import Decision, DecisionKind, Observation, TrackerDebug, TrackState
-from planview.tracking.human_model.births import Candidate, find_candidates
+from planview.tracking.human_model.births import Candidate, Unexplained, find_candidates
 from planview.tracking.human_model.drawing import draw
 from planview.tracking.human_model.identity import Mingling
 from planview.tracking.human_model.params import HumanModelParams
@@ -59,6 +59,11 @@ class HumanModelTracker:
         """Decisions of the last update."""
         return tuple(self._decisions)
 
+    @property
+    def needs_foreground(self) -> bool:
+        """Observations must hold foreground and motion."""
+        return True
+
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """Track one frame.
 
@@ -71,19 +76,16 @@ class HumanModelTracker:
         dt = 0.0 if np.isnan(self._now_s) else max(0.0, now - self._now_s)
         self._now_s = now
         self._decisions = []
-        blobs = find_blobs(foreground)
+        evidence = salience(foreground, observation.shadow)
+        blobs = find_blobs(evidence)
         self._predict(dt)
-        self._match_and_update(observation, foreground, motion, blobs)
+        self._match_and_update(observation.image, evidence, motion, blobs)
         self._tell_apart()
-        self._new_targets(observation, foreground, motion, blobs)
+        self._new_targets(observation.image, evidence, motion, blobs)
         self._merge()
         self._clean()
         self._watch_still(foreground, motion, dt)
         return tuple(self._state_of(target) for target in self.targets)
-
-    @property
-    def needs_foreground(self) -> bool:
-        return True
 
     def feedback(self) -> U8:
         """(H, W) uint8 for ``Foreground``: people who are tracked, and what has been still and unexplained for long."""
@@ -118,21 +120,20 @@ class HumanModelTracker:
             if not target.matched:
                 target.kalman.state[2:] *= np.exp(-dt / self.params.match.coast_s)
 
-    def _match_and_update(self, observation: Observation, foreground: U8, motion: U8, blobs: Blobs) -> None:
+    def _match_and_update(self, image: U8 | None, evidence: U8, motion: U8, blobs: Blobs) -> None:
         """Targets with a blob are matched together; those without one may then take what is left."""
         self._drop_outside()
         self.scene.clear()
-        evidence = salience(foreground, observation.shadow)
         active = [t for t in self.targets if t.matched]
         lost = [t for t in self.targets if not t.matched]
         for group in (active, lost):
             if group:
                 prediction = self._prediction(group)
                 position = self.scene.match(evidence, *prediction, fresh=False)
-                measured = self.scene.measure(foreground, motion, blobs, position, prediction[1])
+                measured = self.scene.measure(evidence, motion, blobs, position, prediction[1])
                 for i, target in enumerate(group):
                     self._update_target(target, i, measured, blobs)
-                    self._learn_colours(target, i, measured, observation.image, evidence)
+                    self._learn_colours(target, i, measured, image, evidence)
 
     def _prediction(self, group: list[Target]) -> tuple[F64, F64, F64, I64]:
         """Foot pixels, scales, their covariances [px^2] and the order of targets, nearest to the camera first."""
@@ -200,7 +201,7 @@ class HumanModelTracker:
         """M of equation 1 for one target and the blob it covers most."""
         area, foreground, _, shared, _, _, label = measured.counts[i]
         blob = float(max(1, blobs.area_px[label])) if label else 1.0
-        return float(min(1.0, foreground / blob) + foreground / max(1, area) - shared / max(1, area))
+        return float(min(1.0, 0.5 * foreground / blob) + 0.5 * foreground / max(1, area) - shared / max(1, area))
 
     def _advance_states(self, target: Target, shared: float, alone: float) -> None:
         motion = target.next_motion(self.params.states)
@@ -239,12 +240,12 @@ class HumanModelTracker:
             first.swap_with(second)
             self._decide(first, "state", f"colours say: swapped with {second.track_id} (gain {gain:.2f})", gain)
 
-    def _new_targets(self, observation: Observation, foreground: U8, motion: U8, blobs: Blobs) -> None:
-        rest = np.where(self.scene.claimed > 0, 0, foreground).astype(np.uint8)
-        for candidate in find_candidates(self.scene, self.params, rest, motion, find_blobs(rest)):
-            self._add(candidate, observation, foreground)
+    def _new_targets(self, image: U8 | None, evidence: U8, motion: U8, blobs: Blobs) -> None:
+        rest = np.where(self.scene.claimed > 0, 0, evidence).astype(np.uint8)
+        for candidate in find_candidates(self.scene, self.params, Unexplained(rest, motion, evidence, blobs)):
+            self._add(candidate, image, evidence)
 
-    def _add(self, candidate: Candidate, observation: Observation, foreground: U8) -> None:
+    def _add(self, candidate: Candidate, image: U8 | None, evidence: U8) -> None:
         xy = self.camera.back_project(candidate.foot_px)
         if not np.isfinite(xy).all():
             return
@@ -254,8 +255,8 @@ class HumanModelTracker:
         kalman = FootprintKalman(xy, noise**2 * inverse @ inverse.T)
         self.scene.paint(self.scene.cover, candidate.foot_px, candidate.scale, 1)
         colours = None
-        if observation.image is not None and observation.image.ndim == 3:
-            colours = self.scene.colours(observation.image, foreground, candidate.foot_px, candidate.scale)
+        if image is not None and image.ndim == 3:
+            colours = self.scene.colours(image, evidence, candidate.foot_px, candidate.scale)
         lost = self._same_as_lost(xy, colours)
         if lost is not None:
             lost.kalman, lost.foot_px, lost.seen_s, lost.matched = kalman, candidate.foot_px, self._now_s, True
@@ -316,9 +317,10 @@ class HumanModelTracker:
                 reason = "no blob before it was believed"
             elif now - target.still_since_s >= life.inanimate_s:
                 reason = "stationary: a thing"
+            elif target.inside < life.gone_visible and target.stability == "disappearing":
+                reason = "left the view"
             elif not target.matched:
-                leaving = target.inside < life.border_visible
-                if leaving or now - target.seen_s > life.patience_s * target.inside:
+                if target.inside < life.border_visible or now - target.seen_s > life.patience_s * target.inside:
                     reason = f"no blob for {now - target.seen_s:.1f} s"
             if reason:
                 self.targets.remove(target)
