@@ -1,0 +1,140 @@
+"""A recording made ready for measuring: frames in memory, the engine, and plain OpenCV with the same settings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from calib.errors import InputError, WorkError
+from calib.types import F32, U8, AnyArray
+from planview.config import Config
+from planview.pipeline import FrameResult, Pipeline
+from planview.setup import set_up
+from planview.tracking.base import Observation, TrackState
+from stereo.matcher import STEP
+from stereo.readers import open_recording
+from stereo.recording import Recording
+
+DEMO = Path(__file__).resolve().parents[2] / "data" / "synthetic" / "demo"
+"""The committed clip."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """One recorded pair with its time [s]; images (h, w[, 3]) uint8."""
+
+    timestamp_s: float
+    left: U8
+    right: U8
+
+
+class Clip:
+    """A recording and the engine on it.
+
+    Attributes:
+        recording, pipeline: ready to run.
+        pairs: the first frames, decoded and scaled to ``width_px``.
+    """
+
+    def __init__(self, path: Path | None, n_frames: int, width_px: int = 640) -> None:
+        """Open a recording (the committed clip when None) and set the engine up on images of ``width_px``.
+
+        Raises:
+            InputError: no such recording, or too few frames.
+        """
+        path = path or DEMO
+        if not path.exists():
+            raise InputError(f"{path}: expected a recording, found nothing; name one with --recording")
+        self.recording: Recording = open_recording(path)
+        rectify = {"working_px": width_px}
+        self.config = Config.model_validate({"rectify": rectify, "analysis": {"width_px": min(width_px, 400)}})
+        self.pipeline = Pipeline(self.recording, set_up(self.recording, self.config), self.config)
+        self.pairs = [Pair(f.timestamp_s, f.left, f.right) for f in islice(self.recording, n_frames)]
+        if len(self.pairs) < 2:
+            raise WorkError(f"{path}: expected at least 2 frames, found {len(self.pairs)}")
+
+    def looped(self) -> Iterator[FrameResult]:
+        """The engine's results for ever: the recording starts again when it ends."""
+        while True:
+            yield from self.pipeline
+
+    def follow(
+        self, frame: int, image: U8, disparity: F32, opinion: U8 | None
+    ) -> tuple[tuple[TrackState, ...], U8 | None]:
+        """What the engine does after disparity with frame ``frame`` of ``pairs``: tracks, and feedback for the next."""
+        engine, timestamp_s = self.pipeline, self.pairs[frame].timestamp_s
+        mask = engine.foreground.update(image, disparity, timestamp_s, opinion)
+        maps = engine.maps(disparity, mask)
+        tracks = engine.tracker.update(Observation(frame, timestamp_s, image, mask, None, maps))
+        return tracks, engine.feedback(maps.points, tracks, engine.maps.shape)
+
+    def disparities(self) -> list[F32]:
+        """(H, W) float32 of every pair in memory, at the size that foreground and maps use."""
+        step = self.pipeline.reduction
+        found = []
+        for pair in self.pairs:
+            images = self.pipeline.setup.rectifier(pair.left, pair.right)
+            disparity = self.pipeline.matcher(images.left_grey, images.right_grey)
+            found.append(np.ascontiguousarray(disparity[::step, ::step]))
+        return found
+
+    def reduced_images(self) -> list[U8]:
+        """The rectified left images at the size that foreground and maps use."""
+        size = self.pipeline.maps.shape[::-1]
+        rectified = (self.pipeline.setup.rectifier(pair.left, pair.right).left for pair in self.pairs)
+        return [np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8) for image in rectified]
+
+
+class PlainOpenCV:
+    """Bare remap and SGBM (3-way) with the sizes and parameters that the engine uses, and nothing else."""
+
+    def __init__(self, clip: Clip) -> None:
+        setup = clip.pipeline.setup
+        rig, geometry = setup.rectifier.rig, setup.rectifier.geometry
+        left, right = rig.rectifying_rotations()
+        self.size = geometry.size
+        self._maps = [
+            cv2.initUndistortRectifyMap(
+                camera.matrix, camera.coefficients, rotation, geometry.matrix, self.size, cv2.CV_16SC2
+            )
+            for camera, rotation in ((rig.left, left), (rig.right, right))
+        ]
+        self.sgbm = plain_sgbm(clip)
+
+    def remap(self, left: U8, right: U8) -> tuple[AnyArray, AnyArray]:
+        """Both images rectified as they are, colour or grey."""
+        images = [cv2.remap(i, *maps, cv2.INTER_LINEAR) for i, maps in zip((left, right), self._maps, strict=True)]
+        return images[0], images[1]
+
+    def __call__(self, left: U8, right: U8, grey: bool) -> AnyArray:
+        """(H, W) int16 disparity in sixteenths; grey: convert before matching."""
+        images = self.remap(left, right)
+        if grey and images[0].ndim == 3:
+            images = (cv2.cvtColor(images[0], cv2.COLOR_BGR2GRAY), cv2.cvtColor(images[1], cv2.COLOR_BGR2GRAY))
+        return self.sgbm.compute(*images)
+
+
+def plain_sgbm(clip: Clip) -> cv2.StereoSGBM:
+    """OpenCV's matcher with the engine's parameters, always three-way."""
+    geometry, p = clip.pipeline.setup.rectifier.geometry, clip.config.sgbm
+    searched = clip.pipeline.setup.disparities
+    area = p.block_px * p.block_px
+    speckle = geometry.focal_u_px * geometry.focal_v_px * (p.speckle_m / 4.0) ** 2
+    return cv2.StereoSGBM.create(
+        minDisparity=searched.first_px,
+        numDisparities=-(-searched.count // STEP) * STEP,
+        blockSize=p.block_px,
+        P1=p.p1 * area,
+        P2=max(p.p2, p.p1 + 1) * area,
+        disp12MaxDiff=p.left_right_px,
+        preFilterCap=31,
+        uniquenessRatio=p.uniqueness_percent,
+        speckleWindowSize=round(speckle),
+        speckleRange=1,
+        mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
+    )
