@@ -1,0 +1,182 @@
+"""Samples of standing people: box, head and foot in the image (Zhang et al. 2008, section 3.3, figure 5)."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.types import F64
+
+COLUMNS = (
+    "left_px", "top_px", "width_px", "height_px", "head_x_px", "head_y_px", "foot_x_px", "foot_y_px",
+)  # fmt: skip
+"""Columns of a CSV of samples, after an optional ``frame``; the suffix ``_px`` may be left out."""
+MIN_SAMPLES = 3
+"""The paper asks for a person at 3 or more positions."""
+MAX_BYTES = 10_000_000
+
+
+@dataclass(frozen=True)
+class HumanSample:
+    """One standing person.
+
+    Attributes:
+        box_px: left, top, width, height [px].
+        head_px: top of the head (u, v) [px].
+        foot_px: middle between the feet (u, v) [px].
+        frame: index in the video it was taken from, -1 when unknown.
+    Raises:
+        ValueError: values that are not finite, an empty box, or a head or foot far outside the box.
+    """
+
+    box_px: tuple[float, float, float, float]
+    head_px: tuple[float, float]
+    foot_px: tuple[float, float]
+    frame: int = -1
+
+    def __post_init__(self) -> None:
+        values = (*self.box_px, *self.head_px, *self.foot_px)
+        if not all(math.isfinite(v) for v in values):
+            raise ValueError(f"expected finite pixels, got {values}")
+        left, top, width, height = self.box_px
+        if width <= 0 or height <= 0:
+            raise ValueError(f"expected a box of positive width and height, got {width:g}x{height:g}")
+        for name, (u, v) in (("head", self.head_px), ("foot", self.foot_px)):
+            # A hand-drawn point may miss the box by a few pixels, not by a fifth of the person.
+            slack = 0.2 * max(width, height)
+            inside = left - slack <= u <= left + width + slack and top - slack <= v <= top + height + slack
+            if not inside:
+                raise ValueError(f"expected the {name} within its box {self.box_px}, got ({u:g}, {v:g})")
+
+    @property
+    def diagonal_px(self) -> float:
+        """Diagonal of the box."""
+        return math.hypot(self.box_px[2], self.box_px[3])
+
+    def row(self) -> F64:
+        """(8,) left, top, right, bottom, head u, v, foot u, v [px]."""
+        left, top, width, height = self.box_px
+        return np.array([left, top, left + width, top + height, *self.head_px, *self.foot_px])
+
+
+def check_samples(samples: Sequence[HumanSample], size: tuple[int, int], name: str) -> None:
+    """Refuse samples from which no camera can be told.
+
+    Args:
+        samples: to check.
+        size: (width, height) of the image [px].
+        name: of their source, for the message.
+    Raises:
+        InputError: fewer than 3, boxes outside the image, or all at one place.
+    """
+    if len(samples) < MIN_SAMPLES:
+        raise InputError(f"{name}: expected at least {MIN_SAMPLES} samples at different places, found {len(samples)}")
+    width, height = size
+    for i, sample in enumerate(samples, 1):
+        left, top, w, h = sample.box_px
+        slack = 3.0 + 0.02 * max(w, h)
+        if left < -slack or top < -slack or left + w > width + slack or top + h > height + slack:
+            raise InputError(
+                f"{name}: expected boxes inside the image of {width}x{height}, found sample {i} at "
+                f"({left:g}, {top:g}) of {w:g}x{h:g} (wrong image size?)"
+            )
+    feet = np.array([s.foot_px for s in samples])
+    spread = float(np.hypot(*np.ptp(feet, axis=0)))
+    typical = float(np.median([s.diagonal_px for s in samples]))
+    if spread < 0.5 * typical:
+        raise InputError(
+            f"{name}: expected samples spread over the image, found all feet within {spread:.0f} px where people are "
+            f"{typical:.0f} px large: from one place camera height and focal length cannot be told apart"
+        )
+
+
+def read_samples(path: Path) -> tuple[HumanSample, ...]:
+    """Read samples from CSV (columns ``COLUMNS``) or JSON.
+
+    JSON is a list of objects, or an object with such a list under "samples"; each has "box" [left, top, width,
+    height], "head" [u, v], "foot" [u, v] and optionally "frame", or the columns of the CSV as keys.
+
+    Raises:
+        InputError: unreadable, columns missing, or values that cannot be a person's.
+    """
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{path}: expected a file of samples, found one of {path.stat().st_size} bytes")
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: expected a CSV or JSON file of samples, found {error}") from error
+    rows = _json_rows(text, path) if text.lstrip()[:1] in ("[", "{") else _csv_rows(text, path)
+    samples = []
+    for i, row in enumerate(rows, 1):
+        try:
+            samples.append(_sample(row))
+        except KeyError as error:
+            raise InputError(
+                f"{path}: expected the columns {', '.join(COLUMNS)} (or box, head, foot in JSON), "
+                f"found no {error} in sample {i}"
+            ) from error
+        except (ValueError, TypeError) as error:
+            raise InputError(f"{path}: expected a standing person in sample {i}, found: {error}") from error
+    return tuple(samples)
+
+
+def write_samples(samples: Sequence[HumanSample], path: Path) -> None:
+    """Write samples as JSON (or as CSV when the name ends so)."""
+    if path.suffix.lower() == ".csv":
+        lines = [",".join(("frame", *COLUMNS))]
+        lines += [
+            ",".join([str(s.frame), *(repr(float(v)) for v in (*s.box_px, *s.head_px, *s.foot_px))]) for s in samples
+        ]
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return
+    rows = [
+        {"frame": s.frame, "box": list(s.box_px), "head": list(s.head_px), "foot": list(s.foot_px)} for s in samples
+    ]
+    path.write_text(json.dumps({"samples": rows}, indent=1) + "\n", encoding="utf-8")
+
+
+def _csv_rows(text: str, path: Path) -> list[dict[str, Any]]:
+    try:
+        return [dict(row) for row in csv.DictReader(text.splitlines(), skipinitialspace=True)]
+    except csv.Error as error:
+        raise InputError(f"{path}: expected a CSV of samples, found {error}") from error
+
+
+def _json_rows(text: str, path: Path) -> list[Mapping[str, Any]]:
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: expected JSON, found {error}") from error
+    rows = data.get("samples") if isinstance(data, dict) else data
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise InputError(f"{path}: expected a list of samples with box, head and foot, found something else")
+    return rows
+
+
+def _sample(row: Mapping[str, Any]) -> HumanSample:
+    frame = int(float(row.get("frame") or 0)) if row.get("frame") not in (None, "") else -1
+    if "box" in row:
+        left, top, width, height = (_number(v) for v in row["box"])
+        (head_u, head_v), (foot_u, foot_v) = ([_number(v) for v in row[name]] for name in ("head", "foot"))
+    else:
+        left, top, width, height, head_u, head_v, foot_u, foot_v = (_number(_cell(row, name)) for name in COLUMNS)
+    return HumanSample((left, top, width, height), (head_u, head_v), (foot_u, foot_v), frame)
+
+
+def _cell(row: Mapping[str, Any], name: str) -> Any:
+    short = name.removesuffix("_px")
+    return row[name] if name in row else row[short]
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or value is None:
+        raise ValueError(f"expected a number, got {value!r}")
+    return float(value)
