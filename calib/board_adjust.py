@@ -12,8 +12,9 @@ from typing import Literal
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from calib.camera import Camera, LensModel
+from calib.camera import Camera
 from calib.pose import SE3
 from calib.types import F64, I64
 
@@ -25,6 +26,8 @@ _CONVERGED = 1e-8
 """Relative fall of the cost below which the adjustment has converged."""
 _SETTLED = 1e-3
 _MAX_DAMPING = 1e10
+_NEAREST_M = 1e-6
+"""A corner nearer to the image plane than this is behind the camera."""
 _HUBER_SIGMAS = 3.0
 """Residuals beyond this many robust standard deviations pull linearly instead of squarely (our choice)."""
 
@@ -57,13 +60,15 @@ class Estimate:
     Attributes:
         left, right: cameras; None when that side is not part of the adjustment.
         stereo: (6,) rotation vector and translation of right_SE3_left.
-        poses: (n_views, 6) rotation vector and translation of left_SE3_board (right_SE3_board without a left camera).
+        poses: (n_views, 6) rotation vector and translation of left_SE3_board.
+        frozen: names of distortion coefficients that stay as they are.
     """
 
     left: Camera | None
     right: Camera | None
     stereo: F64
     poses: F64
+    frozen: frozenset[str] = frozenset()
 
     def camera(self, side: Side) -> Camera | None:
         """Camera of one side."""
@@ -109,15 +114,26 @@ def rms(errors: object) -> float:
 
 @dataclass(frozen=True)
 class _Layout:
-    """Places of the shared unknowns in the normal equations."""
+    """Places of the shared unknowns in the normal equations, and those among them that are frozen."""
 
     left: slice
     right: slice
     stereo: slice
     count: int
+    frozen: tuple[int, ...]
 
     def side(self, side: Side) -> slice:
         return self.left if side == "left" else self.right
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """All corners of one camera in a row: board points, pixels, the view of each, and each view's slice."""
+
+    points: F64
+    pixels: F64
+    view: I64
+    slices: tuple[tuple[int, slice], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,16 +168,19 @@ def adjust(
     Returns:
         The adjusted estimate with its errors and covariance (empty with ``fix_shared``).
     """
+    seen = {side: _gather(views, points, side) for side in SIDES if start.camera(side) is not None}
     layout = _layout(start)
     estimate, damping, sigma = start, 1e-3, math.inf
-    system = _linearise(views, points, estimate, layout, sigma)
+    system = _linearise(seen, estimate, layout, sigma)
     for _ in range(max_iterations):
+        if not math.isfinite(system.cost):
+            break
         before = system.cost
-        estimate, system, damping = _descend(views, points, estimate, system, damping, sigma, fix_shared)
-        fallen = 1.0 - system.cost / before if before > 0 and math.isfinite(before) else 0.0
+        estimate, system, damping = _descend(seen, estimate, system, damping, sigma, fix_shared)
+        fallen = 1.0 - system.cost / before if before > 0 else 0.0
         if math.isinf(sigma) and fallen < _SETTLED:
             sigma, damping = _robust_sigma(system.errors), 1e-3
-            system = _linearise(views, points, estimate, layout, sigma)
+            system = _linearise(seen, estimate, layout, sigma)
         elif fallen < _CONVERGED:
             break
     names = () if fix_shared else _names(estimate)
@@ -169,8 +188,7 @@ def adjust(
 
 
 def _descend(
-    views: Sequence[View],
-    points: F64,
+    seen: dict[Side, _Seen],
     estimate: Estimate,
     system: _System,
     damping: float,
@@ -181,19 +199,38 @@ def _descend(
     layout = _layout(estimate)
     while damping < _MAX_DAMPING:
         trial = _moved(estimate, *_step(system, damping, fix_shared), layout)
-        candidate = None if trial is None else _linearise(views, points, trial, layout, sigma)
+        candidate = None if trial is None else _linearise(seen, trial, layout, sigma)
         if trial is not None and candidate is not None and candidate.cost < system.cost:
             return trial, candidate, max(damping / 10, 1e-12)
         damping *= 10
     return estimate, system, 1e-3
 
 
+def _gather(views: Sequence[View], points: F64, side: Side) -> _Seen:
+    found = [(i, corners) for i, view in enumerate(views) if (corners := view.side(side)) is not None]
+    counts = [len(corners.ids) for _, corners in found]
+    ends = np.cumsum([0, *counts])
+    slices = tuple((i, slice(int(a), int(b))) for (i, _), a, b in zip(found, ends[:-1], ends[1:], strict=True))
+    empty = np.empty((0, 2))
+    return _Seen(
+        points[np.concatenate([np.empty(0, dtype=np.int64), *(corners.ids for _, corners in found)])],
+        np.concatenate([empty, *(corners.pixels for _, corners in found)]),
+        np.repeat(np.array([i for i, _ in found], dtype=np.int64), counts),
+        slices,
+    )
+
+
 def _layout(estimate: Estimate) -> _Layout:
     left = 0 if estimate.left is None else 4 + len(estimate.left.coefficients)
     right = 0 if estimate.right is None else 4 + len(estimate.right.coefficients)
     stereo = 6 if left and right else 0
+    frozen = tuple(i for i, name in enumerate(_names(estimate)) if name.split()[-1] in estimate.frozen)
     return _Layout(
-        slice(0, left), slice(left, left + right), slice(left + right, left + right + stereo), left + right + stereo
+        slice(0, left),
+        slice(left, left + right),
+        slice(left + right, left + right + stereo),
+        left + right + stereo,
+        frozen,
     )
 
 
@@ -216,58 +253,57 @@ def coefficient_names(camera: Camera) -> tuple[str, ...]:
     return order[: len(camera.coefficients)]
 
 
-def project_with_derivatives(camera: Camera, pose: F64, points: F64) -> tuple[F64, F64, F64] | None:
-    """Pixels of board points and their derivatives.
-
-    Args:
-        pose: (6,) rotation vector and translation camera_SE3_board.
-        points: (n, 3).
-    Returns:
-        (n, 2) pixels, (2n, 4 + k) by fx fy cx cy and the coefficients, (2n, 6) by the pose; None when a point lies
-        behind the camera.
-    """
-    rotation, _ = cv2.Rodrigues(pose[:3])
-    if not np.isfinite(pose).all() or ((points @ rotation.T + pose[3:])[:, 2] <= 1e-6).any():
-        return None
-    objects = np.ascontiguousarray(points).reshape(-1, 1, 3)
+def _projected(camera: Camera, points: F64) -> tuple[F64, F64, F64]:
+    """Pixels of (n, 3) points before the camera, (n, 2, 4 + k) by its parameters and (n, 2, 3) by the points."""
+    objects, zero = np.ascontiguousarray(points).reshape(-1, 1, 3), np.zeros(3)
     if camera.model == "fisheye":
-        pixels, jacobian = cv2.fisheye.projectPoints(objects, pose[:3], pose[3:], camera.matrix, camera.coefficients)
-        by_camera, by_pose = jacobian[:, :8], jacobian[:, 8:14]
+        pixels, jacobian = cv2.fisheye.projectPoints(objects, zero, zero, camera.matrix, camera.coefficients)
+        by_camera, by_point = jacobian[:, :8], jacobian[:, 11:14]
     else:
-        pixels, jacobian = cv2.projectPoints(objects, pose[:3], pose[3:], camera.matrix, camera.coefficients)
-        by_camera, by_pose = jacobian[:, 6 : 10 + len(camera.coefficients)], jacobian[:, :6]
-    return np.asarray(pixels, dtype=np.float64).reshape(-1, 2), np.asarray(by_camera), np.asarray(by_pose)
+        pixels, jacobian = cv2.projectPoints(objects, zero, zero, camera.matrix, camera.coefficients)
+        by_camera, by_point = jacobian[:, 6 : 10 + len(camera.coefficients)], jacobian[:, 3:6]
+    n = len(points)
+    return (
+        np.asarray(pixels, dtype=np.float64).reshape(n, 2),
+        np.asarray(by_camera, dtype=np.float64).reshape(n, 2, -1),
+        np.asarray(by_point, dtype=np.float64).reshape(n, 2, 3),
+    )
 
 
-def _linearise(views: Sequence[View], points: F64, estimate: Estimate, layout: _Layout, sigma: float) -> _System:
-    n = len(views)
-    shared, gradient = np.zeros((layout.count, layout.count)), np.zeros(layout.count)
-    mixed, pose = np.zeros((n, layout.count, 6)), np.zeros((n, 6, 6))
-    pose_gradient, cost = np.zeros((n, 6)), 0.0
-    errors: list[dict[Side, F64]] = []
-    for index, view in enumerate(views):
-        errors.append({})
-        for side in SIDES:
-            camera, corners = estimate.camera(side), view.side(side)
-            if camera is None or corners is None:
-                continue
-            found = _side(estimate, side, camera, points[corners.ids], index, layout)
-            if found is None:
-                return _System(shared, gradient, mixed, pose, pose_gradient, math.inf, tuple(errors))
-            pixels, by_shared, by_pose = found
-            error = pixels - corners.pixels
-            errors[index][side] = error
-            weight, loss = _weights(error, sigma)
-            rows = np.repeat(np.sqrt(weight), 2)[:, None]
-            a, b, r = by_shared * rows, by_pose * rows, error.reshape(-1) * rows[:, 0]
-            shared += a.T @ a
-            gradient += a.T @ r
-            mixed[index] += a.T @ b
-            pose[index] += b.T @ b
-            pose_gradient[index] += b.T @ r
-            cost += loss
-    cost = cost if math.isfinite(cost) else math.inf
-    return _System(shared, gradient, mixed, pose, pose_gradient, cost, tuple(errors))
+def _linearise(seen: dict[Side, _Seen], estimate: Estimate, layout: _Layout, sigma: float) -> _System:
+    """Normal equations; an infinite cost where a corner would lie behind a camera."""
+    n = len(estimate.poses)
+    errors: tuple[dict[Side, F64], ...] = tuple({} for _ in range(n))
+    system = _System(
+        np.zeros((layout.count, layout.count)),
+        np.zeros(layout.count),
+        np.zeros((n, layout.count, 6)),
+        np.zeros((n, 6, 6)),
+        np.zeros((n, 6)),
+        0.0,
+        errors,
+    )
+    cost = 0.0
+    for side, corners in seen.items():
+        found = _side(estimate, side, corners, layout)
+        if found is None:
+            return replace(system, cost=math.inf)
+        pixels, by_shared, by_pose = found
+        error = pixels - corners.pixels
+        weight, loss = _weights(error, sigma)
+        root = np.sqrt(weight)[:, None, None]
+        by_shared, by_pose, weighted = by_shared * root, by_pose * root, error * root[..., 0]
+        flat = by_shared.reshape(-1, layout.count)
+        system.shared[:] += flat.T @ flat
+        system.shared_gradient[:] += flat.T @ weighted.ravel()
+        for index, rows in corners.slices:
+            a, b, r = by_shared[rows].reshape(-1, layout.count), by_pose[rows].reshape(-1, 6), weighted[rows].ravel()
+            system.mixed[index] += a.T @ b
+            system.pose[index] += b.T @ b
+            system.pose_gradient[index] += b.T @ r
+            errors[index][side] = error[rows]
+        cost += loss
+    return replace(system, cost=cost if math.isfinite(cost) else math.inf)
 
 
 def _weights(error: F64, sigma: float) -> tuple[F64, float]:
@@ -287,33 +323,51 @@ def _robust_sigma(errors: Sequence[dict[Side, F64]]) -> float:
     return max(float(np.median(lengths)) / 1.1774, 1e-3)
 
 
-def _side(
-    estimate: Estimate, side: Side, camera: Camera, points: F64, index: int, layout: _Layout
-) -> tuple[F64, F64, F64] | None:
-    """Pixels and their derivatives by the shared unknowns and by the view's pose."""
-    board = estimate.poses[index]
+def _side(estimate: Estimate, side: Side, corners: _Seen, layout: _Layout) -> tuple[F64, F64, F64] | None:
+    """Pixels, their (n, 2, p) derivatives by the shared unknowns and (n, 2, 6) by the pose of each corner's view.
+
+    Rotations are varied from the left: R becomes exp(w) R, so that d(R p)/dw = -[R p]x.
+    """
+    camera = estimate.camera(side)
+    if camera is None:
+        raise ValueError(f"expected a {side} camera")
+    turned = np.einsum("nij,nj->ni", _matrices(estimate.poses[:, :3])[corners.view], corners.points)
+    here = turned + estimate.poses[corners.view, 3:]
+    by_pose_point = np.concatenate([-_cross(turned), np.broadcast_to(np.eye(3), (len(turned), 3, 3))], axis=2)
     chained = side == "right" and estimate.left is not None
-    by_board = by_stereo = np.empty(0)
-    here = board
     if chained:
-        here, by_board, by_stereo = _composed(board, estimate.stereo)
-    found = project_with_derivatives(camera, here, points)
-    if found is None:
+        rotation = _matrices(estimate.stereo[None, :3])[0]
+        here = here @ rotation.T
+        by_stereo_point = np.concatenate([-_cross(here), np.broadcast_to(np.eye(3), (len(here), 3, 3))], axis=2)
+        here = here + estimate.stereo[3:]
+        by_pose_point = rotation @ by_pose_point
+    if not (here[:, 2] > _NEAREST_M).all():
         return None
-    pixels, by_camera, by_here = found
-    by_shared = np.zeros((2 * len(points), layout.count))
-    by_shared[:, layout.side(side)] = by_camera
+    pixels, by_camera, by_point = _projected(camera, here)
+    by_shared = np.zeros((len(here), 2, layout.count))
+    by_shared[:, :, layout.side(side)] = by_camera
     if chained:
-        by_shared[:, layout.stereo] = by_here @ by_stereo
-        return pixels, by_shared, by_here @ by_board
-    return pixels, by_shared, by_here
+        by_shared[:, :, layout.stereo] = by_point @ by_stereo_point
+    by_shared[:, :, layout.frozen] = 0.0
+    return pixels, by_shared, by_point @ by_pose_point
 
 
-def _composed(first: F64, second: F64) -> tuple[F64, F64, F64]:
-    """Pose of second after first, with its (6, 6) derivatives by first and by second."""
-    r, t, rr1, rt1, rr2, rt2, tr1, tt1, tr2, tt2 = cv2.composeRT(first[:3], first[3:], second[:3], second[3:])
-    pose = np.concatenate([np.asarray(r).reshape(3), np.asarray(t).reshape(3)])
-    return pose, np.block([[rr1, rt1], [tr1, tt1]]), np.block([[rr2, rt2], [tr2, tt2]])
+def _matrices(rotvecs: F64) -> F64:
+    return np.asarray(Rotation.from_rotvec(rotvecs).as_matrix(), dtype=np.float64)
+
+
+def _cross(vectors: F64) -> F64:
+    """(n, 3, 3) matrices [v]x."""
+    out = np.zeros((len(vectors), 3, 3))
+    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -vectors[:, 2], vectors[:, 1], -vectors[:, 0]
+    out[:, 1, 0], out[:, 2, 0], out[:, 2, 1] = vectors[:, 2], -vectors[:, 1], vectors[:, 0]
+    return out
+
+
+def _turned(vectors: F64, steps: F64) -> F64:
+    """(n, 6) poses after (n, 6) steps: rotations from the left, translations added."""
+    rotations = Rotation.from_rotvec(steps[:, :3]) * Rotation.from_rotvec(vectors[:, :3])
+    return np.column_stack([rotations.as_rotvec(), vectors[:, 3:] + steps[:, 3:]])
 
 
 def _step(system: _System, damping: float, fix_shared: bool) -> tuple[F64, F64]:
@@ -340,10 +394,15 @@ def _diagonals(blocks: F64) -> F64:
 
 def _solve_scaled(matrix: F64, vector: F64) -> F64:
     """Solution with rows and columns scaled to a unit diagonal; least squares where it is singular."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    scale = np.where(np.diag(matrix) > 0, scale, 0.0)
+    scale = _inverse_root(np.diag(matrix))
     solution, *_ = np.linalg.lstsq(matrix * np.outer(scale, scale), vector * scale, rcond=1e-14)
     return np.asarray(solution * scale, dtype=np.float64)
+
+
+def _inverse_root(diagonal: F64) -> F64:
+    """1 / sqrt, and 0 for what nothing depends on (frozen unknowns)."""
+    known = diagonal > 0
+    return np.asarray(np.where(known, 1.0 / np.sqrt(np.where(known, diagonal, 1.0)), 0.0), dtype=np.float64)
 
 
 def _moved(estimate: Estimate, shared: F64, poses: F64, layout: _Layout) -> Estimate | None:
@@ -355,8 +414,10 @@ def _moved(estimate: Estimate, shared: F64, poses: F64, layout: _Layout) -> Esti
         right = None if estimate.right is None else with_parameters(estimate.right, shared[layout.right])
     except ValueError:
         return None
-    stereo = estimate.stereo + shared[layout.stereo] if layout.stereo.stop > layout.stereo.start else estimate.stereo
-    return Estimate(left, right, stereo, estimate.poses + poses)
+    stereo = estimate.stereo
+    if layout.stereo.stop > layout.stereo.start:
+        stereo = _turned(stereo[None], shared[None, layout.stereo])[0]
+    return replace(estimate, left=left, right=right, stereo=stereo, poses=_turned(estimate.poses, poses))
 
 
 def with_parameters(camera: Camera, change: F64) -> Camera:
@@ -375,13 +436,6 @@ def _covariance(system: _System, layout: _Layout, fix_shared: bool) -> F64:
     values = 2 * sum(len(error) for view in system.errors for error in view.values())
     freedom = max(values - layout.count - 6 * len(system.errors), 1)
     squares = sum(float((error**2).sum()) for view in system.errors for error in view.values())
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(reduced), 1e-300))
+    scale = _inverse_root(np.diag(reduced))
     scaled = np.linalg.pinv(reduced * np.outer(scale, scale), rcond=1e-15, hermitian=True)
     return np.asarray(scaled * np.outer(scale, scale) * squares / freedom, dtype=np.float64)
-
-
-def lens(camera: Camera, model: LensModel, count: int) -> Camera:
-    """The camera with another lens model; coefficients that both models share are kept."""
-    same_family = (camera.model == "fisheye") == (model == "fisheye")
-    kept = camera.distortion[:count] if same_family else ()
-    return replace(camera, model=model, distortion=(*kept, *[0.0] * (count - len(kept))))

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from calib.board import Board
-from calib.board_adjust import SIDES, Adjusted, Corners, Estimate, Side, View, adjust, lens, rms
+from calib.board_adjust import SIDES, Adjusted, Corners, Estimate, Side, View, adjust, coefficient_names, rms
 from calib.camera import Camera, LensModel
 from calib.errors import InputError
 from calib.pose import SE3
@@ -30,9 +30,39 @@ MAX_FOCAL_STD = 0.02
 MAX_RMS_WIDTHS = 0.003
 """Share of the image width; a worse fit means images that do not belong together."""
 MAX_TURN_DEG = 45.0
+FOLD_TOLERANCE = 0.03
+"""Share by which a lens may be worse on held-out views if it spares the image a fold (our choice)."""
 _FOCALS = (0.35, 0.5, 0.7, 1.0, 1.5, 2.5)
 FOLDS = 5
 _GUESS_VIEWS = 8
+_GUESS_ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A lens model to try: OpenCV's model and number of coefficients, and those that stay zero."""
+
+    name: str
+    model: LensModel
+    count: int
+    frozen: frozenset[str] = frozenset()
+
+
+_TANGENTIAL = frozenset({"p1", "p2"})
+LENSES: tuple[Lens, ...] = (
+    Lens("no distortion", "brown", 4, _TANGENTIAL | {"k1", "k2"}),
+    Lens("brown (k1 k2)", "brown", 4, _TANGENTIAL),
+    Lens("brown (k1 k2 k3)", "brown", 5, _TANGENTIAL),
+    Lens("brown (k1 k2 p1 p2)", "brown", 4),
+    Lens("brown (k1 k2 k3 p1 p2)", "brown", 5),
+    Lens("fisheye (k1-k4)", "fisheye", 4),
+    Lens("rational (k1-k6)", "rational", 8, _TANGENTIAL),
+    Lens("rational (k1-k6 p1 p2)", "rational", 8),
+)
+"""Simplest first. Tangential coefficients trade off against the principal point, so that they cost accuracy where
+the lens has none."""
+_BASES: tuple[Lens, ...] = (LENSES[1], LENSES[5], LENSES[6])
+"""Lenses to start from, one of each model."""
 
 
 @dataclass(frozen=True)
@@ -40,19 +70,21 @@ class LensChoice:
     """A lens model that was tried.
 
     Attributes:
-        name: e.g. "brown (4)".
-        model, count: model and number of coefficients.
+        lens: the model.
         held_out_px: rms over views that were left out of the fit (k-fold), poses adjusted only.
         std_error_px: standard error of its difference to the best model over the folds.
         folds_back: whether the fitted lens turns back inside the image, which makes it useless there.
     """
 
-    name: str
-    model: LensModel
-    count: int
+    lens: Lens
     held_out_px: float
     std_error_px: float
     folds_back: bool
+
+    @property
+    def name(self) -> str:
+        """E.g. "brown (k1 k2)"."""
+        return self.lens.name
 
 
 @dataclass(frozen=True)
@@ -73,7 +105,7 @@ class BoardCalibration:
         views: the pairs used, with their corners.
         adjusted: errors, covariance and board poses of the final adjustment.
         rejected: pairs that were not used.
-        lenses: models tried, simplest first; empty when the model was given.
+        lenses: models tried, simplest first.
     """
 
     rig: StereoRig
@@ -95,9 +127,9 @@ class BoardCalibration:
         return sum(view.left is not None and view.right is not None for view in self.views)
 
     @property
-    def chosen_lens(self) -> LensChoice | None:
-        """The lens that was chosen, None when it was given."""
-        return choose_lens(self.lenses) if self.lenses else None
+    def chosen_lens(self) -> LensChoice:
+        """The lens that was chosen."""
+        return choose_lens(self.lenses)
 
     @property
     def baseline_std_m(self) -> float:
@@ -125,15 +157,6 @@ class BoardCalibration:
         return float((self.coverage(side) > 0).mean())
 
 
-LENSES: tuple[tuple[str, LensModel, int], ...] = (
-    ("brown (k1 k2 p1 p2)", "brown", 4),
-    ("brown (k1 k2 p1 p2 k3)", "brown", 5),
-    ("fisheye (k1-k4)", "fisheye", 4),
-    ("rational (k1-k6 p1 p2)", "rational", 8),
-)
-"""Simplest first."""
-
-
 def solve_board(
     views: Sequence[View],
     board: Board,
@@ -149,7 +172,7 @@ def solve_board(
         views: corners per pair; pairs without the board in both images may help one camera.
         board: what was seen.
         size: (width, height) of all images [px].
-        model: lens model; None chooses by views left out of the fit.
+        model: lens model; None chooses among all; which coefficients it gets is judged by views left out of the fit.
         rejected: pairs that were refused before, to be named with those refused here.
         source: for messages and the rig.
     Raises:
@@ -159,14 +182,12 @@ def solve_board(
     _refuse_few(views, rejected, board, source)
     _refuse_repeated(views, size, source)
     kept, out = list(views), list(rejected)
-    fit = adjust(kept, points, first_guess(kept, points, size, model, source))
+    lenses = [one for one in LENSES if model in {None, one.model}]
+    fit = adjust(kept, points, first_guess(kept, points, size, lenses, source))
     fit, kept = _without_outliers(fit, kept, out, points, source)
-    tried: tuple[LensChoice, ...] = ()
-    if model is None:
-        tried = compare_lenses(kept, points, fit.estimate)
-        chosen = choose_lens(tried)
-        fit = adjust(kept, points, with_lens(fit.estimate, chosen.model, chosen.count))
-        fit, kept = _without_outliers(fit, kept, out, points, source)
+    tried = compare_lenses(kept, points, fit.estimate, lenses)
+    fit = adjust(kept, points, with_lens(fit.estimate, choose_lens(tried).lens))
+    fit, kept = _without_outliers(fit, kept, out, points, source)
     rig = _checked_rig(fit, size, source)
     return BoardCalibration(rig, board, tuple(kept), fit, tuple(out), tried)
 
@@ -207,61 +228,113 @@ def _apart(one: Corners, other: Corners) -> float:
 
 
 def first_guess(
-    views: Sequence[View], points: F64, size: tuple[int, int], model: LensModel | None, source: str
+    views: Sequence[View], points: F64, size: tuple[int, int], lenses: Sequence[Lens], source: str
 ) -> Estimate:
     """Both cameras on their own, then the median of the transforms that each pair gives."""
-    lenses: list[LensModel] = ["brown", "fisheye"] if model is None else [model]
-    singles = [[_single(views, points, size, side, kind) for side in SIDES] for kind in lenses]
-    whole = [pair for pair in singles if all(math.isfinite(fit.rms_px) for fit, _ in pair)]
-    if not whole:
+    bases = [base for base in _BASES if any(base.model == one.model for one in lenses)]
+    best: tuple[_Single, _Single] | None = None
+    for base in bases:
+        focals = _FOCALS if best is None else (best[0].camera.fx / size[0], _FOCALS[1])
+        left, right = (_single(views, points, size, side, base, focals) for side in SIDES)
+        # A model with more freedom always fits a little better.
+        if best is None or left.rms_px + right.rms_px < 0.95 * (best[0].rms_px + best[1].rms_px):
+            best = (left, right)
+    if best is None or not math.isfinite(best[0].rms_px + best[1].rms_px):
         raise InputError(f"{source}: expected views of a flat board, found none that a camera could have taken")
-    (left, left_poses), (right, right_poses) = min(whole, key=lambda pair: pair[0][0].rms_px + pair[1][0].rms_px)
-    pairs = [i for i in left_poses if i in right_poses]
-    stereo = np.median([_vector(_pose(right_poses[i]) @ _pose(left_poses[i]).inverse()) for i in pairs], axis=0)
+    left, right = best
+    pairs = [i for i in left.poses if i in right.poses]
+    stereo = np.median([_vector(_pose(right.poses[i]) @ _pose(left.poses[i]).inverse()) for i in pairs], axis=0)
     back = _pose(stereo).inverse()
-    poses = [left_poses[i] if i in left_poses else _vector(back @ _pose(right_poses[i])) for i in range(len(views))]
-    return Estimate(left.estimate.left, right.estimate.left, stereo, np.array(poses))
+    poses = [left.poses[i] if i in left.poses else _vector(back @ _pose(right.poses[i])) for i in range(len(views))]
+    return Estimate(left.camera, right.camera, stereo, np.array(poses), left.frozen)
+
+
+@dataclass(frozen=True, eq=False)
+class _Single:
+    """One camera calibrated on its own, with the board's pose in each view it saw."""
+
+    camera: Camera
+    poses: dict[int, F64]
+    rms_px: float
+    frozen: frozenset[str]
 
 
 def _single(
-    views: Sequence[View], points: F64, size: tuple[int, int], side: Side, model: LensModel
-) -> tuple[Adjusted, dict[int, F64]]:
+    views: Sequence[View], points: F64, size: tuple[int, int], side: Side, base: Lens, focals: Sequence[float]
+) -> _Single:
     """One camera from its own images: the focal length that fits best of a few, then the adjustment."""
     index = [i for i, view in enumerate(views) if view.side(side) is not None]
     seen = [View(views[i].name, views[i].side(side), None) for i in index]
     some = seen[:: max(1, len(seen) // _GUESS_VIEWS)]
-    guesses = [_guess(some, points, _plain_camera(size, focal, model)) for focal in _FOCALS]
-    camera = min(guesses, key=lambda fit: fit.rms_px if math.isfinite(fit.rms_px) else math.inf).estimate.left
-    fit = _guess(seen, points, camera or _plain_camera(size, 1.0, model))
-    return fit, dict(zip(index, fit.estimate.poses, strict=True))
+    guesses = [_guess(some, points, _plain_camera(size, focal, base), base) for focal in focals]
+    camera, _ = min(guesses, key=lambda guess: guess[1].rms_px if math.isfinite(guess[1].rms_px) else math.inf)
+    camera, fit = _guess(seen, points, camera, base)
+    return _Single(camera, dict(zip(index, fit.estimate.poses, strict=True)), fit.rms_px, base.frozen)
 
 
-def _plain_camera(size: tuple[int, int], focal_widths: float, model: LensModel) -> Camera:
+def _plain_camera(size: tuple[int, int], focal_widths: float, base: Lens) -> Camera:
     focal = focal_widths * size[0]
-    count = {"brown": 4, "fisheye": 4, "rational": 8}[model]
-    return Camera(*size, focal, focal, (size[0] - 1) / 2, (size[1] - 1) / 2, model, (0.0,) * count)
+    return Camera(*size, focal, focal, (size[0] - 1) / 2, (size[1] - 1) / 2, base.model, (0.0,) * base.count)
 
 
-def _guess(views: Sequence[View], points: F64, camera: Camera) -> Adjusted:
-    poses = np.array([board_pose(camera, view.left, points) for view in views if view.left is not None])
-    return adjust(views, points, Estimate(camera, None, np.zeros(6), poses), max_iterations=30)
+def _guess(views: Sequence[View], points: F64, camera: Camera, base: Lens) -> tuple[Camera, Adjusted]:
+    """Adjust one camera, putting boards right that started tilted the wrong way, while that helps."""
+    fit = _adjusted_single(views, points, camera, _start_poses(views, points, camera), base)
+    for _ in range(_GUESS_ROUNDS):
+        camera = fit.estimate.left or camera
+        poses, turned = _best_poses(views, points, fit)
+        if not turned:
+            break
+        again = _adjusted_single(views, points, camera, poses, base)
+        if not again.rms_px < fit.rms_px:
+            break
+        fit = again
+    return fit.estimate.left or camera, fit
 
 
-def board_pose(camera: Camera, corners: Corners, points: F64) -> F64:
-    """(6,) camera_SE3_board of one view by infinitesimal plane-based pose estimation.
+def _adjusted_single(views: Sequence[View], points: F64, camera: Camera, poses: F64, base: Lens) -> Adjusted:
+    return adjust(views, points, Estimate(camera, None, np.zeros(6), poses, base.frozen), max_iterations=30)
+
+
+def _start_poses(views: Sequence[View], points: F64, camera: Camera) -> F64:
+    return np.array([board_poses(camera, view.left, points)[0] for view in views if view.left is not None])
+
+
+def _best_poses(views: Sequence[View], points: F64, fit: Adjusted) -> tuple[F64, bool]:
+    """Per view the best of the pose found and the two that a plane allows, and whether any changed."""
+    camera = fit.estimate.left
+    if camera is None:
+        raise ValueError("expected a left camera")
+    both = [board_poses(camera, view.left, points) for view in views if view.left is not None]
+    best, poses, turned = fit.view_rms_px(), fit.estimate.poses.copy(), False
+    for k in range(2):
+        start = replace(fit.estimate, poses=np.array([pair[k] for pair in both]))
+        judged = adjust(views, points, start, fix_shared=True, max_iterations=10)
+        for i, value in enumerate(judged.view_rms_px()):
+            if value < 0.9 * best[i] or (math.isfinite(value) and not math.isfinite(best[i])):
+                best[i], poses[i], turned = value, judged.estimate.poses[i], True
+    return poses, turned
+
+
+def board_poses(camera: Camera, corners: Corners, points: F64) -> tuple[F64, F64]:
+    """The two (6,) camera_SE3_board that a flat board allows, the better one first (infinitesimal plane-based pose).
 
     Where there is none (a wild first guess of the lens), the board is put a little ahead of the camera.
     """
+    extent = float(np.ptp(points, axis=0).max())
+    ahead = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 3.0 * extent])
     rays = camera.unproject(corners.pixels)[:, :2]
     good = np.isfinite(rays).all(axis=1)
-    if good.sum() >= 4:
-        plane, image = np.ascontiguousarray(points[corners.ids][good]), np.ascontiguousarray(rays[good])
-        found, rotation, translation = cv2.solvePnP(plane, image, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
-        pose = np.concatenate([np.asarray(rotation).reshape(3), np.asarray(translation).reshape(3)])
-        if found and np.isfinite(pose).all() and pose[5] > 0:
-            return pose
-    extent = float(np.ptp(points, axis=0).max())
-    return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 3.0 * extent])
+    if good.sum() < 4:
+        return ahead, ahead
+    plane, image = np.ascontiguousarray(points[corners.ids][good]), np.ascontiguousarray(rays[good])
+    _, rotations, translations, _ = cv2.solvePnPGeneric(plane, image, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+    poses = [
+        np.concatenate([np.asarray(r).reshape(3), np.asarray(t).reshape(3)])
+        for r, t in zip(rotations, translations, strict=True)
+    ]
+    usable = [pose for pose in poses if np.isfinite(pose).all() and pose[5] > 0] or [ahead]
+    return usable[0], usable[-1]
 
 
 def _pose(vector: F64) -> SE3:
@@ -294,18 +367,31 @@ def _without_outliers(
         fit = adjust(views, points, replace(fit.estimate, poses=poses))
 
 
-def with_lens(estimate: Estimate, model: LensModel, count: int) -> Estimate:
+def with_lens(estimate: Estimate, wanted: Lens) -> Estimate:
     """The estimate with another lens model for both cameras."""
-    left, right = (None if one is None else lens(one, model, count) for one in (estimate.left, estimate.right))
-    return replace(estimate, left=left, right=right)
+    left, right = (None if one is None else _with_lens(one, wanted) for one in (estimate.left, estimate.right))
+    return replace(estimate, left=left, right=right, frozen=wanted.frozen)
 
 
-def compare_lenses(views: Sequence[View], points: F64, start: Estimate) -> tuple[LensChoice, ...]:
-    """Judge every lens model on views left out of its fit (k-fold)."""
-    folds = [np.arange(len(views)) % min(FOLDS, len(views)) == k for k in range(min(FOLDS, len(views)))]
+def _with_lens(camera: Camera, wanted: Lens) -> Camera:
+    """The camera with another model; coefficients of the same meaning are kept, frozen ones are zero."""
+    kept = dict(zip(coefficient_names(camera), camera.coefficients, strict=True))
+    if (camera.model == "fisheye") != (wanted.model == "fisheye"):
+        kept = {}
+    plain = replace(camera, model=wanted.model, distortion=(0.0,) * wanted.count)
+    names = coefficient_names(plain)
+    return replace(plain, distortion=tuple(0.0 if n in wanted.frozen else float(kept.get(n, 0.0)) for n in names))
+
+
+def compare_lenses(
+    views: Sequence[View], points: F64, start: Estimate, lenses: Sequence[Lens] = LENSES
+) -> tuple[LensChoice, ...]:
+    """Judge lens models on views left out of their fit (k-fold)."""
+    count = min(FOLDS, len(views))
+    folds = [np.arange(len(views)) % count == k for k in range(count)]
     squares, fold_backs = [], []
-    for _, model, count in LENSES:
-        fit = adjust(views, points, with_lens(start, model, count))
+    for one in lenses:
+        fit = adjust(views, points, with_lens(start, one))
         fold_backs.append(any(c is not None and folds_back(c) for c in (fit.estimate.left, fit.estimate.right)))
         squares.append([_held_out(views, points, fit.estimate, fold) for fold in folds])
     table = np.array(squares)
@@ -314,8 +400,8 @@ def compare_lenses(views: Sequence[View], points: F64, start: Estimate) -> tuple
     means = np.sqrt(table.mean(axis=1))
     return tuple(
         # The error of a mean square becomes that of its root.
-        LensChoice(name, model, count, float(mean), float(error / (2 * mean)), back)
-        for (name, model, count), mean, error, back in zip(LENSES, means, errors, fold_backs, strict=True)
+        LensChoice(one, float(mean), float(error / (2 * mean)), back)
+        for one, mean, error, back in zip(lenses, means, errors, fold_backs, strict=True)
     )
 
 
@@ -329,10 +415,15 @@ def _held_out(views: Sequence[View], points: F64, start: Estimate, fold: Bool) -
 
 
 def choose_lens(tried: Sequence[LensChoice]) -> LensChoice:
-    """The simplest lens that is no worse than the best by more than one standard error (Breiman's rule)."""
-    usable = [one for one in tried if not one.folds_back] or list(tried)
-    best = min(usable, key=lambda one: one.held_out_px)
-    return next(one for one in usable if one.held_out_px - best.held_out_px <= one.std_error_px)
+    """The simplest lens that is no worse than the best by more than one standard error (Breiman's rule).
+
+    One that turns back inside the image gives way to another that is worse by no more than ``FOLD_TOLERANCE``.
+    """
+    best = min(one.held_out_px for one in tried)
+    near = [one for one in tried if one.held_out_px - best <= one.std_error_px]
+    whole = [one for one in near if not one.folds_back]
+    whole = whole or [one for one in tried if not one.folds_back and one.held_out_px <= (1 + FOLD_TOLERANCE) * best]
+    return (whole or near)[0]
 
 
 def folds_back(camera: Camera) -> bool:
