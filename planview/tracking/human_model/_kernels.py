@@ -244,7 +244,7 @@ def measure_models(
             for x in range(max(0, left[y] - margin), min(width, right[y] + margin)):
                 claimed[y, x] = 1
                 inside = left[y] <= x < right[y]
-                if evidence[y, x] > 0 and (cover[y, x] == 0 or (inside and cover[y, x] == 1)):
+                if evidence[y, x] > 1 and (cover[y, x] == 0 or (inside and cover[y, x] == 1)):
                     extent[t, 0] += x - middle
                     extent[t, 1] += (x - middle) ** 2
                     extent[t, 2] += 1

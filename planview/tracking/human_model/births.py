@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from calib.types import F64, I64, U8
@@ -36,14 +35,10 @@ class Unexplained:
     Attributes:
         evidence: (H, W) uint8 that no target claims: 2 foreground, 1 less salient, 0 neither.
         motion: (H, W) uint8.
-        everything: (H, W) uint8, the evidence of the whole frame.
-        blobs: of ``everything``.
     """
 
     evidence: U8
     motion: U8
-    everything: U8
-    blobs: Blobs
 
 
 def find_candidates(scene: ModelScene, params: HumanModelParams, frame: Unexplained) -> list[Candidate]:
@@ -52,41 +47,25 @@ def find_candidates(scene: ModelScene, params: HumanModelParams, frame: Unexplai
     ``scene.cover`` must hold the existing targets.
     """
     rest = find_blobs(frame.evidence)
-    large = np.flatnonzero(rest.area_px[1:] >= 0.3 * params.min_child**2 * scene.map_seen.min()) + 1
+    large = np.flatnonzero(rest.area_px[1:] >= 0.3 * scene.map_seen.min()) + 1
     if not len(large):
         return []
     scene.prepare_candidates(frame.evidence, scene.cover)
     found = [_best(scene, params, _feet(scene, rest, label), rest, label) for label in large]
-    kept = [c for c in found if c is not None and _salient(scene, params, c, frame)]
-    return kept or _children(scene, params, frame)
-
-
-def _children(scene: ModelScene, params: HumanModelParams, frame: Unexplained) -> list[Candidate]:
-    """Small people: whole blobs, once thin links such as a held hand are cut."""
-    width = params.birth.link * float(np.median(scene.map_boxes[:, 2:].max(axis=1)))
-    kernel = np.ones((2 * int(width / 2) + 1,) * 2, np.uint8)
-    opened = np.asarray(cv2.morphologyEx(frame.everything, cv2.MORPH_OPEN, kernel), dtype=np.uint8)
-    whole = find_blobs(opened)
-    rest = find_blobs(np.where(frame.evidence > 0, opened, 0).astype(np.uint8))
-    found = [_small(scene, params, rest, k) for k in range(1, len(rest)) if _isolated(rest, k, whole)]
     return [c for c in found if c is not None and _salient(scene, params, c, frame)]
 
 
-def _feet(scene: ModelScene, blobs: Blobs, label: int, scale: float = 1.0) -> F64:
+def _feet(scene: ModelScene, blobs: Blobs, label: int) -> F64:
     """Foot pixels of the map whose models are mostly over the blob's box and of a size to match its area."""
-    feet = scene.model_map.foot_px
     boxes = scene.map_boxes
     left, top, width, height = blobs.box_px[label]
-    corner = feet + scale * (boxes[:, :2] - feet)
-    size = scale * boxes[:, 2:]
-    u0 = np.maximum(corner[:, 0], left)
-    v0 = np.maximum(corner[:, 1], top)
-    u1 = np.minimum(corner[:, 0] + size[:, 0], left + width)
-    v1 = np.minimum(corner[:, 1] + size[:, 1], top + height)
+    u0 = np.maximum(boxes[:, 0], left)
+    v0 = np.maximum(boxes[:, 1], top)
+    u1 = np.minimum(boxes[:, 0] + boxes[:, 2], left + width)
+    v1 = np.minimum(boxes[:, 1] + boxes[:, 3], top + height)
     common = np.maximum(0, u1 - u0) * np.maximum(0, v1 - v0)
-    seen = scale**2 * scene.map_seen
-    fits = (common >= 0.5 * seen) & (blobs.area_px[label] >= 0.3 * seen)
-    return np.asarray(feet[fits], dtype=np.float64)
+    fits = (common >= 0.5 * scene.map_seen) & (blobs.area_px[label] >= 0.3 * scene.map_seen)
+    return np.asarray(scene.model_map.foot_px[fits], dtype=np.float64)
 
 
 def _best(scene: ModelScene, params: HumanModelParams, feet: F64, blobs: Blobs, label: int) -> Candidate | None:
@@ -105,31 +84,6 @@ def _refined(
     du, dv, scale = np.meshgrid(offsets, offsets, scales)
     near = np.column_stack([best.foot_px[0] + du.ravel(), best.foot_px[1] + dv.ravel(), scale.ravel()])
     return _pick(params, near, scene.score(near), blobs, best.label, scene)
-
-
-def _isolated(rest: Blobs, label: int, everything: Blobs) -> bool:
-    """Whether no target claims a part of the blob, and it does not touch the border of the image."""
-    left, top, width, height = rest.box_px[label]
-    rows, cols = rest.labels.shape
-    if left <= 0 or top <= 0 or left + width >= cols or top + height >= rows:
-        return False
-    window = np.s_[top : top + height, left : left + width]
-    whole = int(everything.labels[window][rest.labels[window] == label][0])
-    return float(rest.area_px[label]) >= 0.8 * float(everything.area_px[whole])
-
-
-def _small(scene: ModelScene, params: HumanModelParams, blobs: Blobs, label: int) -> Candidate | None:
-    """A child: a whole blob that a smaller model covers."""
-    found: Candidate | None = None
-    for scale in np.arange(params.min_child, params.min_height, 0.08):
-        feet = _feet(scene, blobs, label, float(scale))
-        if len(feet):
-            candidates = np.column_stack([feet, np.full(len(feet), scale)])
-            best = _pick(params, candidates, scene.score(candidates), blobs, label, scene)
-            best = best and _refined(scene, params, best, [float(scale)], blobs)
-            if best and best.recall >= params.birth.min_child_recall and (not found or best.score > found.score):
-                found = best
-    return found
 
 
 def _pick(

@@ -63,12 +63,6 @@ class BirthParams(Params):
     """Size and shape: fraction of the unexplained blob around the model that the model covers."""
     min_core: float = Field(default=0.25, ge=0, le=1)
     """Size and shape: fraction of the model that is foreground proper, not less salient (shadow-like)."""
-    link: float = Field(default=0.05, gt=0, le=0.5)
-    """Thickness of what links two people's blobs without making them one, as a fraction of a person's height in the
-    image. Our choice: an arm."""
-    min_child_recall: float = Field(default=0.7, ge=0, le=1)
-    """Size and shape: as min_recall, over the whole blob, for a person smaller than min_height. Our choice: the blob
-    must be all of a small person, since parts of a grown-up look small too."""
     min_visible: float = Field(default=0.4, gt=0, le=1)
     """Visibility: fraction of the model inside the image."""
     min_motion: float = Field(default=0.05, ge=0, lt=1)
@@ -124,8 +118,6 @@ class HumanModelParams(Params):
     """Height of the average person [m]. Table 1."""
     min_height: float = Field(default=0.85, gt=0.2, le=1)
     """Smallest height of a person, as a fraction of the average. Our choice: 1.5 m."""
-    min_child: float = Field(default=0.55, gt=0.2, le=1)
-    """Smallest height of a child that walks alone, as a fraction of the average. Our choice: 0.97 m, three years."""
     max_height: float = Field(default=1.15, ge=1, le=2)
     """Largest height of a person, as a fraction of the average. Our choice: 2.0 m."""
     map: HumanModelMapParams = HumanModelMapParams()

@@ -81,7 +81,7 @@ class HumanModelTracker:
         self._predict(dt)
         self._match_and_update(observation.image, evidence, motion, blobs)
         self._tell_apart()
-        self._new_targets(observation.image, evidence, motion, blobs)
+        self._new_targets(observation.image, evidence, motion)
         self._merge()
         self._clean()
         self._watch_still(foreground, motion, dt)
@@ -240,9 +240,9 @@ class HumanModelTracker:
             first.swap_with(second)
             self._decide(first, "state", f"colours say: swapped with {second.track_id} (gain {gain:.2f})", gain)
 
-    def _new_targets(self, image: U8 | None, evidence: U8, motion: U8, blobs: Blobs) -> None:
+    def _new_targets(self, image: U8 | None, evidence: U8, motion: U8) -> None:
         rest = np.where(self.scene.claimed > 0, 0, evidence).astype(np.uint8)
-        for candidate in find_candidates(self.scene, self.params, Unexplained(rest, motion, evidence, blobs)):
+        for candidate in find_candidates(self.scene, self.params, Unexplained(rest, motion)):
             self._add(candidate, image, evidence)
 
     def _add(self, candidate: Candidate, image: U8 | None, evidence: U8) -> None:
@@ -317,7 +317,7 @@ class HumanModelTracker:
                 reason = "no blob before it was believed"
             elif now - target.still_since_s >= life.inanimate_s:
                 reason = "stationary: a thing"
-            elif target.inside < life.gone_visible and target.stability == "disappearing":
+            elif target.inside < life.gone_visible:
                 reason = "left the view"
             elif not target.matched:
                 if target.inside < life.border_visible or now - target.seen_s > life.patience_s * target.inside:
