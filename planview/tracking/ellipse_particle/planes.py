@@ -11,10 +11,12 @@ import numpy as np
 
 from calib.types import F32, F64, U8
 from planview.ellipses import SizePrior
-from planview.grid import Grid
 from planview.tracking.base import Observation
 from planview.tracking.ellipse_particle.background import Background
 from planview.tracking.ellipse_particle.params import DetectionParams, SizeParams
+
+CELLS_PER_HALF = 4
+"""Half a body's length on the floor spans at least so many cells; maps finer than that are averaged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +91,7 @@ class FloorPlane:
 
     def __init__(self, params: DetectionParams, size: SizeParams) -> None:
         body = math.pi * size.floor_half_length_m**2 * size.floor_aspect
+        self._half_length_m = size.floor_half_length_m
         self._full_density = 0.5 * params.person_area_m2 / body
 
     def reset(self) -> None:
@@ -102,14 +105,18 @@ class FloorPlane:
         maps = observation.maps
         if maps is None:
             return None
-        cell = maps.grid.cell_m
-        mask = np.clip(maps.occupancy / np.float32(self._full_density * cell * cell), 0, 1).astype(np.float32)
-        return PlaneView(mask, cell, maps.grid.centre_of(0, 0))
+        grid = maps.grid
+        step = max(1, int(self._half_length_m / (CELLS_PER_HALF * grid.cell_m)))
+        rows, cols = max(1, grid.n_rows // step), max(1, grid.n_cols // step)
+        density = cv2.resize(maps.occupancy[: rows * step, : cols * step], (cols, rows), interpolation=cv2.INTER_AREA)
+        mask = np.clip(density / np.float32(self._full_density * grid.cell_m**2), 0, 1).astype(np.float32)
+        middle = (step - 1) / 2
+        return PlaneView(mask, step * grid.cell_m, grid.centre_of(middle, middle))
 
 
-def floor_prior(size: SizeParams, grid: Grid) -> SizePrior:
-    """The constant metric size in cells of a map."""
-    return SizePrior(size.floor_half_length_m / grid.cell_m, 0.0, size.floor_aspect)
+def floor_prior(size: SizeParams, view: PlaneView) -> SizePrior:
+    """The constant metric size in cells of a view."""
+    return SizePrior(size.floor_half_length_m / view.scale, 0.0, size.floor_aspect)
 
 
 def given_prior(size: SizeParams, view: PlaneView) -> SizePrior | None:

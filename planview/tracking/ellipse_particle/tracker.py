@@ -142,8 +142,8 @@ class EllipseParticleTracker:
     def _measure(self, view: PlaneView | None, observation: Observation) -> F64:
         if view is None or float(view.mask.mean()) > self._params.detection.flooded:
             return NO_ELLIPSES
-        if observation.maps is not None and self._params.plane == "floor":
-            self._prior = floor_prior(self._params.size, observation.maps.grid)
+        if self._params.plane == "floor":
+            self._prior = floor_prior(self._params.size, view)
         else:
             given = given_prior(self._params.size, view)
             self._prior = given or self._learner.update(view.mask, observation.timestamp_s)
