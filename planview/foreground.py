@@ -122,6 +122,7 @@ class Foreground:
         self.shadow = np.zeros(self.shape, np.uint8)
         """(H, W) uint8, 255 where the last update removed a shadow by its colour."""
         self._turns = _Turns(self.params)
+        self._size = 0
         self._gain.reset()
 
     def update(self, image: U8, disparity: F32 | None, timestamp_s: float, feedback: U8 | None = None) -> U8:
@@ -138,6 +139,9 @@ class Foreground:
             ValueError: an array of another shape or type.
         """
         flat = self._flat_image(image)
+        if not self._turns.is_new and flat.size != self._size:
+            raise ValueError(f"expected images of one kind, grey or BGR, got {image.shape} after another kind")
+        self._size = flat.size
         disp = _flat(disparity, self.shape, np.float32, "disparity")
         opinion = _flat(feedback, self.shape, np.uint8, "feedback")
         if self._turns.is_new:

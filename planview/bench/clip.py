@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -58,7 +58,7 @@ class Clip:
         if len(self.pairs) < 2:
             raise WorkError(f"{path}: expected at least 2 frames, found {len(self.pairs)}")
 
-    def looped(self) -> Iterator[FrameResult]:
+    def looped(self) -> Generator[FrameResult, None, None]:
         """The engine's results for ever: the recording starts again when it ends."""
         while True:
             yield from self.pipeline
