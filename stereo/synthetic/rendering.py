@@ -24,6 +24,9 @@ from stereo.synthetic.shapes import Mesh, join
 from stereo.synthetic.texture import Palette
 from stereo.synthetic.view import View, camera_view, ground_view
 
+RENDERER_VERSION = 1
+"""Raised whenever the pixels or the truth of any scene change: rendered recordings are cached by it."""
+
 
 @dataclass(frozen=True)
 class TruthRow:

@@ -12,9 +12,9 @@ import cv2
 
 from calib.errors import InputError, WorkError
 from calib.ground_camera import save_ground_camera
-from calib.pose import SE3
-from calib.rig import save_rig
+from calib.rig import Floor, save_rig
 from calib.types import U8
+from calib.world_file import save_world
 from stereo.synthetic.rendering import SceneRenderer, TruthRow
 
 Storage = Literal["png", "jpg", "video"]
@@ -41,7 +41,7 @@ def write_recording(
     world: bool = False,
     done: Callable[[], None] = lambda: None,
 ) -> Written:
-    """Render a scene into a new folder.
+    """Render a scene into a new folder: ``left/`` and ``right/``, or the images of a single camera in it.
 
     Args:
         renderer: the scene.
@@ -73,7 +73,7 @@ def _write_frames(renderer: SceneRenderer, folder: Path, count: int, storage: St
     single = renderer.rig is None
     truth.write(TRUTH_HEADER + (BOX_HEADER if single else "") + "\n")
     times.write("frame,timestamp_s\n")
-    sides = ["frames"] if single else ["left", "right"]
+    sides = [""] if single else ["left", "right"]
     sinks = [_sink(folder, side, storage, renderer) for side in sides]
     rows = 0
     try:
@@ -139,7 +139,7 @@ class _Video:
 def _sink(folder: Path, side: str, storage: Storage, renderer: SceneRenderer) -> _Images | _Video:
     if storage != "video":
         return _Images(folder / side, storage)
-    return _Video(folder / f"{side}.mp4", renderer.scene.fps, renderer.size)
+    return _Video(folder / f"{side or 'video'}.mp4", renderer.scene.fps, renderer.size)
 
 
 def _write_calibration(renderer: SceneRenderer, folder: Path, *, opencv: bool, world: bool) -> None:
@@ -150,16 +150,7 @@ def _write_calibration(renderer: SceneRenderer, folder: Path, *, opencv: bool, w
     if opencv and renderer.rig is not None:
         _write_opencv(renderer, folder)
     if world and renderer.world_SE3_left is not None:
-        (folder / "world.toml").write_text(world_text(renderer.world_SE3_left), encoding="utf-8")
-
-
-def world_text(world_SE3_left: SE3) -> str:
-    """Content of world.toml."""
-    return (
-        "# p_world = rotation @ p_left + translation_m; left is the rectified left camera\n"
-        f"[world_SE3_left]\nrotation = {world_SE3_left.rotation.tolist()!r}\n"
-        f"translation_m = {world_SE3_left.translation.tolist()!r}\n"
-    )
+        save_world(Floor(renderer.world_SE3_left), folder / "world.toml")
 
 
 def _write_opencv(renderer: SceneRenderer, folder: Path) -> None:
