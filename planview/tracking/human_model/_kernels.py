@@ -272,6 +272,53 @@ def measure_models(
 
 
 @njit(cache=True, nogil=True)
+def body_extent(  # type: ignore[no-untyped-def]
+    evidence: U8, cover: U8, foot_u: float, foot_v: float, axis_u: float, axis_v: float, half_width: float,
+    bins: I64,
+):  # fmt: skip
+    """How far evidence that no other model covers reaches along a body's axis: (low, high), foot 0 and head 1.
+
+    Pixels within ``half_width`` of the axis are counted in ``bins`` from -0.4 to 1.4 of the axis; from the middle
+    outwards, the body ends where two bins in a row hold less than a tenth of its width. (0, 0) where there is none.
+    """
+    n = len(bins)
+    bins[:] = 0
+    height, width = evidence.shape
+    length2 = axis_u * axis_u + axis_v * axis_v
+    length = math.sqrt(length2)
+    reach_u, reach_v = 0.5 * half_width + half_width, 1.5 * half_width
+    x0 = max(0, math.floor(min(foot_u - 0.4 * axis_u, foot_u + 1.4 * axis_u) - reach_u))
+    x1 = min(width, math.ceil(max(foot_u - 0.4 * axis_u, foot_u + 1.4 * axis_u) + reach_u) + 1)
+    y0 = max(0, math.floor(min(foot_v - 0.4 * axis_v, foot_v + 1.4 * axis_v) - reach_v))
+    y1 = min(height, math.ceil(max(foot_v - 0.4 * axis_v, foot_v + 1.4 * axis_v) + reach_v) + 1)
+    for y in range(y0, y1):
+        for x in range(x0, x1):
+            if evidence[y, x] == 0 or cover[y, x] > 1:
+                continue
+            du, dv = x - foot_u, y - foot_v
+            if abs(du * axis_v - dv * axis_u) > half_width * length:
+                continue
+            k = math.floor(((du * axis_u + dv * axis_v) / length2 + 0.4) / 1.8 * n)
+            if 0 <= k < n:
+                bins[k] += evidence[y, x]
+    least = 0.1 * 2.0 * (2.0 * half_width) * (1.8 * length / n)
+    middle = int(0.9 / 1.8 * n)
+    if bins[middle] < least and bins[middle - 1] < least:
+        return 0.0, 0.0
+    low = middle
+    while low > 0 and (bins[low - 1] >= least or (low > 1 and bins[low - 2] >= least)):
+        low -= 1
+    high = middle
+    while high < n - 1 and (bins[high + 1] >= least or (high < n - 2 and bins[high + 2] >= least)):
+        high += 1
+    while low < high and bins[low] < least:
+        low += 1
+    while high > low and bins[high] < least:
+        high -= 1
+    return low / n * 1.8 - 0.4, (high + 1) / n * 1.8 - 0.4
+
+
+@njit(cache=True, nogil=True)
 def score_candidates(
     rest: I32, taken: I32, left: I32, right: I32,
     index: I32, origin_u: int, origin_v: int, step: int, foot: F32, hull: F32,

@@ -26,6 +26,13 @@ class MatchParams(Params):
     """Price of a pixel covered twice, in pixels. The paper's R_overlap has 1; less, since people do hide each other."""
     prior_weight: float = Field(default=0.04, ge=0, le=1)
     """Price of one squared standard deviation from the prediction, in model areas. Our choice."""
+    refine_reach: float = Field(default=0.3, ge=0, le=0.4)
+    """Largest error of head or foot, as a fraction of the height, that the ends of the blob may correct. Our choice:
+    beyond it the blob is not this person alone."""
+    refine_height: float = Field(default=0.2, ge=0, le=1)
+    """Largest difference between the blob's height and the model's for that. Our choice: legs or head are hidden."""
+    height_gain: float = Field(default=0.05, ge=0, le=1)
+    """Share of a frame in the learned height of a person. Our choice: about a second at 20 frames per second."""
     coast_s: float = Field(default=1.0, gt=0, le=30)
     """Time constant with which the predicted speed of a target without blob decays [s]. Our choice: who is hidden for
     longer has often stopped."""

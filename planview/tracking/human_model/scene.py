@@ -12,6 +12,8 @@ from planview.blobs import Blobs
 from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model.params import MatchParams
 
+MIN_AXIS = 0.5
+"""Length of the head-foot axis over the model's longest side below which head and foot say little (our choice)."""
 COLOUR_PARTS = 2
 """Parts of the body (upper, lower) with a colour histogram each."""
 COLOUR_LEVELS = 6
@@ -141,6 +143,31 @@ class ModelScene:
             image, evidence, self.cover, self._left, self._right, top, bottom, _LEVEL, COLOUR_LEVELS, histogram
         )
         return histogram
+
+    def extent(self, evidence: U8, position: F64, scale: float) -> tuple[F64, float, float] | None:
+        """How the observed body differs from the model along its axis (the paper's "refine target").
+
+        Returns:
+            (2,) pixels to move the foot by so that both ends agree best, the remaining error of an end as a fraction of
+            the height, and the observed height over the model's; None where the axis is too short in the image to tell.
+        """
+        entry = int(self.model_map.entry_at(position))
+        if entry < 0:
+            return None
+        axis = scale * (self.model_map.head_px[entry] - self.model_map.foot_px[entry]).astype(np.float64)
+        length = float(np.hypot(*axis))
+        if length < MIN_AXIS * scale * float(self.map_boxes[entry, 2:].max()):
+            return None
+        hull = scale * (self.model_map.hull_px[entry] - self.model_map.foot_px[entry]).astype(np.float64)
+        along = hull @ axis / length**2
+        half_width = float(np.abs(hull @ np.array([axis[1], -axis[0]])).max()) / length
+        low, high = kernels.body_extent(
+            evidence, self.cover, position[0], position[1], axis[0], axis[1], half_width, np.zeros(60, np.int64)
+        )
+        if high <= low:
+            return None
+        ends = np.array([low - along.min(), high - along.max()])
+        return axis * ends.mean(), float(np.abs(ends).max()), float((high - low) / np.ptp(along))
 
     def paint(self, image: U8, position: F64, scale: float, amount: int) -> None:
         """Add ``amount`` to the pixels of the model at a (2,) foot pixel."""

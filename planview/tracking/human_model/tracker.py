@@ -132,6 +132,7 @@ class HumanModelTracker:
                 position = self.scene.match(evidence, *prediction, fresh=False)
                 measured = self.scene.measure(evidence, motion, blobs, position, prediction[1])
                 for i, target in enumerate(group):
+                    self._refine(target, i, measured, evidence)
                     self._update_target(target, i, measured, blobs)
                     self._learn_colours(target, i, measured, image, evidence)
 
@@ -161,6 +162,19 @@ class HumanModelTracker:
         entry = self.scene.model_map.entry_at(foot)
         height = np.linalg.norm(self.scene.map_boxes[entry, 2:], axis=1)
         return np.asarray(1.0 + self.params.match.position_noise * height * scale)
+
+    def _refine(self, target: Target, i: int, measured: Measurement, evidence: U8) -> None:
+        """Lay head and foot of a model on the ends of its blob, and learn the person's height, when all of it shows."""
+        p = self.params
+        if measured.shared[i] > 0 or measured.precision[i] < p.match.min_precision or target.inside < 1.0:
+            return
+        found = self.scene.extent(evidence, measured.position[i], target.scale)
+        if found is None or found[1] > p.match.refine_reach or abs(found[2] - 1.0) > p.match.refine_height:
+            return
+        measured.position[i] += found[0]
+        if target.stability == "stable":
+            scale = target.scale * (1.0 + p.match.height_gain * (found[2] - 1.0))
+            target.scale = float(np.clip(scale, p.min_height, p.max_height))
 
     def _update_target(self, target: Target, i: int, measured: Measurement, blobs: Blobs) -> None:
         p, now = self.params, self._now_s
@@ -288,7 +302,8 @@ class HumanModelTracker:
         """A target that others cover for long while all of them walk is one of them: without it M is higher."""
         for target in sorted(self.targets, key=lambda t: -t.covered_since_s if t.covered_since_s > 0 else 0.0):
             others = [t for t in self.targets if t is not target and not t.merged and self._touch(t, target)]
-            since = max([target.covered_since_s, target.moving_since_s, *(t.moving_since_s for t in others)])
+            clocks = [target.covered_since_s, target.moving_since_s, *(t.moving_since_s for t in others)]
+            since = float(np.max(clocks))  # NaN where one of them does not run
             if others and self._now_s - since >= self.params.life.merge_after_s:
                 target.merged = True
                 self._decide(target, "merged", f"walks on {others[0].track_id}")
