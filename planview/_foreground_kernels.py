@@ -3,6 +3,8 @@
 The leading Gaussians of BLOCK pixels lie together, one plane per number, so that the test which settles nearly every
 pixel runs on vector registers. The other Gaussians are touched only where the leader did not match. Their weights are
 stored as shares of what the leader leaves: a match of the leader then changes none of them.
+
+Numba's cache of this file does not see changes of _gaussian_kernels.py: change or touch both.
 """
 
 from __future__ import annotations
@@ -229,7 +231,8 @@ def classify(
     if unclipped or (found >= 0 and is_background(lead, i, rest, first, end, found, s)):
         return 0
     leader = load(lead, i, BLOCK)
-    if s.colour_shadows > ZERO and o.d != o.d and o.y < leader.y and is_other_light(leader, o, o.chroma > ZERO, s):
+    darkest = s.colour_shadow_ratio
+    if darkest > ZERO and o.d != o.d and o.y < leader.y and is_other_light(leader, o, o.chroma > ZERO, darkest, s):
         return SHADOW
     return FOREGROUND
 

@@ -49,7 +49,7 @@ class Step(NamedTuple):
     background_weight: Real
     deepest_weight: Real
     shadow_ratio: Real
-    colour_shadows: Real  # 1: shadows are removed by colour alone where there is no depth
+    colour_shadow_ratio: Real  # darkest shadow told by colour alone, 0: none are
 
 
 class Rates(NamedTuple):
@@ -98,12 +98,12 @@ def chroma_counts(g: Gaussian, o: Colour, s: Step) -> Real:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def is_other_light(g: Gaussian, o: Colour, chroma: bool, s: Step) -> Real:
+def is_other_light(g: Gaussian, o: Colour, chroma: bool, darkest: Real, s: Step) -> Real:
     """The same surface under a shadow or a patch of light: luma off by a plausible ratio, chroma scaled alike."""
     ratio = (o.y - s.black) / max(shown_luma(g, s) - s.black, ONE)
     du, dv = o.u - ratio * g.u, o.v - ratio * g.v
     like = (du * du / g.var_u + dv * dv / g.var_v < s.beta) | (not chroma)
-    return like & (ratio >= s.shadow_ratio) & (ratio * s.shadow_ratio <= ONE)
+    return like & (ratio >= darkest) & (ratio * darkest <= ONE)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -115,7 +115,7 @@ def match_kind(g: Gaussian, o: Colour, s: Step) -> int:
     both = (o.d == o.d) & (g.seen >= s.min_seen)
     agree = both & (dd * dd < s.beta * g.var_d)
     same = far < (s.beta_relaxed if agree else s.beta)
-    kind = SAME if same else (OTHER_LIGHT if agree & is_other_light(g, o, chroma, s) else NO_MATCH)
+    kind = SAME if same else (OTHER_LIGHT if agree & is_other_light(g, o, chroma, s.shadow_ratio, s) else NO_MATCH)
     return NO_MATCH if both & (not agree) else kind
 
 

@@ -89,6 +89,9 @@ class ForegroundParams(Params):
     choice: shade outdoors keeps a third of the image level after the camera's tone curve."""
     remove_colour_shadows: bool = False
     """Remove shadows by the ratio of luma at equal chroma where there is no depth (for one camera without depth)."""
+    colour_shadow_ratio: float = Field(0.5, gt=0, le=1)
+    """Darkest shadow that is told by colour alone, as a fraction of the lit luma; darker is clothing. Prati et al. 2003
+    (and OpenCV's MOG2): 0.5."""
     compensate_gain: bool = True
     """Follow steps of the camera's gain and exposure, and lights that change everywhere at once."""
     clean: bool = True
@@ -202,7 +205,7 @@ class Foreground:
             background_weight=p.background_weight,
             deepest_weight=p.deepest_weight,
             shadow_ratio=p.shadow_ratio,
-            colour_shadows=p.remove_colour_shadows,
+            colour_shadow_ratio=p.colour_shadow_ratio if p.remove_colour_shadows else 0.0,
         )
         return Step._make(np.float32(value) for value in values)
 

@@ -104,11 +104,11 @@ def _chroma(m: Mixtures, k: int, o: Seen, s: Step) -> np.ndarray:
     return o.chroma & (np.minimum(_shown(m, k, s), o.y) > s.dark) & (m.var_y[k] > 0)
 
 
-def _other_light(m: Mixtures, k: int, o: Seen, chroma: np.ndarray, s: Step) -> np.ndarray:
+def _other_light(m: Mixtures, k: int, o: Seen, chroma: np.ndarray, darkest: float, s: Step) -> np.ndarray:
     ratio = (o.y - s.black) / np.maximum(_shown(m, k, s) - s.black, F32(1))
     du, dv = o.u - ratio * m.u[k], o.v - ratio * m.v[k]
     like = (du * du / m.var_u[k] + dv * dv / m.var_v[k] < s.beta) | ~chroma
-    return like & (ratio >= s.shadow_ratio) & (ratio * s.shadow_ratio <= 1)
+    return like & (ratio >= darkest) & (ratio * darkest <= 1)
 
 
 def _match_kind(m: Mixtures, k: int, o: Seen, s: Step) -> np.ndarray:
@@ -120,7 +120,7 @@ def _match_kind(m: Mixtures, k: int, o: Seen, s: Step) -> np.ndarray:
     both = ~np.isnan(o.d) & (m.seen[k] >= s.min_seen)
     agree = both & (dd * dd < s.beta * m.var_d[k])
     same = far < np.where(agree, s.beta_relaxed, s.beta)
-    kind = np.where(same, 1, np.where(agree & _other_light(m, k, o, chroma, s), 2, 0))
+    kind = np.where(same, 1, np.where(agree & _other_light(m, k, o, chroma, s.shadow_ratio, s), 2, 0))
     return np.where(both & ~agree, 0, kind)
 
 
@@ -142,7 +142,8 @@ def _classify(m: Mixtures, found: np.ndarray, unclipped: np.ndarray, o: Seen, s:
     background = leading | (reliable & (m.d <= deepest))
     pixels = np.arange(len(found))
     explained = (found >= 0) & background[np.maximum(found, 0), pixels] | unclipped & (found != 0)
-    shadow = (s.colour_shadows > 0) & np.isnan(o.d) & (o.y < m.y[0]) & _other_light(m, 0, o, o.chroma, s)
+    darkest = s.colour_shadow_ratio
+    shadow = (darkest > 0) & np.isnan(o.d) & (o.y < m.y[0]) & _other_light(m, 0, o, o.chroma, darkest, s)
     return np.where(explained, 0, np.where(shadow, 127, 255)).astype(np.uint8)
 
 
