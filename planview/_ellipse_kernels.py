@@ -344,8 +344,10 @@ def normal_equations(mask: F32, ellipses: F64, k: int, background: float, soft: 
     x0, y0, a, b, angle = ellipses[k]
     s = math.sin(angle)
     c = math.cos(angle)
-    reach_y = math.sqrt(a * a * c * c + b * b * s * s) + 3.0 * soft
-    reach_x = math.sqrt(a * a * s * s + b * b * c * c) + 3.0 * soft
+    # Beyond five widths of the soft edge, which is wider along the length, nothing is left of the ellipse.
+    grow = 1.0 + 5.0 * soft / b
+    reach_y = math.sqrt(a * a * c * c + b * b * s * s) * grow
+    reach_x = math.sqrt(a * a * s * s + b * b * c * c) * grow
     r0 = max(0, math.ceil(y0 - reach_y))
     r1 = min(n_rows - 1, math.floor(y0 + reach_y))
     c0 = max(0, math.ceil(x0 - reach_x))
@@ -354,7 +356,7 @@ def normal_equations(mask: F32, ellipses: F64, k: int, background: float, soft: 
     n_near = 0
     for j in range(ellipses.shape[0]):
         if j != k:
-            far = max(ellipses[j, 2], ellipses[j, 3]) + 3.0 * soft
+            far = max(ellipses[j, 2], ellipses[j, 3]) * (1.0 + 5.0 * soft / ellipses[j, 3])
             if abs(ellipses[j, 1] - y0) < reach_y + far and abs(ellipses[j, 0] - x0) < reach_x + far:
                 near[n_near] = j
                 n_near += 1

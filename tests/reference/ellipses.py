@@ -1,0 +1,152 @@
+"""Plain numpy twins of the ellipse kernels; they define what the compiled loops compute."""
+
+import math
+
+import numpy as np
+
+from calib.types import F32, F64, U8, Bool
+
+
+def raster(ellipse: F64, shape: tuple[int, int]) -> Bool:
+    """Cells whose centres lie in an ellipse (x, y, a, b, angle)."""
+    x, y, a, b, angle = ellipse
+    rows, cols = np.indices(shape, dtype=np.float64)
+    u = (cols - x) * math.sin(angle) + (rows - y) * math.cos(angle)
+    v = (cols - x) * math.cos(angle) - (rows - y) * math.sin(angle)
+    return (u / a) ** 2 + (v / b) ** 2 < 1.0
+
+
+def paint(ellipses: F64, shape: tuple[int, int]) -> U8:
+    mask = np.zeros(shape, dtype=np.uint8)
+    for ellipse in ellipses:
+        mask[raster(ellipse, shape)] = 1
+    return mask
+
+
+def claim(values: F32, ellipses: F64, order: list[int]) -> F64:
+    out = np.zeros((len(ellipses), 4))
+    taken = np.zeros(values.shape, dtype=bool)
+    for k in order:
+        cells = raster(ellipses[k], values.shape)
+        new = cells & ~taken
+        out[k] = cells.sum(), values[cells].sum(), values[new].sum(), new.sum()
+        taken |= cells
+    return out
+
+
+def exclusive(values: F32, ellipses: F64) -> F64:
+    rasters = np.array([raster(e, values.shape) for e in ellipses])
+    alone = rasters.sum(axis=0) == 1
+    return np.array(
+        [[r.sum(), values[r].sum(), values[r & alone].sum(), (r & alone).sum()] for r in rasters], dtype=np.float64
+    )
+
+
+def row_spans(ellipse: F64, row: int) -> tuple[float, float] | None:
+    """Columns between which a row's centre line lies in the ellipse."""
+    x, y, a, b, angle = ellipse
+    s, c = math.sin(angle), math.cos(angle)
+    dy = row - y
+    # (dx s + dy c)^2 / a^2 + (dx c - dy s)^2 / b^2 = 1 in dx.
+    roots = np.roots(
+        [
+            s * s / a**2 + c * c / b**2,
+            2 * dy * s * c * (1 / a**2 - 1 / b**2),
+            dy * dy * (c * c / a**2 + s * s / b**2) - 1,
+        ]
+    )
+    if np.iscomplexobj(roots) and abs(roots.imag).max() > 0:
+        return None
+    return x + float(roots.real.min()), x + float(roots.real.max())
+
+
+def integral_between(values: F32, row: int, low: float, high: float) -> float:
+    """Integral of a row of cells between two columns; a cell reaches half a cell to each side of its centre."""
+    cols = np.arange(values.shape[1])
+    overlap = np.clip(np.minimum(high, cols + 0.5) - np.maximum(low, cols - 0.5), 0, None)
+    return float((overlap * values[row]).sum())
+
+
+def union_overlap(ellipses: F64, measured: F32, allowed: F32) -> tuple[float, float]:
+    """Measured area covered by the union of ellipses, and its area inside the grid outside the allowed cells."""
+    n_rows, n_cols = measured.shape
+    covered = outside = 0.0
+    for row in range(n_rows):
+        spans = sorted(s for e in ellipses if (s := row_spans(e, row)) is not None)
+        merged: list[list[float]] = []
+        for low, high in spans:
+            low, high = max(low, -0.5), min(high, n_cols - 0.5)
+            if high <= low:
+                continue
+            if merged and low <= merged[-1][1]:
+                merged[-1][1] = max(merged[-1][1], high)
+            else:
+                merged.append([low, high])
+        for low, high in merged:
+            covered += integral_between(measured, row, low, high)
+            outside += high - low - integral_between(allowed, row, low, high)
+    return covered, outside
+
+
+def cover(score: F32, half_length: F64, aspect: float, stride: int, accept: float, limit: int) -> list[tuple[int, int]]:
+    """(row, column) of the ellipses chosen one after the other."""
+    score = score.copy()
+    chosen: list[tuple[int, int]] = []
+    while len(chosen) < limit:
+        best, where = -math.inf, (0, 0)
+        for r in range(0, score.shape[0], stride):
+            a = half_length[r]
+            for c in range(0, score.shape[1], stride):
+                if (r, c) in chosen:
+                    continue
+                ellipse = np.array([c, r, a, a * aspect, 0.0])
+                gain = union_overlap(ellipse[None], score, np.ones_like(score))[0] / (math.pi * a * a * aspect)
+                if gain > best + 1e-9:
+                    best, where = gain, (r, c)
+        if best < accept:
+            break
+        chosen.append(where)
+        a = half_length[where[0]]
+        score[raster(np.array([where[1], where[0], a, a * aspect, 0.0]), score.shape)] = 0.0
+    return chosen
+
+
+def em_step(points: F64, ellipses: F64, law: tuple[float, float, float, float], strength: float, outlier: float) -> F64:
+    """One step of expectation-maximisation with upright priors; returns the new ellipses."""
+    half0, half1, least, aspect = law
+    d = points[:, None, :2] - ellipses[None, :, :2]
+    s, c = np.sin(ellipses[:, 4]), np.cos(ellipses[:, 4])
+    u = (d[..., 0] * s + d[..., 1] * c) / ellipses[:, 2]
+    v = (d[..., 0] * c - d[..., 1] * s) / ellipses[:, 3]
+    m = u * u + v * v
+    density = np.where(m > 6.0, 0.0, 2.0 / (np.pi * ellipses[:, 2] * ellipses[:, 3]) * np.exp(-2.0 * m))
+    weight = points[:, 2:3] * density / (outlier + density.sum(axis=1, keepdims=True))
+    out = ellipses.copy()
+    for k in range(len(ellipses)):
+        mass = weight[:, k].sum()
+        if mass <= 1e-9:
+            continue
+        centre = (weight[:, k : k + 1] * points[:, :2]).sum(axis=0) / mass
+        e = points[:, :2] - centre
+        scatter = (weight[:, k, None, None] * e[:, :, None] * e[:, None, :]).sum(axis=0)
+        a0 = max(least, half0 + half1 * centre[1])
+        prior = strength * np.pi * a0 * a0 * aspect
+        cov = (4 * scatter + prior * np.diag([(a0 * aspect) ** 2, a0**2])) / (mass + prior)
+        values, vectors = np.linalg.eigh(cov)
+        along = vectors[:, 1]
+        if along[1] < 0:
+            along = -along
+        out[k] = [*centre, math.sqrt(values[1]), math.sqrt(values[0]), math.atan2(along[0], along[1])]
+    return out
+
+
+def soft_union(ellipses: F64, shape: tuple[int, int], soft: float, widths: F64) -> F64:
+    """1 - prod (1 - inside), inside a logistic edge ``soft`` cells wide across ellipses of half ``widths``."""
+    rows, cols = np.indices(shape, dtype=np.float64)
+    free = np.ones(shape)
+    for (x, y, a, b, angle), width in zip(ellipses, widths, strict=True):
+        u = ((cols - x) * math.sin(angle) + (rows - y) * math.cos(angle)) / a
+        v = ((cols - x) * math.cos(angle) - (rows - y) * math.sin(angle)) / b
+        z = np.clip((np.hypot(u, v) - 1.0) * width / soft, -30, 30)
+        free *= 1.0 - 1.0 / (1.0 + np.exp(z))
+    return 1.0 - free
