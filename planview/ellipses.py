@@ -49,9 +49,9 @@ class EllipseFitParams(Params):
     """Rounds of Levenberg-Marquardt over all ellipses. Our choice."""
     prior_mass: float = Field(0.5, gt=0, le=10)
     """Weight of the prior covariance in expectation-maximisation, in object areas. Our choice."""
-    cell_deviation: float = Field(1.0, gt=0, le=10)
+    cell_deviation: float = Field(0.7, gt=0, le=10)
     """Deviation of a cell's residual, correlation of neighbouring cells included. Our choice: a residual of 0.35 per
-    cell (holes, limbs), the same over patches of about 8 cells: 0.35 sqrt(8)."""
+    cell (holes, limbs), the same over patches of 2 x 2 cells: 0.35 sqrt(4)."""
     max_ellipses: int = Field(64, ge=1, le=1000)
     """Most ellipses per frame; a bound on time, not on what is expected."""
 
