@@ -72,8 +72,9 @@ class BirthParams(Params):
     """Size and shape: fraction of the model that is foreground proper, not less salient (shadow-like)."""
     min_visible: float = Field(default=0.4, gt=0, le=1)
     """Visibility: fraction of the model inside the image."""
-    min_motion: float = Field(default=0.05, ge=0, lt=1)
-    """Motion salience: fraction of the model's foreground in motion at birth. Our choice: walking moves most of it."""
+    min_motion: float = Field(default=0.02, ge=0, lt=1)
+    """Motion salience: fraction of the model's foreground in motion while it is tentative. Our choice: walking towards the
+    camera moves a hand or a foot at least; a ghost of somebody who left moves nothing."""
     min_travel_m: float = Field(default=0.4, ge=0, le=5)
     """Motion salience: distance walked before a target is believed [m]. Our choice: a torso's width."""
     min_matches: int = Field(default=3, ge=1, le=100)
@@ -90,7 +91,7 @@ class LifeParams(Params):
     merge_alone: float = Field(default=0.2, ge=0, lt=1)
     """Foreground that only this model covers, as a fraction of its area, below which the target adds nothing to the
     matching score. Our choice: a head, an arm or noise."""
-    merge_after_s: float = Field(default=1.0, gt=0, le=30)
+    merge_after_s: float = Field(default=2.0, gt=0, le=30)
     """It and those that cover it must have been moving for so long [s]. Our choice: people who cross overlap for
     less."""
     patience_s: float = Field(default=3.0, gt=0, le=60)

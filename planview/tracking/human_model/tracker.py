@@ -132,6 +132,8 @@ class HumanModelTracker:
                 position = self.scene.match(evidence, *prediction, fresh=False)
                 measured = self.scene.measure(evidence, motion, blobs, position, prediction[1])
                 for i, target in enumerate(group):
+                    if not target.matched and self._is_other(target, measured.position[i], image, evidence):
+                        measured.counts[i, 1:] = 0
                     self._refine(target, i, measured, evidence)
                     self._update_target(target, i, measured, blobs)
                     self._learn_colours(target, i, measured, image, evidence)
@@ -162,6 +164,14 @@ class HumanModelTracker:
         entry = self.scene.model_map.entry_at(foot)
         height = np.linalg.norm(self.scene.map_boxes[entry, 2:], axis=1)
         return np.asarray(1.0 + self.params.match.position_noise * height * scale)
+
+    def _is_other(self, target: Target, position: F64, image: U8 | None, evidence: U8) -> bool:
+        """Whether what a lost target could take has another's colours."""
+        recent = self._now_s - target.seen_s < self.params.states.window_s
+        if recent or image is None or image.ndim != 3 or target.colours is None:
+            return False
+        seen = self.scene.colours(image, evidence, position, target.scale)
+        return similarity(target.colours, seen) < self.params.life.alike
 
     def _refine(self, target: Target, i: int, measured: Measurement, evidence: U8) -> None:
         """Lay head and foot of a model on the ends of its blob, and learn the person's height, when all of it shows."""
@@ -280,7 +290,7 @@ class HumanModelTracker:
         target = Target(
             next(self._ids), kalman, self._now_s, self._now_s, xy, candidate.foot_px, candidate.scale, colours=colours
         )
-        target.remember(self._now_s, 1.0, candidate.precision, self.params.states.window_s)
+        target.remember(self._now_s, 0.0, candidate.precision, self.params.states.window_s)
         self.targets.append(target)
         self._decide(target, "born", f"score {candidate.score:.2f}", candidate.score)
 
@@ -326,7 +336,11 @@ class HumanModelTracker:
             reason = ""
             if not target.confirmed and now - target.born_s > self.params.birth.tentative_s:
                 reason = "never walked"
-            elif not target.confirmed and target.trail[-1][3] < self.params.birth.min_motion:
+            elif (
+                not target.confirmed
+                and target.matches > 2
+                and max(row[3] for row in target.trail) < self.params.birth.min_motion
+            ):
                 reason = "does not move"
             elif not target.confirmed and not target.matched:
                 reason = "no blob before it was believed"
