@@ -40,6 +40,7 @@ from planview._gaussian_kernels import (
     started,
 )
 
+# The functions of the second pass are inlined by force: passing a Step by value costs more than they do.
 BLOCK = 128
 """Pixels whose leading Gaussians lie together; all their planes fit the first-level cache."""
 
@@ -178,7 +179,7 @@ def learn_leaders(lead: F32, obs: F32, n: int, s: Step, rates: Rates) -> None:
         obs[UNMATCHED * BLOCK + i] = ONE if kind == NO_MATCH else ZERO
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def first_match(rest: F32, first: int, end: int, o: Colour, s: Step) -> tuple[int, int]:
     """Where the first matching Gaussian of the rest starts (-1: none does), and how it matches."""
     for b in range(first, end, N_FIELDS):
@@ -210,7 +211,7 @@ def is_background(lead: F32, i: int, rest: F32, first: int, end: int, b: int, s:
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def is_uncovered(g: Gaussian, o: Colour, s: Step) -> tuple[bool, bool]:
     """Whether a pixel that its leader g does not match is (unclipped, behind) it: both are background not seen so far.
 
@@ -223,7 +224,7 @@ def is_uncovered(g: Gaussian, o: Colour, s: Step) -> tuple[bool, bool]:
     return g.var_y < ZERO and o.y > g.y and (agree or not both), both and not agree and dd < ZERO
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def classify(
     lead: F32, i: int, rest: F32, first: int, end: int, found: int, unclipped: bool, o: Colour, s: Step
 ) -> int:
@@ -277,7 +278,7 @@ def settle_order(lead: F32, i: int, rest: F32, first: int, end: int) -> None:
         rest[b + WEIGHT] *= inv_left
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def learn_rest(
     lead: F32,
     i: int,
@@ -306,7 +307,7 @@ def learn_rest(
     settle_order(lead, i, rest, first, end)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def update_pixel(lead: F32, i: int, rest: F32, first: int, end: int, obs: F32, s: Step, rates: Rates) -> int:
     """Pixel i of a block, whose leader did not match: its other Gaussians are rest[first:end]. Returns its mask."""
     o = observed(obs, i)
