@@ -15,7 +15,8 @@ from calib.ground_camera import save_ground_camera
 from calib.rig import Floor, save_rig
 from calib.types import U8
 from calib.world_file import save_world
-from stereo.synthetic.rendering import SceneRenderer, TruthRow
+from stereo.synthetic.rendering import SceneRenderer
+from stereo.synthetic.truth import TruthRow
 
 Storage = Literal["png", "jpg", "video"]
 TRUTH_HEADER = "frame,id,x_m,y_m,height_m,visible"
