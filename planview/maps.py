@@ -75,10 +75,13 @@ class View:
         u, v, depth = (float(value) for value in self.projection @ (x_m, y_m, z_m, 1.0))
         return depth > 0 and -0.5 <= u / depth < self.size[0] - 0.5 and -0.5 <= v / depth < self.size[1] - 0.5
 
-    def footprint(self, x_m: float, y_m: float, radius_m: float) -> tuple[float, float, tuple[float, float]]:
+    def footprint(
+        self, x_m: float, y_m: float, radius_m: float, sigmas: float = 2.0
+    ) -> tuple[float, float, tuple[float, float]]:
         """Half axes, across and along the viewing ray, of the floor ellipse that the points of a body cover.
 
-        Depth noise moves points along the ray, so that a far body of ``radius_m`` looks longer than it is wide.
+        Depth noise moves points along the ray, so that a far body of ``radius_m`` looks longer than it is wide, by
+        ``sigmas`` depth deviations each way.
 
         Returns:
             across [m], along [m] and the horizontal unit vector (x, y) of the ray.
@@ -87,7 +90,7 @@ class View:
         distance = math.hypot(dx, dy)
         ray = (dx / distance, dy / distance) if distance > 1e-6 else (0.0, 1.0)
         range_m = math.hypot(distance, float(self.camera_m[2]) - 1.0)
-        smear = 2.0 * self.depth_std_per_m2 * range_m * distance
+        smear = sigmas * self.depth_std_per_m2 * range_m * distance
         return radius_m, math.hypot(radius_m, smear), ray
 
 

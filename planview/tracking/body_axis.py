@@ -46,17 +46,19 @@ class AxisMeasurement:
 
     Attributes:
         x_m, y_m: floor position below the head's centre.
+        seen_m: (x, y) of the centroid of what was seen of it.
         height_m: top of the head above the floor.
         from_head: False where too little of the head was seen and the torso gave the position.
     """
 
     x_m: float
     y_m: float
+    seen_m: tuple[float, float]
     height_m: float
     from_head: bool
 
 
-UNSEEN = AxisMeasurement(math.nan, math.nan, math.nan, False)
+UNSEEN = AxisMeasurement(math.nan, math.nan, (math.nan, math.nan), math.nan, False)
 
 
 class BodyAxis:
@@ -101,7 +103,8 @@ class BodyAxis:
             seen = head[i] if from_head else body[i]
             offset = (2 / 3) * p.head_radius_m if from_head else (math.pi / 4) * p.torso_radius_m
             x, y = seen[:2] + offset * math.cos(depression[i]) * away[i]
-            measurements.append(AxisMeasurement(float(x), float(y), float(top[i]), from_head))
+            where = (float(seen[0]), float(seen[1]))
+            measurements.append(AxisMeasurement(float(x), float(y), where, float(top[i]), from_head))
         return measurements
 
     def _viewing(self, people_m: F64) -> tuple[F64, F64]:

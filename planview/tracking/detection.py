@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -12,7 +12,7 @@ from pydantic import Field
 
 from calib.params import Params
 from calib.types import F32
-from planview.maps import PlanViewMaps
+from planview.maps import PlanViewMaps, View
 from planview.tracking.body_axis import BodyAxis
 
 _MAX_CANDIDATES = 20
@@ -30,17 +30,28 @@ class DetectionParams(Params):
     """Widest extent, across the viewing ray, of what lies within a head's height of the top [m]: shoulders of a broad
     person are 0.5 m; doors, shelves and boards are wider."""
     separation_m: float = Field(0.45, gt=0.0)
-    """Smallest distance between somebody new and somebody known [m]: shoulders side by side."""
+    """Smallest distance between somebody new and somebody known [m]: shoulders side by side. Along the viewing ray it
+    grows with the depth noise, see ``inseparable``."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A place where somebody new may stand [m], his height [m] and visible surface [m^2]."""
+    """A place where somebody may stand.
+
+    Attributes:
+        x_m, y_m: centroid of what is seen, of the head where it is seen [m].
+        axis_m: (x, y) of the body's axis [m].
+        height_m: how tall [m].
+        area_m2: visible surface within W_avg [m^2].
+        part_of: index of the known person whom it cannot be told apart from, None for somebody new.
+    """
 
     x_m: float
     y_m: float
+    axis_m: tuple[float, float]
     height_m: float
     area_m2: float
+    part_of: int | None = None
 
 
 class NewPeople:
@@ -59,7 +70,7 @@ class NewPeople:
     def __call__(
         self, maps: PlanViewMaps, height: F32, occupancy: F32, taken: Sequence[tuple[float, float]]
     ) -> list[Candidate]:
-        """Candidates, largest visible surface first.
+        """Candidates, largest visible surface first; those that may be part of somebody known say of whom.
 
         Args:
             maps: the frame's maps (grid, points, view).
@@ -77,8 +88,8 @@ class NewPeople:
             if peak < self.params.area_min_m2:
                 break
             candidate = self._candidate(maps, occupancy, row, col, cells, peak)
-            if candidate and not self._too_close(maps, candidate, [*taken, *((c.x_m, c.y_m) for c in found)]):
-                found.append(candidate)
+            if candidate and not any(self._one_body(maps, candidate, (c.x_m, c.y_m)) for c in found):
+                found.append(replace(candidate, part_of=self._owner(maps, candidate, taken)))
             r = cells
             area[max(0, row - r) : row + r + 1, max(0, col - r) : col + r + 1] = 0.0
         return found
@@ -104,10 +115,13 @@ class NewPeople:
         row_mean = float(window.sum(axis=1) @ np.arange(window.shape[0])) / total
         col_mean = float(window.sum(axis=0) @ np.arange(window.shape[1])) / total
         x, y = maps.grid.centre_of(r0 + row_mean, c0 + col_mean)
-        top = self._axis(maps.points, np.array([[x, y]]), self._width_m)[0].height_m
+        measured = self._axis(maps.points, np.array([[x, y]]), self._width_m)[0]
+        top = measured.height_m
         if not top >= self.params.height_min_m or self._head_width(maps, x, y, top) > self.params.head_width_max_m:
             return None
-        return Candidate(x, y, top, area)
+        if measured.from_head:
+            x, y = measured.seen_m
+        return Candidate(x, y, (measured.x_m, measured.y_m), top, area)
 
     def _head_width(self, maps: PlanViewMaps, x: float, y: float, top: float) -> float:
         """Extent across the viewing ray of the points near the top [m]: root of 12 times their variance."""
@@ -122,12 +136,20 @@ class NewPeople:
         mean = np.average(sideways[inside], weights=weight)
         return math.sqrt(12 * float(np.average((sideways[inside] - mean) ** 2, weights=weight)))
 
-    def _too_close(self, maps: PlanViewMaps, candidate: Candidate, taken: list[tuple[float, float]]) -> bool:
-        """Within a body's separation of somebody known, stretched along the ray by depth noise."""
-        across, along, ray = maps.view.footprint(candidate.x_m, candidate.y_m, self.params.separation_m)
-        for x, y in taken:
-            dx, dy = x - candidate.x_m, y - candidate.y_m
-            radial, lateral = dx * ray[0] + dy * ray[1], -dx * ray[1] + dy * ray[0]
-            if (radial / along) ** 2 + (lateral / across) ** 2 < 1.0:
-                return True
-        return False
+    def _owner(self, maps: PlanViewMaps, candidate: Candidate, taken: Sequence[tuple[float, float]]) -> int | None:
+        return next((i for i, other in enumerate(taken) if self._one_body(maps, candidate, other)), None)
+
+    def _one_body(self, maps: PlanViewMaps, candidate: Candidate, other: tuple[float, float]) -> bool:
+        return inseparable(maps.view, (candidate.x_m, candidate.y_m), other, self.params.separation_m)
+
+
+def inseparable(view: View, one_m: tuple[float, float], other_m: tuple[float, float], distance_m: float) -> bool:
+    """Whether two floor positions may be one body: within a distance, stretched along the ray by depth noise.
+
+    Matching favours whole disparities, so a far body may fall into two clumps one disparity step apart: four of its
+    standard deviations of 0.25 px.
+    """
+    across, along, ray = view.footprint(*one_m, distance_m, sigmas=4.0)
+    dx, dy = other_m[0] - one_m[0], other_m[1] - one_m[1]
+    radial, lateral = dx * ray[0] + dy * ray[1], -dx * ray[1] + dy * ray[0]
+    return (radial / along) ** 2 + (lateral / across) ** 2 < 1.0

@@ -1,0 +1,81 @@
+"""A tracked person, and one frame's maps as the template tracker needs them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.types import F32, F64
+from planview.maps import PlanViewMaps
+from planview.tracking.base import State
+from planview.tracking.kalman import FloorKalman
+
+
+@dataclass(eq=False)
+class Person:
+    """Everything that changes over time about a person.
+
+    Attributes:
+        kalman: of the visible surface on which the templates are centred.
+        axis: of the body axis, which is reported.
+        template_height, template_occupancy: T_H and T_O, (n, n) float32.
+        at_m: where the visible surface was last seen [m].
+        offset_m: from there to the body axis [m].
+        seen_s: when it was last seen.
+        tallest_m: greatest height so far [m].
+        matched: found in this frame.
+        score, reach_cells, searched_m: of the last search, for people to look at.
+    """
+
+    track_id: int
+    kalman: FloorKalman
+    axis: FloorKalman
+    template_height: F32
+    template_occupancy: F32
+    at_m: tuple[float, float]
+    born_s: float
+    seen_s: float
+    height_m: float
+    tallest_m: float
+    state: State = "tentative"
+    offset_m: tuple[float, float] = (0.0, 0.0)
+    matched: bool = True
+    score: float = math.nan
+    reach_cells: int = 0
+    searched_m: tuple[float, float] = (math.nan, math.nan)
+
+    def jump(self, kalman: FloorKalman) -> None:
+        """Go on from another place, where the axis is still to be measured."""
+        self.kalman = self.axis = kalman
+        self.at_m, self.offset_m = (kalman.x_m, kalman.y_m), (0.0, 0.0)
+
+
+class Frame:
+    """One frame's maps, padded by half a template, and a copy from which placed people are cleared.
+
+    Attributes:
+        maps: as observed.
+        half: the padding [cells]; a template centred on a cell begins at that cell's index in the padded maps.
+        height, occupancy: padded maps.
+        free_height, free_occupancy: what is left of them.
+    """
+
+    def __init__(self, maps: PlanViewMaps, half: int) -> None:
+        self.maps = maps
+        self.half = half
+        self.height, self.occupancy = (np.pad(image, half) for image in (maps.height, maps.occupancy))
+        self.free_height, self.free_occupancy = self.height.copy(), self.occupancy.copy()
+
+    @property
+    def inner(self) -> tuple[slice, slice]:
+        """The maps within the padding."""
+        grid = self.maps.grid
+        return slice(self.half, self.half + grid.n_rows), slice(self.half, self.half + grid.n_cols)
+
+    def padded_cells(self, places_m: Sequence[tuple[float, float]]) -> F64:
+        """(K, 2) fractional rows and columns in the padded maps of floor positions [m]."""
+        cells = [self.maps.grid.index_of(*place) for place in places_m]
+        return np.array(cells, dtype=np.float64).reshape(-1, 2) + self.half

@@ -1,0 +1,60 @@
+"""Templates follow what is seen around their person, and are re-centered when they slip (Harville 2002, section 4)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from calib.types import F64
+from planview.tracking.template._kernels import adapt, occupancy_peak
+from planview.tracking.template.params import TemplateTrackerParams
+from planview.tracking.template.state import Frame, Person
+
+
+def blend(frame: Frame, person: Person, people: F64, me: int, gain: float) -> tuple[float, float]:
+    """Blend the maps around a person into his templates.
+
+    Args:
+        people: (K, 2) padded cells of everybody found; cells nearer to another are his.
+        me: the person's row in ``people``.
+        gain: 1 copies, 0 keeps.
+    Returns:
+        Share of template cells with height, and the distance of their centroid from the centre [m].
+    """
+    half = len(person.template_height) // 2
+    row, col = round(people[me, 0]) - half, round(people[me, 1]) - half
+    share, off_row, off_col = adapt(
+        person.template_height, person.template_occupancy, frame.height, frame.occupancy,
+        row, col, people, me, gain, frame.maps.occupancy_min,
+    )  # fmt: skip
+    return share, math.hypot(off_row, off_col) * frame.maps.grid.cell_m
+
+
+def renew(frame: Frame, person: Person, found: Sequence[Person]) -> None:
+    """Replace a person's templates by what is seen at his place now."""
+    person.template_height[:] = 0.0
+    person.template_occupancy[:] = 0.0
+    cells = frame.padded_cells([q.at_m for q in found])
+    blend(frame, person, cells, found.index(person), 1.0)
+
+
+def slipped(share: float, offset_m: float, params: TemplateTrackerParams) -> str:
+    """Why a template must be re-centered; empty when it sits well."""
+    if share < params.recentre_filled * params.recentre_body:
+        return f"template {share:.0%} filled"
+    if offset_m > params.recentre_offset * params.width_m:
+        return f"centroid {offset_m:.2f} m off"
+    return ""
+
+
+def nearest_peak(frame: Frame, person: Person, people: F64, me: int) -> tuple[float, float] | None:
+    """The occupancy maximum within 2 W_avg that is nobody else's [m]; None when there is none."""
+    n = len(person.template_height)
+    grid = frame.maps.grid
+    peak_row, peak_col = occupancy_peak(
+        frame.occupancy, round(people[me, 0]) - n // 2, round(people[me, 1]) - n // 2, n, people, me
+    )
+    row, col = peak_row - frame.half, peak_col - frame.half
+    if peak_row < 0 or not (0 <= row < grid.n_rows and 0 <= col < grid.n_cols):
+        return None
+    return grid.centre_of(row, col)
