@@ -62,7 +62,8 @@ class Evaluation:
         truth_rows, ignored_rows: truth rows that count, and that are too little visible.
         track_rows: confirmed rows that count (those on ignored people do not).
         clear, identity, hota: the three families.
-        position_error_m: (K,) floor distance of every match whose positions are known.
+        position_error_m: (K,) floor distance of every match whose positions are known; none for boxes without
+            alignment, since the world frames may then differ.
         height_error_m: (K,) absolute height difference of every match whose heights are known.
         significant: errors in the order of frames.
         alignment: the motion applied, if asked for.
@@ -165,6 +166,7 @@ def _score(
         for i in np.unique(claimed.track_id)
     ]
     t, k = clear.matches.T
+    apart = np.hypot(tracks.x_m[k] - truth.x_m[t], tracks.y_m[k] - truth.y_m[t])
     return Evaluation(
         len(truth),
         int(ignored.sum()),
@@ -172,7 +174,7 @@ def _score(
         clear,
         identity_scores(sequence),
         hota_scores(sequence),
-        _known(np.hypot(tracks.x_m[k] - truth.x_m[t], tracks.y_m[k] - truth.y_m[t])),
+        _known(apart) if params.match_on == "floor" or alignment is not None else np.empty(0),
         _known(np.abs(tracks.height_m[k] - truth.height_m[t])),
         significant_errors(persons, histories, frame_s, params.significant),
         alignment,

@@ -119,6 +119,16 @@ def test_boxes_match_at_half_overlap_without_floor_positions() -> None:
     assert evaluate_tracks(near, truth, params).to_json()["motp_m"] is None
 
 
+def test_boxes_measure_metres_only_in_a_common_frame() -> None:
+    box = np.column_stack([10.0 * np.arange(100), np.zeros(100), np.full(100, 20.0), np.full(100, 60.0)])
+    truth = replace(walk(), box_px=box)
+    tracks = replace(walk(x_m=40.0), box_px=box)
+    params = EvaluationParams(match_on="boxes")
+    assert evaluate_tracks(tracks, truth, params).to_json()["motp_m"] is None
+    aligned = evaluate_tracks(tracks, truth, params.model_copy(update={"align": True}))
+    assert aligned.to_json()["motp_m"] == pytest.approx(0.0, abs=1e-9)
+
+
 def test_tracks_without_positions_are_refused_on_the_floor() -> None:
     tracks = replace(walk(), x_m=np.full(100, np.nan))
     with pytest.raises(InputError, match="tracks with floor positions"):
