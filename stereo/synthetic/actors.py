@@ -10,7 +10,8 @@ from calib.types import F64
 from stereo.synthetic.body import Body, PosedBody
 from stereo.synthetic.furniture import furniture_mesh
 from stereo.synthetic.motion import Handling, pose_at, scripted_motion
-from stereo.synthetic.scene import Furniture, Scene
+from stereo.synthetic.scene import Scene
+from stereo.synthetic.setting import Furniture
 from stereo.synthetic.shapes import Mesh
 from stereo.synthetic.texture import Palette
 from stereo.synthetic.wandering import wander

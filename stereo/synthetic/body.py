@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.types import F64
-from stereo.synthetic.scene import Person, Surface
+from stereo.synthetic.persons import Person
+from stereo.synthetic.setting import Surface
 from stereo.synthetic.shapes import Mesh, dome_rings, join, limb_rings, sweep
 from stereo.synthetic.texture import Palette
 

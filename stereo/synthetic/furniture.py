@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from stereo.synthetic.scene import Furniture, FurnitureKind, Surface
+from stereo.synthetic.setting import Furniture, FurnitureKind, Surface
 from stereo.synthetic.shapes import Mesh, box, dome_rings, join, limb_rings, sweep
 from stereo.synthetic.texture import Palette
 

@@ -6,7 +6,8 @@ import numpy as np
 
 from calib.types import F32, F64
 from stereo.synthetic.room import wall_frame
-from stereo.synthetic.scene import Keyframes, Light, Room
+from stereo.synthetic.scene import Light
+from stereo.synthetic.setting import Keyframes, Room
 from stereo.synthetic.texture import linear_colour
 from stereo.synthetic.tracing import EPSILON_M, Tracer
 

@@ -9,7 +9,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from calib.types import F64
 from stereo.synthetic.body import HIP, Pose
-from stereo.synthetic.scene import Furniture, Person, Step
+from stereo.synthetic.persons import Person, Step
+from stereo.synthetic.setting import Furniture
 
 TICK_HZ = 60.0
 ACTIONS = ("sit", "floor", "reach", "bend", "carry", "push")

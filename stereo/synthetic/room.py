@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.types import F64
-from stereo.synthetic.scene import Opening, Panel, Room, Wall
+from stereo.synthetic.setting import Opening, Panel, Room, Wall
 from stereo.synthetic.shapes import Mesh, join, quad
 from stereo.synthetic.texture import Palette
 

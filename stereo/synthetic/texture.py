@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.types import F32, I32, AnyArray
 from stereo.synthetic._kernels import fractal_noise
-from stereo.synthetic.scene import Surface
+from stereo.synthetic.setting import Surface
 
 
 def linear_colour(colour: str) -> F32:

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from stereo.synthetic.scene import Person, Rig, Scene
+from stereo.synthetic.persons import Person
+from stereo.synthetic.scene import Rig, Scene
 
 
 def varied(scene: Scene, seed: int) -> Scene:

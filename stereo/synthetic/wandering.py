@@ -16,8 +16,10 @@ from numpy.typing import ArrayLike
 from calib.types import F64
 from stereo.synthetic.furniture import furniture_size
 from stereo.synthetic.motion import ACTIONS, TICK_HZ, Motion, motion_from_ticks
+from stereo.synthetic.persons import Person, Wander
 from stereo.synthetic.room import wall_pieces
-from stereo.synthetic.scene import Person, Scene, Wall, Wander
+from stereo.synthetic.scene import Scene
+from stereo.synthetic.setting import Wall
 
 STEP_S = 0.1
 PERSONAL_M = 0.62

@@ -9,7 +9,8 @@ from calib.errors import InputError
 from stereo.synthetic.actors import Cast
 from stereo.synthetic.body import Body, Pose
 from stereo.synthetic.motion import pose_at, scripted_motion, step_length_m
-from stereo.synthetic.scene import Person, load_scene, parse_scene
+from stereo.synthetic.persons import Person
+from stereo.synthetic.scene import load_scene, parse_scene
 from stereo.synthetic.texture import Palette
 from stereo.synthetic.varying import varied
 
