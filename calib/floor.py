@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydantic import Field
+from scipy.spatial import cKDTree
 
 from calib.errors import WorkError
 from calib.params import Params
@@ -61,6 +62,9 @@ class FloorParams(Params):
     """Triples tried per candidate: one of 2000 hits a plane of 12 % of the remaining points with 97 % (our choice)."""
     fit_points: int = Field(default=400_000, ge=1000)
     """Points looked at over all frames, evenly thinned (our choice, for speed)."""
+    edge_cells: float = Field(default=2.5, ge=0, le=20)
+    """Floor this close to something on it is left out of the last fits, in cells (our choice: 25 px at 640 px, what
+    semi-global matching smooths over)."""
     cells_across: int = Field(default=64, ge=8, le=512)
     """Cells across the view whose medians are fitted (our choice: 10 px wide at 640 px)."""
 
@@ -170,9 +174,23 @@ def _refined(plane: Plane, points: Rays, params: FloorParams) -> tuple[Plane, Ra
     gate = params.frame_noise * params.inlier_sigmas
     view, counts = cells(points, params.cells_across, plane.q, gate)
     for _ in range(2):
-        plane = fit_plane(view, plane.q, params.inlier_sigmas) or plane
+        inside = view.where(_away_from_edges(plane, view, params))
+        plane = fit_plane(inside, plane.q, params.inlier_sigmas) or plane
         view, counts = cells(points, params.cells_across, plane.q, gate)
     return plane, view, counts
+
+
+def _away_from_edges(plane: Plane, view: Rays, params: FloorParams) -> Bool:
+    """(N,) which cells have nothing but floor around them: matching smooths what meets the floor into it."""
+    residuals = view.residuals(plane.q)
+    on, other = np.abs(residuals) < params.inlier_sigmas, residuals >= params.inlier_sigmas
+    if not other.any():
+        return np.ones(len(view), dtype=np.bool_)
+    across = view.rays[:, 0].max() - view.rays[:, 0].min()
+    distance, _ = cKDTree(view.rays[other, :2]).query(view.rays[:, :2])
+    free = np.asarray(distance > params.edge_cells * across / params.cells_across)
+    # A floor in small pieces is all edge: better fitted with them than not at all.
+    return free if (on & free).sum() > 0.3 * on.sum() else np.ones(len(view), dtype=np.bool_)
 
 
 def _judge(plane: Plane, view: Rays, counts: I64, params: FloorParams) -> Candidate:

@@ -13,6 +13,7 @@ from stereo.depth import DepthFromDisparity, back_project
 from stereo.matcher import DisparityRange, SgbmMatcher, disparity_range
 from stereo.recording import Recording, StereoFrame
 from stereo.rectify import Rectifier, aligned_rectifier
+from stereo.two_way import match_two_ways
 from stereo.vertical import VerticalFit
 
 FLOOR_STEP_PX = 3
@@ -63,6 +64,6 @@ def floor_of(rectifier: Rectifier, frames: list[StereoFrame], config: Config) ->
     clouds: list[F32] = []
     for frame in frames:
         pair = rectifier(frame.left, frame.right)
-        points = back_project(to_depth(matcher(pair.left_grey, pair.right_grey)), geometry)
+        points = back_project(to_depth(match_two_ways(matcher, pair.left_grey, pair.right_grey)), geometry)
         clouds.append(points[::FLOOR_STEP_PX, ::FLOOR_STEP_PX].reshape(-1, 3))
     return find_floor(clouds, focal_px=geometry.focal_u_px, baseline_m=geometry.baseline_m, params=config.floor)

@@ -1,0 +1,157 @@
+"""``planview calibrate floor``: where the floor is under the camera."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import cv2
+from cyclopts import Parameter
+from rich.console import Console
+
+from calib.errors import InputError
+from calib.floor_points import parse_points
+from calib.rig import Floor
+from calib.world_file import load_world, save_world
+from planview.config import load_config
+from planview.floor_calibration import FloorView, floor_from_tracks, given_floor, view_floor
+from planview.tracks import read_tracks
+from stereo.readers.opening import open_recording
+from stereo.readers.pair import StereoRecording
+
+
+def calibrate_floor(
+    recording: Path,
+    *,
+    out: Path | None = None,
+    points: Annotated[Sequence[str], Parameter(consume_multiple=True)] = (),
+    tracks: Path | None = None,
+    calibration: Path | None = None,
+    frames: int = 30,
+    picture: Path | None = None,
+    config: Path | None = None,
+    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> None:
+    """Find the floor in a stereo recording and write world.toml, with a picture of a metric grid on it.
+
+    Example: planview calibrate floor my_recording --out my_recording/world.toml
+
+    Example, floor given by hand: planview calibrate floor my_recording --points 120,400 500,420 320,250
+
+    Parameters
+    ----------
+    recording
+        Folder with left/ and right/ images or videos and a calibration.
+    out
+        world.toml to write; beside the recording when not given. A recording that holds one is not searched again.
+    points
+        Three or more floor points instead: u,v pixels of the rectified left image (their depth is looked up), or
+        x,y,z metres in the rectified left camera (x right, y down, z forward).
+    tracks
+        tracks.csv of a run on this recording: refine its floor (run.json or world.toml) by where people's feet and
+        heads are, for floors that are hidden or without texture.
+    calibration
+        Calibration of the pair, when it does not lie in the recording.
+    frames
+        How many frames to look at, spread over the recording.
+    picture
+        Picture to write; OUT with .png when not given.
+    config
+        TOML file with parameters, tables rectify, sgbm, range and floor.
+    json_output
+        Print one JSON object to standard output.
+    """
+    if not 1 <= frames <= 1000:
+        raise InputError(f"--frames: expected 1 to 1000, found {frames}")
+    if points and tracks:
+        raise InputError("expected either --points or --tracks, found both")
+    settings = load_config(config, ())
+    parsed = parse_points(points) if points else None
+    opened = open_recording(recording, calibration)
+    console = Console(stderr=True)
+    with console.status(f"Looking at {frames} frames"):
+        view = view_floor(opened, settings, frames)
+        if parsed is not None:
+            floor = given_floor(view, *parsed)
+        elif tracks is not None:
+            floor = _refined(opened, view, tracks)
+        else:
+            floor = view.find(settings)
+    target = out or (recording if recording.is_dir() else recording.parent) / "world.toml"
+    image = picture or target.with_suffix(".png")
+    _write(floor, view, target, image)
+    console.print(_sentence(floor))
+    console.print(f"wrote {target} and {image}")
+    if json_output:
+        print(json.dumps(_report(floor, target, image)))
+
+
+def _write(floor: Floor, view: FloorView, target: Path, image: Path) -> None:
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        save_world(floor, target)
+        written = cv2.imwrite(str(image), view.picture(floor))
+    except (OSError, cv2.error) as error:
+        raise InputError(f"{target}: expected a place to write to, found {error}") from error
+    if not written:
+        raise InputError(f"{image}: expected a picture name that can be written, e.g. floor.png")
+
+
+def _refined(recording: StereoRecording, view: FloorView, tracks: Path) -> Floor:
+    file = tracks / "tracks.csv" if tracks.is_dir() else tracks
+    return floor_from_tracks(recording, view, read_tracks(file), _floor_of_run(recording, file), file)
+
+
+def _floor_of_run(recording: StereoRecording, tracks: Path) -> Floor:
+    """The floor those tracks were made with: the recording's world.toml, else what run.json says was found."""
+    if recording.world_SE3_left is not None:
+        return Floor(recording.world_SE3_left)
+    beside = tracks.with_name("world.toml")
+    if beside.is_file():
+        return load_world(beside)
+    run = tracks.with_name("run.json")
+    try:
+        found = json.loads(run.read_text(encoding="utf-8"))["floor"]["world_SE3_left"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{run}: expected the floor of that run (run.json or world.toml), found {error}") from error
+    from calib.pose import SE3
+
+    try:
+        return Floor(SE3.from_matrix(found))
+    except ValueError as error:
+        raise InputError(f"{run}: expected the floor of that run, {error}") from error
+
+
+def _sentence(floor: Floor) -> str:
+    text = (
+        f"camera {floor.height_m:.3f} m above the floor, tilt {math.degrees(floor.tilt_rad):.2f} and roll "
+        f"{math.degrees(floor.roll_rad):.2f} degrees"
+    )
+    if math.isfinite(floor.inlier_fraction):
+        text += f"; {floor.inlier_fraction:.0%} of the depth lies on it"
+    if math.isfinite(floor.residual_m):
+        text += f", {1000 * floor.residual_m:.0f} mm rms from it"
+    return text
+
+
+def _report(floor: Floor, target: Path, image: Path) -> dict[str, Any]:
+    values: dict[str, Any] = {
+        "height_m": floor.height_m,
+        "tilt_deg": math.degrees(floor.tilt_rad),
+        "roll_deg": math.degrees(floor.roll_rad),
+        "inlier_fraction": _known(floor.inlier_fraction),
+        "residual_m": _known(floor.residual_m),
+    }
+    if floor.covariance is not None:
+        height, tilt, roll = (math.sqrt(max(0.0, float(v))) for v in floor.covariance.diagonal())
+        values["height_std_m"] = height
+        values["tilt_std_deg"] = math.degrees(tilt)
+        values["roll_std_deg"] = math.degrees(roll)
+    return {**values, "extent_m": floor.extent_m, "world": str(target), "picture": str(image)}
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
