@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -26,6 +27,9 @@ REBASE_GAIN = 2.0
 
 REBASE_OFFSET = 20.0
 """The same for the offset [levels]: beyond it ratios of luma mean little."""
+
+BANDS = 4
+"""Bands of the image that two threads share out between them."""
 
 TURNS = 4
 """Most turns in which pixels learn."""
@@ -173,12 +177,20 @@ class Foreground:
             self._gain.reset()
 
     def _run(self, image: U8, disparity: F32, opinion: U8, step: Step, rates: F32) -> None:
-        n_blocks = len(self._lead)
-        half = n_blocks // 2
-        args = self._lead, self._rest, image, disparity, opinion, self._mask
-        other = self._worker.submit(kernels.update_blocks, *args, half, n_blocks, step, rates)
-        kernels.update_blocks(*args, 0, half, step, rates)
-        other.result()
+        """Update all blocks: this thread and a helper take bands until none is left; a late helper is not awaited."""
+        limits = np.linspace(0, len(self._lead), BANDS + 1).astype(int).tolist()
+        bands = iter(list(pairwise(limits)))
+
+        def work() -> None:
+            for first, last in bands:
+                kernels.update_blocks(
+                    self._lead, self._rest, image, disparity, opinion, self._mask, first, last, step, rates
+                )
+
+        helper = self._worker.submit(work)
+        work()
+        if not helper.cancel():
+            helper.result()
 
     def _step(self) -> Step:
         p = self.params

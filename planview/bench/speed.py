@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from planview.bench.clip import Clip, PlainOpenCV
+from planview.bench.single_speed import ellipse_particle_to_mog2, human_model_to_mog2
 from planview.foreground import Foreground, ForegroundParams
 from planview.pipeline import STAGES
 
@@ -29,6 +30,8 @@ LIMITS = {
     "foreground_to_mog2": 1.0,
     "after_disparity_to_sgbm": 0.5,
     "one_more_person": 0.05,
+    "human_model_to_mog2": 6.0,
+    "ellipse_particle_to_mog2": 6.0,
 }
 """What each ratio must not exceed."""
 
@@ -69,6 +72,10 @@ def measure(recording: Path | None, n_frames: int, progress: Callable[[str], Non
     foreground_to_mog2(clip, n_frames, speed)
     progress("everything after disparity at 320x240 beside SGBM")
     after_disparity_to_sgbm(Clip(recording, SETTLED + n_frames, width_px=320), speed)
+    for name, ratio in (("human_model", human_model_to_mog2), ("ellipse_particle", ellipse_particle_to_mog2)):
+        progress(f"{name.replace('_', '-')} tracker beside MOG2")
+        speed.ratios[f"{name}_to_mog2"], details = ratio(clip, SETTLED)
+        speed.details |= {key: round(value, 3) for key, value in details.items()}
     return speed
 
 
