@@ -16,8 +16,8 @@ MAX_CELLS = 4_000_000
 class GridParams(Params):
     """Cells on the world floor."""
 
-    cell_m: float = Field(0.03, gt=0, le=0.5)
-    """Side of a cell [m]. Harville 2002, section 3: 2-4 cm."""
+    cell_m: float = Field(0.04, gt=0, le=0.5)
+    """Side of a cell [m]. Harville 2002, section 3: 2-4 cm; positions are finer, since heads are located by points."""
 
 
 @dataclass(frozen=True)

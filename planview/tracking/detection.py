@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from calib.params import Params
-from calib.types import F32
+from calib.types import F32, Bool
 from planview.maps import PlanViewMaps, View
 from planview.tracking.body_axis import BodyAxis
 
@@ -87,7 +87,7 @@ class NewPeople:
             peak = float(area[row, col])
             if peak < self.params.area_min_m2:
                 break
-            candidate = self._candidate(maps, occupancy, row, col, cells, peak)
+            candidate = self._candidate(maps, occupancy, taken, (row, col), cells, peak)
             if candidate and not any(self._one_body(maps, candidate, (c.x_m, c.y_m)) for c in found):
                 found.append(replace(candidate, part_of=self._owner(maps, candidate, taken)))
             r = cells
@@ -104,8 +104,15 @@ class NewPeople:
         return np.asarray(area, dtype=np.float32), cells
 
     def _candidate(
-        self, maps: PlanViewMaps, occupancy: F32, row: int, col: int, cells: int, area: float
+        self,
+        maps: PlanViewMaps,
+        occupancy: F32,
+        taken: Sequence[tuple[float, float]],
+        peak: tuple[int, int],
+        cells: int,
+        area: float,
     ) -> Candidate | None:
+        row, col = peak
         half = cells // 2
         r0, c0 = max(0, row - half), max(0, col - half)
         window = occupancy[r0 : row + half + 1, c0 : col + half + 1]
@@ -115,19 +122,22 @@ class NewPeople:
         row_mean = float(window.sum(axis=1) @ np.arange(window.shape[0])) / total
         col_mean = float(window.sum(axis=0) @ np.arange(window.shape[1])) / total
         x, y = maps.grid.centre_of(r0 + row_mean, c0 + col_mean)
-        measured = self._axis(maps.points, np.array([[x, y]]), self._width_m)[0]
+        measured = self._axis(maps.points, np.array([(x, y), *taken]), self._width_m)[0]
         top = measured.height_m
-        if not top >= self.params.height_min_m or self._head_width(maps, x, y, top) > self.params.head_width_max_m:
+        if not top >= self.params.height_min_m:
+            return None
+        if self._head_width(maps, occupancy, x, y, top) > self.params.head_width_max_m:
             return None
         if measured.from_head:
             x, y = measured.seen_m
         return Candidate(x, y, (measured.x_m, measured.y_m), top, area)
 
-    def _head_width(self, maps: PlanViewMaps, x: float, y: float, top: float) -> float:
-        """Extent across the viewing ray of the points near the top [m]: root of 12 times their variance."""
+    def _head_width(self, maps: PlanViewMaps, occupancy: F32, x: float, y: float, top: float) -> float:
+        """Extent across the viewing ray of nobody else's points near the top [m]: root of 12 times their variance."""
         xyz, area = maps.points.xyz, maps.points.area
         across, along, ray = maps.view.footprint(x, y, 2 * self._width_m)
         near = (np.abs(xyz[:, 0] - x) < along) & (np.abs(xyz[:, 1] - y) < along) & (xyz[:, 2] > top - 0.25)
+        near[near] = free_cells(maps, occupancy, xyz[near])
         sideways = -(xyz[near, 0] - x) * ray[1] + (xyz[near, 1] - y) * ray[0]
         inside = np.abs(sideways) < across
         weight = area[near][inside]
@@ -141,6 +151,14 @@ class NewPeople:
 
     def _one_body(self, maps: PlanViewMaps, candidate: Candidate, other: tuple[float, float]) -> bool:
         return inseparable(maps.view, (candidate.x_m, candidate.y_m), other, self.params.separation_m)
+
+
+def free_cells(maps: PlanViewMaps, occupancy: F32, xyz: F32) -> Bool:
+    """Which points (N, 3) fall into cells that still hold occupancy."""
+    grid = maps.grid
+    cols = np.clip((xyz[:, 0] - grid.x_min_m) / grid.cell_m, 0, grid.n_cols - 1).astype(np.intp)
+    rows = np.clip((xyz[:, 1] - grid.y_min_m) / grid.cell_m, 0, grid.n_rows - 1).astype(np.intp)
+    return np.asarray(occupancy[rows, cols] > 0)
 
 
 def inseparable(view: View, one_m: tuple[float, float], other_m: tuple[float, float], distance_m: float) -> bool:

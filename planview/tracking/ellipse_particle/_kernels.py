@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from calib.types import F64, I64
+from calib.types import F32, F64, I64
 from planview._ellipse_kernels import between, conic, rows_of, span
 
 
@@ -35,6 +35,13 @@ def union_overlap(
     limits = np.empty((k_all, 2), dtype=np.int64)
     lows = np.empty(k_all)
     highs = np.empty(k_all)
+    # Every row of a small ellipse, every second or third of a tall one: a dozen rows give its area to 3 %, a quarter
+    # of the likelihood's deviation.
+    smallest = float(n_rows)
+    for k in range(k_all):
+        y = particles[0, members[k], 1]
+        smallest = min(smallest, max(least, half0 + half1 * y))
+    step = max(1, int(smallest / 6.0))
     for p in range(particles.shape[0]):
         first = n_rows
         last = -1
@@ -57,7 +64,7 @@ def union_overlap(
             last = max(last, r1)
         covered = 0.0
         outside = 0.0
-        for r in range(first, last + 1):
+        for r in range(first + (-first) % step, last + 1, step):
             count = 0
             for k in range(k_all):
                 if r < limits[k, 0] or r > limits[k, 1]:
@@ -86,5 +93,45 @@ def union_overlap(
                     i += 1
                 covered += between(measured, r, lo, hi, n_cols)
                 outside += hi - lo - between(allowed, r, lo, hi, n_cols)
-        out[p, 0] = covered
-        out[p, 1] = outside
+        out[p, 0] = covered * step
+        out[p, 1] = outside * step
+
+
+@njit(cache=True, nogil=True)
+def propagate(
+    particles: F64, noise: F32, dt: float, pull: F64, push: F64, keep: float, fresh: F64, surprise: F64
+) -> None:
+    """Constant velocity with Gaussian noise for all particles, in place (equation 6).
+
+    particles: (P, N, 7); noise: (P, N, 7) standard normal; pull, push: (N,) deviations of position and velocity;
+    keep, fresh: (3,) share of the old ellipse parameters, deviation of the new part;
+    surprise: (P, N) receives half the squared noise, minus the logarithm of the transition density.
+    """
+    for p in range(particles.shape[0]):
+        for n in range(particles.shape[1]):
+            state = particles[p, n]
+            draw = noise[p, n]
+            state[0] += state[2] * dt + pull[n] * draw[0]
+            state[1] += state[3] * dt + pull[n] * draw[1]
+            state[2] += push[n] * draw[2]
+            state[3] += push[n] * draw[3]
+            total = 0.0
+            for i in range(4):
+                total += draw[i] * draw[i]
+            for i in range(4, 7):
+                state[i] = keep * state[i] + fresh[i - 4] * draw[i]
+                total += draw[i] * draw[i]
+            surprise[p, n] = 0.5 * total
+
+
+@njit(cache=True, nogil=True)
+def copy_particles(particles: F64, surprise: F64, members: I64, index: I64) -> None:
+    """particles[:, members] = particles[index][:, members], the same for surprise."""
+    states = particles[:, members]
+    costs = surprise[:, members]
+    for p in range(particles.shape[0]):
+        for k in range(members.shape[0]):
+            n = members[k]
+            surprise[p, n] = costs[index[p], k]
+            for i in range(7):
+                particles[p, n, i] = states[index[p], k, i]

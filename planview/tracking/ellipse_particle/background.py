@@ -25,9 +25,10 @@ class Background:
         self._mixture: cv2.BackgroundSubtractorMOG2 | None = None
         self._empty: U8 = np.zeros((0, 0), dtype=np.uint8)
         self._people: list[F32] = []
+        self._scale = 1.0
 
     def protect(self, outlines: Sequence[F32]) -> None:
-        """Keep what is inside these outlines, (N, 2) [px] each, out of the background from the next frame on."""
+        """Keep what is inside these outlines, (N, 2) [px of the image], out of the background from now on."""
         self._people = list(outlines)
 
     def update(self, image: U8) -> U8:
@@ -36,8 +37,13 @@ class Background:
         Args:
             image: (H, W) or (H, W, 3) uint8; another size than before starts anew.
         Returns:
-            (H, W) uint8, 255 where foreground, shadows not included.
+            (h, w) uint8 of the reduced size, 255 where foreground, shadows not included.
         """
+        factor = -(-image.shape[1] // self._params.subtraction_columns)
+        if factor > 1:
+            size = (max(1, image.shape[1] // factor), max(1, image.shape[0] // factor))
+            image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        self._scale = 1.0 / factor
         if self._mixture is None or image.shape != self._empty.shape:
             self._frames = 0
             self._people = []
@@ -61,7 +67,7 @@ class Background:
     def _learn(self, image: U8, labels: U8, rate: float) -> None:
         free = np.full(image.shape[:2], 255, dtype=np.uint8)
         for outline in self._people:
-            cv2.fillPoly(free, [np.round(outline).astype(np.int32)], 0)
+            cv2.fillPoly(free, [np.round(outline * self._scale).astype(np.int32)], 0)
         self._remember(image, labels, free)
         scene = self._empty.copy()
         cv2.copyTo(image, free, scene)

@@ -24,6 +24,9 @@ class DetectionParams(Params):
     columns: int = Field(160, ge=40, le=2000)
     """Ellipses are fitted on a grid of at most about this many columns: a person 1/8 of the image high is then still
     15 cells high. Our choice; it is what bounds the time per frame."""
+    subtraction_columns: int = Field(320, ge=40, le=8192)
+    """The mixture looks at the image reduced by the smallest whole factor that brings it down to this width [px]; its
+    foreground is averaged over cells anyway, and averaged pixels are less noisy. Our choice: twice ``columns``."""
     flooded: float = Field(0.5, gt=0, le=1)
     """Share of foreground above which a frame measures nothing (a light was switched, the camera moved). Our choice."""
     person_area_m2: float = Field(0.4, gt=0, le=5)

@@ -72,16 +72,12 @@ class ParticleFilter:
         """
         p = self._params
         noise = self._rng.standard_normal((p.particles, len(self), 7), dtype=np.float32)
-        s = self.particles
         push = p.acceleration_mps2 * cells_per_m * dt_s
-        s[..., :2] += s[..., 2:4] * dt_s
-        s[..., :2] += noise[..., :2] * (np.hypot(0.5 * push * dt_s, p.jitter_m * cells_per_m))[:, None]
-        s[..., 2:4] += noise[..., 2:4] * push[:, None]
+        pull = np.hypot(0.5 * push * dt_s, p.jitter_m * cells_per_m)
         keep = math.exp(-dt_s / p.shape_time_s)
-        fresh = math.sqrt(1.0 - keep * keep)
         spread = np.array([p.shape_spread, p.shape_spread, math.radians(p.angle_spread_deg)])
-        s[..., 4:] = keep * s[..., 4:] + fresh * spread * noise[..., 4:]
-        self._surprise = 0.5 * np.sum(noise * noise, axis=-1)
+        fresh = math.sqrt(1.0 - keep * keep) * spread
+        kernels.propagate(self.particles, noise, dt_s, pull, push, keep, fresh, self._surprise)
 
     def weigh(self, members: I64, measured: F64, prior: SizePrior, area: float) -> F64:
         """Logarithm of the likelihood of equation (8) for a group, plus the term for area outside measurements.
@@ -168,8 +164,7 @@ class ParticleFilter:
         else:
             where = np.sort(self._rng.random(n))
         index = np.minimum(np.searchsorted(np.cumsum(weights), where), n - 1)
-        self.particles[:, members] = self.particles[index[:, None], members]
-        self._surprise[:, members] = self._surprise[index[:, None], members]
+        kernels.copy_particles(self.particles, self._surprise, members, index)
         return np.asarray(index)
 
     def means(self) -> F64:

@@ -57,15 +57,13 @@ class ImagePlane:
         foreground = self._foreground(observation)
         if foreground is None:
             return None
-        height, width = foreground.shape
-        step = max(1, math.ceil(width / self._params.columns))
+        height, width = foreground.shape if observation.image is None else observation.image.shape[:2]
         clean = cv2.medianBlur(foreground, 3)
-        rows, cols = max(1, height // step), max(1, width // step)
-        cells = cv2.resize(clean[: rows * step, : cols * step], (cols, rows), interpolation=cv2.INTER_AREA)
+        cols = min(width, self._params.columns)
+        rows = max(1, round(height * cols / width))
+        cells = cv2.resize(clean, (cols, rows), interpolation=cv2.INTER_AREA)
         mask = np.asarray(cells, dtype=np.float32) / np.float32(255)
-        # An image may be larger than its foreground by a whole factor.
-        factor = 1.0 if observation.image is None else observation.image.shape[1] / width
-        scale = step * factor
+        scale = width / cols
         return PlaneView(mask, scale, ((scale - 1) / 2, (scale - 1) / 2))
 
     def protect(self, outlines: Sequence[F32]) -> None:

@@ -25,7 +25,8 @@ class SizeLearner:
     Each region of a foreground mask that touches no border gives one sample: row of its box's centre, length, width
     and area. Lines through pairs of samples, and horizontal lines, are scored by the area of the regions whose length
     agrees within 15 %: specks are small, groups as long as their members, pieces scattered; so the consensus is a
-    person. The width is the mode of width/length among those, since groups are wider, never narrower.
+    person. The width is a low percentile of width/length among those, since groups are wider than one
+    person and nothing as long is narrower.
     """
 
     def __init__(self, params: SizeParams) -> None:
@@ -75,7 +76,7 @@ class SizeLearner:
         if inliers.sum() < self._params.least_samples / 2:
             return None
         level, slope_of = line(row[inliers], length[inliers], area[inliers], tilted=bool(slopes[np.argmax(score)] > 0))
-        aspect = mode((width / length)[inliers])
+        aspect = np.percentile((width / length)[inliers], 30)
         least = max(1.0, 0.4 * float(np.percentile(length[inliers], 5)))
         return SizePrior(level / 2, slope_of / 2, float(np.clip(aspect, 0.15, 1.0)), least)
 
@@ -100,14 +101,3 @@ def line(x: F64, y: F64, weight: F64, tilted: bool) -> tuple[float, float]:
     if tilted and spread > 1e-9:
         slope = max(0.0, float(np.average((x - mean_x) * (y - mean_y), weights=weight) / spread))
     return float(mean_y - slope * mean_x), slope
-
-
-def mode(values: F64) -> float:
-    """Half-sample mode: the narrowest half of the values, again and again."""
-    v = np.sort(values)
-    while len(v) > 3:
-        n = (len(v) + 1) // 2
-        starts = v[n - 1 :] - v[: len(v) - n + 1]
-        first = int(np.argmin(starts))
-        v = v[first : first + n]
-    return float(v.mean())

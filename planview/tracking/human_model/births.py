@@ -35,10 +35,12 @@ class Unexplained:
     Attributes:
         evidence: (H, W) uint8 that no target claims: 2 foreground, 1 less salient, 0 neither.
         motion: (H, W) uint8.
+        blobs: of the whole frame's evidence.
     """
 
     evidence: U8
     motion: U8
+    blobs: Blobs
 
 
 def find_candidates(scene: ModelScene, params: HumanModelParams, frame: Unexplained) -> list[Candidate]:
@@ -51,7 +53,10 @@ def find_candidates(scene: ModelScene, params: HumanModelParams, frame: Unexplai
     if not len(large):
         return []
     scene.prepare_candidates(frame.evidence, scene.cover)
-    found = [_best(scene, params, _feet(scene, rest, label), rest, label) for label in large]
+    found = []
+    for label in large:
+        least = params.birth.split_precision if _attached(rest, label, frame.blobs) else params.birth.min_precision
+        found.append(_best(scene, params, _feet(scene, rest, label), rest, label, least))
     return [c for c in found if c is not None and _salient(scene, params, c, frame)]
 
 
@@ -68,26 +73,36 @@ def _feet(scene: ModelScene, blobs: Blobs, label: int) -> F64:
     return np.asarray(scene.model_map.foot_px[fits], dtype=np.float64)
 
 
-def _best(scene: ModelScene, params: HumanModelParams, feet: F64, blobs: Blobs, label: int) -> Candidate | None:
+def _attached(rest: Blobs, label: int, whole: Blobs) -> bool:
+    """Whether other targets claim a part of the same blob: a new target would split it."""
+    left, top, width, height = rest.box_px[label]
+    window = np.s_[top : top + height, left : left + width]
+    parent = int(whole.labels[window][rest.labels[window] == label][0])
+    return int(rest.area_px[label]) < 0.95 * int(whole.area_px[parent])
+
+
+def _best(
+    scene: ModelScene, params: HumanModelParams, feet: F64, blobs: Blobs, label: int, least: float
+) -> Candidate | None:
     if not len(feet):
         return None
     candidates = np.column_stack([feet, np.ones(len(feet))])
-    best = _pick(params, candidates, scene.score(candidates), blobs, label, scene)
-    return best and _refined(scene, params, best, [params.min_height, 0.93, 1.0, 1.07, params.max_height], blobs)
+    best = _pick(params, candidates, scene.score(candidates), blobs, label, scene, least)
+    return best and _refined(scene, params, best, [params.min_height, 0.93, 1.0, 1.07, params.max_height], blobs, least)
 
 
 def _refined(
-    scene: ModelScene, params: HumanModelParams, best: Candidate, scales: list[float], blobs: Blobs
+    scene: ModelScene, params: HumanModelParams, best: Candidate, scales: list[float], blobs: Blobs, least: float
 ) -> Candidate | None:
     step = scene.model_map.params.step_px
     offsets = np.arange(-step, step + 1, max(1, step // 4))
     du, dv, scale = np.meshgrid(offsets, offsets, scales)
     near = np.column_stack([best.foot_px[0] + du.ravel(), best.foot_px[1] + dv.ravel(), scale.ravel()])
-    return _pick(params, near, scene.score(near), blobs, best.label, scene)
+    return _pick(params, near, scene.score(near), blobs, best.label, scene, least)
 
 
 def _pick(
-    params: HumanModelParams, candidates: F64, counts: I64, blobs: Blobs, label: int, scene: ModelScene
+    params: HumanModelParams, candidates: F64, counts: I64, blobs: Blobs, label: int, scene: ModelScene, least: float
 ) -> Candidate | None:
     """The candidate of the highest score among those of plausible shape, visibility and freedom."""
     birth = params.birth
@@ -97,7 +112,7 @@ def _pick(
     local = inner / np.maximum(1.0, inner + ring)
     entry = scene.model_map.entry_at(candidates[:, :2])
     visible = np.where(entry >= 0, scene.model_map.visibility[entry], 0.0)
-    ok = (area > 0) & (precision >= birth.min_precision) & (local >= birth.min_recall)
+    ok = (area > 0) & (precision >= least) & (local >= birth.min_recall)
     ok &= (visible >= birth.min_visible) & (taken <= birth.max_shared * area)
     if not ok.any():
         return None

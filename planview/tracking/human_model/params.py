@@ -61,11 +61,24 @@ class StateParams(Params):
     more (section 4). Our choice."""
 
 
+class PostureParams(Params):
+    """Sitting: the paper's model stands, but its conference room has people on chairs (our choice)."""
+
+    sitting: float = Field(default=0.72, gt=0.3, le=1)
+    """Height of the seated model over the standing one. Our choice: 1.27 m from the floor to the top of the head."""
+    advantage: float = Field(default=0.1, ge=0, le=2)
+    """Gain of the matching score, in standing model areas, that makes a person sit down or stand up."""
+
+
 class BirthParams(Params):
     """New targets (section 4, the four criteria)."""
 
-    min_precision: float = Field(default=0.6, gt=0, lt=1)
-    """Size and shape: foreground fraction of the model's visible area."""
+    min_precision: float = Field(default=0.5, gt=0, lt=1)
+    """Size and shape: foreground fraction of the model's visible area, for a blob on its own. Our choice: a walker fills
+    three quarters of the outline; less when clothes are partly like the floor."""
+    split_precision: float = Field(default=0.65, gt=0, lt=1)
+    """The same for what is left of a blob that another target has a part of. Our choice: arms, bags and prams fill less
+    of an outline."""
     min_recall: float = Field(default=0.45, ge=0, lt=1)
     """Size and shape: fraction of the unexplained blob around the model that the model covers."""
     min_core: float = Field(default=0.25, ge=0, le=1)
@@ -134,6 +147,8 @@ class HumanModelParams(Params):
     """Matching."""
     states: StateParams = StateParams()
     """Motion and stability states."""
+    posture: PostureParams = PostureParams()
+    """Sitting down and standing up."""
     birth: BirthParams = BirthParams()
     """New targets."""
     life: LifeParams = LifeParams()

@@ -135,6 +135,31 @@ class ModelScene:
         )
         return counts
 
+    def best_near(self, evidence: U8, position: F64, scale: float, reference: float) -> tuple[float, F64]:
+        """Best score near a foot pixel (0.15 of the height along the rows, half of that across), in areas of the model at scale ``reference``.
+
+        Returns:
+            the score and its (2,) foot pixel; what ``cover`` holds is other people's.
+        """
+        reach = 0.15 * self._longest(position) * reference
+        offsets = np.linspace(-reach, reach, 7)
+        du, dv = np.meshgrid(offsets / 2, offsets)
+        near = np.column_stack([position[0] + du.ravel(), position[1] + dv.ravel(), np.full(du.size, scale)])
+        window = 2.0 * self._longest(position) * max(scale, reference)
+        height, width = evidence.shape
+        top, bottom = max(0, int(position[1] - window)), min(height, int(position[1] + window) + 1)
+        kernels.row_prefix(evidence, self.cover, top, bottom, 0, width, self._rest, self._taken)
+        counts = self.score(near)
+        area = max(1, int(self.score(np.array([[*position, reference]]))[0, 0]))
+        gains = [kernels.gain(*row, float(area), self.params.overlap_weight) for row in counts]
+        best = int(np.argmax(gains))
+        return float(gains[best]), near[best, :2]
+
+    def _longest(self, position: F64) -> float:
+        """Longest side of the model's box at a foot pixel [px]."""
+        entry = int(self.model_map.entry_at(position))
+        return float(self.map_boxes[entry, 2:].max()) if entry >= 0 else 1.0
+
     def colours(self, image: U8, evidence: U8, position: F64, scale: float) -> F32:
         """(COLOUR_PARTS, COLOUR_LEVELS^3) float32 histogram of what only this model covers (after ``match``)."""
         histogram = np.zeros((COLOUR_PARTS, COLOUR_LEVELS**3), np.float32)

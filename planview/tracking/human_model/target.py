@@ -58,7 +58,8 @@ class Target:
         track_id: positive, never reused.
         kalman: footprint on the floor.
         born_s, seen_s: time of birth and of the last matching blob [s].
-        scale: height over the average person's.
+        scale: height over the average person's, standing.
+        sitting: whether the seated model fits better.
         confirmed: whether it is believed to be a person.
         matched: whether it had a blob in the last frame.
         matches: frames with a blob.
@@ -84,6 +85,7 @@ class Target:
     born_xy: F64
     foot_px: F64
     scale: float = 1.0
+    sitting: bool = False
     confirmed: bool = False
     matched: bool = True
     matches: int = 1

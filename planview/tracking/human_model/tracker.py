@@ -81,7 +81,7 @@ class HumanModelTracker:
         self._predict(dt)
         self._match_and_update(observation.image, evidence, motion, blobs)
         self._tell_apart()
-        self._new_targets(observation.image, evidence, motion)
+        self._new_targets(observation.image, evidence, motion, blobs)
         self._merge()
         self._clean()
         self._watch_still(foreground, motion, dt)
@@ -97,7 +97,7 @@ class HumanModelTracker:
 
     def debug(self) -> TrackerDebug:
         """Models with their states, and the search ranges."""
-        return draw(self.targets, self.scene)
+        return draw(self.targets, [self._drawn(t) for t in self.targets], self.scene)
 
     def _checked(self, observation: Observation) -> tuple[U8, U8]:
         foreground, motion = observation.foreground, observation.motion
@@ -130,7 +130,9 @@ class HumanModelTracker:
             if group:
                 prediction = self._prediction(group)
                 position = self.scene.match(evidence, *prediction, fresh=False)
-                measured = self.scene.measure(evidence, motion, blobs, position, prediction[1])
+                self._sit_or_stand(group, position, evidence)
+                scale = np.array([self._drawn(t) for t in group])
+                measured = self.scene.measure(evidence, motion, blobs, position, scale)
                 for i, target in enumerate(group):
                     if not target.matched and self._is_other(target, measured.position[i], image, evidence):
                         measured.counts[i, 1:] = 0
@@ -141,7 +143,7 @@ class HumanModelTracker:
     def _prediction(self, group: list[Target]) -> tuple[F64, F64, F64, I64]:
         """Foot pixels, scales, their covariances [px^2] and the order of targets, nearest to the camera first."""
         xy = np.array([t.kalman.state[:2] for t in group])
-        scale = np.array([t.scale for t in group])
+        scale = np.array([self._drawn(t) for t in group])
         predicted, jacobian = foot_pixels(self.camera, xy)
         spread = np.array([t.kalman.covariance[:2, :2] for t in group])
         limit = self.params.life.reattach_m**2 / self.params.match.search_sigmas**2
@@ -165,18 +167,40 @@ class HumanModelTracker:
         height = np.linalg.norm(self.scene.map_boxes[entry, 2:], axis=1)
         return np.asarray(1.0 + self.params.match.position_noise * height * scale)
 
+    def _drawn(self, target: Target) -> float:
+        """Scale of the model as it is drawn: seated people are lower."""
+        return target.scale * (self.params.posture.sitting if target.sitting else 1.0)
+
+    def _sit_or_stand(self, group: list[Target], position: F64, evidence: U8) -> None:
+        """Change the model of who is not walking when the other posture explains the blob better."""
+        p = self.params.posture
+        for target, foot in zip(group, position, strict=True):
+            if not target.confirmed or (target.motion == "moving" and not target.sitting):
+                continue
+            self.scene.paint(self.scene.cover, foot, self._drawn(target), -1)
+            scores = [self.scene.best_near(evidence, foot, target.scale * k, target.scale) for k in (1.0, p.sitting)]
+            (stand, _), (sit, _) = scores
+            change = (sit - stand if not target.sitting else stand - sit) > p.advantage
+            if change:
+                target.sitting = not target.sitting
+                foot[:] = scores[target.sitting][1]
+                self._decide(target, "state", "sits down" if target.sitting else "stands up", sit - stand)
+            self.scene.paint(self.scene.cover, foot, self._drawn(target), 1)
+
     def _is_other(self, target: Target, position: F64, image: U8 | None, evidence: U8) -> bool:
         """Whether what a lost target could take has another's colours."""
         recent = self._now_s - target.seen_s < self.params.states.window_s
         if recent or image is None or image.ndim != 3 or target.colours is None:
             return False
-        seen = self.scene.colours(image, evidence, position, target.scale)
+        seen = self.scene.colours(image, evidence, position, self._drawn(target))
         return similarity(target.colours, seen) < self.params.life.alike
 
     def _refine(self, target: Target, i: int, measured: Measurement, evidence: U8) -> None:
         """Lay head and foot of a model on the ends of its blob, and learn the person's height, when all of it shows."""
         p = self.params
         if measured.shared[i] > 0 or measured.precision[i] < p.match.min_precision or target.inside < 1.0:
+            return
+        if target.sitting:
             return
         found = self.scene.extent(evidence, measured.position[i], target.scale)
         if found is None or found[1] > p.match.refine_reach or abs(found[2] - 1.0) > p.match.refine_height:
@@ -188,7 +212,7 @@ class HumanModelTracker:
 
     def _update_target(self, target: Target, i: int, measured: Measurement, blobs: Blobs) -> None:
         p, now = self.params, self._now_s
-        noise = self._pixel_noise(measured.position[i : i + 1], np.array([target.scale]))[0]
+        noise = self._pixel_noise(measured.position[i : i + 1], np.array([self._drawn(target)]))[0]
         shared, precision = float(measured.shared[i]), float(measured.precision[i])
         hidden = target.matched and 1.0 - shared < p.match.min_free
         target.shared = shared
@@ -215,7 +239,7 @@ class HumanModelTracker:
         if target.stability == "stable" and target.matched and shared == 0 and measured.extent[i, 2] > 0:
             # Columns of a silhouette fall off towards arms and feet: about a triangle, half width sqrt(6) sigma.
             spread = 2.45 * np.sqrt(measured.extent[i, 1] / measured.extent[i, 2])
-            half = 0.5 * self.scene.map_boxes[entry, 2] * target.scale
+            half = 0.5 * self.scene.map_boxes[entry, 2] * self._drawn(target)
             target.half_width += 0.1 * (float(np.clip(spread / max(half, 1.0), 1.0, 2.0)) - target.half_width)
         if not target.confirmed and self._believable(target):
             target.confirmed = True
@@ -247,7 +271,7 @@ class HumanModelTracker:
             return
         if float(measured.shared[i]) > 0.1 or float(measured.precision[i]) < self.params.birth.min_precision:
             return
-        seen = self.scene.colours(image, evidence, target.foot_px, target.scale)
+        seen = self.scene.colours(image, evidence, target.foot_px, self._drawn(target))
         if self._mingling.busy(target.track_id):
             self._mingling.see(target, seen)
         else:
@@ -264,9 +288,9 @@ class HumanModelTracker:
             first.swap_with(second)
             self._decide(first, "state", f"colours say: swapped with {second.track_id} (gain {gain:.2f})", gain)
 
-    def _new_targets(self, image: U8 | None, evidence: U8, motion: U8) -> None:
+    def _new_targets(self, image: U8 | None, evidence: U8, motion: U8, blobs: Blobs) -> None:
         rest = np.where(self.scene.claimed > 0, 0, evidence).astype(np.uint8)
-        for candidate in find_candidates(self.scene, self.params, Unexplained(rest, motion)):
+        for candidate in find_candidates(self.scene, self.params, Unexplained(rest, motion, blobs)):
             self._add(candidate, image, evidence)
 
     def _add(self, candidate: Candidate, image: U8 | None, evidence: U8) -> None:
@@ -362,11 +386,13 @@ class HumanModelTracker:
     def _state_of(self, target: Target) -> TrackState:
         x, y, vx, vy = (float(v) for v in target.kalman.state)
         state = "tentative" if not target.confirmed else "confirmed" if target.matched else "lost"
-        return TrackState(target.track_id, state, x, y, vx, vy, self.model.height_m * target.scale, self._box(target))
+        return TrackState(
+            target.track_id, state, x, y, vx, vy, self.model.height_m * self._drawn(target), self._box(target)
+        )
 
     def _box(self, target: Target) -> tuple[float, float, float, float]:
         foot = self.camera.project(np.append(target.kalman.state[:2], 0.0))
-        hull = self.scene.hull(foot, target.scale)
+        hull = self.scene.hull(foot, self._drawn(target))
         if hull is None:
             return (np.nan, np.nan, np.nan, np.nan)
         (left, top), (right, bottom) = hull.min(axis=0), hull.max(axis=0)

@@ -39,6 +39,9 @@ class TemplateTrackerParams(Params):
     """Random acceleration [m/s^2]: walkers start and stop within about 0.7 s at 1.4 m/s."""
     position_std_m: float = Field(0.05, gt=0.0)
     """Deviation of a matched position [m]: about a cell, and the sway of a body around its path."""
+    score_good: float = Field(0.75, gt=0.0)
+    """Match scores up to this leave the position at ``position_std_m``; worse ones raise it by their square. A third
+    of the body newly hidden, or a turn, scores about as much (our choice)."""
     speed_std_mps: float = Field(1.0, gt=0.0)
     """Deviation of the unknown velocity of somebody new [m/s]."""
     search_sigma: float = Field(3.0, gt=0.0)

@@ -121,8 +121,10 @@ class TemplateTracker:
 
     def _update(self, person: Person, measured: AxisMeasurement, dt: float) -> None:
         p, (x, y) = self.params, person.at_m
-        person.kalman = person.kalman.updated(x, y, p.position_std_m)
-        person.axis = person.axis.updated(x + person.offset_m[0], y + person.offset_m[1], p.position_std_m)
+        # A body that is being hidden seems to move towards what hides it: the worse the match, the less it counts.
+        std = p.position_std_m * max(1.0, person.score / p.score_good) ** 2
+        person.kalman = person.kalman.updated(x, y, std)
+        person.axis = person.axis.updated(x + person.offset_m[0], y + person.offset_m[1], std)
         if not math.isnan(measured.height_m):
             keep = math.exp(-dt / p.height_time_s)
             person.height_m = keep * person.height_m + (1 - keep) * measured.height_m
