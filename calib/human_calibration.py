@@ -52,6 +52,7 @@ class HumanCalibration:
         sample_errors: (n,) float64 E per sample.
         std: deviations of (height [relative], tilt [rad], focal length [relative]) for points drawn to 2 px.
         girth: width of the sampled people against the model's [1].
+        boxes_only: whether heads and feet were but the middles of the boxes' edges (``human_refine.only_boxes``).
         search_s: duration of the search [s].
     """
 
@@ -61,6 +62,7 @@ class HumanCalibration:
     sample_errors: F64
     std: tuple[float, float, float]
     girth: float
+    boxes_only: bool
     search_s: float
 
 
@@ -113,7 +115,14 @@ def calibrate_from_people(
             f"{min(found.refined.std[0], 10):.0%}): add people nearer to and farther from the camera"
         )
     return HumanCalibration(
-        found.refined.camera, model, float(errors.mean()), errors, found.refined.std, found.refined.girth, elapsed
+        found.refined.camera,
+        model,
+        float(errors.mean()),
+        errors,
+        found.refined.std,
+        found.refined.girth,
+        only_boxes(rows),
+        elapsed,
     )
 
 

@@ -1,0 +1,183 @@
+"""``planview calibrate human``: one camera from standing people."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import cv2
+import numpy as np
+from cyclopts import Parameter
+from rich.console import Console
+from rich.progress import Progress
+
+from calib.errors import InputError
+from calib.ground_camera import LENS_K_320, save_ground_camera
+from calib.human_calibration import HumanCalibration, calibrate_from_people
+from calib.human_model import HumanModel
+from calib.human_model_map import build_model_map, save_model_map
+from calib.human_samples import HumanSample, check_samples, read_samples, write_samples
+from calib.types import U8
+from planview.calibration_pictures import COMPUTED, crowd, draw_grid, draw_person, draw_samples
+from planview.human_collection import collect_samples
+from stereo.readers.opening import open_video
+from stereo.recording import Video
+
+
+def calibrate_human(
+    samples: Path,
+    *,
+    image_size: str | None = None,
+    lens: str | None = None,
+    out: Path = Path("camera.toml"),
+    frames: Path | None = None,
+    auto: Annotated[bool, Parameter(negative="")] = False,
+    person_height: float = 1.76,
+    count: int = 12,
+    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> None:
+    """Calibrate one camera from standing people: height, tilt and focal length, written to camera.toml.
+
+    Example: planview calibrate human samples.csv --image-size 640x480 --lens normal-wide --out camera.toml
+
+    Example, one person walking alone: planview calibrate human walk.mp4 --auto --lens normal
+
+    Parameters
+    ----------
+    samples
+        CSV with columns left_px,top_px,width_px,height_px,head_x_px,head_y_px,foot_x_px,foot_y_px (and frame), or JSON:
+        a list of {"box": [left, top, width, height], "head": [u, v], "foot": [u, v]}; 3 or more people at different
+        places. With --auto, a video.
+    image_size
+        WxH of the image that the samples were taken in; that of the video when there is one.
+    lens
+        pinhole, normal, normal-wide, fisheye or black-corner-fisheye; all are tried when not given.
+    out
+        camera.toml to write; beside it a picture (.png), the human model map (.npz) and, with --auto, the samples.
+    frames
+        Video that the samples come from: its frames are the picture's background.
+    auto
+        Collect the samples from a video of one person walking alone.
+    person_height
+        Height of the people in the samples [m].
+    count
+        How many samples --auto takes.
+    json_output
+        Print one JSON object to standard output.
+    """
+    console = Console(stderr=True)
+    if lens is not None and lens not in LENS_K_320:
+        raise InputError(f"--lens: expected one of {', '.join(LENS_K_320)}, found {lens!r}")
+    if not 0.5 <= person_height <= 2.5:
+        raise InputError(f"--person-height: expected 0.5 to 2.5 m, found {person_height:g}")
+    if not 3 <= count <= 200:
+        raise InputError(f"--count: expected 3 to 200, found {count}")
+    video = open_video(samples) if auto else open_video(frames) if frames else None
+    size = _size(image_size, video)
+    taken = _collect(video, count, console) if auto and video is not None else read_samples(samples)
+    check_samples(taken, size, str(samples))
+    model = HumanModel().scaled(person_height)
+    found = calibrate_from_people(taken, size, lens, model=model, name=str(samples))
+    camera = found.camera
+    picture, model_map, collected = (out.with_suffix(s) for s in (".png", ".npz", ".samples.json"))
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        save_ground_camera(camera, out)
+        cv2.imwrite(str(picture), _picture(found, taken, video))
+        save_model_map(build_model_map(camera, model), model_map)
+        if auto:
+            write_samples(taken, collected)
+    except OSError as error:
+        raise InputError(f"{out}: expected a place to write to, found {error}") from error
+    height_std, tilt_std, focal_std = found.std
+    console.print(
+        f"camera {camera.height_m:.2f} m (+-{height_std * camera.height_m:.2f}) above the floor, tilt "
+        f"{math.degrees(camera.tilt_rad):.1f} (+-{math.degrees(tilt_std):.1f}) degrees, focal length "
+        f"{camera.focal_px:.0f} (+-{focal_std * camera.focal_px:.0f}) px, lens {camera.lens}; "
+        f"error {found.error:.3f} over {len(taken)} samples, search {found.search_s:.2f} s"
+    )
+    if found.boxes_only:
+        console.print("heads and feet are the middles of the boxes' edges: the focal length rests on the lens class")
+    console.print(f"wrote {out}, {picture} and {model_map}")
+    if json_output:
+        print(json.dumps(_report(found, taken, out)))
+
+
+def _size(text: str | None, video: Video | None) -> tuple[int, int]:
+    if text is None:
+        if video is None:
+            raise InputError("--image-size: expected WxH of the image that the samples were taken in, found nothing")
+        return video.size
+    match = re.fullmatch(r"\s*(\d{1,5})\s*[xX*,]\s*(\d{1,5})\s*", text)
+    if match is None or 0 in (width := int(match[1]), height := int(match[2])):
+        raise InputError(f"--image-size: expected WxH in pixels, e.g. 640x480, found {text!r}")
+    if video is not None and video.size != (width, height):
+        raise InputError(
+            f"--image-size: expected that of the video, {video.size[0]}x{video.size[1]}, found {width}x{height}"
+        )
+    return width, height
+
+
+def _collect(video: Video, count: int, console: Console) -> tuple[HumanSample, ...]:
+    with Progress(console=console, transient=True) as progress:
+        task = progress.add_task("Following one person", total=video.n_frames)
+        return collect_samples(video, count, done=lambda: progress.advance(task))
+
+
+def _picture(found: HumanCalibration, samples: Sequence[HumanSample], video: Video | None) -> U8:
+    """Given and computed features beside people all over the floor (figure 6)."""
+    camera = found.camera
+    image = _background(camera.size, samples, video)
+    given = draw_samples(image, camera, found.model, samples)
+    feet = camera.back_project(np.array([s.foot_px for s in samples]))
+    feet = feet[np.isfinite(feet).all(axis=1)]
+    low, high = (feet.min(axis=0) - 2.0, feet.max(axis=0) + 2.0) if len(feet) else (np.full(2, -5.0), np.full(2, 5.0))
+    extent = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+    crowded = draw_grid(image, camera.project, extent)
+    for xy in crowd(camera, found.model):
+        draw_person(crowded, camera, found.model, xy, COMPUTED)
+    return np.hstack([given, crowded])
+
+
+def _background(size: tuple[int, int], samples: Sequence[HumanSample], video: Video | None) -> U8:
+    """The frame of the first sample with the other samples' people pasted in, or plain grey without a video."""
+    canvas: U8 = np.full((size[1], size[0], 3), 60, dtype=np.uint8)
+    if video is None:
+        return canvas
+    wanted = {s.frame: s for s in samples if s.frame >= 0}
+    for frame in video:
+        image = cv2.cvtColor(frame.image, cv2.COLOR_GRAY2BGR) if frame.image.ndim == 2 else frame.image
+        if frame.index == 0:
+            canvas = np.asarray(image, dtype=np.uint8).copy()
+        sample = wanted.get(frame.index)
+        if sample is not None:
+            left, top, width, height = (round(v) for v in sample.box_px)
+            part = np.s_[max(0, top - 4) : top + height + 4, max(0, left - 4) : left + width + 4]
+            canvas[part] = image[part]
+        if frame.index >= max(wanted, default=0):
+            break
+    return canvas
+
+
+def _report(found: HumanCalibration, samples: Sequence[HumanSample], out: Path) -> dict[str, Any]:
+    camera = found.camera
+    height_std, tilt_std, focal_std = found.std
+    return {
+        "height_m": camera.height_m,
+        "tilt_deg": math.degrees(camera.tilt_rad),
+        "focal_px": camera.focal_px,
+        "lens": camera.lens,
+        "error": found.error,
+        "height_std_m": height_std * camera.height_m,
+        "tilt_std_deg": math.degrees(tilt_std),
+        "focal_std_px": focal_std * camera.focal_px,
+        "sample_errors": [round(float(e), 4) for e in found.sample_errors],
+        "samples": len(samples),
+        "boxes_only": found.boxes_only,
+        "search_s": round(found.search_s, 3),
+        "camera": str(out),
+    }
