@@ -58,7 +58,8 @@ class ImagePlane:
         if foreground is None:
             return None
         height, width = foreground.shape if observation.image is None else observation.image.shape[:2]
-        clean = cv2.medianBlur(foreground, 3)
+        # Averaging whole pixels has removed specks already where the foreground is smaller than the image.
+        clean = cv2.medianBlur(foreground, 3) if foreground.shape[1] == width else foreground
         cols = min(width, self._params.columns)
         rows = max(1, round(height * cols / width))
         cells = cv2.resize(clean, (cols, rows), interpolation=cv2.INTER_AREA)

@@ -84,7 +84,8 @@ def test_union_overlap_counts_shared_area_once():
     twice[..., :2] = 30.0
     out = np.empty((1, 2))
     union_overlap(twice, np.array([0, 1]), full, none, 20.0, 0.0, 1.0, 0.5, out)
-    assert out[0] == pytest.approx([math.pi * 20 * 10] * 2, rel=5e-3)
+    # Tall ellipses are summed over every third row.
+    assert out[0] == pytest.approx([math.pi * 20 * 10] * 2, rel=0.03)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -116,7 +117,10 @@ def test_normal_equations_are_the_slope_of_the_squared_residual():
     ellipses = np.array([[30.0, 30, 13, 5, 0.05], [36, 33, 12, 5, 0.0]])
     soft, background = 0.7, 0.4
     grad, hess = np.empty(5), np.empty((5, 5))
-    kernels.normal_equations(mask, ellipses, 0, background, soft, grad, hess)
+    free, window = np.empty(shape), np.array([0, 59, 0, 59])
+    kernels.free_of(ellipses, 0, soft, window, free)
+    np.testing.assert_allclose(1 - free, reference.soft_union(ellipses[1:], shape, soft, ellipses[1:, 3]), atol=8e-3)
+    kernels.normal_equations(mask, ellipses[0], window, free, background, soft, grad, hess)
     weight = mask + background * (1 - mask)
 
     def cost(step: np.ndarray) -> float:
@@ -129,7 +133,7 @@ def test_normal_equations_are_the_slope_of_the_squared_residual():
         step = np.zeros(5)
         step[i] = 1e-5
         slope = (cost(step) - cost(-step)) / 2e-5
-        assert -grad[i] == pytest.approx(slope, rel=0.01, abs=0.02)
+        assert -grad[i] == pytest.approx(slope, rel=0.02, abs=0.05)
     assert np.linalg.eigvalsh(hess).min() > -1e-9
 
 
