@@ -25,6 +25,7 @@ _WINDOW_SHARE = 0.25
 larger windows average more noise. Measured on OpenCV's pairs: 0.25 gives 0.20 px, 0.4 already 0.24 px."""
 _MAX_WINDOW_PX = 15
 _MIN_CHARUCO_CORNERS = 8
+_TRIAL_IMAGES = 3
 _MARKER_SHARES = (0.75, 0.7, 0.8, 0.6, 0.5)
 
 
@@ -256,19 +257,29 @@ def _charuco_detector(board: Board) -> cv2.aruco.CharucoDetector:
 
 
 def complete_charuco(board: Board, images: Sequence[U8], *, any_dictionary: bool, any_marker: bool) -> Board:
-    """The ChArUco board with the dictionary, marker size and layout that find most corners in a few images."""
-    names = list(dictionaries()) if any_dictionary else [board.dictionary]
-    candidates = [replace(board, dictionary=name, legacy=legacy) for name in names for legacy in (False, True)]
-    best = max(candidates, key=lambda candidate: _found(candidate, images))
+    """The ChArUco board with the dictionary, marker size and layout that find most in a few images."""
+    greys = [as_grey(image) for image in images[:_TRIAL_IMAGES]]
+    if any_dictionary:
+        wanted = (board.cols + 1) * (board.rows + 1) // 2
+        name = max(dictionaries(), key=lambda name: (_markers(name, wanted, greys), -dictionaries()[name]))
+        board = replace(board, dictionary=name)
+    board = max((replace(board, legacy=legacy) for legacy in (False, True)), key=lambda one: _found(one, greys))
     if not any_marker:
-        return best
-    sizes = [replace(best, marker_m=share * board.square_m) for share in _MARKER_SHARES]
-    return max(sizes, key=lambda candidate: _found(candidate, images))
+        return board
+    sizes = [replace(board, marker_m=share * board.square_m) for share in _MARKER_SHARES]
+    return max(sizes, key=lambda one: _found(one, greys))
+
+
+def _markers(dictionary: str, wanted: int, greys: Sequence[U8]) -> int:
+    """Markers of a dictionary in the images whose ids a board with so many of them can hold."""
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(dictionaries()[dictionary]))
+    found = 0
+    for grey in greys:
+        _, ids, _ = detector.detectMarkers(grey)
+        found += 0 if ids is None else len({int(i) for i in np.asarray(ids).ravel() if i < wanted})
+    return found
 
 
 def _found(board: Board, images: Sequence[U8]) -> int:
-    try:
-        detector = Detector(board)
-    except ValueError:
-        return -1
+    detector = Detector(board)
     return sum(len(corners.ids) for image in images if (corners := detector(image)) is not None)
