@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import IO
 
 from calib.errors import InputError, WorkError
-from planview.run_info import read_run_info
+from planview.run_info import RunInfo, read_run_info
 
 PRODUCTS = (
     "tracks.csv", "events.csv", "decisions.csv", "counts.json", "run.json", "run.rrd", "report.html",
@@ -38,13 +38,23 @@ def prepare_folder(folder: Path, overwrite: bool) -> None:
 
 def _holds_finished_run(folder: Path) -> bool:
     """A run.json that cannot be read may be a finished run of another version: it counts as one."""
-    path = folder / "run.json"
-    if not path.is_file():
-        return False
     try:
-        return read_run_info(path).finished
+        return finished_run(folder) is not None
     except InputError:
         return True
+
+
+def finished_run(folder: Path) -> RunInfo | None:
+    """The run.json of a folder that holds a finished run, else None.
+
+    Raises:
+        InputError: there is a run.json that cannot be read.
+    """
+    path = folder / "run.json"
+    if not path.is_file():
+        return None
+    info = read_run_info(path)
+    return info if info.finished else None
 
 
 class FrameFile:

@@ -18,6 +18,7 @@ from planview.engines import Engine, open_engine
 from planview.output import prepare_folder
 from planview.pipeline import Pipeline
 from planview.progress import FrameProgress, summary
+from planview.report import write_report
 from planview.run import RunOptions
 from planview.run import run as run_engine
 from planview.run_log import NoLog, RunLog
@@ -82,6 +83,7 @@ def run(
     options = RunOptions(tracker=tracker, analytics=analytics, debug=debug, max_frames=frames)
     with FrameProgress(console, min(frames or engine.recording.n_frames, engine.recording.n_frames)) as progress:
         info = run_engine(engine, out, options, _log(engine, out, rrd), progress)
+    write_report(out)
     summary(console, info, out)
     if json_output:
         print(json.dumps(info.model_dump(mode="json")))

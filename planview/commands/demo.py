@@ -1,0 +1,38 @@
+"""``planview demo``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from calib.errors import InputError
+from planview.commands.evaluate import evaluate
+from planview.commands.run import run
+
+CLIP = Path(__file__).resolve().parents[2] / "data" / "synthetic" / "demo"
+
+
+def demo(
+    *,
+    out: Path = Path("out/demo"),
+    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> None:
+    """Run the committed clip, write all results including run.rrd, and print its metrics.
+
+    Example: planview demo
+
+    Parameters
+    ----------
+    out
+        Folder for the results; results of an earlier demo there are replaced.
+    json_output
+        Print the metrics as one JSON object.
+    """
+    if not CLIP.is_dir():
+        raise InputError(f"{CLIP}: expected the demo clip, found nothing; run planview from its repository")
+    run(CLIP, out=out, rrd=True, debug=True, overwrite=True)
+    evaluate(out / "tracks.csv", CLIP / "truth.csv", json_output=json_output)
+    Console(stderr=True).print(f"Look at it: planview view {out}    or open {out / 'report.html'}")
