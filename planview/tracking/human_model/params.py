@@ -50,7 +50,7 @@ class StateParams(Params):
     """Time over which motion and trends are judged [s]. Our choice: about one and a half steps."""
     moving_mps: float = Field(default=0.25, gt=0, le=3)
     """Speed of the footprint from which a target is moving [m/s]. Our choice: swaying is slower, walking faster."""
-    internal_motion: float = Field(default=0.02, gt=0, lt=1)
+    internal_motion: float = Field(default=0.01, gt=0, lt=1)
     """Fraction of the model's area in motion that is internal motion. Our choice: a moving hand or head."""
     trend: float = Field(default=0.1, gt=0, lt=1)
     """Change of the visible fraction within the window that is appearing or disappearing. Our choice."""
@@ -73,7 +73,7 @@ class PostureParams(Params):
 class BirthParams(Params):
     """New targets (section 4, the four criteria)."""
 
-    min_precision: float = Field(default=0.5, gt=0, lt=1)
+    min_precision: float = Field(default=0.6, gt=0, lt=1)
     """Size and shape: foreground fraction of the model's visible area, for a blob on its own. Our choice: a walker fills
     three quarters of the outline; less when clothes are partly like the floor."""
     split_precision: float = Field(default=0.65, gt=0, lt=1)
@@ -113,7 +113,7 @@ class LifeParams(Params):
     """Visible fraction when last seen below which a disappearing target has left the view. Our choice."""
     gone_visible: float = Field(default=0.25, ge=0, lt=1)
     """Fraction of the model inside the image below which a disappearing target has left, blob or not. Our choice."""
-    inanimate_s: float = Field(default=10.0, gt=0, le=600)
+    inanimate_s: float = Field(default=20.0, gt=0, le=600)
     """Time without any internal motion after which a target is a thing [s]. Our choice: seated people move a hand or
     the head more often."""
     still_s: float = Field(default=3.0, gt=0, le=600)
