@@ -38,12 +38,14 @@ class Clip:
 
     Attributes:
         recording, pipeline: ready to run.
-        pairs: the first frames, decoded and scaled to ``width_px``.
+        pairs: the first frames as recorded, decoded.
     """
 
-    def __init__(self, path: Path | None, n_frames: int, width_px: int = 640) -> None:
+    def __init__(self, path: Path | None, n_frames: int, width_px: int = 640, pairs: list[Pair] | None = None) -> None:
         """Open a recording (the committed clip when None) and set the engine up on images of ``width_px``.
 
+        Args:
+            pairs: its decoded frames where another clip has them already.
         Raises:
             InputError: no such recording, or too few frames.
         """
@@ -54,7 +56,7 @@ class Clip:
         rectify = {"working_px": width_px}
         self.config = Config.model_validate({"rectify": rectify, "analysis": {"width_px": min(width_px, 400)}})
         self.pipeline = Pipeline(self.recording, set_up(self.recording, self.config), self.config)
-        self.pairs = [Pair(f.timestamp_s, f.left, f.right) for f in islice(self.recording, n_frames)]
+        self.pairs = pairs or [Pair(f.timestamp_s, f.left, f.right) for f in islice(self.recording, n_frames)]
         if len(self.pairs) < 2:
             raise WorkError(f"{path}: expected at least 2 frames, found {len(self.pairs)}")
 

@@ -71,7 +71,7 @@ def measure(recording: Path | None, n_frames: int, progress: Callable[[str], Non
     progress("foreground beside MOG2")
     foreground_to_mog2(clip, n_frames, speed)
     progress("everything after disparity at 320x240 beside SGBM")
-    after_disparity_to_sgbm(Clip(recording, SETTLED + n_frames, width_px=320), speed)
+    after_disparity_to_sgbm(Clip(recording, 0, width_px=320, pairs=clip.pairs), speed)
     for name, ratio in (("human_model", human_model_to_mog2), ("ellipse_particle", ellipse_particle_to_mog2)):
         progress(f"{name.replace('_', '-')} tracker beside MOG2")
         speed.ratios[f"{name}_to_mog2"], details = ratio(clip, SETTLED)
