@@ -123,10 +123,16 @@ def dictionaries() -> dict[str, int]:
 
 
 class Detector:
-    """Finds one board in images."""
+    """Finds one board in images.
 
-    def __init__(self, board: Board) -> None:
+    Attributes:
+        board: what to look for.
+        thorough: look again, slowly, where a quick look finds nothing; for images that were taken to show the board.
+    """
+
+    def __init__(self, board: Board, *, thorough: bool = True) -> None:
         self.board = board
+        self.thorough = thorough
         self._charuco = _charuco_detector(board) if board.dictionary else None
 
     def __call__(self, image: U8) -> Corners | None:
@@ -141,7 +147,7 @@ class Detector:
         return self._find_chessboard(grey) if self._charuco is None else self._find_charuco(grey)
 
     def _find_chessboard(self, grey: U8) -> Corners | None:
-        pixels = find_chessboard(grey, self.board.cols, self.board.rows)
+        pixels = find_chessboard(grey, self.board.cols, self.board.rows, thorough=self.thorough)
         if pixels is None:
             return None
         return Corners(np.arange(len(pixels)), refine(grey, pixels, self.board.cols))
@@ -156,13 +162,13 @@ class Detector:
         return Corners(found, np.asarray(corners, dtype=np.float64).reshape(-1, 2))
 
 
-def find_chessboard(grey: U8, cols: int, rows: int) -> F64 | None:
+def find_chessboard(grey: U8, cols: int, rows: int, *, thorough: bool = True) -> F64 | None:
     """(cols * rows, 2) corners, coarse, in rows of ``cols``, in the order of a board seen from its front."""
     scale = min(1.0, _DETECT_WIDTH / grey.shape[1])
     small = grey if scale == 1.0 else cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
     found, pixels = cv2.findChessboardCorners(small, (cols, rows), flags=flags | cv2.CALIB_CB_FAST_CHECK)
-    if not found:
+    if not found and thorough:
         found, pixels = cv2.findChessboardCornersSB(small, (cols, rows), flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
     if not found or pixels is None:
         return None
@@ -226,6 +232,16 @@ def find_counts(images: Iterable[U8]) -> tuple[int, int] | None:
         return size
     best = max(votes.most_common(4), key=lambda item: (_confirmed(greys, item[0]), item[1], item[0]))
     return best[0]
+
+
+def better_counts(images: Iterable[U8], given: tuple[int, int]) -> tuple[int, int] | None:
+    """Inner corners (more, fewer) that the images show instead of the given ones; None when these are right."""
+    greys = [_small(as_grey(image)) for image in images]
+    found = find_counts(greys)
+    if found is None or found == (max(given), min(given)):
+        return None
+    # Edges of the board itself can look like another row of squares, so that what is grown may be one too large.
+    return found if _confirmed(greys, found) > _confirmed(greys, given) else None
 
 
 def _small(grey: U8) -> U8:

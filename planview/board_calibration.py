@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.board import Board, Detector, as_grey, complete_charuco, find_counts, same_order
+from calib.board import Board, Detector, as_grey, better_counts, complete_charuco, find_counts, same_order
 from calib.board_adjust import View
 from calib.board_select import MAX_VIEWS, select_views, sharpness
 from calib.board_solve import BoardCalibration, RejectedView, solve_board
@@ -64,8 +64,8 @@ def calibrate_images(
     return solve_board(views, board, size, model=request.model, rejected=rejected, source=str(path))
 
 
-def _sample(images: BoardImages) -> list[U8]:
-    indices = sorted({int(i) for i in np.linspace(0, len(images) - 1, min(len(images), _SAMPLE_PAIRS))})
+def _sample(images: BoardImages, pairs: int = _SAMPLE_PAIRS) -> list[U8]:
+    indices = sorted({int(i) for i in np.linspace(0, len(images) - 1, min(len(images), pairs))})
     return [image for pair in images.at(indices) for image in (pair.left, pair.right) if image is not None]
 
 
@@ -76,16 +76,16 @@ def _board(images: BoardImages, request: BoardRequest) -> Board:
         return complete_charuco(
             request.board, sample, any_dictionary=request.any_dictionary, any_marker=request.any_marker
         )
-    counts = find_counts(sample)
     if request.board is None:
+        counts = find_counts(sample) or find_counts(_sample(images, 5 * _SAMPLE_PAIRS))
         if counts is None:
             raise InputError(
                 f"{images.path}: expected images of a chessboard, found none in {len(sample)} of them "
                 "(give --board COLSxROWS inner corners, or --board charuco:COLSxROWS squares)"
             )
         return Board(*counts, request.square_m)
-    given = (max(request.board.cols, request.board.rows), min(request.board.cols, request.board.rows))
-    if counts is not None and counts != given:
+    counts = better_counts(sample, (request.board.cols, request.board.rows))
+    if counts is not None:
         raise InputError(
             f"{images.path}: expected a board of {request.board.cols}x{request.board.rows} inner corners (--board), "
             f"found one of {counts[0]}x{counts[1]}"
@@ -96,7 +96,7 @@ def _board(images: BoardImages, request: BoardRequest) -> Board:
 def _detect(
     images: BoardImages, board: Board, progress: Callable[[int, int], None]
 ) -> tuple[list[View], list[float], list[RejectedView], tuple[int, int]]:
-    detector = Detector(board)
+    detector = Detector(board, thorough=not images.is_video)
     views: list[View] = []
     sharp: list[float] = []
     rejected: list[RejectedView] = []
