@@ -1,0 +1,45 @@
+"""``planview calibrate ui``: calibrate in the browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+
+from calib.errors import InputError, WorkError
+
+
+def calibrate_ui(
+    recording: Path,
+    *,
+    out: Path = Path("."),
+    calibration: Path | None = None,
+    port: int = 8600,
+) -> None:
+    """Calibrate in the browser: draw standing people or floor points, see the fit on any frame, export.
+
+    Example: planview calibrate ui street.mp4 --out calibration
+
+    Parameters
+    ----------
+    recording
+        Video of one camera (draw people: samples.json, camera.toml), or a stereo recording (click floor points:
+        world.toml).
+    out
+        Folder that Export writes to.
+    calibration
+        Calibration of a stereo recording, when it does not lie in it.
+    port
+        Port on 127.0.0.1; nobody else can connect.
+    """
+    if not 1024 <= port <= 65535:
+        raise InputError(f"--port: expected 1024 to 65535, found {port}")
+    try:
+        from planview.ui.page import serve
+    except ImportError as error:
+        raise WorkError(f'planview calibrate ui needs the extra "ui" (pip install "planview[ui]"): {error}') from error
+    from planview.ui.opening import open_session
+
+    session = open_session(recording, calibration)
+    Console(stderr=True).print(f"open http://127.0.0.1:{port}/ in a browser; Ctrl-C ends")
+    serve(session, out, port)

@@ -1,0 +1,1 @@
+"""Calibration in the browser: what it knows (session), how it draws (overlay), the page (page)."""
