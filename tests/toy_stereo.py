@@ -121,8 +121,9 @@ def _rays(camera: Camera) -> F64:
 
 
 def walking(frame: int, fps: float = 15.0) -> tuple[Card, ...]:
-    """One person who crosses the view from left to right at 1.2 m/s, 3 m ahead."""
-    return (Card(-1.5 + 1.2 * frame / fps, 3.0),)
+    """One person of 1.75 m who crosses the view at 1.2 m/s, unevenly as people walk, swaying to and from the camera."""
+    t = frame / fps
+    return (Card(-1.2 + 1.2 * t + 0.06 * np.sin(12.0 * t), 3.0 + 0.15 * np.sin(7.0 * t)),)
 
 
 def write_toy_recording(

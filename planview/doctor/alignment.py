@@ -1,0 +1,99 @@
+"""Geometry of the pair: rows, order of the cameras, pose."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from calib.types import F64
+from planview.doctor.check import Check, at_least, at_most
+from planview.doctor.evidence import Evidence
+from stereo.rectify import Rectifier
+from stereo.vertical import VerticalModel, fit_affine
+
+MATCHES_LEAST = 60
+"""Fewest corners found in both images on which the geometry is judged."""
+OFFSET_MOST = 1.5
+"""Row offset of the calibration as it is [px of 640]: a factory calibration after some years has up to 0.5. The offset
+itself is taken out of the images, but a rig that moved this far has also moved along the rows, where nobody sees it."""
+RESIDUAL_MOST = 0.5
+"""Row offset that is left [px]: block matching loses half of its matches beyond (our choice)."""
+TREND_MOST = 4.0
+"""Change of the row offset over the image [px of 640]: 0.4 degrees of roll."""
+POSITIVE_LEAST = 0.8
+"""Share of corners whose right place is to the left of the left one; far corners may err by calibration."""
+MIRROR_MOST = 1.5
+"""Epipolar error of the pose over that of its mirror images; a good pose has less than its mirror images."""
+TURN_LEAST_DEG = 0.3
+"""Poses with less rotation look the same mirrored."""
+
+
+def alignment_checks(evidence: Evidence) -> list[Check]:
+    """Row offset and its trend, left-right order and mirrored pose."""
+    matches, width = evidence.matches, evidence.plain.geometry.width
+    enough = len(matches) >= MATCHES_LEAST
+    model = fit_affine(matches) if enough else VerticalModel(math.nan)
+    scale = 640.0 / width
+    offset = float(np.median(np.abs(matches[:, 3]))) * scale if enough else math.nan
+    positive = float(np.mean(matches[:, 0] - matches[:, 2] > -0.5)) if enough else math.nan
+    return [
+        at_least("matched corners", float(len(matches)), MATCHES_LEAST, "", "corners that both cameras show"),
+        at_least("left-right order", positive, POSITIVE_LEAST, "", "share of corners nearer than infinity"),
+        at_most("row offset", offset, OFFSET_MOST, "px", "median, of 640 px, before it is taken out"),
+        at_most("row offset trend", trend(model, evidence.plain) * scale, TREND_MOST, "px", "change over the image"),
+        at_most("row residual", evidence.vertical.after_px, RESIDUAL_MOST, "px", "median, after it is taken out"),
+        at_most(
+            "mirrored pose",
+            mirror_ratio(evidence.plain, matches),
+            MIRROR_MOST,
+            "",
+            "row error of the pose over its mirror image",
+        ),
+    ]
+
+
+def trend(model: VerticalModel, rectifier: Rectifier) -> float:
+    """Largest less smallest row offset of the model over the image [px]."""
+    right, bottom = rectifier.geometry.width - 1.0, rectifier.geometry.height - 1.0
+    corners = model(np.array([0.0, right, 0.0, right]), np.array([0.0, 0.0, bottom, bottom]))
+    return float(np.ptp(corners))
+
+
+def mirror_ratio(rectifier: Rectifier, matches: F64) -> float:
+    """Epipolar error of the calibrated pose over that of its mirror images; NaN when the pose hardly turns.
+
+    Planar targets allow two poses, and extrinsics written the wrong way round are the inverse of the right ones: both
+    have the same translation axis and the inverse rotation, and pass for a calibration with a low reprojection error.
+    """
+    pose = rectifier.rig.right_SE3_left
+    turn = math.degrees(float(np.linalg.norm(pose.rotvec)))
+    if len(matches) < MATCHES_LEAST or turn < TURN_LEAST_DEG:
+        return math.nan
+    left, right = _recorded_rays(rectifier, matches)
+    own = epipolar_error(left, right, pose.rotation, pose.translation)
+    mirrored = [(pose.rotation.T, -pose.rotation.T @ pose.translation), (pose.rotation.T, pose.translation)]
+    other = min(epipolar_error(left, right, rotation, translation) for rotation, translation in mirrored)
+    return own / max(other, 1e-6)
+
+
+def epipolar_error(left: F64, right: F64, rotation: F64, translation: F64) -> float:
+    """Median angle [rad] between right rays and the planes through the baseline and the left rays.
+
+    Args:
+        left, right: (N, 3) unit rays in the recorded cameras.
+    """
+    normals = np.cross(translation, left @ rotation.T)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return float(np.median(np.abs(np.sum(normals * right, axis=1))))
+
+
+def _recorded_rays(rectifier: Rectifier, matches: F64) -> tuple[F64, F64]:
+    left_rotation, right_rotation = rectifier.rig.rectifying_rotations()
+    inverse = np.linalg.inv(rectifier.geometry.matrix)
+    u, v, right_u, offset = matches.T
+    rays = []
+    for column, row, rotation in ((u, v, left_rotation), (right_u, v + offset, right_rotation)):
+        ray = np.column_stack([column, row, np.ones_like(column)]) @ inverse.T @ rotation
+        rays.append(ray / np.linalg.norm(ray, axis=1, keepdims=True))
+    return rays[0], rays[1]

@@ -1,0 +1,63 @@
+"""One question put to a recording, and its answer."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+Limit = float | tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class Check:
+    """A measured value against its limit.
+
+    Attributes:
+        name: what was looked at.
+        ok: whether the value keeps the limit; true when it could not be measured and need not be.
+        value: what was found; NaN when it could not be measured.
+        unit: unit of value and limit; empty for plain numbers.
+        limit: the bound, or (low, high); None when the value is only reported.
+        rule: "at most", "at least", "between" or "reported".
+        note: what it means, in one clause.
+    """
+
+    name: str
+    ok: bool
+    value: float
+    unit: str = ""
+    limit: Limit = None
+    rule: str = "reported"
+    note: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; what could not be measured is null."""
+        limit = list(self.limit) if isinstance(self.limit, tuple) else self.limit
+        return {
+            "name": self.name,
+            "ok": self.ok,
+            "value": round(self.value, 6) if math.isfinite(self.value) else None,
+            "unit": self.unit,
+            "limit": limit,
+            "rule": self.rule,
+            "note": self.note,
+        }
+
+
+def at_most(name: str, value: float, limit: float, unit: str, note: str, *, needed: bool = False) -> Check:
+    """Passes when value <= limit; a value that could not be measured fails only when it is needed."""
+    return Check(name, value <= limit or (math.isnan(value) and not needed), value, unit, limit, "at most", note)
+
+
+def at_least(name: str, value: float, limit: float, unit: str, note: str, *, needed: bool = False) -> Check:
+    """Passes when value >= limit; a value that could not be measured fails only when it is needed."""
+    return Check(name, value >= limit or (math.isnan(value) and not needed), value, unit, limit, "at least", note)
+
+
+def between(
+    name: str, value: float, limits: tuple[float, float], unit: str, note: str, *, needed: bool = False
+) -> Check:
+    """Passes inside the limits; a value that could not be measured fails only when it is needed."""
+    inside = limits[0] <= value <= limits[1]
+    return Check(name, inside or (math.isnan(value) and not needed), value, unit, limits, "between", note)

@@ -1,0 +1,71 @@
+"""All checks on one recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from calib.errors import InputError
+from planview.doctor.alignment import alignment_checks
+from planview.doctor.check import Check
+from planview.doctor.evidence import Evidence, gather
+from planview.doctor.exposure import light_checks
+from planview.doctor.people import people_checks
+from planview.doctor.scene import scene_checks
+from planview.doctor.timing import timing_checks
+from stereo.readers import open_recording
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What was found.
+
+    Attributes:
+        checks: every question and its answer.
+        evidence: what they looked at; None when the recording could not even be opened.
+    """
+
+    checks: tuple[Check, ...]
+    evidence: Evidence | None
+
+    @property
+    def ok(self) -> bool:
+        return all(check.ok for check in self.checks)
+
+    def to_json(self) -> dict[str, Any]:
+        """``ok`` and ``checks``, as the design promises them."""
+        return {"ok": self.ok, "checks": [check.to_json() for check in self.checks]}
+
+
+def examine(
+    path: Path, calibration: Path | None = None, *, frames: int = 60, person_height_m: float | None = None
+) -> Diagnosis:
+    """Examine a recording.
+
+    A recording that is there but is refused (its calibration or its layout) fails the check "calibration and layout"
+    with the reason, and nothing else is asked.
+
+    Args:
+        frames: consecutive frames to look at for movement, besides some spread over the recording.
+        person_height_m: height of the people in it, when known: checks baseline and units.
+    Raises:
+        InputError: there is nothing at that path.
+        WorkError: not one frame can be decoded.
+    """
+    if not path.exists():
+        raise InputError(f"{path}: expected a recording (folder or video), found nothing there")
+    try:
+        recording = open_recording(path, calibration)
+    except InputError as error:
+        return Diagnosis((Check("calibration and layout", False, 0.0, note=str(error)),), None)
+    evidence = gather(recording, frames)
+    checks = [
+        Check("calibration and layout", True, 1.0, note=evidence.recording.rig.source),
+        *timing_checks(evidence),
+        *light_checks(evidence),
+        *alignment_checks(evidence),
+        *scene_checks(evidence),
+        *people_checks(evidence, person_height_m),
+    ]
+    return Diagnosis(tuple(checks), evidence)

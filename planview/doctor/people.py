@@ -1,0 +1,70 @@
+"""The scale of the scene, from the heights of people in it."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from calib.pose import SE3
+from calib.types import F32, F64
+from planview.doctor.check import Check, between
+from planview.doctor.evidence import Evidence
+from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project
+
+PLAUSIBLE_M = (0.9, 2.3)
+"""Heights of moving things when no person's height is known: a child to a tall man in a hat."""
+TOLERANCE = 0.08
+"""A known height must be met within this share: 5 cm of noise and shoes, and some error of the floor."""
+NEARER_PX = 1.0
+"""Disparity by which something must be nearer than the background to stand out of it: four deviations."""
+SURFACE_M2 = (0.08, 1.5)
+"""Visible surface of one person: from head and shoulders to a whole body and what it carries."""
+ABOVE_FLOOR_M = 0.25
+TALLEST_PERCENTILE = 98.0
+"""Percentile of a person's points taken for the top of the head: single points above it are wrong matches."""
+
+
+def people_checks(evidence: Evidence, person_height_m: float | None) -> list[Check]:
+    """Measured height of people against the known one, or against what people can be."""
+    heights = person_heights(evidence)
+    # Cut by the image's edge or half hidden, people look smaller, never taller.
+    value = float(np.percentile(heights, 75)) if len(heights) >= 3 else math.nan
+    if person_height_m is None:
+        note = "of moving people; no known height was given"
+        return [between("person height", value, PLAUSIBLE_M, "m", note)]
+    limits = (person_height_m * (1 - TOLERANCE), person_height_m * (1 + TOLERANCE))
+    seen = f"known to be {person_height_m:g} m" if math.isfinite(value) else "nobody was seen to measure"
+    return [between("person height", value, limits, "m", f"{seen}: baseline and units", needed=True)]
+
+
+def person_heights(evidence: Evidence) -> F64:
+    """(N,) heights [m] of things that stand out of the background, one per thing and frame."""
+    if evidence.floor is None:
+        return np.empty(0)
+    geometry = evidence.rectifier.geometry
+    stack = np.stack(evidence.disparities)
+    known = np.isfinite(stack).any(axis=0)
+    background = np.full(known.shape, np.nan, dtype=np.float32)
+    background[known] = np.nanmedian(stack[:, known], axis=0)
+    heights = [_heights(d, background, geometry, evidence.floor.world_SE3_left) for d in evidence.disparities]
+    return np.concatenate(heights)
+
+
+def _heights(disparity: F32, background: F32, geometry: RectifiedGeometry, world_SE3_left: SE3) -> F64:
+    depth = DepthFromDisparity(geometry)(disparity)
+    z = world_SE3_left.rotation[2].astype(np.float32)
+    above = back_project(depth, geometry) @ z + np.float32(world_SE3_left.translation[2])
+    stands_out = (disparity - background > NEARER_PX) & (above > ABOVE_FLOOR_M)
+    mask = cv2.morphologyEx(stands_out.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
+    surface = depth * depth / (geometry.focal_u_px * geometry.focal_v_px)
+    found = []
+    for label in range(1, count):
+        if stats[label, cv2.CC_STAT_TOP] <= 2:
+            continue  # its head may be outside
+        of_it = (labels == label) & np.isfinite(above)
+        if SURFACE_M2[0] <= float(surface[of_it].sum()) <= SURFACE_M2[1]:
+            found.append(float(np.percentile(above[of_it], TALLEST_PERCENTILE)))
+    return np.array(found, dtype=np.float64)

@@ -1,0 +1,77 @@
+"""Pictures that show what the checks measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from calib.types import F32, U8
+from planview.doctor.evidence import Evidence
+from planview.doctor.exposure import SATURATED_LEVEL
+from stereo.depth import DepthFromDisparity, back_project
+from stereo.rectify import grey
+
+LINE_STEP_PX = 25
+FLOOR_BAND_M = 0.10
+
+
+def write_pictures(evidence: Evidence, folder: Path) -> list[Path]:
+    """Write PNG pictures of the frame in the middle of the recording.
+
+    Returns:
+        ``rows.png`` (rectified pair with horizontal lines and matched corners), ``disparity.png``, ``floor.png`` (what
+        lies on the floor green, above it red) and ``exposure.png`` (saturated pixels magenta).
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    middle = len(evidence.pairs) // 2
+    pair, disparity = evidence.pairs[middle], evidence.disparities[middle]
+    frame = evidence.spread[middle]
+    pictures = {
+        "rows.png": rows_picture(pair.left_grey, pair.right_grey),
+        "disparity.png": disparity_picture(disparity, evidence.searched.first_px + evidence.searched.count),
+        "floor.png": floor_picture(evidence, pair.left_grey, disparity),
+        "exposure.png": np.hstack([exposure_picture(grey(frame.left)), exposure_picture(grey(frame.right))]),
+    }
+    for name, picture in pictures.items():
+        cv2.imwrite(str(folder / name), picture)
+    return [folder / name for name in pictures]
+
+
+def rows_picture(left: U8, right: U8) -> U8:
+    """Both rectified images side by side with lines along the rows, which the same points must touch."""
+    both = np.asarray(cv2.cvtColor(np.hstack([left, right]), cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    both[LINE_STEP_PX // 2 :: LINE_STEP_PX] = (0, 220, 0)
+    return both
+
+
+def disparity_picture(disparity: F32, largest_px: int) -> U8:
+    """Near red, far blue, invalid black."""
+    invalid = np.isnan(disparity)
+    scaled = np.where(invalid, 0.0, np.clip(disparity * (255.0 / largest_px), 0, 255)).astype(np.uint8)
+    picture = np.asarray(cv2.applyColorMap(scaled, cv2.COLORMAP_TURBO), dtype=np.uint8)
+    picture[invalid] = 0
+    return picture
+
+
+def floor_picture(evidence: Evidence, left: U8, disparity: F32) -> U8:
+    """The left image with what lies on the floor tinted green and what stands above it red."""
+    picture = np.asarray(cv2.cvtColor(left, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    if evidence.floor is None:
+        return picture
+    geometry = evidence.rectifier.geometry
+    points = back_project(DepthFromDisparity(geometry)(disparity), geometry)
+    world = evidence.floor.world_SE3_left
+    above = points @ world.rotation[2].astype(np.float32) + np.float32(world.translation[2])
+    for of_it, channel in ((np.abs(above) <= FLOOR_BAND_M, 1), (above > FLOOR_BAND_M, 2)):
+        picture[of_it] //= 2
+        picture[of_it, channel] += 128
+    return picture
+
+
+def exposure_picture(image: U8) -> U8:
+    """The recorded image with saturated pixels in magenta."""
+    picture = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    picture[image >= SATURATED_LEVEL] = (255, 0, 255)
+    return picture
