@@ -57,13 +57,14 @@ class Life:
         return 1.0 / (1.0 + math.exp(-max(-500.0, min(500.0, self.log_odds))))
 
 
-def birth(track_id: int, birthplace: tuple[float, float], params: LifeParams) -> Life:
+def birth(track_id: int, birthplace: tuple[float, float], unexplained: int, params: LifeParams) -> Life:
     """A new object from an unexplained measurement.
 
     Of n unexplained measurements the number of objects is binomial, B(n, q) with q = entries / (entries + false
-    alarms): each is an object with the prior probability q.
+    alarms): each is an object with the prior probability q. A frame with many of them (a light changed, the camera
+    shook) has more false alarms than the expected number, so that number is raised to all but one of them.
     """
-    return Life(track_id, birthplace, False, math.log(params.entries / params.false_alarms))
+    return Life(track_id, birthplace, False, math.log(params.entries / max(params.false_alarms, unexplained - 1.0)))
 
 
 def observe(life: Life, seen: bool, own: bool, dt_s: float, params: LifeParams) -> None:

@@ -202,7 +202,7 @@ class EllipseParticleTracker:
         unexplained = self._unexplained(view, prior)
         unexplained = self._found(unexplained, view, prior)
         for ellipse in self._measured[unexplained]:
-            self._bear(ellipse, view, prior)
+            self._bear(ellipse, int(unexplained.sum()), view, prior)
         self._bury(view)
 
     def _watch_move(self, n: int, view: PlaneView, prior: SizePrior) -> None:
@@ -263,10 +263,10 @@ class EllipseParticleTracker:
                 )
         return left
 
-    def _bear(self, ellipse: F64, view: PlaneView, prior: SizePrior) -> None:
+    def _bear(self, ellipse: F64, unexplained: int, view: PlaneView, prior: SizePrior) -> None:
         per_m = float(self._cells_per_m(view, prior, ellipse[1:2])[0])
         self._filter.add(ellipse, prior, per_m)
-        life = birth(self._next_id, (float(ellipse[0]), float(ellipse[1])), self._params.life)
+        life = birth(self._next_id, (float(ellipse[0]), float(ellipse[1])), unexplained, self._params.life)
         self._next_id += 1
         self._lives.append(life)
         self._states = np.concatenate([self._states, self._filter.particles[:, -1].mean(axis=0)[None]])

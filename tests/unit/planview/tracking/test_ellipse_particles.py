@@ -115,7 +115,7 @@ def seen(life: Life, times: int, seen: bool = True, own: bool = True, dt: float 
 
 
 def test_birth_is_believed_after_repeated_measurements():
-    life = birth(1, (0, 0), LifeParams())
+    life = birth(1, (0, 0), 1, LifeParams())
     assert life.probability == pytest.approx(0.05 / 0.25)  # one entry for four false alarms
     seen(life, 2)
     assert life.state == "tentative"
@@ -124,14 +124,18 @@ def test_birth_is_believed_after_repeated_measurements():
     assert life.state == "confirmed"
 
 
+def test_births_of_a_frame_full_of_measurements_are_doubted():
+    assert birth(1, (0, 0), 11, LifeParams()).probability == pytest.approx(0.05 / 10.05)
+
+
 def test_birth_that_is_not_seen_again_is_soon_gone():
-    life = birth(1, (0, 0), LifeParams())
+    life = birth(1, (0, 0), 1, LifeParams())
     seen(life, 1, seen=False, own=False)
     assert gone(life, LifeParams()) > LifeParams().believe
 
 
 def test_death_follows_the_gamma_of_the_time_unseen():
-    life = birth(1, (0, 0), LifeParams())
+    life = birth(1, (0, 0), 1, LifeParams())
     seen(life, 4)
     seen(life, 10, seen=False, own=False)  # 1 s, half the mean
     assert life.state == "lost"
@@ -141,7 +145,7 @@ def test_death_follows_the_gamma_of_the_time_unseen():
 
 
 def test_hidden_object_outlives_an_unseen_one():
-    hidden, unseen = (birth(i, (0, 0), LifeParams()) for i in (1, 2))
+    hidden, unseen = (birth(i, (0, 0), 1, LifeParams()) for i in (1, 2))
     for life, visible in ((hidden, True), (unseen, False)):
         seen(life, 4)
         seen(life, 20, seen=visible, own=False)
