@@ -31,5 +31,5 @@ class Blobs:
 def find_blobs(mask: U8) -> Blobs:
     """Group the non-zero pixels of a (H, W) uint8 mask, diagonal neighbours included."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8, ltype=cv2.CV_32S)
-    stats = np.asarray(stats, dtype=np.int32)
-    return Blobs(np.asarray(labels, dtype=np.int32), stats[:, cv2.CC_STAT_AREA].astype(np.int64), stats[:, :4])
+    rows = np.asarray(stats, dtype=np.int64)
+    return Blobs(np.asarray(labels, dtype=np.int32), rows[:, cv2.CC_STAT_AREA], rows[:, :4].astype(np.int32))

@@ -6,7 +6,6 @@ A model is drawn as row spans ``left[y] <= x < right[y]`` for ``top <= y < botto
 
 import math
 
-import numpy as np
 from numba import njit
 
 from calib.types import F32, F64, I32, I64, U8
@@ -67,7 +66,8 @@ def paint(image: U8, left: I32, right: I32, top: int, bottom: int, amount: int) 
 def row_prefix(foreground: U8, cover: U8, top: int, bottom: int, x0: int, x1: int, rest: I32, taken: I32) -> None:
     """Running sums along rows, from column x0: foreground that no model covers, and pixels that one covers.
 
-    ``foreground`` is 2 where salient, 1 where less salient, 0 where background. ``rest[y, x]`` and ``taken[y, x]`` (H, W + 1) sum the columns x0 to x - 1.
+    ``foreground`` is 2 where salient, 1 where less salient, 0 where background. ``rest[y, x]`` and ``taken[y, x]``
+    (H, W + 1) sum the columns x0 to x - 1.
     """
     for y in range(top, bottom):
         n_rest, n_taken = 0, 0
@@ -117,21 +117,19 @@ def gain(area: int, n_rest: int, n_taken: int, n_ring: int, reference: float, ov
 
 
 @njit(cache=True, nogil=True)
-def match_models(  # type: ignore[no-untyped-def]
+def match_models(
     foreground: U8, cover: U8, rest: I32, taken: I32, left: I32, right: I32,
     index: I32, origin_u: int, origin_v: int, step: int, foot: F32, hull: F32,
     predicted: F64, scale: F64, information: F64, radius: F64, order: I64, position: F64,
-    sweeps: int, ring: float, overlap: float, prior: float, fresh: bool,
+    sweeps: int, ring: float, overlap: float, prior: float,
 ) -> None:  # fmt: skip
     """Move all models until their joint matching score is highest (coordinate ascent, coarse to fine).
 
     ``predicted`` (N, 2) foot pixels; ``information`` (N, 3) inverse covariance (uu, uv, vv) [1/px^2]; ``radius`` (N, 2)
-    search [px]. Fills ``position`` (N, 2), and ``cover`` with the number of models on each pixel; unless ``fresh``, the
+    search [px]. Fills ``position`` (N, 2), and ``cover`` with the number of models on each pixel; the
     models that it holds already stay where they are.
     """
     height, width = foreground.shape
-    if fresh:
-        cover[:, :] = 0
     for t in range(len(scale)):
         position[t, 0], position[t, 1] = predicted[t, 0], predicted[t, 1]
         top, bottom = fill_spans(
@@ -141,7 +139,8 @@ def match_models(  # type: ignore[no-untyped-def]
     for _ in range(sweeps):
         for t in order:
             top, bottom = fill_spans(
-                index, origin_u, origin_v, step, foot, hull, position[t, 0], position[t, 1], scale[t], width, left, right
+                index, origin_u, origin_v, step, foot, hull, position[t, 0], position[t, 1], scale[t], width,
+                left, right,
             )  # fmt: skip
             paint(cover, left, right, top, bottom, -1)
             x0, x1, y0, y1 = _search_window(
@@ -153,7 +152,8 @@ def match_models(  # type: ignore[no-untyped-def]
                 information[t], radius[t], position[t], x0, x1, y0, y1, ring, overlap, prior,
             )  # fmt: skip
             top, bottom = fill_spans(
-                index, origin_u, origin_v, step, foot, hull, position[t, 0], position[t, 1], scale[t], width, left, right
+                index, origin_u, origin_v, step, foot, hull, position[t, 0], position[t, 1], scale[t], width,
+                left, right,
             )  # fmt: skip
             paint(cover, left, right, top, bottom, 1)
 
@@ -170,11 +170,12 @@ def _search_window(  # type: ignore[no-untyped-def]
         x1 = max(x1, right[y])
     grow_u = radius[0] + abs(position[0] - predicted[0]) + (0.3 + ring) * max(0, x1 - x0) + 2
     grow_v = radius[1] + abs(position[1] - predicted[1]) + 0.3 * (bottom - top) + 2
-    return max(0, int(x0 - grow_u)), min(width, int(x1 + grow_u)), max(0, int(top - grow_v)), min(height, int(bottom + grow_v))  # fmt: skip
+    low_u, high_u = max(0, int(x0 - grow_u)), min(width, int(x1 + grow_u))
+    return low_u, high_u, max(0, int(top - grow_v)), min(height, int(bottom + grow_v))
 
 
 @njit(cache=True, nogil=True)
-def _search(  # type: ignore[no-untyped-def]
+def _search(
     rest: I32, taken: I32, left: I32, right: I32,
     index: I32, origin_u: int, origin_v: int, step: int, foot: F32, hull: F32,
     predicted: F64, scale: float, information: F64, radius: F64, position: F64,
@@ -213,112 +214,6 @@ def _search(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def measure_models(
-    evidence: U8, motion: U8, cover: U8, labels: I32, left: I32, right: I32, claimed: U8,
-    index: I32, origin_u: int, origin_v: int, step: int, foot: F32, hull: F32,
-    position: F64, scale: F64, ring: float, votes: I64, counts: I64, extent: F64,
-) -> None:  # fmt: skip
-    """What each placed model covers.
-
-    ``evidence`` is 2 where salient, 1 where less salient. Fills ``counts`` (N, 7): area, evidence, evidence covered by
-    this model alone, pixels shared with another model, motion on the model, motion without evidence on it, label of the
-    blob it covers most (0: none). Fills ``extent``
-    (N, 3): mean of the foreground's columns minus the model's, mean square deviation of the foreground's columns, both
-    over model and ring [px, px^2], and foreground pixels used for it. Marks model and ring in ``claimed``. ``votes`` is
-    a zeroed workspace with one cell per label.
-    """
-    width = evidence.shape[1]
-    for t in range(len(scale)):
-        top, bottom = fill_spans(
-            index, origin_u, origin_v, step, foot, hull, position[t, 0], position[t, 1], scale[t], width, left, right
-        )
-        counts[t, :] = 0
-        extent[t, :] = 0.0
-        area = 0
-        for y in range(top, bottom):
-            area += max(0, right[y] - left[y])
-        margin = int(ring * area / max(1, bottom - top) + 0.5)
-        best = 0
-        for y in range(top, bottom):
-            middle = 0.5 * (left[y] + right[y] - 1)
-            for x in range(max(0, left[y] - margin), min(width, right[y] + margin)):
-                claimed[y, x] = 1
-                inside = left[y] <= x < right[y]
-                if evidence[y, x] > 1 and (cover[y, x] == 0 or (inside and cover[y, x] == 1)):
-                    extent[t, 0] += x - middle
-                    extent[t, 1] += (x - middle) ** 2
-                    extent[t, 2] += 1
-                if not inside:
-                    continue
-                if cover[y, x] > 1:
-                    counts[t, 3] += 1
-                if motion[y, x] > 0:
-                    counts[t, 4] += 1
-                    if evidence[y, x] == 0:
-                        counts[t, 5] += 1
-                if evidence[y, x] > 0:
-                    counts[t, 1] += evidence[y, x]
-                    if cover[y, x] == 1:
-                        counts[t, 2] += evidence[y, x]
-                    label = labels[y, x]
-                    votes[label] += 1
-                    if best == 0 or votes[label] > votes[best]:
-                        best = label
-        counts[t, 0] = area
-        counts[t, 6] = best
-        for y in range(top, bottom):
-            for x in range(left[y], right[y]):
-                votes[labels[y, x]] = 0
-
-
-@njit(cache=True, nogil=True)
-def body_extent(  # type: ignore[no-untyped-def]
-    evidence: U8, cover: U8, foot_u: float, foot_v: float, axis_u: float, axis_v: float, half_width: float,
-    bins: I64,
-):  # fmt: skip
-    """How far evidence that no other model covers reaches along a body's axis: (low, high), foot 0 and head 1.
-
-    Pixels within ``half_width`` of the axis are counted in ``bins`` from -0.4 to 1.4 of the axis; from the middle
-    outwards, the body ends where two bins in a row hold less than a tenth of its width. (0, 0) where there is none.
-    """
-    n = len(bins)
-    bins[:] = 0
-    height, width = evidence.shape
-    length2 = axis_u * axis_u + axis_v * axis_v
-    length = math.sqrt(length2)
-    reach_u, reach_v = 0.5 * half_width + half_width, 1.5 * half_width
-    x0 = max(0, math.floor(min(foot_u - 0.4 * axis_u, foot_u + 1.4 * axis_u) - reach_u))
-    x1 = min(width, math.ceil(max(foot_u - 0.4 * axis_u, foot_u + 1.4 * axis_u) + reach_u) + 1)
-    y0 = max(0, math.floor(min(foot_v - 0.4 * axis_v, foot_v + 1.4 * axis_v) - reach_v))
-    y1 = min(height, math.ceil(max(foot_v - 0.4 * axis_v, foot_v + 1.4 * axis_v) + reach_v) + 1)
-    for y in range(y0, y1):
-        for x in range(x0, x1):
-            if evidence[y, x] == 0 or cover[y, x] > 1:
-                continue
-            du, dv = x - foot_u, y - foot_v
-            if abs(du * axis_v - dv * axis_u) > half_width * length:
-                continue
-            k = math.floor(((du * axis_u + dv * axis_v) / length2 + 0.4) / 1.8 * n)
-            if 0 <= k < n:
-                bins[k] += evidence[y, x]
-    least = 0.1 * 2.0 * (2.0 * half_width) * (1.8 * length / n)
-    middle = int(0.9 / 1.8 * n)
-    if bins[middle] < least and bins[middle - 1] < least:
-        return 0.0, 0.0
-    low = middle
-    while low > 0 and (bins[low - 1] >= least or (low > 1 and bins[low - 2] >= least)):
-        low -= 1
-    high = middle
-    while high < n - 1 and (bins[high + 1] >= least or (high < n - 2 and bins[high + 2] >= least)):
-        high += 1
-    while low < high and bins[low] < least:
-        low += 1
-    while high > low and bins[high] < least:
-        high -= 1
-    return low / n * 1.8 - 0.4, (high + 1) / n * 1.8 - 0.4
-
-
-@njit(cache=True, nogil=True)
 def score_candidates(
     rest: I32, taken: I32, left: I32, right: I32,
     index: I32, origin_u: int, origin_v: int, step: int, foot: F32, hull: F32,
@@ -334,30 +229,3 @@ def score_candidates(
         found = span_counts(rest, taken, left, right, top, bottom, 0, width, ring)
         for k in range(4):
             counts[i, k] = found[k]
-
-
-@njit(cache=True, nogil=True)
-def colour_histogram(
-    image: U8, evidence: U8, cover: U8, left: I32, right: I32, top: int, bottom: int, level: U8, n_levels: int,
-    histogram: F32,
-) -> None:  # fmt: skip
-    """Colours of the foreground that only this model covers, per horizontal part of the body.
-
-    ``level`` (256,) quantises a channel to ``n_levels``. Fills ``histogram`` (parts, n_levels^3), each part summing to
-    one (zero if nothing of it is seen).
-    """
-    parts, n_bins = histogram.shape
-    histogram[:, :] = 0.0
-    for y in range(top, bottom):
-        part = min(parts - 1, (y - top) * parts // max(1, bottom - top))
-        for x in range(left[y], right[y]):
-            if evidence[y, x] > 0 and cover[y, x] == 1:
-                b = (level[image[y, x, 0]] * n_levels + level[image[y, x, 1]]) * n_levels + level[image[y, x, 2]]
-                histogram[part, b] += 1.0
-    for part in range(parts):
-        total = np.float32(0.0)
-        for b in range(n_bins):
-            total += histogram[part, b]
-        if total > 0:
-            for b in range(n_bins):
-                histogram[part, b] /= total

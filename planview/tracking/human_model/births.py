@@ -6,21 +6,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.types import F64, I64, U8
+from calib.types import F64, U8
 from planview.blobs import Blobs, find_blobs
+from planview.tracking.human_model.frame import Frame
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.scene import ModelScene
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A model that explains a blob: foot pixel (2,), scale, matching score M and its parts, label of the blob."""
+    """A model that explains a blob.
+
+    Attributes:
+        foot_px: (2,) where it stands.
+        scale: height over the average person's.
+        precision, recall: parts of its matching score.
+        splits: whether the rest of the blob is another target's.
+    """
 
     foot_px: F64
     scale: float
     precision: float
     recall: float
-    label: int
+    splits: bool
 
     @property
     def score(self) -> float:
@@ -28,36 +36,22 @@ class Candidate:
         return self.precision + self.recall
 
 
-@dataclass(frozen=True, eq=False)
-class Unexplained:
-    """What is left of a frame when the existing targets have taken theirs.
-
-    Attributes:
-        evidence: (H, W) uint8 that no target claims: 2 foreground, 1 less salient, 0 neither.
-        motion: (H, W) uint8.
-        blobs: of the whole frame's evidence.
-    """
-
-    evidence: U8
-    motion: U8
-    blobs: Blobs
-
-
-def find_candidates(scene: ModelScene, params: HumanModelParams, frame: Unexplained) -> list[Candidate]:
+def find_candidates(scene: ModelScene, params: HumanModelParams, evidence: U8, frame: Frame) -> list[Candidate]:
     """The best model of each unexplained blob that meets the criteria; at most one per blob and frame.
 
-    ``scene.cover`` must hold the existing targets.
+    Args:
+        scene: models of the camera; ``scene.cover`` holds the existing targets.
+        params: of the tracker.
+        evidence: (H, W) uint8, the frame's without what the targets claim.
+        frame: the whole frame.
     """
-    rest = find_blobs(frame.evidence)
+    rest = find_blobs(evidence)
     large = np.flatnonzero(rest.area_px[1:] >= 0.3 * scene.map_seen.min()) + 1
     if not len(large):
         return []
-    scene.prepare_candidates(frame.evidence, scene.cover)
-    found = []
-    for label in large:
-        least = params.birth.split_precision if _attached(rest, label, frame.blobs) else params.birth.min_precision
-        found.append(_best(scene, params, _feet(scene, rest, label), rest, label, least))
-    return [c for c in found if c is not None and _salient(scene, params, c, frame)]
+    scene.prepare_candidates(evidence, scene.cover)
+    found = [_best(scene, params, rest, int(label), _attached(rest, int(label), frame.blobs)) for label in large]
+    return [c for c in found if c is not None and _salient(scene, params, c, evidence, frame.motion)]
 
 
 def _feet(scene: ModelScene, blobs: Blobs, label: int) -> F64:
@@ -81,34 +75,28 @@ def _attached(rest: Blobs, label: int, whole: Blobs) -> bool:
     return int(rest.area_px[label]) < 0.95 * int(whole.area_px[parent])
 
 
-def _best(
-    scene: ModelScene, params: HumanModelParams, feet: F64, blobs: Blobs, label: int, least: float
-) -> Candidate | None:
+def _best(scene: ModelScene, params: HumanModelParams, blobs: Blobs, label: int, splits: bool) -> Candidate | None:
+    feet = _feet(scene, blobs, label)
     if not len(feet):
         return None
-    candidates = np.column_stack([feet, np.ones(len(feet))])
-    best = _pick(params, candidates, scene.score(candidates), blobs, label, scene, least)
-    return best and _refined(scene, params, best, [params.min_height, 0.93, 1.0, 1.07, params.max_height], blobs, least)
-
-
-def _refined(
-    scene: ModelScene, params: HumanModelParams, best: Candidate, scales: list[float], blobs: Blobs, least: float
-) -> Candidate | None:
+    best = _pick(scene, params, np.column_stack([feet, np.ones(len(feet))]), int(blobs.area_px[label]), splits)
+    if best is None:
+        return None
     step = scene.model_map.params.step_px
     offsets = np.arange(-step, step + 1, max(1, step // 4))
-    du, dv, scale = np.meshgrid(offsets, offsets, scales)
+    du, dv, scale = np.meshgrid(offsets, offsets, np.linspace(params.min_height, params.max_height, 5))
     near = np.column_stack([best.foot_px[0] + du.ravel(), best.foot_px[1] + dv.ravel(), scale.ravel()])
-    return _pick(params, near, scene.score(near), blobs, best.label, scene, least)
+    return _pick(scene, params, near, int(blobs.area_px[label]), splits)
 
 
-def _pick(
-    params: HumanModelParams, candidates: F64, counts: I64, blobs: Blobs, label: int, scene: ModelScene, least: float
-) -> Candidate | None:
-    """The candidate of the highest score among those of plausible shape, visibility and freedom."""
+def _pick(scene: ModelScene, params: HumanModelParams, candidates: F64, blob_px: int, splits: bool) -> Candidate | None:
+    """The (N, 3) candidate of the highest score among those of plausible shape, visibility and freedom."""
     birth = params.birth
+    counts = scene.score(candidates)
+    least = birth.split_precision if splits else birth.min_precision
     area, inner, taken, ring = (counts[:, k] * unit for k, unit in enumerate((1.0, 0.5, 1.0, 0.5)))
     precision = inner / np.maximum(1.0, area - taken)
-    recall = np.minimum(1.0, inner / max(1.0, float(blobs.area_px[label])))
+    recall = np.minimum(1.0, inner / max(1, blob_px))
     local = inner / np.maximum(1.0, inner + ring)
     entry = scene.model_map.entry_at(candidates[:, :2])
     visible = np.where(entry >= 0, scene.model_map.visibility[entry], 0.0)
@@ -120,15 +108,15 @@ def _pick(
     score = np.where(ok, precision + 0.5 * (recall + local) - 0.3 * np.abs(candidates[:, 2] - 1), -1.0)
     best = int(np.argmax(score))
     return Candidate(
-        candidates[best, :2].copy(), float(candidates[best, 2]), float(precision[best]), float(recall[best]), label
+        candidates[best, :2].copy(), float(candidates[best, 2]), float(precision[best]), float(recall[best]), splits
     )
 
 
-def _salient(scene: ModelScene, params: HumanModelParams, candidate: Candidate, frame: Unexplained) -> bool:
+def _salient(scene: ModelScene, params: HumanModelParams, candidate: Candidate, evidence: U8, motion: U8) -> bool:
     """Enough of the model must be more than a shadow, and enough of that must move."""
-    mask = np.zeros_like(frame.evidence)
+    mask = np.zeros_like(evidence)
     scene.paint(mask, candidate.foot_px, candidate.scale, 1)
-    core = (mask > 0) & (frame.evidence == 2)
+    core = (mask > 0) & (evidence > 1)
     n = int(core.sum())
-    moving = int((core & (frame.motion > 0)).sum())
-    return n >= params.birth.min_core * mask.sum() and moving >= params.birth.min_motion * n
+    moving = int((core & (motion > 0)).sum())
+    return bool(n >= params.birth.min_core * mask.sum() and moving >= params.birth.min_motion * n)

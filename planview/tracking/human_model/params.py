@@ -74,8 +74,8 @@ class BirthParams(Params):
     """New targets (section 4, the four criteria)."""
 
     min_precision: float = Field(default=0.6, gt=0, lt=1)
-    """Size and shape: foreground fraction of the model's visible area, for a blob on its own. Our choice: a walker fills
-    three quarters of the outline; less when clothes are partly like the floor."""
+    """Size and shape: foreground fraction of the model's visible area, for a blob on its own. Our choice: a walker
+    fills three quarters of the outline; less when clothes are partly like the floor."""
     split_precision: float = Field(default=0.65, gt=0, lt=1)
     """The same for what is left of a blob that another target has a part of. Our choice: arms, bags and prams fill less
     of an outline."""
@@ -86,8 +86,8 @@ class BirthParams(Params):
     min_visible: float = Field(default=0.4, gt=0, le=1)
     """Visibility: fraction of the model inside the image."""
     min_motion: float = Field(default=0.02, ge=0, lt=1)
-    """Motion salience: fraction of the model's foreground in motion while it is tentative. Our choice: walking towards the
-    camera moves a hand or a foot at least; a ghost of somebody who left moves nothing."""
+    """Motion salience: fraction of the model's foreground in motion while it is tentative. Our choice: walking towards
+    the camera moves a hand or a foot at least; a ghost of somebody who left moves nothing."""
     min_travel_m: float = Field(default=0.4, ge=0, le=5)
     """Motion salience: distance walked before a target is believed [m]. Our choice: a torso's width."""
     min_matches: int = Field(default=3, ge=1, le=100)

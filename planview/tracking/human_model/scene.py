@@ -10,6 +10,7 @@ from calib.human_model_map import HumanModelMap
 from calib.types import F32, F64, I64, U8
 from planview.blobs import Blobs
 from planview.tracking.human_model import _kernels as kernels
+from planview.tracking.human_model import _measure_kernels as measuring
 from planview.tracking.human_model.params import MatchParams
 
 MIN_AXIS = 0.5
@@ -23,7 +24,7 @@ _LEVEL = np.minimum(COLOUR_LEVELS - 1, np.sqrt(np.arange(256) / 256) * COLOUR_LE
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """What the placed models cover, one row per target (see ``kernels.measure_models``)."""
+    """What the placed models cover, one row per target (see ``measuring.measure_models``)."""
 
     position: F64
     counts: I64
@@ -82,8 +83,8 @@ class ModelScene:
         self.map_seen = np.prod(np.maximum(high - low, 0), axis=1)
         """(N,) area of each entry's box inside the image [px^2]."""
 
-    def match(self, foreground: U8, predicted: F64, scale: F64, covariance: F64, order: I64, fresh: bool) -> F64:
-        """Joint best foot pixels (N, 2) of all targets.
+    def match(self, foreground: U8, predicted: F64, scale: F64, covariance: F64, order: I64) -> F64:
+        """Joint best foot pixels (N, 2) of these targets; models drawn since ``clear`` keep their pixels.
 
         Args:
             foreground: (H, W) uint8, 2 where salient, 1 where less salient, 0 elsewhere.
@@ -91,7 +92,6 @@ class ModelScene:
             scale: (N,) heights over the average.
             covariance: (N, 2, 2) of the predictions [px^2].
             order: (N,) which target claims pixels first.
-            fresh: forget the models drawn before; else they keep their pixels.
         """
         p = self.params
         inverse = np.linalg.inv(covariance)
@@ -102,7 +102,6 @@ class ModelScene:
         kernels.match_models(
             foreground, self.cover, self._rest, self._taken, self._left, self._right, *self._map,
             predicted, scale, information, radius, order, position, p.sweeps, p.ring, p.overlap_weight, p.prior_weight,
-            fresh,
         )  # fmt: skip
         return position
 
@@ -111,7 +110,7 @@ class ModelScene:
         n = len(scale)
         counts, extent = np.zeros((n, 7), np.int64), np.zeros((n, 3))
         votes = np.zeros(len(blobs), np.int64)
-        kernels.measure_models(
+        measuring.measure_models(
             evidence, motion, self.cover, blobs.labels, self._left, self._right, self.claimed, *self._map,
             position, scale, self.params.ring, votes, counts, extent,
         )  # fmt: skip
@@ -136,10 +135,12 @@ class ModelScene:
         return counts
 
     def best_near(self, evidence: U8, position: F64, scale: float, reference: float) -> tuple[float, F64]:
-        """Best score near a foot pixel (0.15 of the height along the rows, half of that across), in areas of the model at scale ``reference``.
+        """Best score near a foot pixel (0.15 of the height along the rows, half of that across).
+
+        Scores are in areas of the model at scale ``reference``; what ``cover`` holds is other people's.
 
         Returns:
-            the score and its (2,) foot pixel; what ``cover`` holds is other people's.
+            the score and its (2,) foot pixel.
         """
         reach = 0.15 * self._longest(position) * reference
         offsets = np.linspace(-reach, reach, 7)
@@ -151,9 +152,19 @@ class ModelScene:
         kernels.row_prefix(evidence, self.cover, top, bottom, 0, width, self._rest, self._taken)
         counts = self.score(near)
         area = max(1, int(self.score(np.array([[*position, reference]]))[0, 0]))
-        gains = [kernels.gain(*row, float(area), self.params.overlap_weight) for row in counts]
+        gains = [kernels.gain(a, b, c, d, float(area), self.params.overlap_weight) for a, b, c, d in counts]
         best = int(np.argmax(gains))
         return float(gains[best]), near[best, :2]
+
+    def visibility(self, position: F64) -> float:
+        """Fraction of the model at a (2,) foot pixel that is inside the image."""
+        entry = int(self.model_map.entry_at(position))
+        return float(self.model_map.visibility[entry]) if entry >= 0 else 0.0
+
+    def box_width(self, position: F64) -> float:
+        """Width of the average person's box at a (2,) foot pixel [px]."""
+        entry = int(self.model_map.entry_at(position))
+        return float(self.map_boxes[entry, 2]) if entry >= 0 else 1.0
 
     def _longest(self, position: F64) -> float:
         """Longest side of the model's box at a foot pixel [px]."""
@@ -164,7 +175,7 @@ class ModelScene:
         """(COLOUR_PARTS, COLOUR_LEVELS^3) float32 histogram of what only this model covers (after ``match``)."""
         histogram = np.zeros((COLOUR_PARTS, COLOUR_LEVELS**3), np.float32)
         top, bottom = self._fill(position, scale)
-        kernels.colour_histogram(
+        measuring.colour_histogram(
             image, evidence, self.cover, self._left, self._right, top, bottom, _LEVEL, COLOUR_LEVELS, histogram
         )
         return histogram
@@ -186,7 +197,7 @@ class ModelScene:
         hull = scale * (self.model_map.hull_px[entry] - self.model_map.foot_px[entry]).astype(np.float64)
         along = hull @ axis / length**2
         half_width = float(np.abs(hull @ np.array([axis[1], -axis[0]])).max()) / length
-        low, high = kernels.body_extent(
+        low, high = measuring.body_extent(
             evidence, self.cover, position[0], position[1], axis[0], axis[1], half_width, np.zeros(60, np.int64)
         )
         if high <= low:
@@ -204,16 +215,19 @@ class ModelScene:
         entry = int(self.model_map.entry_at(position))
         if entry < 0:
             return None
-        return position + scale * (self.model_map.hull_px[entry] - self.model_map.foot_px[entry]).astype(np.float64)
+        return np.asarray(
+            position + scale * (self.model_map.hull_px[entry] - self.model_map.foot_px[entry]), np.float64
+        )
 
     def _fill(self, position: F64, scale: float) -> tuple[int, int]:
-        return kernels.fill_spans(
+        top, bottom = kernels.fill_spans(
             *self._map, position[0], position[1], scale, self.cover.shape[1], self._left, self._right
         )
+        return int(top), int(bottom)
 
 
 def similarity(first: F32, second: F32) -> float:
-    """Bhattacharyya coefficient of two (parts, bins) histograms, averaged over the parts that both have; NaN if none."""
+    """Bhattacharyya coefficient of two (parts, bins) histograms, averaged over the parts both have; NaN if none."""
     both = (first.sum(axis=1) > 0) & (second.sum(axis=1) > 0)
     if not both.any():
         return float("nan")

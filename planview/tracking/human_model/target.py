@@ -66,12 +66,10 @@ class Target:
         foot_px: (2,) where the model stands in the image.
         motion, stability: the two automata.
         trail: recent (time, x, y, internal motion, visible fraction).
-        visible: visible fraction of the model (map) times the share that is seen.
         inside: visible fraction of the model in the image.
         still_since_s, moving_since_s, covered_since_s: stationary, moving, covered by others:
             since when without a break, NaN if not now.
         shared: fraction of the model that other models cover too.
-        merged: found to be the same person as another target.
         born_xy, travel_m: where it was born and how far it has been from there.
         colours: (parts, bins) mean colour histogram, None before it was seen alone.
         half_width: observed half width over the model's.
@@ -92,17 +90,20 @@ class Target:
     motion: Motion = "moving"
     stability: Stability = "appearing"
     trail: deque[tuple[float, float, float, float, float]] = field(default_factory=lambda: deque(maxlen=256))
-    visible: float = 1.0
     inside: float = 1.0
     still_since_s: float = np.nan
     moving_since_s: float = np.nan
     covered_since_s: float = np.nan
     shared: float = 0.0
-    merged: bool = False
     travel_m: float = 0.0
     colours: F32 | None = None
     half_width: float = 1.3
     score: float = 0.0
+
+    def take_up(self, kalman: FootprintKalman, foot_px: F64, scale: float, now_s: float) -> None:
+        """Go on at the place where this lost person was seen again."""
+        self.kalman, self.foot_px, self.scale = kalman, foot_px, scale
+        self.seen_s, self.matched, self.sitting = now_s, True, False
 
     def swap_with(self, other: Target) -> None:
         """Exchange who the two are; places and motion stay."""
