@@ -14,7 +14,7 @@ from calib.world_file import load_world
 from planview.analytics.geometry import Plane
 from stereo.depth import RectifiedGeometry
 from stereo.rectify import RectifyParams
-from stereo.view import common_geometry, rectifying_rotations
+from stereo.view import common_geometry
 
 
 class StereoFloorCamera:
@@ -58,5 +58,5 @@ def stereo_plane(rig_path: Path, world_path: Path | None = None) -> Plane:
     if not world.is_file():
         raise InputError(f"{world}: expected the pose of the rig (planview calibrate floor writes it), found no file")
     params = RectifyParams()
-    geometry = common_geometry(rig, rectifying_rotations(rig)[0], params.working_px, params.field_quantile)
+    geometry = common_geometry(rig, rig.rectifying_rotations()[0], params.working_px, params.field_quantile)
     return Plane(StereoFloorCamera(geometry, load_world(world).world_SE3_left))

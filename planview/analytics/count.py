@@ -16,8 +16,8 @@ from planview.analytics.totals import Counts
 from planview.tracking.base import State, TrackState
 from planview.tracks import Trajectories
 
-TRUTH_HYSTERESIS_M = 0.05
-"""For truth: a head sways by as much when somebody stands on the line [m]; our choice."""
+TRUTH_ZONE_HYSTERESIS_M = 0.05
+"""For true occupancy: a head sways by as much when somebody stands on the outline [m]; our choice."""
 
 
 def count_tracks(
@@ -48,14 +48,20 @@ def count_tracks(
     return Counts(rules, sorted(events, key=lambda e: e.timestamp_s), stays, span, analytics.params.interval_s)
 
 
-def count_truth(truth: Trajectories, rules: Rules, clock: Clock, interval_s: float, n_frames: int = 0) -> Counts:
-    """The true counts: the same rules on true positions, every row at once, with no hysteresis but for sway.
+def count_truth(
+    truth: Trajectories, rules: Rules, clock: Clock, params: AnalyticsParams | None = None, n_frames: int = 0
+) -> Counts:
+    """The true counts: the same rules on true positions, every row at once and nobody continued by another.
+
+    A crossing is the same thing for truth: whoever steps back within the hysteresis has not crossed, and somebody who
+    counts by hand says so too. The outline of a zone is taken as it is, but for sway.
 
     Args:
         clock: that of the tracks, since truth carries no times.
+        params: those of the tracks.
     """
-    params = AnalyticsParams(reborn_s=0.0, min_age_s=0.0, interval_s=interval_s)
-    return count_tracks(truth, rules.strict(TRUTH_HYSTERESIS_M), params, clock=clock, n_frames=n_frames)
+    params = (params or AnalyticsParams()).model_copy(update={"reborn_s": 0.0})
+    return count_tracks(truth, rules.of_truth(TRUTH_ZONE_HYSTERESIS_M), params, clock=clock, n_frames=n_frames)
 
 
 def frames_of(tracks: Trajectories, clock: Clock) -> Iterator[tuple[int, float, list[TrackState]]]:

@@ -92,10 +92,10 @@ class Rules:
     def names(self) -> list[str]:
         return [rule.name for rule in self.tripwires + self.zones] + [queue.name for queue in self.queues]
 
-    def strict(self, hysteresis_m: float) -> Rules:
-        """The same places with one hysteresis and no age, for truth."""
-        wires = tuple(replace(wire, hysteresis_m=hysteresis_m, min_age_s=0.0) for wire in self.tripwires)
-        zones = tuple(replace(zone, hysteresis_m=hysteresis_m, min_age_s=0.0) for zone in self.zones)
+    def of_truth(self, zone_hysteresis_m: float) -> Rules:
+        """The same places for true positions: no age to reach, zones with a hysteresis of their own."""
+        wires = tuple(replace(wire, min_age_s=0.0) for wire in self.tripwires)
+        zones = tuple(replace(zone, hysteresis_m=zone_hysteresis_m, min_age_s=0.0) for zone in self.zones)
         return replace(self, tripwires=wires, zones=zones)
 
 

@@ -147,7 +147,7 @@ def score_view(
     tracks, truth = read_tracks(out / name / "tracks.csv"), read_truth(recording / "truth.csv")
     clock, n_frames = Clock(tracks, engine.recording.fps), options.frames or engine.recording.n_frames
     found = count_tracks(tracks, rules, clock=clock, n_frames=n_frames)
-    true = count_truth(truth, rules, clock, found.interval_s, n_frames)
+    true = count_truth(truth, rules, clock, n_frames=n_frames)
     return table_of(name, score_counts(true, found, WINDOW_S))
 
 

@@ -86,7 +86,7 @@ def count(
     clock = Clock(found, fps)
     n_frames = info.frames_read + info.frames_skipped if info else 0
     counts = count_tracks(found, checked, params, clock=clock, n_frames=n_frames)
-    scores = None if truth is None else _score(truth, counts, clock, window, n_frames)
+    scores = None if truth is None else _score(truth, counts, params, clock, window, n_frames)
     result = counts.to_json() | ({} if scores is None else {"scores": scores.to_json()})
     folder = _folder(out, path)
     if folder is not None:
@@ -126,13 +126,15 @@ def _plane(camera: Path | None, rig: Path | None, info: RunInfo | None) -> Plane
     return Plane(image_size=(info.rig.width, info.rig.height) if info and info.rig else None)
 
 
-def _score(truth: Path, counts: Counts, clock: Clock, window: float, n_frames: int) -> CountScores:
+def _score(
+    truth: Path, counts: Counts, params: AnalyticsParams, clock: Clock, window: float, n_frames: int
+) -> CountScores:
     if not window > 0:
         raise InputError(f"--window: expected a time greater than 0 s, found {window}")
     if _is_events(truth):
         return score_events(read_events(truth), counts, window)
     true: Trajectories = load_truth(truth)
-    return score_counts(count_truth(true, counts.rules, clock, counts.interval_s, n_frames), counts, window)
+    return score_counts(count_truth(true, counts.rules, clock, params, n_frames), counts, window)
 
 
 def _is_events(path: Path) -> bool:

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planview.analytics.count import count_tracks
+from planview.analytics.clock import Clock
+from planview.analytics.count import count_tracks, count_truth
 from planview.analytics.events import Event
 from planview.analytics.geometry import Plane
 from planview.analytics.params import AnalyticsParams
@@ -180,6 +181,17 @@ def test_zone_totals_of_a_visitor_and_a_resident() -> None:
 def test_occupancy_over_time_follows_the_stays() -> None:
     counts, _ = totals(way(np.linspace(-1, 5, 61), x=2.0), {"zone": [ZONE]})
     np.testing.assert_array_equal(counts.occupancy("room", np.array([0.5, 1.5, 4.9, 5.1])), [0, 1, 1, 0])
+
+
+def test_truth_counts_at_once_but_not_steps_back_within_the_hysteresis() -> None:
+    rules = parse_rules({"tripwire": [WIRE]}, Plane(), "r")
+    y = np.array([0.5, -0.15, 0.08, -0.5])
+    frame = np.arange(4)
+    truth = positions_table(frame, np.ones(4, dtype=np.int64), np.column_stack([np.ones(4), y]))
+    clock = Clock(positions_table(frame, frame, np.zeros((4, 2)), timestamp_s=frame / 10), 30.0)
+    (event,) = count_truth(truth, rules, clock).events
+    assert event.direction == "left_to_right"
+    assert event.timestamp_s == pytest.approx(0.2 + 0.1 * 0.08 / 0.58)
 
 
 def test_totals_per_interval_add_up() -> None:
