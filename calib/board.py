@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from calib.board_adjust import Corners
+from calib.board_model import Corners
 from calib.errors import InputError
 from calib.length import parse_length
 from calib.types import F64, U8

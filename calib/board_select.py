@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from calib.board_adjust import Corners, View
+from calib.board_model import Corners, View
 from calib.types import F64, U8
 
 MAX_VIEWS = 40

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.board import Board, Detector, as_grey, better_counts, complete_charuco, find_counts, same_order
-from calib.board_adjust import View
+from calib.board_model import View
 from calib.board_select import MAX_VIEWS, select_views, sharpness
 from calib.board_solve import BoardCalibration, RejectedView, solve_board
 from calib.camera import LensModel

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from calib.board_adjust import SIDES, Side, coefficient_names, rms
-from calib.board_solve import FOLDS, BoardCalibration
+from calib.board_lens import FOLDS
+from calib.board_model import SIDES, Side, coefficient_names, rms
+from calib.board_solve import BoardCalibration
 from calib.types import F64, U8
 from planview.board_images import BoardImages
 from stereo.rectify import Rectifier, RectifyParams

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.board import Board
-from calib.board_adjust import Corners, View
+from calib.board_model import Corners, View
 from calib.camera import Camera, LensModel
 from calib.pose import SE3
 from calib.rig import StereoRig

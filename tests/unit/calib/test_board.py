@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from calib.board import Board, Detector, complete_charuco, dictionaries, find_counts, parse_board, same_order
-from calib.board_adjust import Corners
+from calib.board_model import Corners
 from calib.board_select import select_views, sharpness
 from calib.errors import InputError
 from calib.types import U8
