@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-from nicegui import events, ui
+from nicegui import events, run, ui
 
 from calib.errors import InputError
 from calib.ground_camera import LENS_K_320
@@ -33,11 +33,18 @@ def build_page(session: CalibrationSession, folder: Path) -> None:
         status.text = session.message
         count.text = f"{len(session.samples)} people, {len(session.floor_points)} floor points"
 
-    def on_mouse(event: events.MouseEventArguments) -> None:
+    async def solve() -> None:
+        refresh()
+        # In a thread: the page must go on answering, or the browser takes it for dead.
+        await run.io_bound(session.solve)
+        refresh()
+
+    async def on_mouse(event: events.MouseEventArguments) -> None:
         if event.type == "mousedown":
             session.press(event.image_x, event.image_y)
         elif event.type == "mouseup":
-            session.release(event.image_x, event.image_y)
+            if session.release(event.image_x, event.image_y):
+                await solve()
         elif event.buttons:
             session.drag(event.image_x, event.image_y)
         else:
@@ -53,13 +60,13 @@ def build_page(session: CalibrationSession, folder: Path) -> None:
         if event.value in TOOLS:
             session.tool = event.value
 
-    def on_lens(event: events.ValueChangeEventArguments[Any]) -> None:
+    async def on_lens(event: events.ValueChangeEventArguments[Any]) -> None:
         session.choose_lens(event.value or "")
-        refresh()
+        await solve()
 
-    def on_undo() -> None:
+    async def on_undo() -> None:
         session.remove_last()
-        refresh()
+        await solve()
 
     def on_export() -> None:
         try:

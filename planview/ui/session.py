@@ -98,7 +98,6 @@ class CalibrationSession:
         if lens and lens not in LENS_K_320:
             raise ValueError(f"expected one of {', '.join(LENS_K_320)}, got {lens!r}")
         self.lens = lens or None
-        self.solve()
 
     def press(self, u: float, v: float) -> None:
         """The mouse goes down at a pixel."""
@@ -124,25 +123,32 @@ class CalibrationSession:
             (u0, v0) = self._start
             self.draft.box_px = (min(u, u0), min(v, v0), abs(u - u0), abs(v - v0))
 
-    def release(self, u: float, v: float) -> None:
-        """The mouse goes up: what was drawn is finished, and the result follows."""
+    def release(self, u: float, v: float) -> bool:
+        """The mouse goes up: what was drawn is finished.
+
+        Returns:
+            Whether the result must be computed again (``solve``, up to seconds long).
+        """
         self.drag(u, v)
         if self._dragged is not None:
             self._dragged = None
-            self.solve()
-        elif self.tool == "box" and self._start is not None:
+            self.message = self._next_step()
+            return True
+        added = False
+        if self.tool == "box" and self._start is not None:
             self._start = None
             box = self.draft.box_px
             if box is None or min(box[2:]) < MIN_BOX_PX:
-                self.draft, self.message = Draft(), "draw a box around a standing person"
-                return
-            self.tool = "head"
+                self.draft = Draft()
+            else:
+                self.tool = "head"
+            self.message = self._next_step()
         elif self.tool == "head" and self.draft.head_px is not None:
             self.tool = "foot"
+            self.message = self._next_step()
         elif self.tool == "foot" and self.draft.foot_px is not None:
-            self._finish_person()
-            return
-        self.message = self.message if self.tool == "floor" else self._next_step()
+            added = self._finish_person()
+        return added
 
     def remove_last(self) -> None:
         """Take back the last floor point or the last person, whichever tool is in the hand."""
@@ -153,7 +159,7 @@ class CalibrationSession:
             self.draft, self.tool = Draft(), "box"
         elif self.samples:
             self.samples.pop()
-        self.solve()
+        self.message = self._next_step()
 
     def solve(self) -> None:
         """Compute what the drawing allows; ``message`` says why not otherwise."""
@@ -204,17 +210,18 @@ class CalibrationSession:
         self.message = "wrote " + ", ".join(str(path) for path in written)
         return tuple(written)
 
-    def _finish_person(self) -> None:
+    def _finish_person(self) -> bool:
         draft, self.draft, self.tool = self.draft, Draft(), "box"
         if draft.box_px is None or draft.head_px is None or draft.foot_px is None:
             self.message = "draw box, head and foot, in this order"
-            return
+            return False
         try:
             self.samples.append(HumanSample(draft.box_px, draft.head_px, draft.foot_px, self.indices[self.shown]))
         except ValueError as error:
             self.message = f"that is no standing person: {error}"
-            return
-        self.solve()
+            return False
+        self.message = self._next_step()
+        return True
 
     def _inside(self, u: float, v: float) -> Point:
         width, height = self.size

@@ -26,7 +26,8 @@ def draw(session: CalibrationSession, sample: HumanSample) -> None:
     session.release(left + width, top + height)
     for point in (sample.head_px, sample.foot_px):
         session.press(*point)
-        session.release(*point)
+        if session.release(*point):
+            session.solve()
 
 
 def test_session_turns_drawn_people_into_a_camera() -> None:
