@@ -9,6 +9,7 @@ import pytest
 from planview.analytics.count import count_tracks
 from planview.analytics.geometry import Plane
 from planview.analytics.rules import parse_rules
+from planview.bench.counting import score_trajectories
 from planview.evaluation.layouts import load_tracks
 from planview.tracks import Trajectories
 
@@ -45,3 +46,11 @@ def test_counts_stay_exact_with_noise_and_dropped_frames(
     noisy = replace(tracks, x_m=tracks.x_m + noise[:, 0], y_m=tracks.y_m + noise[:, 1])
     dropped = rng.random(int(tracks.frame.max()) + 1) < 0.3
     assert counted(noisy.where(~dropped[noisy.frame])) == (down, up)
+
+
+def test_bench_scores_full_marks_on_trajectories(shared_data: Path) -> None:
+    if not (shared_data / "trajectories").is_dir():
+        pytest.skip("the trajectories are not here")
+    table = score_trajectories(shared_data / "trajectories")
+    totals = [(r.scores.true_left_to_right, r.scores.true_right_to_left, r.scores.matched) for r in table.crossings]
+    assert totals == [(61, 0, 61), (61, 0, 61), (25, 25, 50), (25, 25, 50)]

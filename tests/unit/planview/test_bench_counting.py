@@ -1,7 +1,6 @@
 """The tables of ``planview bench counting``."""
 
 import io
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +8,7 @@ from rich.console import Console
 
 from calib.errors import InputError
 from planview.analytics.scoring import CountScores, OccupancyGroup, crossing_scores
-from planview.bench.counting import passages, pavement_truth, scene_names, score_trajectories, table_of
+from planview.bench.counting import passages, pavement_truth, scene_names, table_of
 from planview.cli import main
 from planview.commands.bench_counting import print_counting
 from planview.evaluation.layouts import positions_table
@@ -52,12 +51,6 @@ def test_passages_are_found_where_the_line_is_last_passed() -> None:
     assert (event.frame, event.direction) == (4, "left_to_right")
     back = positions_table(frame, np.ones(5, dtype=np.int64), np.column_stack([y, np.abs(y)]), timestamp_s=frame / 10)
     assert passages(back) == []
-
-
-def test_trajectories_are_counted_exactly_with_and_without_noise(shared_data: Path) -> None:
-    table = score_trajectories(shared_data / "trajectories")
-    totals = [(r.scores.true_left_to_right, r.scores.true_right_to_left, r.scores.matched) for r in table.crossings]
-    assert totals == [(61, 0, 61), (61, 0, 61), (25, 25, 50), (25, 25, 50)]
 
 
 def test_bad_number_of_frames_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
