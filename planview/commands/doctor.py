@@ -40,7 +40,7 @@ def doctor(
     person_height
         Height of a person who walks through, e.g. 1.78m: checks baseline and units.
     frames
-        Consecutive frames to look at for movement, besides 24 spread over the recording.
+        Consecutive frames to look at for movement, besides 16 spread over the recording.
     out
         Folder for pictures: rectified rows, disparity, floor, exposure.
     json_output

@@ -15,10 +15,11 @@ from stereo.matcher import DisparityRange, SgbmMatcher, disparity_range
 from stereo.readers.pair import StereoRecording
 from stereo.recording import StereoFrame
 from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
+from stereo.two_way import match_two_ways
 from stereo.vertical import VerticalFit, VerticalParams, match_corners
 
-SPREAD_FRAMES = 24
-"""Frames spread over the recording: as many as a run takes to find the floor."""
+SPREAD_FRAMES = 16
+"""Frames spread over the recording: enough medians for a background without people, in half a dozen seconds."""
 MATCHED_FRAMES = 8
 WIDE_SEARCH = VerticalParams(search_px=24, features=200)
 """Row offsets looked for in a pair that may be badly calibrated: a rig turned by 2 degrees still matches."""
@@ -75,8 +76,7 @@ def gather(recording: StereoRecording, frames: int) -> Evidence:
     rectifier, vertical = aligned_rectifier(recording.rig, spread)
     pairs = [rectifier(f.left, f.right) for f in spread]
     searched = disparity_range(rectifier.geometry)
-    matcher = SgbmMatcher(rectifier.geometry, None, searched, rectifier.mask, rectifier.right_mask)
-    disparities = [matcher(p.left_grey, p.right_grey) for p in pairs]
+    disparities = _disparities(rectifier, pairs, searched)
     floor, refused = _floor(rectifier, disparities)
     return Evidence(
         recording,
@@ -104,6 +104,16 @@ def busiest(spread: list[StereoFrame], n_frames: int, count: int) -> list[int]:
     middle = spread[int(np.argmax(change))].index
     first = max(0, min(middle - count // 2, n_frames - count))
     return list(range(first, min(first + count, n_frames)))
+
+
+def _disparities(rectifier: Rectifier, pairs: list[RectifiedPair], searched: DisparityRange) -> list[F32]:
+    """Disparities without the matcher's lag, which would raise the camera; NaN outside the rectified picture."""
+    matcher = SgbmMatcher(rectifier.geometry, None, searched)
+    outside = rectifier.mask == 0
+    found = [match_two_ways(matcher, p.left_grey, p.right_grey) for p in pairs]
+    for disparity in found:
+        disparity[outside] = np.nan
+    return found
 
 
 def _matches(rectifier: Rectifier, spread: list[StereoFrame], searched: DisparityRange) -> F64:

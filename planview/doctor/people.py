@@ -13,8 +13,8 @@ from planview.doctor.check import Check, between
 from planview.doctor.evidence import Evidence
 from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project
 
-PLAUSIBLE_M = (0.9, 2.3)
-"""Heights of moving things when no person's height is known: a child to a tall man in a hat."""
+PLAUSIBLE_M = (0.4, 2.3)
+"""Heights of moving things when no person's height is known: a pushed chair or box to a tall man in a hat."""
 TOLERANCE = 0.08
 """A known height must be met within this share: 5 cm of noise and shoes, and some error of the floor."""
 NEARER_PX = 1.0
