@@ -12,7 +12,7 @@ from calib.board import Board
 from calib.board_adjust import adjust
 from calib.board_guess import first_guess
 from calib.board_lens import LENSES, LensChoice, choose_lens, compare_lenses, with_lens
-from calib.board_model import Adjusted, Corners, Side, View, rms
+from calib.board_model import SIDES, Adjusted, Corners, Side, View, rms
 from calib.camera import LensModel
 from calib.errors import InputError
 from calib.rig import MAX_BASELINE_M, MIN_BASELINE_M, StereoRig
@@ -131,6 +131,8 @@ def solve_board(
     lenses = [one for one in LENSES if model in {None, one.model}]
     fit = adjust(kept, points, first_guess(kept, points, size, lenses, source))
     fit, kept = _without_outliers(fit, kept, out, points, source)
+    # A better lens will explain more, but not this much more.
+    _refuse_unfit(fit, size, source, slack=3.0)
     tried = compare_lenses(kept, points, fit.estimate, lenses)
     fit = adjust(kept, points, with_lens(fit.estimate, choose_lens(tried).lens))
     fit, kept = _without_outliers(fit, kept, out, points, source)
@@ -195,22 +197,28 @@ def _without_outliers(
         fit = adjust(views, points, replace(fit.estimate, poses=poses))
 
 
-def _checked_rig(fit: Adjusted, size: tuple[int, int], source: str) -> StereoRig:
-    left, right = fit.estimate.left, fit.estimate.right
-    if left is None or right is None:
-        raise ValueError("expected an adjustment of two cameras")
-    if not fit.rms_px <= MAX_RMS_WIDTHS * size[0]:
+def _refuse_unfit(fit: Adjusted, size: tuple[int, int], source: str, slack: float = 1.0) -> None:
+    """Refuse views that no fixed pair of cameras explains, or that leave a focal length open."""
+    if not fit.rms_px <= slack * MAX_RMS_WIDTHS * size[0]:
         raise InputError(
             f"{source}: expected pairs taken at the same moment by two fixed cameras, found a reprojection error "
             f"of {fit.rms_px:.2f} px"
         )
-    for name, value in (("left", left.fx), ("right", right.fx)):
-        std = math.sqrt(max(float(fit.covariance[(i := fit.names.index(f"{name} fx")), i]), 0.0))
-        if not std <= MAX_FOCAL_STD * value:
+    for side in SIDES:
+        camera, place = fit.estimate.camera(side), fit.names.index(f"{side} fx")
+        std = math.sqrt(max(float(fit.covariance[place, place]), 0.0))
+        if camera is not None and not std <= MAX_FOCAL_STD * camera.fx:
             raise InputError(
-                f"{source}: expected views that determine the {name} focal length, found {value:.0f} +- {std:.0f} px: "
-                "tilt the board more, towards all sides"
+                f"{source}: expected views that determine the {side} focal length, found {camera.fx:.0f} +- "
+                f"{std:.0f} px: tilt the board more, towards all sides"
             )
+
+
+def _checked_rig(fit: Adjusted, size: tuple[int, int], source: str) -> StereoRig:
+    left, right = fit.estimate.left, fit.estimate.right
+    if left is None or right is None:
+        raise ValueError("expected an adjustment of two cameras")
+    _refuse_unfit(fit, size, source)
     rig = StereoRig(left, right, fit.estimate.right_SE3_left, source)
     turn = math.degrees(float(np.linalg.norm(rig.right_SE3_left.rotvec)))
     if turn > MAX_TURN_DEG:
