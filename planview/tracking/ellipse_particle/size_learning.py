@@ -15,6 +15,8 @@ KEPT = 600
 """Samples kept, evenly thinned; bounds time and memory."""
 PAIRED = 40
 """Samples, evenly spread over the rows, between which lines are tried."""
+WIDEST = 1.6
+"""Two people side by side are at least so much wider for their length than one."""
 TOLERANCE = 0.15
 """Relative error of a length that still agrees with a line: a step, and a mask with ragged edges."""
 
@@ -24,9 +26,8 @@ class SizeLearner:
 
     Each region of a foreground mask that touches no border gives one sample: row of its box's centre, length, width
     and area. Lines through pairs of samples, and horizontal lines, are scored by the area of the regions whose length
-    agrees within 15 %: specks are small, groups as long as their members, pieces scattered; so the consensus is a
-    person. The width is a low percentile of width/length among those, since groups are wider than one
-    person and nothing as long is narrower.
+    agrees within 15 %: specks are small, wide groups are left out, pieces scattered; so the consensus is a person. The
+    width is a low percentile of width/length among those, since nothing as long as a person is narrower.
     """
 
     def __init__(self, params: SizeParams) -> None:
@@ -59,7 +60,7 @@ class SizeLearner:
         return self.prior
 
     def _fit(self, n_rows: int) -> SizePrior | None:
-        row, length, width, area = self._samples.T
+        row, length, width, area = alone(self._samples).T
         chosen = np.argsort(row, kind="stable")[np.linspace(0, len(row) - 1, min(len(row), PAIRED)).astype(np.int64)]
         i, j = (chosen[k] for k in np.triu_indices(len(chosen), 1))
         apart = np.abs(row[i] - row[j]) > 0.1 * n_rows
@@ -91,6 +92,12 @@ def regions(mask: F32) -> F64:
     fits = (area >= 12) & (height <= n_rows / 2) & (width <= n_cols / 2)
     samples = np.column_stack([top + (height - 1) / 2, height, width, area])[inner & fits].astype(np.float64)
     return np.asarray(samples[np.argsort(-samples[:, 3], kind="stable")[:PER_FRAME]])
+
+
+def alone(samples: F64) -> F64:
+    """The samples that are not much wider for their length than most: groups side by side are left out."""
+    ratio = samples[:, 2] / samples[:, 1]
+    return np.asarray(samples[ratio <= WIDEST * np.percentile(ratio, 30)])
 
 
 def line(x: F64, y: F64, weight: F64, tilted: bool) -> tuple[float, float]:
