@@ -69,7 +69,7 @@ class Cast:
             if handling.how == "push":
                 place, heading = xy + PUSH_M * np.array([np.cos(facing), np.sin(facing)]), facing
             elif t < handling.until_s and i in bodies:
-                hands = bodies[i].hands + 0.1 * np.array([np.cos(facing), np.sin(facing), 0.0])
+                hands = bodies[i].hands - 0.03 * np.array([np.cos(facing), np.sin(facing), 0.0])
                 place, heading, z = hands[:2], facing, float(hands[2]) - 0.12
             else:
                 place, heading = xy + 0.5 * np.array([np.cos(facing), np.sin(facing)]), facing

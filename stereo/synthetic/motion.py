@@ -250,7 +250,7 @@ _ACTION_POSES: dict[str, dict[str, tuple[float, ...]]] = {
               "shoulder": (0.5, 0.5), "elbow": (0.8, 0.8), "foot": (-0.2, -0.2)},
     "reach": {"shoulder": (0.2, 2.7), "elbow": (0.2, 0.15), "lean": (-0.05,)},
     "bend": {"lean": (1.15,), "hip": (0.25, 0.25), "knee": (0.5, 0.5), "shoulder": (0.9, 0.9), "elbow": (0.3, 0.3)},
-    "carry": {"shoulder": (0.5, 0.5), "elbow": (1.1, 1.1), "abduct": (0.05, 0.05)},
+    "carry": {"shoulder": (0.12, 0.12), "elbow": (1.25, 1.25), "abduct": (0.05, 0.05)},
     "push": {"shoulder": (0.75, 0.75), "elbow": (0.55, 0.55), "lean": (0.15,), "abduct": (0.08, 0.08)},
 }  # fmt: skip
 
