@@ -16,7 +16,7 @@ from planview.tracking.human_model._kernels import fill_spans
 def measure_models(
     evidence: U8, motion: U8, cover: U8, labels: I32, left: I32, right: I32, claimed: U8,
     index: I32, origin_u: int, origin_v: int, step: int, foot: F32, hull: F32,
-    position: F64, scale: F64, ring: float, votes: I64, counts: I64, extent: F64,
+    position: F64, scale: F64, ring: float, claim: float, votes: I64, counts: I64, extent: F64,
 ) -> None:  # fmt: skip
     """What each placed model covers.
 
@@ -24,7 +24,8 @@ def measure_models(
     this model alone, pixels shared with another model, motion on the model, motion without evidence on it, label of the
     blob it covers most (0: none). Fills ``extent``
     (N, 3): mean of the foreground's columns minus the model's, mean square deviation of the foreground's columns, both
-    over model and ring [px, px^2], and foreground pixels used for it. Marks model and ring in ``claimed``. ``votes`` is
+    over model and ring [px, px^2], and foreground pixels used for it. Marks the model and ``claim`` times its
+    mean width beside it in ``claimed``. ``votes`` is
     a zeroed workspace with one cell per label.
     """
     width = evidence.shape[1]
@@ -38,11 +39,15 @@ def measure_models(
         for y in range(top, bottom):
             area += max(0, right[y] - left[y])
         margin = int(ring * area / max(1, bottom - top) + 0.5)
+        near = int(claim * area / max(1, bottom - top) + 0.5)
         best = 0
         for y in range(top, bottom):
+            if left[y] >= right[y]:
+                continue
             middle = 0.5 * (left[y] + right[y] - 1)
             for x in range(max(0, left[y] - margin), min(width, right[y] + margin)):
-                claimed[y, x] = 1
+                if left[y] - near <= x < right[y] + near:
+                    claimed[y, x] = 1
                 inside = left[y] <= x < right[y]
                 if evidence[y, x] > 1 and (cover[y, x] == 0 or (inside and cover[y, x] == 1)):
                     extent[t, 0] += x - middle

@@ -22,6 +22,9 @@ class MatchParams(Params):
     ring: float = Field(default=0.5, ge=0, le=2)
     """Width beside the model, as a fraction of its width, where foreground is half explained. Our choice: arms and
     stride reach 0.35 m from the axis, the torso cylinder 0.21 m."""
+    claim: float = Field(default=0.25, ge=0, le=2)
+    """Width beside the model, as a fraction of its width, whose foreground starts no new target. Our choice: less than
+    ring, or two people side by side would never be told apart."""
     overlap_weight: float = Field(default=0.3, ge=0, le=2)
     """Price of a pixel covered twice, in pixels. The paper's R_overlap has 1; less, since people do hide each other."""
     prior_weight: float = Field(default=0.04, ge=0, le=1)

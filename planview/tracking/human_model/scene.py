@@ -112,7 +112,7 @@ class ModelScene:
         votes = np.zeros(len(blobs), np.int64)
         measuring.measure_models(
             evidence, motion, self.cover, blobs.labels, self._left, self._right, self.claimed, *self._map,
-            position, scale, self.params.ring, votes, counts, extent,
+            position, scale, self.params.ring, min(self.params.claim, self.params.ring), votes, counts, extent,
         )  # fmt: skip
         return Measurement(position, counts, extent)
 

@@ -57,6 +57,12 @@ class TemplateTrackerParams(Params):
     ghost_m: float = Field(0.35, ge=0.0)
     """Nobody is believed while this near to somebody known [m] (stretched along the ray by depth noise): he may be an
     arm, or a far body's second clump of depth."""
+    arm_m: float = Field(0.9, ge=0.0)
+    """What is this near to somebody known [m] and small beside him is what he carries, or a limb: an arm's length and
+    half a box (our choice)."""
+    piece_area: float = Field(0.35, ge=0.0, le=1.0)
+    """Small means less than this share of his visible surface: a box carried before the chest shows a quarter of a
+    body, a child beside its parent a half (our choice)."""
     lost_s: float = Field(4.0, ge=0.0)
     """How long a lost person may come back [s] (Harville 2002, section 4: e.g. 4)."""
     reattach_m: float = Field(2.0, ge=0.0)

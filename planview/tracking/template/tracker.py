@@ -67,7 +67,7 @@ class TemplateTracker:
         self._judge()
         self._locate(maps, axis, dt)
         self._adapt(frame, dt)
-        self._confirm(maps.view)
+        self._confirm(frame)
         self._detect(frame, axis)
         self._retire(maps.view)
         return tuple(_state(person) for person in self._people)
@@ -148,18 +148,34 @@ class TemplateTracker:
             blend(frame, person, people, i, 1.0)
             self._decide(person, "recentred", f"by {moved:.2f} m: {why}", moved)
 
-    def _confirm(self, view: View) -> None:
-        """Believe who was tracked long enough, unless he may be a part of somebody known."""
-        known = [person.at_m for person in self._people if person.state == "confirmed" and person.matched]
+    def _confirm(self, frame: Frame) -> None:
+        """Believe who was tracked long enough, unless he may be a part of somebody known, or what he carries."""
+        known = [person for person in self._people if person.state == "confirmed" and person.matched]
         for person in self._people:
             age = self._time_s - person.born_s
             if person.state != "tentative" or not person.matched or age < self.params.confirm_s - 1e-9:
                 continue
-            if any(inseparable(view, person.at_m, other, self.params.ghost_m) for other in known):
+            if any(self._piece_of(frame, person, other) for other in known):
                 continue
             person.state = "confirmed"
-            known.append(person.at_m)
+            known.append(person)
             self._decide(person, "confirmed", f"tracked for {age:.2f} s without a miss")
+
+    def _piece_of(self, frame: Frame, person: Person, other: Person) -> bool:
+        """Not to be told apart from another, or within his reach and much smaller."""
+        view, p = frame.maps.view, self.params
+        if inseparable(view, person.at_m, other.at_m, p.ghost_m):
+            return True
+        small = self._seen_area(frame, person) < p.piece_area * self._seen_area(frame, other)
+        return small and inseparable(view, person.at_m, other.at_m, p.arm_m)
+
+    def _seen_area(self, frame: Frame, person: Person) -> float:
+        """Visible surface within W_avg around a person [m^2]."""
+        grid = frame.maps.grid
+        row, col = (round(i) for i in grid.index_of(*person.at_m))
+        half = round(self.params.width_m / 2 / grid.cell_m)
+        rows, cols = slice(max(0, row - half), row + half + 1), slice(max(0, col - half), col + half + 1)
+        return float(frame.maps.occupancy[rows, cols].sum())
 
     def _detect(self, frame: Frame, axis: BodyAxis) -> None:
         """New people in what is left of the maps: parts of somebody known, somebody lost, or somebody new."""
@@ -181,10 +197,7 @@ class TemplateTracker:
 
         A far body's depth may fall into two clumps; the template has no reason of its own to leave the smaller.
         """
-        row, col = (round(i) for i in frame.maps.grid.index_of(*person.at_m))
-        half = round(self.params.width_m / 2 / frame.maps.grid.cell_m)
-        own = frame.maps.occupancy[max(0, row - half) : row + half + 1, max(0, col - half) : col + half + 1].sum()
-        if candidate.area_m2 < self.params.recentre_mass * own:
+        if candidate.area_m2 < self.params.recentre_mass * self._seen_area(frame, person):
             return
         moved = math.hypot(candidate.x_m - person.at_m[0], candidate.y_m - person.at_m[1])
         person.jump(person.kalman.moved_to(candidate.x_m, candidate.y_m))
