@@ -1,0 +1,93 @@
+"""Plain numpy twins of the human-model tracker's kernels; they define what the compiled loops compute."""
+
+import numpy as np
+
+from calib.human_model_map import HumanModelMap
+from calib.types import F32, F64, I64, U8, Bool
+
+
+def model_mask(model_map: HumanModelMap, u: float, v: float, scale: float) -> Bool:
+    """(H, W) pixels of the model with its foot at (u, v): per row, the columns between the polygon's borders."""
+    width, height = model_map.camera.size
+    mask = np.zeros((height, width), dtype=np.bool_)
+    col, row = (
+        int(np.floor((p - o) / model_map.params.step_px + 0.5))
+        for p, o in zip((u, v), model_map.origin_px, strict=True)
+    )
+    if not (0 <= row < model_map.index.shape[0] and 0 <= col < model_map.index.shape[1]):
+        return mask
+    entry = model_map.index[row, col]
+    if entry < 0:
+        return mask
+    polygon = scale * (model_map.hull_px[entry].astype(np.float64) - model_map.foot_px[entry]) + (u, v)
+    after = np.roll(polygon, -1, axis=0)
+    for y in range(height):
+        crosses = (np.minimum(polygon[:, 1], after[:, 1]) <= y) & (y <= np.maximum(polygon[:, 1], after[:, 1]))
+        if crosses.any():
+            p, q = polygon[crosses], after[crosses]
+            dy = q[:, 1] - p[:, 1]
+            flat = dy == 0
+            t = np.where(flat, 0.0, (y - p[:, 1]) / np.where(flat, 1.0, dy))
+            x = p[:, 0] + t * (q[:, 0] - p[:, 0])
+            mask[y, max(0, int(np.ceil(x.min()))) : max(0, int(np.floor(x.max())) + 1)] = True
+    return mask
+
+
+def model_rows(model_map: HumanModelMap, u: float, v: float, scale: float) -> int:
+    """Rows of the image that the model's polygon reaches, seen or to the left or right of the image."""
+    entry = int(model_map.entry_at((u, v)))
+    y = scale * (model_map.hull_px[entry, :, 1].astype(np.float64) - model_map.foot_px[entry, 1]) + v
+    return max(0, min(model_map.camera.height, int(np.floor(y.max())) + 1) - max(0, int(np.ceil(y.min()))))
+
+
+def with_ring(mask: Bool, n_rows: int, ring: float) -> Bool:
+    """A model's pixels and, on both sides of each row, ``ring`` times its mean width."""
+    margin = int(ring * mask.sum() / max(1, n_rows) + 0.5)
+    wide = np.zeros_like(mask)
+    for y in np.flatnonzero(mask.any(axis=1)):
+        x = np.flatnonzero(mask[y])
+        wide[y, max(0, x[0] - margin) : x[-1] + 1 + margin] = True
+    return wide
+
+
+def counts(mask: Bool, n_rows: int, evidence: U8, cover: U8, ring: float) -> tuple[int, int, int, int]:
+    """Area, free evidence, taken pixels and free evidence in the ring."""
+    free = np.where(cover > 0, 0, evidence).astype(np.int64)
+    outside = with_ring(mask, n_rows, ring) & ~mask
+    return int(mask.sum()), int(free[mask].sum()), int((cover[mask] > 0).sum()), int(free[outside].sum())
+
+
+def measured(mask: Bool, evidence: U8, motion: U8, cover: U8) -> tuple[int, ...]:
+    """The first six columns of ``measure_models``."""
+    return (
+        int(mask.sum()),
+        int(evidence[mask].sum()),
+        int(evidence[mask & (cover == 1)].sum()),
+        int((mask & (cover > 1)).sum()),
+        int((mask & (motion > 0)).sum()),
+        int((mask & (motion > 0) & (evidence == 0)).sum()),
+    )
+
+
+def histogram(mask: Bool, image: U8, evidence: U8, cover: U8, level: U8, n_levels: int, parts: int) -> F32:
+    """(parts, n_levels^3) colours of the evidence that only this model covers."""
+    out = np.zeros((parts, n_levels**3), np.float32)
+    rows = np.flatnonzero(mask.any(axis=1))
+    y, x = np.nonzero(mask & (evidence > 0) & (cover == 1))
+    part = np.minimum(parts - 1, (y - rows[0]) * parts // (rows[-1] + 1 - rows[0]))
+    b, g, r = (level[image[y, x, c]].astype(np.int64) for c in range(3))
+    np.add.at(out, (part, (b * n_levels + g) * n_levels + r), 1.0)
+    total = out.sum(axis=1, keepdims=True)
+    return np.where(total > 0, out / np.where(total > 0, total, 1), 0).astype(np.float32)
+
+
+def along_axis(evidence: U8, cover: U8, foot: F64, axis: F64, half_width: float, n: int) -> I64:
+    """(n,) evidence near the body's axis, by position along it from -0.4 to 1.4."""
+    y, x = np.nonzero((evidence > 0) & (cover <= 1))
+    d = np.stack([x, y], axis=1) - foot
+    near = np.abs(d[:, 0] * axis[1] - d[:, 1] * axis[0]) <= half_width * np.hypot(*axis)
+    k = np.floor((d @ axis / (axis @ axis) + 0.4) / 1.8 * n).astype(np.int64)
+    keep = near & (k >= 0) & (k < n)
+    bins = np.zeros(n, np.int64)
+    np.add.at(bins, k[keep], evidence[y[keep], x[keep]])
+    return bins
