@@ -67,7 +67,7 @@ def load_rig(
         _refuse_strange_camera(rig.right, "right")
         _refuse_turned(rig)
     except (ValueError, TypeError, KeyError, IndexError, OverflowError, np.linalg.LinAlgError) as error:
-        raise InputError(f"{name}: expected a calibration ({found.name}), but {_detail(error)}") from error
+        raise InputError(f"{name} ({found.name}): {_detail(error)}") from error
     return _fitted((rig.swapped() if swap else rig).check(name), name, size)
 
 
@@ -106,7 +106,7 @@ def _format_for(path: Path, format_key: str | None) -> Format:
 
 def _detail(error: Exception) -> str:
     text = " ".join(str(error).split())
-    return text if "expected" in text else f"found {text}"
+    return text if text.startswith("expected") else f"expected a calibration, found {text}"
 
 
 def _refuse_strange_camera(one: Camera, side: str) -> None:
