@@ -61,12 +61,17 @@ class TemplateTrackerParams(Params):
     """What is this near to somebody known [m] and small beside him is what he carries, or a limb: an arm's length and
     half a box (our choice)."""
     piece_area: float = Field(0.35, ge=0.0, le=1.0)
-    """Small means less than this share of his visible surface: a box carried before the chest shows a quarter of a
-    body, a child beside its parent a half (our choice)."""
+    """Small means less than this share of his visible surface (our choice: an arm, or a far body's second clump)."""
+    parcel_area: float = Field(0.6, ge=0.0, le=1.0)
+    """The same for what is below his shoulders: a box carried before the chest hides a part of its carrier."""
+    shoulder: float = Field(0.85, gt=0.0, le=1.0)
+    """Height of the shoulders over that of the body (anthropometric tables: 0.82, and a margin for depth noise)."""
     lost_s: float = Field(4.0, ge=0.0)
     """How long a lost person may come back [s] (Harville 2002, section 4: e.g. 4)."""
     reattach_m: float = Field(2.0, ge=0.0)
     """How near to a lost person a new one is taken for him [m] (Harville 2002, section 4: e.g. 2)."""
+    speed_max_mps: float = Field(2.5, gt=0.0)
+    """Nobody comes back farther away than he can have walked: a body's reach and this speed [m/s] (a fast walk)."""
     grow_max_m: float = Field(0.15, ge=0.0)
     """A new person taller than a lost one ever was by more than this [m] is somebody else."""
     slow_down_s: float = Field(1.0, gt=0.0)

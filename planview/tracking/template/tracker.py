@@ -166,7 +166,10 @@ class TemplateTracker:
         view, p = frame.maps.view, self.params
         if inseparable(view, person.at_m, other.at_m, p.ghost_m):
             return True
-        small = self._seen_area(frame, person) < p.piece_area * self._seen_area(frame, other)
+        # What is carried is held below the shoulders, and may be as large as a parcel.
+        low = person.height_m < p.shoulder * other.height_m
+        limit = p.parcel_area if low else p.piece_area
+        small = self._seen_area(frame, person) < limit * self._seen_area(frame, other)
         return small and inseparable(view, person.at_m, other.at_m, p.arm_m)
 
     def _seen_area(self, frame: Frame, person: Person) -> float:
@@ -215,7 +218,8 @@ class TemplateTracker:
                 math.hypot(candidate.x_m - person.at_m[0], candidate.y_m - person.at_m[1]),
             )
             cost = distance / p.reattach_m + abs(candidate.height_m - person.height_m)
-            if distance <= p.reattach_m and cost < best_cost:
+            reach_m = p.reach_m + p.speed_max_mps * (self._time_s - person.seen_s)
+            if distance <= min(p.reattach_m, reach_m) and cost < best_cost:
                 best, best_cost = person, cost
         return best
 
