@@ -1,0 +1,100 @@
+"""The single-camera trackers on PETS S2-L1 view 1, in both protocols."""
+
+from __future__ import annotations
+
+import io
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from calib.errors import InputError
+from planview.engines import TrackerName, open_engine
+from planview.evaluation.evaluate import Evaluation, EvaluationParams, evaluate_tracks
+from planview.evaluation.layouts import load_truth
+from planview.tracks import Trajectories, read_tracks, write_header, write_rows
+
+FPS = 7.0
+"""Nominal frame rate of the sequence."""
+FLOOR_GATE_M = 1.0
+"""Gate of the floor protocol; box protocol: IoU 0.5."""
+
+
+@dataclass(frozen=True, eq=False)
+class PetsScores:
+    """Scores of one tracker.
+
+    Attributes:
+        tracker: its name.
+        frames: how many were tracked.
+        boxes: with boxes at IoU 0.5.
+        floor: on the floor with a gate of 1 m, after the rigid motion between the two world frames; None for tracks
+            without floor positions.
+    """
+
+    tracker: TrackerName
+    frames: int
+    boxes: Evaluation
+    floor: Evaluation | None
+
+
+def human_model_on_pets(
+    folder: Path, camera: Path, frames: int | None = None, done: Callable[[int], None] = lambda frame: None
+) -> PetsScores:
+    """Score the human-model tracker.
+
+    Args:
+        folder: with view001.mp4 and gt.txt.
+        camera: camera.toml, from ``planview calibrate human``.
+        frames: at most so many.
+        done: called after each frame.
+    Raises:
+        InputError: files that are missing or do not fit.
+    """
+    return _score("human-model", folder, camera, frames, done)
+
+
+def ellipse_particle_on_pets(
+    folder: Path, camera: Path | None, frames: int | None = None, done: Callable[[int], None] = lambda frame: None
+) -> PetsScores:
+    """Score the ellipse-particle tracker; without a camera only boxes are scored (see ``human_model_on_pets``)."""
+    return _score("ellipse-particle", folder, camera, frames, done)
+
+
+def _score(
+    tracker: TrackerName, folder: Path, camera: Path | None, frames: int | None, done: Callable[[int], None]
+) -> PetsScores:
+    truth = load_truth(_file(folder, "gt.txt"))
+    tracks, n = _track(tracker, _file(folder, "view001.mp4"), camera, frames, done)
+    span = (0, n - 1)
+    boxes = evaluate_tracks(tracks, truth, EvaluationParams.model_validate({"match_on": "boxes", "fps": FPS}), span)
+    if camera is None:
+        return PetsScores(tracker, n, boxes, None)
+    on_floor = EvaluationParams.model_validate({"gate_m": FLOOR_GATE_M, "align": True, "fps": FPS})
+    return PetsScores(tracker, n, boxes, evaluate_tracks(tracks, truth, on_floor, span))
+
+
+def _file(folder: Path, name: str) -> Path:
+    path = folder / name
+    if not path.is_file():
+        raise InputError(f"{folder}: expected a folder with {name} (PETS S2-L1 view 1), found none")
+    return path
+
+
+def _track(
+    tracker: TrackerName, video: Path, camera: Path | None, frames: int | None, done: Callable[[int], None]
+) -> tuple[Trajectories, int]:
+    """Tracks of the video as ``planview run`` would write them, and the number of frames."""
+    text = io.StringIO()
+    write_header(text)
+    n = 0
+    for result in open_engine(video, tracker, camera=camera):
+        if frames is not None and n >= frames:
+            break
+        write_rows(text, result.frame, result.timestamp_s, result.tracks)
+        n += 1
+        done(n)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "tracks.csv"
+        path.write_text(text.getvalue(), encoding="utf-8")
+        return read_tracks(path), n
