@@ -56,6 +56,9 @@ class FloorParams(Params):
     max_blur_fraction: float = Field(default=0.5, gt=0, le=1)
     """Points just above the plane's layer of noise, in as thick a layer, against points on it: a flat surface ends
     sharply, a plane laid through clutter or a corner does not (our choice)."""
+    min_sharpness: float = Field(default=0.56, ge=0, le=1)
+    """Least share, of the points near a plane, within half that distance: 0.5 where points fill a volume, whose
+    medians make a plane too; above 0.8 on a surface (our choice)."""
     n_candidates: int = Field(default=8, ge=1, le=50)
     """Planes looked for, largest first; a room has a floor, three walls and some furniture (our choice)."""
     ransac_iterations: int = Field(default=2000, ge=10)
@@ -143,7 +146,7 @@ def floor_candidates(points: Rays, params: FloorParams) -> list[Candidate]:
         rough = fit_plane(view, guess, params.inlier_sigmas)
         if rough is not None and not any(_same(rough, other.plane, view) for other in found):
             plane, view_on, counts = _refined(rough, points, params)
-            found.append(_judge(plane, view_on, counts, params))
+            found.append(_judge(plane, view_on, counts, _sharpness(plane, points, params), params))
     return found
 
 
@@ -193,7 +196,14 @@ def _away_from_edges(plane: Plane, view: Rays, params: FloorParams) -> Bool:
     return free if (on & free).sum() > 0.3 * on.sum() else np.ones(len(view), dtype=np.bool_)
 
 
-def _judge(plane: Plane, view: Rays, counts: I64, params: FloorParams) -> Candidate:
+def _sharpness(plane: Plane, points: Rays, params: FloorParams) -> float:
+    """How points crowd on a plane before any median: share of those near it that are within half that distance."""
+    gate = params.frame_noise * params.inlier_sigmas
+    distance = np.abs(points.residuals(plane.q))
+    return float((distance < gate / 2).sum() / max((distance < gate).sum(), 1))
+
+
+def _judge(plane: Plane, view: Rays, counts: I64, sharpness: float, params: FloorParams) -> Candidate:
     residuals = view.residuals(plane.q)
     share = counts / counts.sum()
     on = float(share[np.abs(residuals) < params.inlier_sigmas].sum())
@@ -210,7 +220,7 @@ def _judge(plane: Plane, view: Rays, counts: I64, params: FloorParams) -> Candid
         refused = f"{on:.1%} of the depth lies on it (at least {params.min_inlier_fraction:.0%} needed)"
     elif below > params.max_below_fraction * (on + below):
         refused = f"{below:.0%} of the depth lies beneath it"
-    elif above > params.max_blur_fraction * on:
+    elif above > params.max_blur_fraction * on or sharpness < params.min_sharpness:
         refused = "it only cuts through a surface that is not flat"
     return Candidate(plane, on, below, refused)
 

@@ -173,6 +173,8 @@ def _sample(row: Mapping[str, Any]) -> HumanSample:
 
 def _cell(row: Mapping[str, Any], name: str) -> Any:
     short = name.removesuffix("_px")
+    if name not in row and short not in row:
+        raise KeyError(name)
     return row[name] if name in row else row[short]
 
 
