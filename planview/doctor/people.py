@@ -19,8 +19,10 @@ TOLERANCE = 0.08
 """A known height must be met within this share: 5 cm of noise and shoes, and some error of the floor."""
 NEARER_PX = 1.0
 """Disparity by which something must be nearer than the background to stand out of it: four deviations."""
-SURFACE_M2 = (0.08, 1.5)
-"""Visible surface of one person: from head and shoulders to a whole body and what it carries."""
+SHARE_OF_IMAGE = (0.001, 0.25)
+"""Share of the picture that a person takes: at 8 m some 0.2 %. Not an area in metres, which would hide wrong units."""
+LARGE = 0.4
+"""Things with less than this part of the surface of the largest ones are shreds, not people."""
 ABOVE_FLOOR_M = 0.25
 TALLEST_PERCENTILE = 98.0
 """Percentile of a person's points taken for the top of the head: single points above it are wrong matches."""
@@ -48,23 +50,29 @@ def person_heights(evidence: Evidence) -> F64:
     known = np.isfinite(stack).any(axis=0)
     background = np.full(known.shape, np.nan, dtype=np.float32)
     background[known] = np.nanmedian(stack[:, known], axis=0)
-    heights = [_heights(d, background, geometry, evidence.floor.world_SE3_left) for d in evidence.disparities]
-    return np.concatenate(heights)
+    found = [_things(d, background, geometry, evidence.floor.world_SE3_left) for d in evidence.disparities]
+    things: F64 = np.concatenate(found)
+    if len(things) == 0:
+        return np.empty(0)
+    large = things[:, 1] >= LARGE * np.percentile(things[:, 1], 90)
+    return np.asarray(things[large, 0], dtype=np.float64)
 
 
-def _heights(disparity: F32, background: F32, geometry: RectifiedGeometry, world_SE3_left: SE3) -> F64:
+def _things(disparity: F32, background: F32, geometry: RectifiedGeometry, world_SE3_left: SE3) -> F64:
+    """(N, 2) height [m] and surface (in units that all things share) of what stands out of the background."""
     depth = DepthFromDisparity(geometry)(disparity)
     z = world_SE3_left.rotation[2].astype(np.float32)
     above = back_project(depth, geometry) @ z + np.float32(world_SE3_left.translation[2])
     stands_out = (disparity - background > NEARER_PX) & (above > ABOVE_FLOOR_M)
     mask = cv2.morphologyEx(stands_out.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
-    surface = depth * depth / (geometry.focal_u_px * geometry.focal_v_px)
+    surface = depth * depth
+    least, most = (share * mask.size for share in SHARE_OF_IMAGE)
     found = []
     for label in range(1, count):
         if stats[label, cv2.CC_STAT_TOP] <= 2:
             continue  # its head may be outside
-        of_it = (labels == label) & np.isfinite(above)
-        if SURFACE_M2[0] <= float(surface[of_it].sum()) <= SURFACE_M2[1]:
-            found.append(float(np.percentile(above[of_it], TALLEST_PERCENTILE)))
-    return np.array(found, dtype=np.float64)
+        if least <= stats[label, cv2.CC_STAT_AREA] <= most:
+            of_it = (labels == label) & np.isfinite(above)
+            found.append((float(np.percentile(above[of_it], TALLEST_PERCENTILE)), float(surface[of_it].sum())))
+    return np.array(found, dtype=np.float64).reshape(-1, 2)

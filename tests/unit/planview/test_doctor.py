@@ -88,6 +88,13 @@ def test_fault_camera_turned_since_calibration(tmp_path: Path, pairs: Pairs) -> 
     assert "row offset trend" in failed(folder)
 
 
+def test_fault_camera_panned_since_calibration(tmp_path: Path, pairs: Pairs) -> None:
+    folder = write_toy_recording(tmp_path / "r", RIG, pairs[:8], claimed=turned(RIG, (0.0, 2.0, 0.0)))
+    diagnosis = examine(folder, frames=8)
+    check = next(c for c in diagnosis.checks if c.name == "camera turn")
+    assert not check.ok and check.value == pytest.approx(2.0, abs=0.2)
+
+
 def test_fault_late_right_camera(tmp_path: Path, pairs: Pairs) -> None:
     late = [(left, pairs[max(0, i - 3)][1]) for i, (left, _) in enumerate(pairs)]
     diagnosis = examine(write_toy_recording(tmp_path / "r", RIG, late[3:]), frames=COUNT)
