@@ -14,7 +14,6 @@ from calib.camera import Camera, LensModel
 from calib.errors import InputError
 from calib.pose import SE3
 from calib.types import F64
-from calib.types import F64
 
 MAX_BASELINE_M = 5.0
 """Longer baselines mean wrong units: no pair for people is wider than this."""
