@@ -24,9 +24,9 @@ class SingleCameraParams(Params):
     )
     """The mixture model, here without depth: shadows are removed by their colour, at most twice as dark as the ground
     (as OpenCV's MOG2 has it), since dark clothes are like deeper shadows."""
-    motion_level: float = Field(default=8.0, gt=0, le=255)
+    motion_level: float = Field(default=10.0, gt=0, le=255)
     """Change of luma, averaged over 3x3 pixels, between two frames that is motion (levels of 255). Our choice: 8-bit
-    video has a noise of 3 to 4 levels, 1.3 in the average and 1.9 between two frames; four times that."""
+    video has a noise of 3 to 4 levels, 1.3 in the average and 1.9 between two frames; five times that."""
     motion_interval_s: float = Field(default=0.12, gt=0, le=2)
     """Time between the two frames compared [s]; at least one frame. Our choice: a hand at 0.2 m/s moves 2.4 cm in it,
     about a pixel, whatever the frame rate."""

@@ -53,8 +53,9 @@ class StateParams(Params):
     """Time over which motion and trends are judged [s]. Our choice: about one and a half steps."""
     moving_mps: float = Field(default=0.25, gt=0, le=3)
     """Speed of the footprint from which a target is moving [m/s]. Our choice: swaying is slower, walking faster."""
-    internal_motion: float = Field(default=0.01, gt=0, lt=1)
-    """Fraction of the model's area in motion that is internal motion. Our choice: a moving hand or head."""
+    internal_motion: float = Field(default=0.04, gt=0, lt=1)
+    """Fraction of the model's area in motion that is internal motion. Our choice: a moving hand or head; edges that
+    flicker in compressed video are less."""
     trend: float = Field(default=0.1, gt=0, lt=1)
     """Change of the visible fraction within the window that is appearing or disappearing. Our choice."""
     occlusion: float = Field(default=0.15, gt=0, lt=1)
