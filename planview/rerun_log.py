@@ -96,7 +96,11 @@ class RerunLog:
         if result.disparity is not None:
             reduced = result.disparity[:: engine.reduction, :: engine.reduction]
             sixteenths = np.nan_to_num(reduced * 16.0).astype(np.uint16)
-            self._stream.log("disparity", rr.DepthImage(sixteenths, meter=16.0, colormap=rr.components.Colormap.Turbo))
+            searched = engine.setup.disparities
+            lowest, highest = 16.0 * searched.first_px, 16.0 * (searched.first_px + searched.count)
+            colormap = rr.components.Colormap.Turbo
+            shown = rr.DepthImage(sixteenths, meter=16.0, colormap=colormap, depth_range=(lowest, highest))
+            self._stream.log("disparity", shown)
         maps, image = result.observation.maps, result.observation.image
         if maps is None or image is None:
             return
@@ -199,12 +203,12 @@ def blueprint(engine: Engine) -> rrb.Blueprint:
     if not isinstance(engine, Pipeline):
         return rrb.Blueprint(rrb.Vertical(image, series, row_shares=[3, 1]), collapse_panels=True)
     world = rrb.Spatial3DView(
-        origin="world", name="3D", eye_controls=_eye(engine, (0.0, -0.45, 0.9)), line_grid=False,
+        origin="world", name="3D", eye_controls=_eye(engine, (0.0, -0.75, 0.55)), line_grid=False,
     )  # fmt: skip
     height, occupancy = (
         rrb.Spatial3DView(
             origin="plan", contents=[f"plan/{name}", "plan/people", "plan/search", "plan/template", "plan/ellipses"],
-            name=f"{name} from above", eye_controls=_eye(engine, (0.0, -0.001, 1.0)), line_grid=False,
+            name=f"{name} from above", eye_controls=_eye(engine, (0.0, -0.001, 0.9)), line_grid=False,
         )
         for name in ("height", "occupancy")
     )  # fmt: skip
@@ -221,12 +225,12 @@ def blueprint(engine: Engine) -> rrb.Blueprint:
 
 def _eye(engine: Pipeline, direction: tuple[float, float, float]) -> rrb.EyeControls3D:
     """Looking at the middle of the floor in view, from a direction, the way the camera looks upwards."""
-    grid = engine.maps.grid
-    centre = np.array([(grid.x_min_m + grid.x_max_m) / 2, (grid.y_min_m + grid.y_max_m) / 2, 0.0])
-    distance = 1.1 * max(grid.x_max_m - grid.x_min_m, grid.y_max_m - grid.y_min_m)
+    x_min, y_min, x_max, y_max = _shown_floor(engine)
+    centre = np.array([(x_min + x_max) / 2, (y_min + y_max) / 2, 0.0])
+    distance = max(x_max - x_min, 1.6 * (y_max - y_min))
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital, position=centre + distance * np.array(direction), look_target=centre,
-        eye_up=(0.0, 1.0, 0.0) if direction[2] > 0.99 else (0.0, 0.0, 1.0),
+        eye_up=(0.0, 1.0, 0.0) if abs(direction[1]) < 0.01 else (0.0, 0.0, 1.0),
     )  # fmt: skip
 
 
@@ -275,7 +279,14 @@ def _rgb(image: U8) -> U8:
 
 
 def _floor_grid(engine: Pipeline) -> F32:
-    """Outline of the grid on the floor."""
-    g = engine.maps.grid
-    corners = [(g.x_min_m, g.y_min_m), (g.x_max_m, g.y_min_m), (g.x_max_m, g.y_max_m), (g.x_min_m, g.y_max_m)]
-    return np.array([(*corner, 0.0) for corner in (*corners, corners[0])], dtype=np.float32)
+    """Outline of the floor in view."""
+    x_min, y_min, x_max, y_max = _shown_floor(engine)
+    corners = [(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max), (x_min, y_min)]
+    return np.array([(*corner, 0.0) for corner in corners], dtype=np.float32)
+
+
+def _shown_floor(engine: Pipeline) -> tuple[float, float, float, float]:
+    """Bounds of the floor that was seen, else of the grid; the place below the camera included [m]."""
+    grid = engine.maps.grid
+    x_min, y_min, x_max, y_max = engine.setup.floor.extent_m or (grid.x_min_m, grid.y_min_m, grid.x_max_m, grid.y_max_m)
+    return min(x_min, 0.0), min(y_min, 0.0), max(x_max, 0.0), max(y_max, 0.0)
