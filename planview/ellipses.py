@@ -43,6 +43,9 @@ class EllipseFitParams(Params):
     """Least gain that an ellipse must add on its own, as a share of its area. Our choice: a silhouette that fills two
     thirds gains 0.53, so somebody hidden by half is still proposed, and a bag or a shadow of a third of a person is
     not."""
+    separation: float = Field(0.0, ge=0, le=4)
+    """Least distance of two centres, in half lengths. 0 in an image, where people hide one another; on the floor two
+    bodies cannot stand in each other."""
     em_steps: int = Field(4, ge=0, le=50)
     """Steps of expectation-maximisation. Our choice: the start is within a third of a width already."""
     lm_sweeps: int = Field(4, ge=0, le=50)
@@ -119,7 +122,10 @@ def fit_ellipses(mask: F32, prior: SizePrior, params: EllipseFitParams) -> F64:
         return found
     _expect_and_maximise(mask, found, prior, params)
     refine_ellipses(mask, found, prior, params)
-    return _needed(mask, found, params)
+    apart = _apart(mask, found, prior, params)
+    if len(apart) < len(found):
+        refine_ellipses(mask, apart, prior, params)
+    return _needed(mask, apart, params)
 
 
 def refine_ellipses(mask: F32, ellipses: F64, prior: SizePrior, params: EllipseFitParams) -> None:
@@ -146,6 +152,21 @@ def _expect_and_maximise(mask: F32, ellipses: F64, prior: SizePrior, params: Ell
         ellipses[k, 3] = np.clip(ellipses[k, 3], b0 / params.size_limit, b0 * params.size_limit)
         limit = math.radians(params.angle_limit_deg)
         ellipses[k, 4] = np.clip(ellipses[k, 4], -limit, limit)
+
+
+def _apart(mask: F32, ellipses: F64, prior: SizePrior, params: EllipseFitParams) -> F64:
+    """Drop the one that covers less of any two ellipses that are too close to be two objects."""
+    if params.separation == 0 or len(ellipses) < 2:
+        return ellipses
+    prefix = kernels.row_prefix(mask)
+    covered = np.array([kernels.ellipse_sum(prefix, *ellipse)[0] for ellipse in ellipses])
+    least = params.separation * prior.half_lengths(ellipses[:, 1])
+    kept: list[int] = []
+    for k in np.argsort(-covered, kind="stable"):
+        distance = np.hypot(*(ellipses[kept, :2] - ellipses[k, :2]).T)
+        if (distance >= least[k]).all():
+            kept.append(int(k))
+    return ellipses[sorted(kept)]
 
 
 def _needed(mask: F32, ellipses: F64, params: EllipseFitParams) -> F64:

@@ -52,6 +52,11 @@ class SizeParams(Params):
     """Floor plane: half the shoulder width, arms included [m]."""
     floor_aspect: float = Field(0.75, gt=0, le=1)
     """Floor plane: depth over width of a body; between a standing adult's 0.55 and the 1.0 of a stride. Our choice."""
+    floor_separation_m: float = Field(0.42, ge=0, le=1)
+    """Floor plane: least distance between two people [m], a shoulder breadth less what clothes give."""
+    floor_height_min_m: float = Field(1.2, gt=0, le=2.5)
+    """Floor plane: until believed, a person must reach so high [m]: a seated adult; chairs and shadows do not. As the
+    template tracker has it."""
     floor_reach_m: float = Field(0.5, gt=0, le=2)
     """Floor plane: how far from an ellipse's centre its body's points are taken for the axis and the height [m]. Our
     choice: half a shoulder breadth, a bent arm, and the offset between the seen side and the axis."""

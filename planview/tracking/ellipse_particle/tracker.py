@@ -16,7 +16,7 @@ from planview.tracking.base import Decision, DecisionKind, Observation, TrackerD
 from planview.tracking.ellipse_particle.drawing import draw, outline
 from planview.tracking.ellipse_particle.groups import group, overlaps
 from planview.tracking.ellipse_particle.life import Life, birth, gone, observe
-from planview.tracking.ellipse_particle.outputs import floor_state, image_state, measure_axes
+from planview.tracking.ellipse_particle.outputs import floor_state, highest_within, image_state, measure_axes
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
 from planview.tracking.ellipse_particle.particles import VX, VY, ParticleFilter, ellipses_of, normalised, union_prefix
 from planview.tracking.ellipse_particle.planes import FloorPlane, ImagePlane, PlaneView, floor_prior, given_prior
@@ -44,8 +44,11 @@ class EllipseParticleTracker:
         self._fit = p.fit
         self._filter_params = p.filter
         if p.plane == "floor":
+            apart = p.size.floor_separation_m / p.size.floor_half_length_m
             # Seen from above a body may point anywhere.
-            self._fit = p.fit.model_copy(update={"angle_spread_deg": 45.0, "angle_limit_deg": 90.0})
+            self._fit = p.fit.model_copy(
+                update={"angle_spread_deg": 45.0, "angle_limit_deg": 90.0, "separation": apart}
+            )
             self._filter_params = p.filter.model_copy(update={"angle_spread_deg": 30.0})
         self._plane = FloorPlane(p.detection, p.size) if p.plane == "floor" else ImagePlane(p.detection)
         self.reset()
@@ -97,7 +100,7 @@ class EllipseParticleTracker:
             return ()
         self._predict(dt, view, self._prior)
         self._filter_groups(view, self._prior)
-        self._judge(dt, view, self._prior)
+        self._judge(dt, view, self._prior, observation)
         self._outlines = self._people(view, self._prior)
         self._plane.protect(self._outlines)
         return tuple(self._output(view, observation))
@@ -189,21 +192,30 @@ class EllipseParticleTracker:
             self._states[chosen] = self._filter.estimate(chosen, log_likelihood, 0.5 * ellipses[members, 3], weights)
             self._filter.resample(chosen, log_likelihood - favour)
 
-    def _judge(self, dt: float, view: PlaneView, prior: SizePrior) -> None:
+    def _judge(self, dt: float, view: PlaneView, prior: SizePrior, observation: Observation) -> None:
         """Seen or not, births, deaths."""
         shares = self._shares(view, prior)
+        ellipses = ellipses_of(self._states, prior)
         p = self._params.life
         for n, (life, (covered, own)) in enumerate(zip(self._lives, shares, strict=True)):
             was = life.state
             self._watch_move(n, view, prior)
-            observe(life, bool(covered >= p.seen_overlap), bool(own >= p.seen_overlap), dt, p)
+            believable = life.confirmed or self._tall(ellipses[n], view, observation)
+            observe(life, bool(covered >= p.seen_overlap), bool(own >= p.seen_overlap) and believable, dt, p)
             if was != life.state:
                 self._tell_state(life, covered)
         unexplained = self._unexplained(view, prior)
         unexplained = self._found(unexplained, view, prior)
         for ellipse in self._measured[unexplained]:
-            self._bear(ellipse, int(unexplained.sum()), view, prior)
+            if self._tall(ellipse, view, observation):
+                self._bear(ellipse, int(unexplained.sum()), view, prior)
         self._bury(view)
+
+    def _tall(self, ellipse: F64, view: PlaneView, observation: Observation) -> bool:
+        """On the floor, whether something as high as a person is there; in the image always."""
+        if observation.maps is None or self._params.plane != "floor":
+            return True
+        return highest_within(observation.maps, view, ellipse) >= self._params.size.floor_height_min_m
 
     def _watch_move(self, n: int, view: PlaneView, prior: SizePrior) -> None:
         """An object has moved when its centre is half a length or a width from its birthplace."""
