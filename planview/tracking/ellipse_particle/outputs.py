@@ -91,7 +91,7 @@ def measure_axes(lives: Sequence[Life], view: PlaneView, ellipses: F64, maps: Pl
 
 
 def highest_within(maps: PlanViewMaps, view: PlaneView, ellipse: F64) -> float:
-    """Highest point [m] of the masked height map near the centre, a quarter of the length around; 0 where it is empty."""
+    """Highest point [m] of the masked height map within a quarter of the length of the centre; 0 where it is empty."""
     x, y = (float(v) for v in view.to_plane(ellipse[:2]))
     row, col = maps.grid.index_of(x, y)
     reach = 0.5 * float(ellipse[2]) * view.scale / maps.grid.cell_m
