@@ -46,7 +46,7 @@ class SizeParams(Params):
     0.6 m of swinging arms and stride over 1.7 m."""
     learn_s: float = Field(60.0, gt=0, le=3600)
     """Time over which the size is learned [s]: the first minute."""
-    least_samples: int = Field(12, ge=2, le=1000)
+    least_samples: int = Field(8, ge=2, le=1000)
     """Isolated regions seen before a learned size is used. Our choice."""
     floor_half_length_m: float = Field(0.26, gt=0, le=2)
     """Floor plane: half the shoulder width, arms included [m]."""
@@ -100,13 +100,13 @@ class LifeParams(Params):
 
     false_alarms: float = Field(0.2, gt=0, le=100)
     """Expected false measurements per frame, the paper's parameter of the binomial. Our choice."""
-    entries: float = Field(0.05, gt=0, le=100)
+    entries: float = Field(0.1, gt=0, le=100)
     """Expected new objects per frame; with ``false_alarms`` the prior that an unexplained measurement is an object."""
     detection: float = Field(0.85, gt=0, lt=1)
     """Probability of measuring a present object. Our choice."""
     repetition: float = Field(0.25, gt=0, lt=1)
     """Probability that a false measurement repeats in the same place. Our choice."""
-    believe: float = Field(0.9, gt=0.5, lt=1)
+    believe: float = Field(0.8, gt=0.5, lt=1)
     """Probability above which a new object is confirmed."""
     seen_overlap: float = Field(0.35, gt=0, lt=1)
     """Share of an object's ellipse that measurements must cover to count as seen; a measurement covered to less than

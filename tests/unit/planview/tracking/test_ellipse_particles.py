@@ -116,16 +116,16 @@ def seen(life: Life, times: int, seen: bool = True, own: bool = True, dt: float 
 
 def test_birth_is_believed_after_repeated_measurements():
     life = birth(1, (0, 0), 1, LifeParams())
-    assert life.probability == pytest.approx(0.05 / 0.25)  # one entry for four false alarms
-    seen(life, 2)
+    assert life.probability == pytest.approx(0.1 / 0.3)  # one entry for two false alarms
+    seen(life, 1)
     assert life.state == "tentative"
     seen(life, 1)
-    # 0.25 (0.85 / 0.25)^3 = 9.8 to 1
+    # 0.5 (0.85 / 0.25)^2 = 5.8 to 1
     assert life.state == "confirmed"
 
 
 def test_births_of_a_frame_full_of_measurements_are_doubted():
-    assert birth(1, (0, 0), 11, LifeParams()).probability == pytest.approx(0.05 / 10.05)
+    assert birth(1, (0, 0), 11, LifeParams()).probability == pytest.approx(0.1 / 10.1)
 
 
 def test_birth_that_is_not_seen_again_is_soon_gone():
