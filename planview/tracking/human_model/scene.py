@@ -15,6 +15,9 @@ from planview.tracking.human_model.params import MatchParams
 
 MIN_AXIS = 0.5
 """Length of the head-foot axis over the model's longest side below which head and foot say little (our choice)."""
+SHIFT = 0.05
+"""How far the foot may move when the posture changes, as a fraction of the height (our choice): further, and a person
+whose legs are hidden would seem to sit, higher up."""
 COLOUR_PARTS = 2
 """Parts of the body (upper, lower) with a colour histogram each."""
 COLOUR_LEVELS = 6
@@ -135,14 +138,14 @@ class ModelScene:
         return counts
 
     def best_near(self, evidence: U8, position: F64, scale: float, reference: float) -> tuple[float, F64]:
-        """Best score near a foot pixel (0.15 of the height along the rows, half of that across).
+        """Best score near a foot pixel (SHIFT along the rows, half of that across).
 
         Scores are in areas of the model at scale ``reference``; what ``cover`` holds is other people's.
 
         Returns:
             the score and its (2,) foot pixel.
         """
-        reach = 0.15 * self._longest(position) * reference
+        reach = SHIFT * self._longest(position) * reference
         offsets = np.linspace(-reach, reach, 7)
         du, dv = np.meshgrid(offsets / 2, offsets)
         near = np.column_stack([position[0] + du.ravel(), position[1] + dv.ravel(), np.full(du.size, scale)])
