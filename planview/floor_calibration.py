@@ -120,7 +120,8 @@ def view_floor(recording: StereoRecording, config: Config, n_frames: int) -> Flo
         raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used")
     rectifier, _ = aligned_rectifier(recording.rig, frames, config.rectify)
     geometry = rectifier.geometry
-    matcher = SgbmMatcher(geometry, config.sgbm, disparity_range(geometry, config.range), rectifier.mask)
+    searched = disparity_range(geometry, config.range)
+    matcher = SgbmMatcher(geometry, config.sgbm, searched, rectifier.mask, rectifier.right_mask)
     to_depth = DepthFromDisparity(geometry)
     pairs = [rectifier(frame.left, frame.right) for frame in frames]
     depths = tuple(to_depth(match_two_ways(matcher, pair.left_grey, pair.right_grey)) for pair in pairs)

@@ -89,7 +89,9 @@ class Pipeline:
         self.recording, self.setup = recording, setup
         geometry, pose = setup.rectifier.geometry, setup.floor.world_SE3_left
         self.reduction = -(-geometry.width // c.analysis.width_px)
-        self.matcher = matcher or SgbmMatcher(geometry, c.sgbm, setup.disparities, setup.rectifier.mask)
+        self.matcher = matcher or SgbmMatcher(
+            geometry, c.sgbm, setup.disparities, setup.rectifier.mask, setup.rectifier.right_mask
+        )
         self.maps = MapBuilder(geometry, pose, c.maps, self.reduction)
         self.foreground = Foreground(c.foreground, self.maps.shape)
         self.feedback = Feedback(c.feedback)

@@ -59,7 +59,8 @@ def set_up(recording: Recording, config: Config) -> Setup:
 def floor_of(rectifier: Rectifier, frames: list[StereoFrame], config: Config) -> Floor:
     """The floor in some frames (see ``calib.floor.find_floor``)."""
     geometry = rectifier.geometry
-    matcher = SgbmMatcher(geometry, config.sgbm, disparity_range(geometry, config.range), rectifier.mask)
+    searched = disparity_range(geometry, config.range)
+    matcher = SgbmMatcher(geometry, config.sgbm, searched, rectifier.mask, rectifier.right_mask)
     to_depth = DepthFromDisparity(geometry)
     clouds: list[F32] = []
     for frame in frames:

@@ -66,6 +66,8 @@ class TemplateTrackerParams(Params):
     """The same for what is below his shoulders: a box carried before the chest hides a part of its carrier."""
     shoulder: float = Field(0.85, gt=0.0, le=1.0)
     """Height of the shoulders over that of the body (anthropometric tables: 0.82, and a margin for depth noise)."""
+    sway_m: float = Field(0.1, ge=0.0)
+    """Somebody not yet believed may look this much lower than the minimum of a person [m]: noise and a step's dip."""
     lost_s: float = Field(4.0, ge=0.0)
     """How long a lost person may come back [s] (Harville 2002, section 4: e.g. 4)."""
     reattach_m: float = Field(2.0, ge=0.0)

@@ -27,6 +27,7 @@ class Person:
         seen_s: when it was last seen.
         tallest_m: greatest height so far [m].
         matched: found in this frame.
+        too_low: now lower than anybody who is not yet believed may be.
         score, reach_cells, searched_m: of the last search, for people to look at.
     """
 
@@ -43,6 +44,7 @@ class Person:
     state: State = "tentative"
     offset_m: tuple[float, float] = (0.0, 0.0)
     matched: bool = True
+    too_low: bool = False
     score: float = math.nan
     reach_cells: int = 0
     searched_m: tuple[float, float] = (math.nan, math.nan)

@@ -111,6 +111,7 @@ class TemplateTracker:
                 person.at_m = measured.seen_m
                 person.offset_m = (measured.x_m - measured.seen_m[0], measured.y_m - measured.seen_m[1])
             self._update(person, measured, dt)
+            person.too_low = measured.height_m < self.params.detection.height_min_m - self.params.sway_m
 
     def _trusted(self, person: Person, measured: AxisMeasurement) -> bool:
         if not measured.from_head:
@@ -264,6 +265,8 @@ class TemplateTracker:
             left = gone > self.params.left_s and self._at_border(person, view)
             if person.state == "tentative" and not person.matched:
                 self._decide(person, "removed", "missed before he was confirmed")
+            elif person.state == "tentative" and person.too_low:
+                self._decide(person, "removed", "too low for a person before he was confirmed")
             elif person.state == "lost" and (left or gone > self.params.lost_s):
                 why = "left the view" if left else "lost"
                 self._decide(person, "removed", f"{why} for {gone:.1f} s", gone)
