@@ -48,7 +48,7 @@ class EllipseFitParams(Params):
     bodies cannot stand in each other."""
     em_steps: int = Field(4, ge=0, le=50)
     """Steps of expectation-maximisation. Our choice: the start is within a third of a width already."""
-    lm_sweeps: int = Field(4, ge=0, le=50)
+    lm_sweeps: int = Field(3, ge=0, le=50)
     """Rounds of Levenberg-Marquardt over all ellipses. Our choice."""
     prior_mass: float = Field(0.5, gt=0, le=10)
     """Weight of the prior covariance in expectation-maximisation, in object areas. Our choice."""
