@@ -15,6 +15,8 @@ from planview.tracking.human_model.target import FootprintKalman, Target
 
 SILHOUETTE = 2.45
 """Half width over the standard deviation of a silhouette's columns: they fall off about like a triangle, sqrt(6)."""
+POSTURE_EVERY = 4
+"""Frames between two looks at the posture: sitting down takes a second (our choice, for speed)."""
 WIDTH_GAIN = 0.1
 """Share of a frame in the learned width of a person (our choice)."""
 COLOUR_GAIN = 0.1
@@ -100,7 +102,11 @@ class Fitter:
         """Change the model of who is not walking when the other posture explains the blob better."""
         p, scene = self.params.posture, self.scene
         for target, foot in zip(group, position, strict=True):
-            if not target.confirmed or (target.motion == "moving" and not target.sitting):
+            if (
+                target.matches % POSTURE_EVERY
+                or not target.confirmed
+                or (target.motion == "moving" and not target.sitting)
+            ):
                 continue
             scene.paint(scene.cover, foot, self.drawn(target), -1)
             found = [scene.best_near(frame.evidence, foot, target.scale * k, target.scale) for k in (1.0, p.sitting)]

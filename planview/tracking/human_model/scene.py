@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -155,23 +156,35 @@ class ModelScene:
         kernels.row_prefix(evidence, self.cover, top, bottom, 0, width, self._rest, self._taken)
         counts = self.score(near)
         area = max(1, int(self.score(np.array([[*position, reference]]))[0, 0]))
-        gains = [kernels.gain(a, b, c, d, float(area), self.params.overlap_weight) for a, b, c, d in counts]
+        total, rest, taken, ring = counts.T.astype(np.float64)
+        gains = np.asarray(kernels.gain.py_func(total, rest, taken, ring, float(area), self.params.overlap_weight))
         best = int(np.argmax(gains))
         return float(gains[best]), near[best, :2]
 
     def visibility(self, position: F64) -> float:
         """Fraction of the model at a (2,) foot pixel that is inside the image."""
-        entry = int(self.model_map.entry_at(position))
+        entry = self._entry(position)
         return float(self.model_map.visibility[entry]) if entry >= 0 else 0.0
 
     def box_width(self, position: F64) -> float:
         """Width of the average person's box at a (2,) foot pixel [px]."""
-        entry = int(self.model_map.entry_at(position))
+        entry = self._entry(position)
         return float(self.map_boxes[entry, 2]) if entry >= 0 else 1.0
+
+    def _entry(self, position: F64) -> int:
+        """As the map's ``entry_at`` for one pixel, without arrays: it is asked many times per frame."""
+        u, v = float(position[0]), float(position[1])
+        index, step = self.model_map.index, self.model_map.params.step_px
+        if not (math.isfinite(u) and math.isfinite(v)):
+            return -1
+        col = round((u - self.model_map.origin_px[0]) / step)
+        row = round((v - self.model_map.origin_px[1]) / step)
+        inside = 0 <= row < index.shape[0] and 0 <= col < index.shape[1]
+        return int(index[row, col]) if inside else -1
 
     def _longest(self, position: F64) -> float:
         """Longest side of the model's box at a foot pixel [px]."""
-        entry = int(self.model_map.entry_at(position))
+        entry = self._entry(position)
         return float(self.map_boxes[entry, 2:].max()) if entry >= 0 else 1.0
 
     def colours(self, image: U8, evidence: U8, position: F64, scale: float) -> F32:
@@ -190,7 +203,7 @@ class ModelScene:
             (2,) pixels to move the foot by so that both ends agree best, the remaining error of an end as a fraction of
             the height, and the observed height over the model's; None where the axis is too short in the image to tell.
         """
-        entry = int(self.model_map.entry_at(position))
+        entry = self._entry(position)
         if entry < 0:
             return None
         axis = scale * (self.model_map.head_px[entry] - self.model_map.foot_px[entry]).astype(np.float64)
@@ -215,7 +228,7 @@ class ModelScene:
 
     def hull(self, position: F64, scale: float) -> F64 | None:
         """(HULL_POINTS, 2) outline [px] of the model at a (2,) foot pixel; None where no person is possible."""
-        entry = int(self.model_map.entry_at(position))
+        entry = self._entry(position)
         if entry < 0:
             return None
         return np.asarray(
