@@ -62,7 +62,7 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Conf
     if path is not None:
         try:
             tables = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
             raise InputError(f"{path}: expected a TOML configuration, found {error}") from error
         _validate(tables, str(path))
     for override in overrides:
@@ -95,4 +95,4 @@ def _validate(tables: dict[str, Any], source: str) -> Config:
         if first["type"] == "extra_forbidden":
             raise InputError(f"{source}: expected a known parameter, found {name!r}") from error
         message = first["msg"][0].lower() + first["msg"][1:]
-        raise InputError(f"{source}: {name}: {message}, found {first['input']!r}") from error
+        raise InputError(f"{source}: {name}: {message}, found {first['input']!r:.80}") from error

@@ -39,6 +39,11 @@ class Feedback:
         self._origin: dict[int, tuple[float, float]] = {}
         self._walked: set[int] = set()
 
+    def reset(self) -> None:
+        """Forget everybody."""
+        self._origin.clear()
+        self._walked.clear()
+
     def __call__(self, points: FloorPoints, tracks: Sequence[TrackState], shape: tuple[int, int]) -> U8 | None:
         """The mask for the next frame.
 

@@ -12,22 +12,32 @@ from calib.errors import InputError, WorkError
 from planview.run_info import RunInfo, read_run_info
 
 PRODUCTS = (
-    "tracks.csv", "events.csv", "decisions.csv", "counts.json", "run.json", "run.rrd", "report.html",
+    "tracks.csv", "events.csv", "decisions.csv", "counts.json", "run.json", "run.json.part", "run.rrd",
+    "report.html", "report.html.part",
 )  # fmt: skip
 """Everything that a run may leave in its folder."""
+
+
+def check_folder(folder: Path, overwrite: bool) -> None:
+    """Whether results may go to a folder; to be asked before any work is done.
+
+    Raises:
+        InputError: the folder holds a finished run and ``overwrite`` is not set, or it is a file.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: expected a folder for the results, found a file")
+    if _holds_finished_run(folder) and not overwrite:
+        raise InputError(f"{folder}: holds a finished run; choose another folder or add --overwrite")
 
 
 def prepare_folder(folder: Path, overwrite: bool) -> None:
     """Make an empty place for a run; files that are not a run's are never touched.
 
     Raises:
-        InputError: the folder holds a finished run and ``overwrite`` is not set, or it is a file.
+        InputError: as ``check_folder``.
         WorkError: it cannot be made.
     """
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: expected a folder for the results, found a file")
-    if _holds_finished_run(folder) and not overwrite:
-        raise InputError(f"{folder}: holds a finished run; choose another folder or add --overwrite")
+    check_folder(folder, overwrite)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name in PRODUCTS:
@@ -67,7 +77,11 @@ class FrameFile:
     def __init__(self, path: Path, write_header: Callable[[IO[str]], None]) -> None:
         self.path = path
         self._guarded(lambda: self._open(path))
-        self.add(write_header)
+        try:
+            self.add(write_header)
+        except WorkError:
+            self.close()
+            raise
 
     def _open(self, path: Path) -> None:
         self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)

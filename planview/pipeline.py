@@ -114,6 +114,7 @@ class Pipeline:
         """Track the recording from its first frame; each iteration starts anew."""
         self.tracker.reset()
         self.foreground.reset()
+        self.feedback.reset()
         opinion: U8 | None = None
         for matched in prefetch(self._matched(), 2):
             clock = _Clock(matched.stages_ms)

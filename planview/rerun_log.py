@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import colorsys
 import math
+import shutil
 from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from calib.errors import WorkError
 from calib.types import F32, U8
 from planview.engines import Engine
 from planview.pipeline import FrameResult, Pipeline
@@ -25,6 +27,9 @@ BODY_M = 0.5
 """Width of the boxes around people [m]."""
 CLOUD_POINTS = 20_000
 """Most foreground points shown in a frame."""
+FREE_LEAST = 64 * 2**20
+"""Room that the disk must have for the next frames [bytes]: rerun writes behind our back, and waits for ever when it
+meets a full disk."""
 
 
 class RerunLog:
@@ -33,10 +38,13 @@ class RerunLog:
     Args:
         engine: whose frames will come.
         path: the file to write.
+    Raises:
+        WorkError: there is too little room on the disk.
     """
 
     def __init__(self, engine: Engine, path: Path) -> None:
-        self._engine = engine
+        self._engine, self._path = engine, path
+        self._check_room()
         self._stereo = engine if isinstance(engine, Pipeline) else None
         self._trails: dict[int, deque[tuple[float, float]]] = {}
         self._shown: set[str] = set()
@@ -45,7 +53,12 @@ class RerunLog:
         self._log_static()
 
     def frame(self, result: FrameResult) -> None:
-        """Log one frame, on the timelines ``frame`` and ``time``."""
+        """Log one frame, on the timelines ``frame`` and ``time``.
+
+        Raises:
+            WorkError: there is too little room on the disk; the file is whole up to the frame before.
+        """
+        self._check_room()
         self._stream.set_time("frame", sequence=result.frame)
         self._stream.set_time("time", duration=result.timestamp_s)
         self._log_image(result)
@@ -60,6 +73,14 @@ class RerunLog:
     def close(self) -> None:
         """Flush and close the file."""
         self._stream.disconnect()
+
+    def _check_room(self) -> None:
+        free = shutil.disk_usage(self._path.parent).free
+        if free < FREE_LEAST:
+            raise WorkError(
+                f"{self._path}: expected at least {FREE_LEAST >> 20} MB of free disk, found {free >> 20}: "
+                "the disk is full; earlier frames are kept"
+            )
 
     def _log_static(self) -> None:
         self._stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)

@@ -8,14 +8,16 @@ import os
 import platform
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import IO
 
 import numpy as np
 
+from calib.errors import WorkError
 from planview.analytics.clock import Span
 from planview.analytics.events import Event, write_event_header, write_event_rows
 from planview.analytics.stream import Analytics
@@ -24,7 +26,7 @@ from planview.describe import camera_info, floor_info
 from planview.engines import Engine
 from planview.output import FrameFile
 from planview.pipeline import FrameResult
-from planview.run_info import RunInfo, SkippedFrame, write_run_info
+from planview.run_info import RunInfo, SkippedFrame, write_run_info, write_whole
 from planview.run_log import NoLog, RunLog
 from planview.tracking.base import Decision
 from planview.tracks import write_header, write_rows
@@ -89,29 +91,46 @@ def run(
         engine: from ``open_engine``, or a ``Pipeline``.
         watch: called after every frame, e.g. to show progress.
     Raises:
-        WorkError: the disk is full.
+        WorkError: the disk is full, or no frame can be used.
         KeyboardInterrupt: passed on after the files are closed.
     """
     options, log = options or RunOptions(), log or NoLog()
     info, started, progress = _start(engine, options), time.monotonic(), _Progress()
-    write_run_info(info, folder / "run.json")
-    files = _Files(folder, options)
     finished = False
     try:
-        for result in _limited(engine, options.max_frames):
-            progress.take(result)
-            files.add(result, progress)
-            log.frame(result)
-            if watch:
-                watch(result)
+        write_run_info(info, folder / "run.json")
+        with closing(_Files(folder, options)) as files:
+            for result in _limited(engine, options.max_frames):
+                progress.take(result)
+                files.add(result, progress)
+                log.frame(result)
+                if watch:
+                    watch(result)
+        _refuse_empty(engine, progress)
         finished = True
     finally:
-        files.close()
         log.close()
         info = _finish(info, engine, progress, options, time.monotonic() - started, finished)
-        _write_counts(info, folder)
-        write_run_info(info, folder / "run.json")
+        _write_end(info, folder)
     return info
+
+
+def _refuse_empty(engine: Engine, progress: _Progress) -> None:
+    if progress.frames == 0:
+        skipped = engine.recording.skipped
+        why = f" ({skipped[0].why})" if skipped else ""
+        raise WorkError(f"{engine.recording.path}: none of {engine.recording.n_frames} frames can be used{why}")
+
+
+def _write_end(info: RunInfo, folder: Path) -> None:
+    """A run that failed may have no room for its last words either: run.json then stays as it was, unfinished."""
+    try:
+        if info.counts:
+            write_whole(folder / "counts.json", json.dumps(info.counts, indent=2) + "\n")
+        write_run_info(info, folder / "run.json")
+    except WorkError:
+        if info.finished:
+            raise
 
 
 class _Files:
@@ -151,11 +170,20 @@ def _start(engine: Engine, options: RunOptions) -> RunInfo:
         input=os.fspath(engine.recording.path),
         tracker=options.tracker,
         started_at=datetime.now(UTC).astimezone().isoformat(timespec="seconds"),
-        versions={"python": platform.python_version(), **{name: version(name) for name in LIBRARIES}},
+        versions={"python": platform.python_version(), **_versions()},
         config=engine.config.model_dump(mode="json"),
         rig=camera_info(engine),
         floor=floor_info(engine),
     )
+
+
+def _versions() -> dict[str, str]:
+    """Of what is installed: OpenCV comes under several names."""
+    found = {}
+    for name in LIBRARIES:
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
 
 
 def _finish(
@@ -184,11 +212,6 @@ def _counts(progress: _Progress, options: RunOptions, fps: float) -> dict[str, o
     stays = {name: sorted(stays, key=lambda s: s.start_s) for name, stays in analytics.stays.items()}
     events = sorted(progress.events, key=lambda e: e.timestamp_s)
     return Counts(analytics.rules, events, stays, span, analytics.params.interval_s).to_json()
-
-
-def _write_counts(info: RunInfo, folder: Path) -> None:
-    if info.counts:
-        (folder / "counts.json").write_text(json.dumps(info.counts, indent=2) + "\n", encoding="utf-8")
 
 
 def _decision_header(file: IO[str]) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
-from calib.errors import InputError
+from calib.errors import InputError, WorkError
 
 
 class _Part(BaseModel):
@@ -89,10 +89,23 @@ class RunInfo(_Part):
 
 
 def write_run_info(info: RunInfo, path: Path) -> None:
-    """Write run.json in one step, so that a half-written file is never seen."""
+    """Write run.json in one step, so that a half-written file is never seen.
+
+    Raises:
+        WorkError: the disk is full or the file cannot be written; an earlier run.json is kept.
+    """
+    write_whole(path, info.model_dump_json(indent=2) + "\n")
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Replace a file in one step (same errors as ``write_run_info``)."""
     part = path.with_name(path.name + ".part")
-    part.write_text(info.model_dump_json(indent=2) + "\n", encoding="utf-8")
-    os.replace(part, path)
+    try:
+        part.write_text(text, encoding="utf-8")
+        os.replace(part, path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise WorkError(f"{path}: cannot be written ({error.strerror})") from error
 
 
 def read_run_info(path: Path) -> RunInfo:

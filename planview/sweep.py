@@ -49,6 +49,9 @@ def jobs_of(recordings: Sequence[Path], vary: Sequence[str], config: Path | None
         load_config(config, settings)
         label = "_".join(setting.replace("=", "-") for setting in settings) or "defaults"
         jobs.append(Job(recording, tuple(settings), config, out / recording.resolve().name / label))
+    folders = [job.folder for job in jobs]
+    if len(set(folders)) < len(folders):
+        raise InputError(f"--vary: expected different settings for every run, found one twice in {list(vary)}")
     return jobs
 
 
@@ -83,13 +86,19 @@ def run_jobs(jobs: Sequence[Job], at_once: int = 1, cluster: str | None = None) 
 
 
 def run_job(job: Job) -> dict[str, float]:
-    """Run one job unless its folder holds a finished run; figures of the run and, with truth, its scores."""
+    """Run one job unless its folder holds a finished run; figures of the run and, with truth, its scores.
+
+    Raises:
+        InputError: the folder holds a finished run with other parameters.
+    """
+    config = load_config(job.config, job.settings)
     info = finished_run(job.folder)
     if info is None:
         prepare_folder(job.folder, overwrite=False)
-        engine = open_engine(job.recording, "template", load_config(job.config, job.settings))
-        info = run(engine, job.folder)
+        info = run(open_engine(job.recording, "template", config), job.folder)
         write_report(job.folder)
+    elif info.config != config.model_dump(mode="json"):
+        raise InputError(f"{job.folder}: holds a run with other parameters; choose another folder for this sweep")
     figures: dict[str, float] = {"people": info.people, "elapsed_s": info.elapsed_s}
     truth = job.recording / "truth.csv"
     if truth.is_file():

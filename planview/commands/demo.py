@@ -35,4 +35,6 @@ def demo(
         raise InputError(f"{CLIP}: expected the demo clip, found nothing; run planview from its repository")
     run(CLIP, out=out, rrd=True, debug=True, overwrite=True)
     evaluate(out / "tracks.csv", CLIP / "truth.csv", json_output=json_output)
-    Console(stderr=True).print(f"Look at it: planview view {out}    or open {out / 'report.html'}")
+    Console(stderr=True, markup=False, soft_wrap=True).print(
+        f"Look at it: planview view {out}    or open {out / 'report.html'}"
+    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
@@ -10,12 +9,13 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from rich.console import Console
 
+from calib.errors import InputError
 from planview.analytics.geometry import Plane
 from planview.analytics.rules import load_rules
 from planview.analytics.stream import Analytics
 from planview.config import load_config
 from planview.engines import Engine, open_engine
-from planview.output import prepare_folder
+from planview.output import check_folder, prepare_folder
 from planview.pipeline import Pipeline
 from planview.progress import FrameProgress, summary
 from planview.report import write_report
@@ -75,8 +75,11 @@ def run(
     json_output
         Print run.json to standard output at the end.
     """
+    if frames < 0:
+        raise InputError(f"--frames: expected a number from 0, found {frames}")
     settings = load_config(config, set_)
-    console = Console(stderr=True)
+    check_folder(out, overwrite)
+    console = Console(stderr=True, markup=False)
     engine = open_engine(recording, tracker, settings, camera, calibration)
     analytics = Analytics(load_rules(rules, _plane(engine))) if rules else None
     prepare_folder(out, overwrite)
@@ -86,7 +89,7 @@ def run(
     write_report(out)
     summary(console, info, out)
     if json_output:
-        print(json.dumps(info.model_dump(mode="json")))
+        print(info.model_dump_json())
 
 
 def _plane(engine: Engine) -> Plane:

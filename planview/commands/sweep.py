@@ -49,7 +49,7 @@ def sweep(
     if json_output:
         print(json.dumps({"runs": [{"folder": str(job.folder), "settings": job.settings, **row} for job, row in rows]}))
         return
-    Console().print(_table(rows))
+    Console(markup=False).print(_table(rows))
 
 
 def _table(rows: Sequence[tuple[Job, dict[str, float]]]) -> Table:
