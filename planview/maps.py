@@ -194,15 +194,19 @@ class MapBuilder:
 
     def _smooth(self, height_raw: F32, occupancy_raw: F32) -> tuple[F32, F32]:
         """H_masked and O_sm. The height is smoothed over occupied cells only, or edges would sink."""
+        height, occupancy = np.zeros_like(height_raw), np.zeros_like(occupancy_raw)
         sigma = self.params.smoothing_m / self.grid.cell_m
+        # Most of the floor is empty: only the part around what was seen is worth smoothing.
+        part = _occupied_part(occupancy_raw, 2 * math.ceil(3 * sigma))
+        raw = height_raw[part]
         if sigma > 0.0:
-            occupied = (height_raw > 0.0).astype(np.float32)
-            occupancy = _blur(occupancy_raw, sigma)
-            height = np.divide(_blur(height_raw, sigma), np.maximum(_blur(occupied, sigma), 1e-3), dtype=np.float32)
+            occupancy[part] = _blur(occupancy_raw[part], sigma)
+            share = _blur((raw > 0.0).astype(np.float32), sigma)
+            smooth = np.divide(_blur(raw, sigma), np.maximum(share, 1e-3), dtype=np.float32)
         else:
-            occupancy, height = occupancy_raw, height_raw
-        masked = np.where(occupancy >= np.float32(self._occupancy_min), height, np.float32(0.0))
-        return np.asarray(masked, dtype=np.float32), occupancy
+            occupancy[part], smooth = occupancy_raw[part], raw
+        np.copyto(height[part], smooth, where=occupancy[part] >= np.float32(self._occupancy_min))
+        return height, occupancy
 
     def _confidence(self, points: FloorPoints) -> F32:
         """Mean of 1 / (1 + (sigma_z / cell)^2) over a cell's points: 1 where depth is exact, 0 where it is unknown."""
@@ -239,7 +243,21 @@ def _reach_m(geometry: RectifiedGeometry, params: MapParams) -> float:
     return math.sqrt(params.depth_std_max_m / geometry.depth_std_m(1.0))
 
 
+def _occupied_part(occupancy: F32, margin: int) -> tuple[slice, slice]:
+    """The bounding rectangle of what is not zero, wider by a margin."""
+    seen = occupancy > 0.0
+    rows, cols = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+    if len(rows) == 0:
+        return slice(0, 0), slice(0, 0)
+    return (
+        slice(max(0, int(rows[0]) - margin), int(rows[-1]) + 1 + margin),
+        slice(max(0, int(cols[0]) - margin), int(cols[-1]) + 1 + margin),
+    )
+
+
 def _blur(image: F32, sigma: float) -> F32:
+    if image.size == 0:
+        return image
     radius = max(1, round(3 * sigma))
     return np.asarray(
         cv2.GaussianBlur(image, (2 * radius + 1, 2 * radius + 1), sigma, borderType=cv2.BORDER_CONSTANT),

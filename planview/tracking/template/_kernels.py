@@ -5,6 +5,7 @@ Maps arrive padded by the templates' half side, so that a template centred on an
 
 import math
 
+import numpy as np
 from numba import njit
 
 from calib.types import F32, F64
@@ -19,18 +20,22 @@ def differences(  # type: ignore[no-untyped-def]
     ``row``, ``col``: the window's first cell. A cell with height in exactly one of the two counts as ``one_sided``.
     """
     n = template_height.shape[0]
-    height_sum = 0.0
-    occupancy_sum = 0.0
-    used = 0
+    seen_height = height[row : row + n, col : col + n]
+    seen_occupancy = occupancy[row : row + n, col : col + n]
+    zero, one, gap = np.float32(0.0), np.float32(1.0), np.float32(one_sided)
+    height_sum = zero
+    occupancy_sum = zero
+    used = zero
     for i in range(n):
         for j in range(n):
-            a = template_height[i, j]
-            b = height[row + i, col + j]
-            either = a > 0.0 or b > 0.0
-            both = a > 0.0 and b > 0.0
-            height_sum += abs(a - b) if both else (one_sided if either else 0.0)
-            occupancy_sum += abs(template_occupancy[i, j] - occupancy[row + i, col + j]) if either else 0.0
-            used += 1 if either else 0
+            # Weights instead of branches, so that the loop runs on vectors.
+            known = one if template_height[i, j] > zero else zero
+            seen = one if seen_height[i, j] > zero else zero
+            both = known * seen
+            either = known + seen - both
+            height_sum += both * abs(template_height[i, j] - seen_height[i, j]) + (either - both) * gap
+            occupancy_sum += either * abs(template_occupancy[i, j] - seen_occupancy[i, j])
+            used += either
     if used == 0:
         return one_sided, 0.0
     return height_sum / used, occupancy_sum / used
