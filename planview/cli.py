@@ -42,6 +42,7 @@ def make_app(words: Sequence[str] = ()) -> App:
         help="Stereo depth plan-view people tracking.",
         version=_version,
         default_parameter=None,
+        suppress_keyboard_interrupt=False,
     )
     for name, text in COMMANDS.items():
         _register(app, f"planview.commands.{name}:{name}", name, text, words)

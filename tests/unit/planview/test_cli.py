@@ -1,0 +1,81 @@
+"""The command line as a whole: help, refusals in one sentence, and what is imported when."""
+
+import subprocess
+import sys
+
+import pytest
+
+from calib.errors import InputError, WorkError
+from planview import cli
+
+COMMANDS = [
+    *([name] for name in cli.COMMANDS),
+    *(["calibrate", name] for name in cli.CALIBRATE),
+    *(["bench", name] for name in cli.BENCH),
+]
+
+
+def status_of(argv: list[str]) -> int:
+    try:
+        cli.main(argv)
+    except SystemExit as left:
+        return int(left.code or 0)
+    return 0
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_help_of_every_command_has_an_example(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert status_of([*command, "--help"]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "Example" in text
+    assert " ".join(["planview", *command]) in text
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_an_unknown_option_is_refused_in_one_sentence(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert status_of([*command, "--no-such-option"]) == 2
+    shown = capsys.readouterr()
+    assert shown.err.startswith("planview: ")
+    assert shown.err.count("\n") == 1
+    assert shown.out == ""
+
+
+@pytest.mark.parametrize(
+    "argv", [["no-such-command"], ["calibrate", "no-such"], ["run"], ["run", "x", "--frames", "a"]]
+)
+def test_wrong_usage_is_refused_in_one_sentence(argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert status_of(argv) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "sentence"),
+    [
+        (InputError("a.csv: expected this, found that"), 2, "a.csv: expected this, found that"),
+        (WorkError("no floor is visible"), 1, "no floor is visible"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+    ],
+)
+def test_errors_become_one_sentence_and_a_status(
+    error: BaseException,
+    status: int,
+    sentence: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr(cli, "make_app", lambda _: fail)
+    assert status_of(["run"]) == status
+    assert capsys.readouterr().err == f"planview: {sentence}\n"
+
+
+def test_the_listing_imports_nothing_heavy() -> None:
+    program = (
+        "import sys\nfrom planview.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
+        "print('HEAVY', [m for m in ('numba', 'open3d', 'rerun', 'cv2', 'numpy', 'matplotlib') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert "Track people in a recording" in done.stdout
+    assert done.stdout.rstrip().endswith("HEAVY []")
