@@ -10,6 +10,7 @@ from pydantic import Field
 
 from calib.params import Params
 from calib.types import U8
+from planview._feedback_kernels import paint
 from planview.foreground import BACKGROUND, PERSON
 from planview.maps import FloorPoints
 from planview.tracking.base import TrackState
@@ -57,19 +58,16 @@ class Feedback:
         if not p.enabled:
             return None
         self._remember(tracks)
-        painted = np.zeros(shape[0] * shape[1], dtype=np.uint8)
-        near = np.zeros(len(points.xyz), dtype=bool)
-        for track in tracks:
-            body = (points.xyz[:, 0] - track.x_m) ** 2 + (points.xyz[:, 1] - track.y_m) ** 2 < p.body_m**2
-            near |= body
-            if track.track_id in self._walked and track.state == "confirmed":
-                painted[points.pixels[body]] = PERSON
-        side = 2 * p.spread_px + 1
-        mask = np.asarray(cv2.dilate(painted.reshape(shape), np.ones((side, side), dtype=np.uint8)), dtype=np.uint8)
-        ground = points.pixels[~near & (points.xyz[:, 2] < p.ground_m)]
-        flat = mask.reshape(-1)
-        flat[ground[flat[ground] != PERSON]] = BACKGROUND
-        return mask
+        people = np.array(
+            [(t.x_m, t.y_m, t.state == "confirmed" and t.track_id in self._walked) for t in tracks], dtype=np.float64
+        ).reshape(-1, 3)
+        persons, ground = np.zeros(shape, dtype=np.uint8), np.zeros(shape, dtype=np.uint8)
+        paint(points.xyz, points.pixels, people, p.body_m, p.ground_m, persons.reshape(-1), ground.reshape(-1))
+        if persons.any():
+            side = 2 * p.spread_px + 1
+            persons = np.asarray(cv2.dilate(persons, np.ones((side, side), dtype=np.uint8)), dtype=np.uint8)
+        # Who is a person wins over what is ground.
+        return np.where(persons > 0, np.uint8(PERSON), ground * np.uint8(BACKGROUND))
 
     def _remember(self, tracks: Sequence[TrackState]) -> None:
         alive = {track.track_id for track in tracks}

@@ -80,28 +80,34 @@ class NewPeople:
         tall = height >= self.params.height_min_m
         if not tall.any():
             return []
-        area, cells = self._areas(maps, tall, occupancy)
+        area, cells, (row0, col0) = self._areas(maps, tall, occupancy)
         found: list[Candidate] = []
         for _ in range(_MAX_CANDIDATES):
             row, col = divmod(int(np.argmax(area)), area.shape[1])
             peak = float(area[row, col])
             if peak < self.params.area_min_m2:
                 break
-            candidate = self._candidate(maps, occupancy, taken, (row, col), cells, peak)
+            candidate = self._candidate(maps, occupancy, taken, (row0 + row, col0 + col), cells, peak)
             if candidate and not any(self._one_body(maps, candidate, (c.x_m, c.y_m)) for c in found):
                 found.append(replace(candidate, part_of=self._owner(maps, candidate, taken)))
             r = cells
             area[max(0, row - r) : row + r + 1, max(0, col - r) : col + r + 1] = 0.0
         return found
 
-    def _areas(self, maps: PlanViewMaps, tall: np.ndarray, occupancy: F32) -> tuple[F32, int]:
-        """Visible surface within W_avg around each cell, zero where nothing tall is near; and W_avg in cells."""
+    def _areas(self, maps: PlanViewMaps, tall: Bool, occupancy: F32) -> tuple[F32, int, tuple[int, int]]:
+        """Visible surface within W_avg around each cell, zero where nothing tall is near; W_avg in cells.
+
+        Only of the part of the map that holds something tall, whose first cell is given too.
+        """
         cells = max(1, round(self._width_m / maps.grid.cell_m))
         side = 2 * (cells // 2) + 1
-        area = cv2.boxFilter(occupancy, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
-        near = cv2.dilate(tall.astype(np.uint8), np.ones((side, side), dtype=np.uint8))
+        rows, cols = np.flatnonzero(tall.any(axis=1)), np.flatnonzero(tall.any(axis=0))
+        row0, col0 = max(0, int(rows[0]) - side), max(0, int(cols[0]) - side)
+        part = slice(row0, int(rows[-1]) + side + 1), slice(col0, int(cols[-1]) + side + 1)
+        area = cv2.boxFilter(occupancy[part], -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        near = cv2.dilate(tall[part].astype(np.uint8), np.ones((side, side), dtype=np.uint8))
         area[near == 0] = 0.0
-        return np.asarray(area, dtype=np.float32), cells
+        return np.asarray(area, dtype=np.float32), cells, (row0, col0)
 
     def _candidate(
         self,

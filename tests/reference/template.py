@@ -48,18 +48,22 @@ def search(
     rows, cols = height.shape[0] - n + 1, height.shape[1] - n + 1
     r0, c0 = min(max(round(row), 0), rows - 1), min(max(round(col), 0), cols - 1)
     result[0] = math.inf
-    for r in range(max(0, r0 - reach), min(rows, r0 + reach + 1)):
-        for c in range(max(0, c0 - reach), min(cols, c0 + reach + 1)):
-            apart = differences(template_height, template_occupancy, height, occupancy, r, c, one_sided)
-            squared = (r - others[:, 0]) ** 2 + (c - others[:, 1]) ** 2
-            terms = (
-                height_weight * apart[0],
-                occupancy_weight * apart[1],
-                distance_weight * math.hypot(r - row, c - col),
-                float(separation_weight * np.exp(-0.5 * squared / separation_cells**2).sum()),
-            )
-            if sum(terms) < result[0]:
-                result[:] = (sum(terms), r, c, *terms)
+    passes = [(reach, 1)] if reach <= 2 else [(reach, 2), (1, 1)]
+    for number, (radius, step) in enumerate(passes):
+        if number == 1:
+            r0, c0 = int(result[1]), int(result[2])
+        for r in range(max(0, r0 - radius), min(rows, r0 + radius + 1), step):
+            for c in range(max(0, c0 - radius), min(cols, c0 + radius + 1), step):
+                apart = differences(template_height, template_occupancy, height, occupancy, r, c, one_sided)
+                squared = (r - others[:, 0]) ** 2 + (c - others[:, 1]) ** 2
+                terms = (
+                    height_weight * apart[0],
+                    occupancy_weight * apart[1],
+                    distance_weight * math.hypot(r - row, c - col),
+                    float(separation_weight * np.exp(-0.5 * squared / separation_cells**2).sum()),
+                )
+                if sum(terms) < result[0]:
+                    result[:] = (sum(terms), r, c, *terms)
 
 
 def clear(

@@ -50,7 +50,8 @@ def search(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Minimise the match score (eq. 4) over the cells within ``reach`` of the prediction (row, col).
 
-    ``others`` (K, 2): cells of people already placed this frame. Fills ``result`` with
+    Every second cell first where the reach is wide, then the neighbours of the best one: the maps are smooth over
+    a cell. ``others`` (K, 2): cells of people already placed this frame. Fills ``result`` with
     (score, row, col, height term, occupancy term, distance term, separation term).
     """
     rows = height.shape[0] - template_height.shape[0] + 1
@@ -58,23 +59,29 @@ def search(  # type: ignore[no-untyped-def]
     centre_row = min(max(round(row), 0), rows - 1)
     centre_col = min(max(round(col), 0), cols - 1)
     result[0] = math.inf
-    for r in range(max(0, centre_row - reach), min(rows, centre_row + reach + 1)):
-        for c in range(max(0, centre_col - reach), min(cols, centre_col + reach + 1)):
-            distance = distance_weight * math.sqrt((r - row) ** 2 + (c - col) ** 2)
-            separation = 0.0
-            for k in range(len(others)):
-                squared = (r - others[k, 0]) ** 2 + (c - others[k, 1]) ** 2
-                separation += separation_weight * math.exp(-0.5 * squared / separation_cells**2)
-            if distance + separation >= result[0]:
-                continue
-            sad_height, sad_occupancy = differences(
-                template_height, template_occupancy, height, occupancy, r, c, one_sided
-            )
-            score = height_weight * sad_height + occupancy_weight * sad_occupancy + distance + separation
-            if score < result[0]:
-                result[0], result[1], result[2] = score, r, c
-                result[3], result[4] = height_weight * sad_height, occupancy_weight * sad_occupancy
-                result[5], result[6] = distance, separation
+    step = 2 if reach > 2 else 1
+    for fine in range(2):
+        if fine == 1:
+            if step == 1:
+                break
+            centre_row, centre_col, reach, step = int(result[1]), int(result[2]), 1, 1
+        for r in range(max(0, centre_row - reach), min(rows, centre_row + reach + 1), step):
+            for c in range(max(0, centre_col - reach), min(cols, centre_col + reach + 1), step):
+                distance = distance_weight * math.sqrt((r - row) ** 2 + (c - col) ** 2)
+                separation = 0.0
+                for k in range(len(others)):
+                    squared = (r - others[k, 0]) ** 2 + (c - others[k, 1]) ** 2
+                    separation += separation_weight * math.exp(-0.5 * squared / separation_cells**2)
+                if distance + separation >= result[0]:
+                    continue
+                sad_height, sad_occupancy = differences(
+                    template_height, template_occupancy, height, occupancy, r, c, one_sided
+                )
+                score = height_weight * sad_height + occupancy_weight * sad_occupancy + distance + separation
+                if score < result[0]:
+                    result[0], result[1], result[2] = score, r, c
+                    result[3], result[4] = height_weight * sad_height, occupancy_weight * sad_occupancy
+                    result[5], result[6] = distance, separation
 
 
 @njit(cache=True, nogil=True)

@@ -1,0 +1,26 @@
+"""Compiled kernel of the feedback mask; ``tests/reference/feedback.py`` defines it in plain numpy."""
+
+from numba import njit
+
+from calib.types import F32, F64, I32, U8
+
+
+@njit(cache=True, nogil=True)
+def paint(  # type: ignore[no-untyped-def]
+    xyz: F32, pixels: I32, people: F64, body_m: float, ground_m: float, persons: U8, ground: U8
+):
+    """Set pixels of points near walkers in ``persons``, and those of low points near nobody in ``ground``.
+
+    ``people`` (K, 3) is x, y and whether he has walked; ``persons`` and ``ground`` are flat images.
+    """
+    for i in range(len(xyz)):
+        near = False
+        for k in range(len(people)):
+            dx = float(xyz[i, 0]) - people[k, 0]
+            dy = float(xyz[i, 1]) - people[k, 1]
+            if dx * dx + dy * dy < body_m * body_m:
+                near = True
+                if people[k, 2] > 0.0:
+                    persons[pixels[i]] = 1
+        if not near and xyz[i, 2] < ground_m:
+            ground[pixels[i]] = 1
