@@ -84,6 +84,9 @@ def main(argv: list[str] | None = None) -> None:
         _fail(str(error), 1)
     except KeyboardInterrupt:
         _fail("interrupted", 130)
+    except OSError as error:
+        # What nobody foresaw: a folder that may not be read, a disk that went away.
+        _fail(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error), 1)
     except Exception as error:
         from cyclopts import CycloptsError
 

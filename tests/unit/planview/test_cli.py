@@ -53,6 +53,7 @@ def test_wrong_usage_is_refused_in_one_sentence(argv: list[str], capsys: pytest.
     [
         (InputError("a.csv: expected this, found that"), 2, "a.csv: expected this, found that"),
         (WorkError("no floor is visible"), 1, "no floor is visible"),
+        (PermissionError(13, "Permission denied", "rec/left"), 1, "rec/left: Permission denied"),
         (KeyboardInterrupt(), 130, "interrupted"),
     ],
 )
