@@ -25,6 +25,8 @@ from planview.tracking.ellipse_particle.size_learning import SizeLearner
 NO_ELLIPSES: F64 = np.zeros((0, 5))
 LONGEST_STEP_S = 1.0
 """A gap in the recording longer than this is predicted over as if it were this long [s]."""
+REPLAYED = 10
+"""Frames before the size was known that are tracked once it is; a bound on the time of that one frame. Our choice."""
 
 
 class EllipseParticleTracker:
@@ -66,6 +68,7 @@ class EllipseParticleTracker:
         self._view: PlaneView | None = None
         self._prior: SizePrior | None = None
         self._measured = NO_ELLIPSES
+        self._unsized: list[tuple[float, PlaneView]] = []
         self._outlines: list[F32] = []
         self._shape: tuple[int, int] | None = None
         self._decisions: list[Decision] = []
@@ -95,12 +98,16 @@ class EllipseParticleTracker:
             self._shape = (observation.image.shape[0], observation.image.shape[1])
         self._resize(view)
         self._view = view
-        self._measured = self._measure(view, observation)
-        if self._prior is None or view is None:
+        if view is None:
             return ()
-        self._predict(dt, view, self._prior)
-        self._filter_groups(view, self._prior)
-        self._judge(dt, view, self._prior, observation)
+        unknown = self._prior is None
+        self._measured = self._measure(view, observation)
+        if self._prior is None:
+            self._unsized = [*self._unsized, (dt, view)][-REPLAYED:]
+            return ()
+        if unknown:
+            self._replay(self._prior, observation)
+        self._follow(dt, view, self._prior, observation)
         self._outlines = self._people(view, self._prior)
         self._plane.protect(self._outlines)
         return tuple(self._output(view, observation))
@@ -127,6 +134,20 @@ class EllipseParticleTracker:
         plane = self._params.plane
         return draw(plane, self._view, self._prior, self._measured, self._states, ids, self._filter.particles)
 
+    def _follow(self, dt: float, view: PlaneView, prior: SizePrior, observation: Observation) -> None:
+        self._predict(dt, view, prior)
+        self._filter_groups(view, prior)
+        self._judge(dt, view, prior, observation)
+
+    def _replay(self, prior: SizePrior, observation: Observation) -> None:
+        """Catch up with the frames that taught the size, so that who was there is believed as soon as it is known."""
+        measured = self._measured
+        for dt, view in self._unsized:
+            flooded = float(view.mask.mean()) > self._params.detection.flooded
+            self._measured = NO_ELLIPSES if flooded else fit_ellipses(view.mask, prior, self._fit)
+            self._follow(dt, view, prior, observation)
+        self._unsized, self._measured = [], measured
+
     def _step(self, time_s: float) -> float:
         dt = 0.0 if self._time is None else min(max(time_s - self._time, 0.0), LONGEST_STEP_S)
         self._time = time_s
@@ -141,6 +162,7 @@ class EllipseParticleTracker:
         self._keep(np.zeros(len(self._lives), dtype=np.bool_))
         self._learner = SizeLearner(self._params.size)
         self._prior = None
+        self._unsized = []
 
     def _measure(self, view: PlaneView | None, observation: Observation) -> F64:
         if view is None or float(view.mask.mean()) > self._params.detection.flooded:
