@@ -206,6 +206,16 @@ def test_colour_is_tracked_like_grey(pairs: list[Pair], engine: Pipeline, tmp_pa
     assert [track.state for track in results[-1].tracks] == ["confirmed"]
 
 
+def test_json_is_one_object_on_stdout_whatever_the_tracker(
+    copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["run", str(copy), "--out", str(tmp_path / "[/out]"), "--tracker", "ellipse-particle", "--json"]
+    with pytest.raises(SystemExit):
+        main([*words, "--set", FEW])
+    info = json.loads(capsys.readouterr().out)
+    assert (info["tracker"], info["finished"], info["frames_read"]) == ("ellipse-particle", True, FRAMES)
+
+
 # Bad input
 
 
