@@ -12,6 +12,8 @@ from planview.tracking.ellipse_particle.params import LifeParams
 
 HIDDEN_S = 0.7
 """An object without measured area of its own for longer than this is reported as predicted only [s]."""
+GROUP = 4
+"""So many people may enter at once: hardly any group of walkers is larger (Moussaid et al. 2010)."""
 
 
 @dataclass
@@ -62,9 +64,10 @@ def birth(track_id: int, birthplace: tuple[float, float], unexplained: int, para
 
     Of n unexplained measurements the number of objects is binomial, B(n, q) with q = entries / (entries + false
     alarms): each is an object with the prior probability q. A frame with many of them (a light changed, the camera
-    shook) has more false alarms than the expected number, so that number is raised to all but one of them.
+    shook) has more false alarms than the expected number, so that number is raised to all but ``GROUP`` of them.
     """
-    return Life(track_id, birthplace, False, math.log(params.entries / max(params.false_alarms, unexplained - 1.0)))
+    false_alarms = max(params.false_alarms, float(unexplained - GROUP))
+    return Life(track_id, birthplace, False, math.log(params.entries / false_alarms))
 
 
 def observe(life: Life, seen: bool, own: bool, dt_s: float, params: LifeParams) -> None:
