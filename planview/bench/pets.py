@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import io
+import math
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from calib.errors import InputError
+from planview.bench.tracking_errors import TrackingErrors, tracking_errors
+from planview.config import Config
 from planview.engines import TrackerName, open_engine
 from planview.evaluation.evaluate import Evaluation, EvaluationParams, evaluate_tracks
 from planview.evaluation.layouts import load_truth
@@ -30,12 +36,34 @@ class PetsScores:
         boxes: with boxes at IoU 0.5.
         floor: on the floor with a gate of 1 m, after the rigid motion between the two world frames; None for tracks
             without floor positions.
+        errors: false tracks, losses and switches of the boxes.
+        spread: of MOTA and errors over seeds; None when one seed was run.
     """
 
     tracker: TrackerName
     frames: int
     boxes: Evaluation
     floor: Evaluation | None
+    errors: TrackingErrors
+    spread: SeedSpread | None = None
+
+
+@dataclass(frozen=True)
+class SeedSpread:
+    """Scores of one clip under many seeds, in order of the seeds."""
+
+    mota: tuple[float, ...]
+    errors: tuple[int, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Every score, standard deviation and range of MOTA, mean number of errors."""
+        return {
+            "mota": self.mota,
+            "errors": self.errors,
+            "mota_deviation": float(np.std(self.mota)),
+            "mota_range": max(self.mota) - min(self.mota),
+            "errors_mean": float(np.mean(self.errors)),
+        }
 
 
 def human_model_on_pets(
@@ -55,23 +83,43 @@ def human_model_on_pets(
 
 
 def ellipse_particle_on_pets(
-    folder: Path, camera: Path | None, frames: int | None = None, done: Callable[[int], None] = lambda frame: None
+    folder: Path,
+    camera: Path | None,
+    frames: int | None = None,
+    done: Callable[[int], None] = lambda frame: None,
+    seeds: int = 1,
 ) -> PetsScores:
-    """Score the ellipse-particle tracker; without a camera only boxes are scored (see ``human_model_on_pets``)."""
-    return _score("ellipse-particle", folder, camera, frames, done)
+    """Score the ellipse-particle tracker; without a camera only boxes are scored (see ``human_model_on_pets``).
+
+    Args:
+        seeds: seeds 0 to ``seeds - 1`` are run; the scores are those of seed 0.
+    """
+    first = _score("ellipse-particle", folder, camera, frames, done)
+    if seeds == 1:
+        return first
+    rest = [_score("ellipse-particle", folder, camera, frames, done, seed) for seed in range(1, seeds)]
+    scores = [first, *rest]
+    mota = tuple(math.nan if s.boxes.clear.mota is None else s.boxes.clear.mota for s in scores)
+    return replace(first, spread=SeedSpread(mota, tuple(s.errors.total for s in scores)))
 
 
 def _score(
-    tracker: TrackerName, folder: Path, camera: Path | None, frames: int | None, done: Callable[[int], None]
+    tracker: TrackerName,
+    folder: Path,
+    camera: Path | None,
+    frames: int | None,
+    done: Callable[[int], None],
+    seed: int = 0,
 ) -> PetsScores:
     truth = load_truth(_file(folder, "gt.txt"))
-    tracks, n = _track(tracker, _file(folder, "view001.mp4"), camera, frames, done)
+    tracks, n = _track(tracker, _file(folder, "view001.mp4"), camera, frames, done, seed)
     span = (0, n - 1)
     boxes = evaluate_tracks(tracks, truth, EvaluationParams.model_validate({"match_on": "boxes", "fps": FPS}), span)
+    errors = tracking_errors(truth.where(truth.frame < n), tracks)
     if camera is None:
-        return PetsScores(tracker, n, boxes, None)
+        return PetsScores(tracker, n, boxes, None, errors)
     on_floor = EvaluationParams.model_validate({"gate_m": FLOOR_GATE_M, "align": True, "fps": FPS})
-    return PetsScores(tracker, n, boxes, evaluate_tracks(tracks, truth, on_floor, span))
+    return PetsScores(tracker, n, boxes, evaluate_tracks(tracks, truth, on_floor, span), errors)
 
 
 def _file(folder: Path, name: str) -> Path:
@@ -82,13 +130,13 @@ def _file(folder: Path, name: str) -> Path:
 
 
 def _track(
-    tracker: TrackerName, video: Path, camera: Path | None, frames: int | None, done: Callable[[int], None]
+    tracker: TrackerName, video: Path, camera: Path | None, frames: int | None, done: Callable[[int], None], seed: int
 ) -> tuple[Trajectories, int]:
     """Tracks of the video as ``planview run`` would write them, and the number of frames."""
     text = io.StringIO()
     write_header(text)
     n = 0
-    for result in open_engine(video, tracker, camera=camera):
+    for result in open_engine(video, tracker, Config(seed=seed), camera):
         if frames is not None and n >= frames:
             break
         write_rows(text, result.frame, result.timestamp_s, result.tracks)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,46 +18,76 @@ from planview.bench.pets import PetsScores, ellipse_particle_on_pets, human_mode
 def bench_pets(
     folder: Path,
     *,
-    camera: Path,
+    camera: Path | None = None,
     tracker: Literal["both", "human-model", "ellipse-particle"] = "both",
     frames: int | None = None,
+    seeds: int = 1,
     json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> None:
     """Score the single-camera trackers on PETS S2-L1 view 1.
 
     Example: planview bench pets ../shared/data/pets09-s2l1-view001 --camera camera.toml
 
+    Example: planview bench pets ../shared/data/pets09-s2l1-view001 --tracker ellipse-particle --seeds 20
+
     Parameters
     ----------
     folder
         Folder with view001.mp4 and gt.txt.
     camera
-        camera.toml, e.g. from planview calibrate human with tests/data/pets_people.json.
+        camera.toml, e.g. from planview calibrate human with tests/data/pets_people.json; the ellipse-particle tracker
+        needs none, but is scored on the floor with one.
     tracker
         Which tracker to score.
     frames
         At most so many frames.
+    seeds
+        Run the ellipse-particle tracker with so many seeds, and give the spread of its scores.
     json_output
         Print one JSON object on stdout.
     """
     if frames is not None and frames < 1:
         raise InputError(f"--frames: expected at least 1, found {frames}")
-    runs = {"human-model": human_model_on_pets, "ellipse-particle": ellipse_particle_on_pets}
+    if not 1 <= seeds <= 1000:
+        raise InputError(f"--seeds: expected 1 to 1000, found {seeds}")
+    if camera is None and tracker != "ellipse-particle":
+        raise InputError("--camera: the human-model tracker needs a camera.toml (see planview calibrate human)")
     console = Console(stderr=True)
     scores = []
-    for name, run in runs.items():
-        if tracker in ("both", name):
-            with console.status(f"{name} on {folder}"):
-                scores.append(run(folder, camera, frames))
+    if camera is not None and tracker != "ellipse-particle":
+        with console.status(f"human-model on {folder}"):
+            scores.append(human_model_on_pets(folder, camera, frames))
+    if tracker != "human-model":
+        with console.status(f"ellipse-particle on {folder}"):
+            scores.append(ellipse_particle_on_pets(folder, camera, frames, seeds=seeds))
     if json_output:
         print(json.dumps({s.tracker: _json(s) for s in scores}))
-    else:
-        console.print(_table(scores))
+        return
+    console.print(_table(scores))
+    for score in scores:
+        console.print(f"{score.tracker}: {_errors(score)}", highlight=False)
+
+
+def _errors(scores: PetsScores) -> str:
+    """Tracking errors, and their spread over seeds, in a sentence."""
+    e, spread = scores.errors, scores.spread
+    text = f"{e.total} tracking errors ({e.false_tracks} false tracks, {e.losses} losses, {e.switches} switches)"
+    if spread is None:
+        return text
+    s = spread.to_json()
+    return (
+        f"{text}; over {len(spread.mota)} seeds MOTA has a deviation of {s['mota_deviation']:.3f} and a range of "
+        f"{s['mota_range']:.3f}, and there are {s['errors_mean']:.1f} errors ({min(spread.errors)} to "
+        f"{max(spread.errors)})"
+    )
 
 
 def _json(scores: PetsScores) -> dict[str, Any]:
     floor = scores.floor.to_json() if scores.floor is not None else None
-    return {"frames": scores.frames, "boxes": scores.boxes.to_json(), "floor": floor}
+    errors = {**asdict(scores.errors), "total": scores.errors.total}
+    spread = scores.spread.to_json() if scores.spread is not None else None
+    boxes = scores.boxes.to_json()
+    return {"frames": scores.frames, "boxes": boxes, "floor": floor, "tracking_errors": errors, "seeds": spread}
 
 
 def _table(scores: list[PetsScores]) -> Table:
