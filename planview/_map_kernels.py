@@ -16,8 +16,8 @@ def back_project(  # type: ignore[no-untyped-def]
     """Foreground pixels with a disparity to world points (Harville 2002, eq. 1 and 2).
 
     ``intrinsics`` is (fu, fv, cu, cv), ``pose`` (3, 4) world_SE3_left. Fills ``points`` (N, 3), ``area`` (N)
-    = Z^2/(fu fv) and ``pixels`` (N) = row * width + column, and returns N. Points above ``height_max_m`` or with less than
-    ``disparity_min`` are dropped.
+    = Z^2/(fu fv) and ``pixels`` (N) = row * width + column, and returns N. Points above ``height_max_m`` or with less
+    than ``disparity_min`` are dropped.
     """
     fu, fv, cu, cv = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
     rows, cols = disparity.shape

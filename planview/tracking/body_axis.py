@@ -33,7 +33,7 @@ class BodyAxisParams(Params):
     """Vertex to chin [m]."""
     torso_radius_m: float = Field(0.16, gt=0.0, le=0.5)
     """Mean horizontal radius of shoulders and chest [m]: half of breadth 0.42 m and depth 0.24 m, averaged."""
-    cap_m: float = Field(0.04, gt=0.0, le=0.2)
+    cap_m: float = Field(0.04, gt=0.0, le=0.15)
     """The top is found from the area that a head shows in its uppermost part, this high [m]: a few centimetres hold
     enough pixels that one stray match does not decide."""
     area_min: float = Field(0.25, gt=0.0, le=1.0)
@@ -117,9 +117,10 @@ class BodyAxis:
     def _top(self, histogram: F64, depression: F64) -> F64:
         """Height (K,) above which just as much area is seen as a head's cap shows."""
         p = self.params
-        chord = math.sqrt(2 * p.head_radius_m * p.cap_m)
-        from_side, from_above = 4 / 3 * p.cap_m * chord, math.pi * 2 * p.head_radius_m * p.cap_m
-        cap_area = from_side * np.cos(depression) + from_above * np.sin(depression)
+        # The cap of a sphere under a depression angle: half an ellipse up to the silhouette, and half of its base.
+        base = math.sqrt(p.cap_m * (2 * p.head_radius_m - p.cap_m))
+        rise = p.head_radius_m - (p.head_radius_m - p.cap_m) * np.cos(depression)
+        cap_area = math.pi / 2 * base * (np.minimum(rise, base) + base * np.sin(depression))
         above = np.cumsum(histogram[:, ::-1], axis=1)
         total = above[:, -1]
         reached = above >= np.minimum(cap_area, total)[:, None]

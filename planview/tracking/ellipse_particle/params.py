@@ -46,8 +46,8 @@ class SizeParams(Params):
     0.6 m of swinging arms and stride over 1.7 m."""
     learn_s: float = Field(60.0, gt=0, le=3600)
     """Time over which the size is learned [s]: the first minute."""
-    least_samples: int = Field(8, ge=2, le=1000)
-    """Isolated regions seen before a learned size is used. Our choice."""
+    least_samples: int = Field(4, ge=2, le=1000)
+    """Isolated regions seen before a learned size is used. Our choice: one person in four frames, or two in two."""
     floor_half_length_m: float = Field(0.26, gt=0, le=2)
     """Floor plane: half the shoulder width, arms included [m]."""
     floor_aspect: float = Field(0.75, gt=0, le=1)

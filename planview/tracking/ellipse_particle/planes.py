@@ -64,7 +64,7 @@ class ImagePlane:
         clean = cv2.medianBlur(foreground, 3)
         # Averaging whole pixels has removed most specks already where the foreground is smaller than the image, and
         # the filter would eat thin people too; but not the specks of a frame that the codec or a jolt fills with them.
-        if foreground.shape[1] != width and float(np.mean(foreground & ~clean)) < 255 * SPECKLED:
+        if foreground.shape[1] != width and float(cv2.subtract(foreground, clean).mean()) < 255 * SPECKLED:
             clean = foreground
         cols = min(width, self._params.columns)
         rows = max(1, round(height * cols / width))

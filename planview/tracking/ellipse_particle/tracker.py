@@ -300,7 +300,9 @@ class EllipseParticleTracker:
     def _bear(self, ellipse: F64, unexplained: int, view: PlaneView, prior: SizePrior) -> None:
         per_m = float(self._cells_per_m(view, prior, ellipse[1:2])[0])
         self._filter.add(ellipse, prior, per_m)
-        life = birth(self._next_id, (float(ellipse[0]), float(ellipse[1])), unexplained, self._params.life)
+        full, area = kernels.ellipse_sum(kernels.row_prefix(view.mask), *ellipse)
+        place = (float(ellipse[0]), float(ellipse[1]))
+        life = birth(self._next_id, place, full / max(area, 1.0), unexplained, self._params.life)
         self._next_id += 1
         self._lives.append(life)
         self._states = np.concatenate([self._states, self._filter.particles[:, -1].mean(axis=0)[None]])

@@ -22,7 +22,7 @@ WIDTH_GAIN = 0.1
 COLOUR_GAIN = 0.1
 """Share of a frame in the learned colours of a person (our choice)."""
 MAX_SHARED = 0.1
-"""Part of a model that others may cover while its colours are learned (our choice)."""
+"""Part of a model that others may cover while its colours are learned or it is seen to sit down (our choice)."""
 
 
 class Fitter:
@@ -35,11 +35,12 @@ class Fitter:
         self._mingling, self._decide = mingling, decide
 
     def predict(self, targets: list[Target], dt_s: float) -> None:
-        """Advance all footprints; who has no blob slows down."""
+        """Advance all footprints; who has no blob, or sits, slows down."""
         for target in targets:
-            target.kalman.predict(dt_s, self.params.match.acceleration_mps2)
-            if not target.matched:
-                target.kalman.state[2:] *= np.exp(-dt_s / self.params.match.coast_s)
+            p = self.params
+            target.kalman.predict(dt_s, p.posture.acceleration_mps2 if target.sitting else p.match.acceleration_mps2)
+            if not target.matched or target.sitting:
+                target.kalman.state[2:] *= np.exp(-dt_s / p.match.coast_s)
 
     def fit(self, targets: list[Target], frame: Frame) -> None:
         """Targets with a blob are matched together; those without one may then take what is left."""
@@ -99,23 +100,47 @@ class Fitter:
         return np.asarray(noise**2 * inverse @ inverse.T)
 
     def _sit_or_stand(self, group: list[Target], position: F64, frame: Frame) -> None:
-        """Change the model of who is not walking when the other posture explains the blob better."""
-        p, scene = self.params.posture, self.scene
+        """Change the model of who is not walking, or no longer looks it, when the other posture explains more.
+
+        Whoever sits down sinks: the standing model follows the head towards the camera and seems to walk. So the
+        seated one is then tried where the person stood before that.
+        """
+        scene = self.scene
         for target, foot in zip(group, position, strict=True):
-            if (
-                target.matches % POSTURE_EVERY
-                or not target.confirmed
-                or (target.motion == "moving" and not target.sitting)
-            ):
+            walks = target.motion == "moving" and not target.sitting
+            place = self._stood_at(target) if walks else foot if target.matches % POSTURE_EVERY == 0 else None
+            if not target.confirmed or place is None:
                 continue
             scene.paint(scene.cover, foot, self.drawn(target), -1)
-            found = [scene.best_near(frame.evidence, foot, target.scale * k, target.scale) for k in (1.0, p.sitting)]
-            better = found[not target.sitting][0] - found[target.sitting][0]
-            if better > p.advantage:
-                target.sitting = not target.sitting
-                foot[:] = found[target.sitting][1]
-                self._decide(target, "state", "sits down" if target.sitting else "stands up", better)
+            now, other = self.drawn(target), target.scale * (1.0 if target.sitting else self.params.posture.sitting)
+            # Whoever rises keeps the head where it is at first: the foot of the seated model is too high for that.
+            places = (foot, scene.below(foot, other - now) if target.sitting else place)
+            best = max(scene.best_near(frame.evidence, p, now, target.scale)[0] for p in places)
+            tried = places if target.sitting else (place,)
+            found = [scene.best_near(frame.evidence, p, other, target.scale) for p in tried]
+            score, at = max(found, key=lambda pair: pair[0])
+            if score - best > self.params.posture.advantage:
+                foot[:] = at
+                self._change_posture(target, foot, score - best)
             scene.paint(scene.cover, foot, self.drawn(target), 1)
+
+    def _stood_at(self, target: Target) -> F64 | None:
+        """Where somebody stood who seems to walk but fills the model badly: who walks on has left that place by now."""
+        first, last = target.trail[0], target.trail[-1]
+        alone = target.matched and target.shared <= MAX_SHARED
+        known = last[0] - first[0] >= 0.5 * self.params.states.window_s
+        if not (alone and known) or target.precision >= self.params.birth.min_precision:
+            return None
+        foot = self.camera.project(np.array([*first[1:3], 0.0]))
+        return foot if self.scene.visibility(foot) == 1.0 else None
+
+    def _change_posture(self, target: Target, foot: F64, gain: float) -> None:
+        """Both take place on the spot: what seemed to be a velocity was the change of height."""
+        target.sitting = not target.sitting
+        kalman = self.start(foot, self.drawn(target))
+        if kalman is not None:
+            target.kalman = kalman
+        self._decide(target, "state", "sits down" if target.sitting else "stands up", gain)
 
     def _is_other(self, target: Target, position: F64, frame: Frame) -> bool:
         """Whether what a target lost for a while could take has another's colours."""
@@ -143,7 +168,7 @@ class Fitter:
         precision, target.shared = float(measured.precision[i]), float(measured.shared[i])
         hidden = target.matched and 1.0 - target.shared < p.match.min_free
         target.matched = hidden or precision >= p.match.min_precision
-        target.foot_px = measured.position[i]
+        target.foot_px, target.precision = measured.position[i], precision
         target.inside = self.scene.visibility(target.foot_px)
         if target.matched:
             target.seen_s = now_s

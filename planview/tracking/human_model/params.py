@@ -70,6 +70,9 @@ class PostureParams(Params):
 
     sitting: float = Field(default=0.72, gt=0.3, le=1)
     """Height of the seated model over the standing one. Our choice: 1.27 m from the floor to the top of the head."""
+    acceleration_mps2: float = Field(default=0.5, gt=0, le=20)
+    """Standard deviation of a seated person's acceleration [m/s^2]. Our choice: shifting a chair by 0.25 m in a second;
+    whoever passes in front pushes the seated model aside no further."""
     advantage: float = Field(default=0.1, ge=0, le=2)
     """Gain of the matching score, in standing model areas, that makes a person sit down or stand up."""
 
@@ -120,6 +123,12 @@ class LifeParams(Params):
     inanimate_s: float = Field(default=20.0, gt=0, le=600)
     """Time without any internal motion after which a target is a thing [s]. Our choice: seated people move a hand or
     the head more often."""
+    walked_m: float = Field(default=2.0, gt=0, le=50)
+    """Who has been this far from where they came in is no thing that was pushed or swivelled [m]. Our choice: a chair
+    that is pushed back moves by half of it."""
+    asleep_s: float = Field(default=600.0, gt=0, le=36000)
+    """Time without any internal motion after which even who walked so far is a thing [s]. Our choice: in small images
+    attentive listeners show no motion for minutes."""
     still_s: float = Field(default=3.0, gt=0, le=600)
     """Time without motion after which unexplained foreground is background [s]. Our choice."""
     looks: int = Field(default=3, ge=1, le=100)

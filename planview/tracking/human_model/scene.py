@@ -166,6 +166,14 @@ class ModelScene:
         entry = self._entry(position)
         return float(self.model_map.visibility[entry]) if entry >= 0 else 0.0
 
+    def below(self, position: F64, heights: float) -> F64:
+        """The (2,) foot pixel so many model heights below a foot pixel, along the model's axis."""
+        entry = self._entry(position)
+        if entry < 0:
+            return position
+        axis = self.model_map.head_px[entry] - self.model_map.foot_px[entry]
+        return np.asarray(position - heights * axis, np.float64)
+
     def box_width(self, position: F64) -> float:
         """Width of the average person's box at a (2,) foot pixel [px]."""
         entry = self._entry(position)

@@ -74,6 +74,7 @@ class Target:
         colours: (parts, bins) mean colour histogram, None before it was seen alone.
         half_width: observed half width over the model's.
         score: matching score M of the last frame.
+        precision: foreground fraction of the model's own part in the last frame.
     """
 
     track_id: int
@@ -99,6 +100,7 @@ class Target:
     colours: F32 | None = None
     half_width: float = 1.3
     score: float = 0.0
+    precision: float = 1.0
 
     def take_up(self, kalman: FootprintKalman, foot_px: F64, scale: float, now_s: float) -> None:
         """Go on at the place where this lost person was seen again."""

@@ -171,6 +171,12 @@ class HumanModelTracker:
 
     def _watch_still(self, frame: Frame, dt: float) -> None:
         still = (frame.evidence > 1) & (frame.motion == 0) & (self.scene.claimed == 0)
+        if self.targets:
+            # What hangs together with a person may be the person's: arms on a table, a back wider than the model.
+            labels = frame.blobs.labels
+            theirs = np.zeros(len(frame.blobs), np.bool_)
+            theirs[labels[self.scene.claimed > 0]] = True
+            still &= ~theirs[labels]
         self._still_s = np.where(still, self._still_s + np.float32(dt), np.float32(0.0))
 
     def _state_of(self, target: Target) -> TrackState:

@@ -76,7 +76,7 @@ class TemplateTrackerParams(Params):
     """Nobody comes back farther away than he can have walked: a body's reach and this speed [m/s] (a fast walk)."""
     grow_max_m: float = Field(0.15, ge=0.0)
     """A new person taller than a lost one ever was by more than this [m] is somebody else."""
-    slow_down_s: float = Field(1.0, gt=0.0)
+    slow_down_s: float = Field(2.0, gt=0.0)
     """Time constant with which the predicted velocity of a lost person decays [s]."""
     recentre_filled: float = Field(0.3, ge=0.0, le=1.0)
     """Template share with height below which it has slipped, relative to the share of a standing body, see
@@ -91,4 +91,6 @@ class TemplateTrackerParams(Params):
     """How long somebody may come back who was lost at the border of the view [s]: he has most likely left, and who
     enters there later is somebody else. Our choice; the paper keeps him for 4 s too."""
     height_time_s: float = Field(0.3, gt=0.0)
-    """Time constant of the reported height [s]: fast enough for somebody who sits down."""
+    """Time constant of the reported height while it falls [s]: fast enough for somebody who sits down."""
+    height_rise_s: float = Field(0.1, gt=0.0)
+    """Time constant while it rises [s]: shorter, since a half hidden head looks lower and comes into view (our choice)."""

@@ -127,7 +127,9 @@ class TemplateTracker:
         person.kalman = person.kalman.updated(x, y, std)
         person.axis = person.axis.updated(x + person.offset_m[0], y + person.offset_m[1], std)
         if not math.isnan(measured.height_m):
-            keep = math.exp(-dt / p.height_time_s)
+            # What hides a head, or cuts it off at the border, makes somebody look lower, hardly ever taller.
+            rising = measured.height_m > person.height_m
+            keep = math.exp(-dt / (p.height_rise_s if rising else p.height_time_s))
             person.height_m = keep * person.height_m + (1 - keep) * measured.height_m
             person.tallest_m = max(person.tallest_m, person.height_m)
 
