@@ -123,7 +123,8 @@ def save_ground_camera(camera: GroundCamera, path: Path) -> None:
     path.write_text(
         "# planview camera above a floor: at (0, 0, height_m), looking along +y, tilt from straight down\n"
         f"width = {camera.width}\nheight = {camera.height}\nfocal_px = {float(camera.focal_px)!r}\n"
-        f'height_m = {float(camera.height_m)!r}\ntilt_deg = {math.degrees(camera.tilt_rad)!r}\nlens = "{camera.lens}"\n',
+        f"height_m = {float(camera.height_m)!r}\ntilt_deg = {math.degrees(camera.tilt_rad)!r}\n"
+        f'lens = "{camera.lens}"\n',
         encoding="utf-8",
     )
 

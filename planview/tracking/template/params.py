@@ -93,4 +93,5 @@ class TemplateTrackerParams(Params):
     height_time_s: float = Field(0.3, gt=0.0)
     """Time constant of the reported height while it falls [s]: fast enough for somebody who sits down."""
     height_rise_s: float = Field(0.1, gt=0.0)
-    """Time constant while it rises [s]: shorter, since a half hidden head looks lower and comes into view (our choice)."""
+    """Time constant while it rises [s]: shorter, since a half hidden head looks lower and comes into view (our
+    choice)."""

@@ -101,7 +101,7 @@ def test_calibration_refuses_boxes_that_no_person_has() -> None:
     up = [HumanSample((x, y, 30, 120), (x + 14, y + 2), (x + 16, y + 117)) for x, y in places]
     down = [HumanSample((x + 40, y, 60, 60), (x + 44, y + 57), (x + 96, y + 2)) for x, y in places]
     lying = up + down
-    with pytest.raises(WorkError, match="no camera explains|cannot be told apart"):
+    with pytest.raises(WorkError, match=r"no camera explains|cannot be told apart"):
         calibrate_from_people(lying, (640, 480), "pinhole")
 
 
