@@ -18,6 +18,7 @@ from planview.analytics.rules import load_rules, parse_rules
 from planview.analytics.scoring import CountScores, CrossingScores, OccupancyGroup, score_counts, score_events
 from planview.analytics.totals import Counts
 from planview.bench.accuracy import SCENES, RenderOptions, rendered
+from planview.bench.frame_counts import FrameCounts, count_frames
 from planview.config import Config
 from planview.engines import open_engine
 from planview.evaluation.layouts import read_laboratory
@@ -81,9 +82,12 @@ class CountingTable:
 
     crossings: tuple[CrossingRow, ...]
     occupancy: tuple[OccupancyRow, ...]
+    views: tuple[FrameCounts, ...] = ()
 
     def __add__(self, other: CountingTable) -> CountingTable:
-        return CountingTable(self.crossings + other.crossings, self.occupancy + other.occupancy)
+        return CountingTable(
+            self.crossings + other.crossings, self.occupancy + other.occupancy, self.views + other.views
+        )
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -93,6 +97,7 @@ class CountingTable:
             "occupancy": [
                 {"recording": r.recording, "rule": r.rule, "ok": r.ok, **asdict(r.group)} for r in self.occupancy
             ],
+            "views": [{"error": v.error, **asdict(v)} for v in self.views],
         }
 
 
@@ -148,7 +153,8 @@ def score_view(
     clock, n_frames = Clock(tracks, engine.recording.fps), options.frames or engine.recording.n_frames
     found = count_tracks(tracks, rules, clock=clock, n_frames=n_frames)
     true = count_truth(truth, rules, clock, n_frames=n_frames)
-    return table_of(name, score_counts(true, found, WINDOW_S))
+    table = table_of(name, score_counts(true, found, WINDOW_S))
+    return table + CountingTable((), (), (count_frames(name, tracks, truth, n_frames),))
 
 
 def _tracked(

@@ -48,6 +48,8 @@ def bench_counting(
 
     Example: planview bench counting --scene door_oblique --scene conference
 
+    Example of the wrong numbers of people in view: planview bench counting --scene station --tracker ellipse-particle
+
     Example with the real recordings: planview bench counting --data ../shared/data --pavement-camera camera.toml
 
     Parameters
@@ -121,6 +123,12 @@ def print_counting(table: CountingTable, console: Console) -> None:
             )  # fmt: skip
         console.print(shown)
         console.print("E(d), E|d|: mean and mean absolute difference of found and true number")
+    for view in table.views:
+        console.print(
+            f"{view.recording}: wrong number of people in view in {view.wrong} of {view.frames} frames "
+            f"({100 * view.error:.1f} %), too few in {view.too_few}",
+            highlight=False,
+        )
 
 
 def _table(*columns: str) -> Table:

@@ -115,7 +115,7 @@ def seen(life: Life, times: int, seen: bool = True, own: bool = True, dt: float 
 
 
 def test_birth_is_believed_after_repeated_measurements():
-    life = birth(1, (0, 0), 1, LifeParams())
+    life = birth(1, (0, 0), 0.5, 1, LifeParams())
     assert life.probability == pytest.approx(0.1 / 0.3)  # one entry for two false alarms
     seen(life, 1)
     assert life.state == "tentative"
@@ -125,17 +125,28 @@ def test_birth_is_believed_after_repeated_measurements():
 
 
 def test_births_of_a_frame_full_of_measurements_are_doubted():
-    assert birth(1, (0, 0), 11, LifeParams()).probability == pytest.approx(0.1 / 10.1)
+    assert birth(1, (0, 0), 0.5, 14, LifeParams()).probability == pytest.approx(0.1 / 10.1)
+
+
+def test_birth_in_a_small_group_is_as_probable_as_alone():
+    alone, together = (birth(1, (0, 0), 0.5, n, LifeParams()).log_odds for n in (1, 4))
+    assert together == alone
+
+
+def test_fill_of_a_birth_counts_at_most_as_much_as_being_seen_again():
+    one_frame = math.log(0.85 / 0.25)
+    odds = [birth(1, (0, 0), fill, 1, LifeParams()).log_odds for fill in (0.0, 0.5, 0.575, 1.0)]
+    assert np.diff(odds) == pytest.approx([one_frame, one_frame / 2, one_frame / 2])
 
 
 def test_birth_that_is_not_seen_again_is_soon_gone():
-    life = birth(1, (0, 0), 1, LifeParams())
+    life = birth(1, (0, 0), 0.5, 1, LifeParams())
     seen(life, 1, seen=False, own=False)
     assert gone(life, LifeParams()) > LifeParams().believe
 
 
 def test_death_follows_the_gamma_of_the_time_unseen():
-    life = birth(1, (0, 0), 1, LifeParams())
+    life = birth(1, (0, 0), 0.5, 1, LifeParams())
     seen(life, 4)
     seen(life, 10, seen=False, own=False)  # 1 s, half the mean
     assert life.state == "lost"
@@ -145,7 +156,7 @@ def test_death_follows_the_gamma_of_the_time_unseen():
 
 
 def test_hidden_object_outlives_an_unseen_one():
-    hidden, unseen = (birth(i, (0, 0), 1, LifeParams()) for i in (1, 2))
+    hidden, unseen = (birth(i, (0, 0), 0.5, 1, LifeParams()) for i in (1, 2))
     for life, visible in ((hidden, True), (unseen, False)):
         seen(life, 4)
         seen(life, 20, seen=visible, own=False)
