@@ -119,7 +119,9 @@ class Fitter:
             tried = places if target.sitting else (place,)
             found = [scene.best_near(frame.evidence, p, other, target.scale) for p in tried]
             score, at = max(found, key=lambda pair: pair[0])
-            if score - best > self.params.posture.advantage:
+            # Where nothing shows, the lower model only has less to miss: it must have a matching blob.
+            least = (2.0 * self.params.match.min_precision - 1.0) * other / target.scale
+            if score - best > self.params.posture.advantage and score > least:
                 foot[:] = at
                 self._change_posture(target, foot, score - best)
             scene.paint(scene.cover, foot, self.drawn(target), 1)

@@ -23,6 +23,7 @@ CAMERA = GroundCamera(160, 120, 120.0, 4.0, math.radians(62))
 PARAMS = HumanModelParams(map=HumanModelMapParams(min_height_px=12))
 MAP = build_model_map(CAMERA, params=PARAMS.map)
 FPS = 10
+SEATED = PARAMS.posture.sitting
 RED, BLUE = (20, 20, 200), (200, 40, 20)
 
 Person = tuple[float, float, tuple[int, int, int]]
@@ -35,12 +36,14 @@ class World:
         self._scene = ModelScene(MAP, PARAMS.match)
         self._last: np.ndarray | None = None
 
-    def observe(self, k: int, people: Iterable[Person], hidden: slice | None = None) -> Observation:
+    def observe(
+        self, k: int, people: Iterable[Person], hidden: slice | None = None, height: float = 1.0
+    ) -> Observation:
         image = np.full((120, 160, 3), 128, np.uint8)
         mask = np.zeros((120, 160), np.uint8)
         for x, y, colour in sorted(people, key=lambda p: -p[1]):
             one = np.zeros((120, 160), np.uint8)
-            self._scene.paint(one, CAMERA.project((x, y, 0.0)), 1.0, 1)
+            self._scene.paint(one, CAMERA.project((x, y, 0.0)), height, 1)
             image[one > 0] = colour
             mask[one > 0] = 255
         if hidden is not None:
@@ -129,11 +132,37 @@ def test_video_without_foreground_gives_no_tracks() -> None:
     assert not kinds
 
 
-def test_person_who_stops_moving_for_long_is_a_thing() -> None:
-    _, states, kinds = _run(lambda t: [(min(0.0, -2.5 + 1.2 * t), 6.0, RED)], 26.0)
+def test_chair_that_was_pushed_and_stays_still_is_a_thing() -> None:
+    _, states, kinds = _run(lambda t: [(min(0.0, -1.2 + 1.2 * t), 6.0, RED)], 24.0)
     assert _confirmed(states[40])
     assert not states[-1]
     assert kinds.count("removed") == 1
+
+
+def test_person_who_walked_in_stays_one_however_still() -> None:
+    _, states, kinds = _run(lambda t: [(min(0.0, -2.5 + 1.2 * t), 6.0, RED)], 26.0)
+    assert len(_confirmed(states[-1])) == 1
+    assert "removed" not in kinds
+
+
+def test_person_who_sits_down_stays_where_the_seat_is_and_gets_up_again() -> None:
+    def height(t: float) -> float:
+        """1 until 2.5 s, seated from 3.5 s to 8 s, up again at 9 s."""
+        return float(np.interp(t, (2.5, 3.5, 8.0, 9.0), (1.0, SEATED, SEATED, 1.0)))
+
+    def path(t: float) -> list[Person]:
+        return [(min(0.0, -2.5 + 1.2 * t) + max(0.0, t - 9.5), 6.0, RED)]
+
+    tracker, world = HumanModelTracker(PARAMS, CAMERA, MAP), World()
+    states, seated = [], []
+    for k in range(11 * FPS):
+        states.append(tracker.update(world.observe(k, path(k / FPS), height=height(k / FPS))))
+        seated.append([target.sitting for target in tracker.targets])
+    assert seated[60] == [True]
+    assert seated[-1] == [False]
+    (sits,), (walks,) = _confirmed(states[60]), _confirmed(states[-1])
+    assert math.hypot(sits.x_m, sits.y_m - 6.0) < 0.4
+    assert walks.track_id == sits.track_id
 
 
 def test_person_who_leaves_the_view_is_removed() -> None:
