@@ -80,7 +80,8 @@ def run(
     settings = load_config(config, set_)
     check_folder(out, overwrite)
     console = Console(stderr=True, markup=False)
-    engine = open_engine(recording, tracker, settings, camera, calibration)
+    with console.status("opening the recording, aligning rows, finding the floor"):
+        engine = open_engine(recording, tracker, settings, camera, calibration)
     analytics = Analytics(load_rules(rules, _plane(engine))) if rules else None
     prepare_folder(out, overwrite)
     options = RunOptions(tracker=tracker, analytics=analytics, debug=debug, max_frames=frames)
