@@ -112,6 +112,7 @@ class Fitter:
             if not target.confirmed or place is None:
                 continue
             scene.paint(scene.cover, foot, self.drawn(target), -1)
+            self._widen(group, position, target, 1)
             now, other = self.drawn(target), target.scale * (1.0 if target.sitting else self.params.posture.sitting)
             # Whoever rises keeps the head where it is at first: the foot of the seated model is too high for that.
             places = (foot, scene.below(foot, other - now) if target.sitting else place)
@@ -124,7 +125,16 @@ class Fitter:
             if score - best > self.params.posture.advantage and score > least:
                 foot[:] = at
                 self._change_posture(target, foot, score - best)
+            self._widen(group, position, target, -1)
             scene.paint(scene.cover, foot, self.drawn(target), 1)
+
+    def _widen(self, group: list[Target], position: F64, target: Target, amount: int) -> None:
+        """Cover what shows beside seated people who share pixels with a target: arms and knees are theirs."""
+        for other, foot in zip(group, position, strict=True):
+            if other is not target and other.sitting and min(other.shared, target.shared) > 0.0:
+                aside = np.array([self.params.match.claim * self.scene.box_width(foot) * self.drawn(other), 0.0])
+                for place in (foot - aside, foot + aside):
+                    self.scene.paint(self.scene.cover, place, self.drawn(other), amount)
 
     def _stood_at(self, target: Target) -> F64 | None:
         """Where somebody stood who seems to walk but fills the model badly: who walks on has left that place by now."""
