@@ -66,6 +66,11 @@ class TemplateTrackerParams(Params):
     """The same for what is below his shoulders: a box carried before the chest hides a part of its carrier."""
     shoulder: float = Field(0.85, gt=0.0, le=1.0)
     """Height of the shoulders over that of the body (anthropometric tables: 0.82, and a margin for depth noise)."""
+    seated_m: float = Field(1.4, gt=0.0)
+    """Heads of seated adults are below this [m] (anthropometric tables: seat 0.45 m, sitting height up to 0.95 m)."""
+    moved_m: float = Field(0.3, ge=0.0)
+    """What is as low as a seated person must have moved this far before it is believed [m]: more than matching jitters
+    (our choice)."""
     sway_m: float = Field(0.1, ge=0.0)
     """Somebody not yet believed may look this much lower than the minimum of a person [m]: noise and a step's dip."""
     lost_s: float = Field(4.0, ge=0.0)

@@ -23,6 +23,7 @@ class Person:
         axis: of the body axis, which is reported.
         template_height, template_occupancy: T_H and T_O, (n, n) float32.
         at_m: where the visible surface was last seen [m].
+        born_m, born_s: where and when it was first seen.
         offset_m: from there to the body axis [m].
         seen_s: when it was last seen.
         tallest_m: greatest height so far [m].
@@ -37,6 +38,7 @@ class Person:
     template_height: F32
     template_occupancy: F32
     at_m: tuple[float, float]
+    born_m: tuple[float, float]
     born_s: float
     seen_s: float
     height_m: float

@@ -158,11 +158,16 @@ class TemplateTracker:
             age = self._time_s - person.born_s
             if person.state != "tentative" or not person.matched or age < self.params.confirm_s - 1e-9:
                 continue
-            if any(self._piece_of(frame, person, other) for other in known):
+            if any(self._piece_of(frame, person, other) for other in known) or self._put_down(person):
                 continue
             person.state = "confirmed"
             known.append(person)
             self._decide(person, "confirmed", f"tracked for {age:.2f} s without a miss")
+
+    def _put_down(self, person: Person) -> bool:
+        """As low as somebody seated, and never moved since it appeared: people come walking, things are put down."""
+        moved = math.hypot(person.at_m[0] - person.born_m[0], person.at_m[1] - person.born_m[1])
+        return person.height_m < self.params.seated_m and moved < self.params.moved_m
 
     def _piece_of(self, frame: Frame, person: Person, other: Person) -> bool:
         """Not to be told apart from another, or within his reach and much smaller."""
@@ -232,7 +237,7 @@ class TemplateTracker:
         kalman = self._standing(candidate)
         person = Person(
             self._next_id, kalman, kalman, blank, blank.copy(), (candidate.x_m, candidate.y_m),
-            self._time_s, self._time_s, candidate.height_m, candidate.height_m,
+            (candidate.x_m, candidate.y_m), self._time_s, self._time_s, candidate.height_m, candidate.height_m,
         )  # fmt: skip
         self._next_id += 1
         self._people.append(person)
