@@ -50,6 +50,7 @@ def floor_info(engine: Engine) -> FloorInfo | None:
             roll_deg=math.degrees(floor.roll_rad),
             inlier_fraction=floor.inlier_fraction if known else None,
             residual_m=floor.residual_m if known else None,
+            world_SE3_left=floor.world_SE3_left.matrix.tolist(),
             source=engine.setup.floor_source,
         )
     camera = engine.camera

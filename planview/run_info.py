@@ -37,6 +37,8 @@ class FloorInfo(_Part):
     """Share of the floor's points within tolerance; None when the floor was given."""
     residual_m: float | None = None
     """Root mean square distance of the inliers [m]."""
+    world_SE3_left: list[list[float]] | None = None
+    """Pose of the rectified left camera, (4, 4), for a stereo recording."""
     source: str = "found"
     """"found" in the recording, or the file that gave it."""
 
