@@ -245,7 +245,7 @@ def _camera_rows(info: RunInfo) -> list[Row]:
     for part in (info.rig, info.floor):
         if part is None:
             continue
-        for name, value in part.model_dump(exclude={"view_m"}).items():
+        for name, value in part.model_dump(exclude={"view_m", "world_SE3_left"}).items():
             if value is not None:
                 rows.append(Row(_words(name), _figure(value)))
     return rows
