@@ -125,6 +125,25 @@ class SgbmParams(Params):
     nothing but sensor noise: a third of such disparities are off by more than a pixel (our choice)."""
 
 
+def make_sgbm(geometry: RectifiedGeometry, params: SgbmParams, disparities: DisparityRange) -> cv2.StereoSGBM:
+    """OpenCV's matcher itself, with pixel sizes derived from the geometry."""
+    area = params.block_px * params.block_px
+    speckle = geometry.focal_u_px * geometry.focal_v_px * (params.speckle_m / 4.0) ** 2
+    return cv2.StereoSGBM.create(
+        minDisparity=disparities.first_px,
+        numDisparities=disparities.count,
+        blockSize=params.block_px,
+        P1=params.p1 * area,
+        P2=max(params.p2, params.p1 + 1) * area,
+        disp12MaxDiff=params.left_right_px,
+        preFilterCap=31,
+        uniquenessRatio=params.uniqueness_percent,
+        speckleWindowSize=round(speckle),
+        speckleRange=1,
+        mode=cv2.STEREO_SGBM_MODE_HH if params.full_paths else cv2.STEREO_SGBM_MODE_SGBM_3WAY,
+    )
+
+
 class SgbmMatcher:
     """OpenCV's StereoSGBM with invalid pixels as NaN.
 
@@ -155,21 +174,7 @@ class SgbmMatcher:
         self._mask, self._right_mask = (
             _inside(whole if m is None else m, p.block_px // 2 + 1) for m in (mask, right_mask)
         )
-        area = p.block_px * p.block_px
-        speckle = geometry.focal_u_px * geometry.focal_v_px * (p.speckle_m / 4.0) ** 2
-        self._sgbm = cv2.StereoSGBM.create(
-            minDisparity=self.disparities.first_px,
-            numDisparities=self.disparities.count,
-            blockSize=p.block_px,
-            P1=p.p1 * area,
-            P2=max(p.p2, p.p1 + 1) * area,
-            disp12MaxDiff=p.left_right_px,
-            preFilterCap=31,
-            uniquenessRatio=p.uniqueness_percent,
-            speckleWindowSize=round(speckle),
-            speckleRange=1,
-            mode=cv2.STEREO_SGBM_MODE_HH if p.full_paths else cv2.STEREO_SGBM_MODE_SGBM_3WAY,
-        )
+        self._sgbm = make_sgbm(geometry, p, self.disparities)
         # Columns before first_px have no match whatever the padding.
         self._pad = self.disparities.count
         self._window = np.ones((_TEXTURE_PX, _TEXTURE_PX), np.uint8)

@@ -16,7 +16,7 @@ from planview.config import Config
 from planview.pipeline import FrameResult, Pipeline
 from planview.setup import set_up
 from planview.tracking.base import Observation, TrackState
-from stereo.matcher import STEP
+from stereo.matcher import make_sgbm
 from stereo.readers import open_recording
 from stereo.recording import Recording
 
@@ -123,20 +123,6 @@ class PlainOpenCV:
 
 def plain_sgbm(clip: Clip) -> cv2.StereoSGBM:
     """OpenCV's matcher with the engine's parameters, always three-way."""
-    geometry, p = clip.pipeline.setup.rectifier.geometry, clip.config.sgbm
-    searched = clip.pipeline.setup.disparities
-    area = p.block_px * p.block_px
-    speckle = geometry.focal_u_px * geometry.focal_v_px * (p.speckle_m / 4.0) ** 2
-    return cv2.StereoSGBM.create(
-        minDisparity=searched.first_px,
-        numDisparities=-(-searched.count // STEP) * STEP,
-        blockSize=p.block_px,
-        P1=p.p1 * area,
-        P2=max(p.p2, p.p1 + 1) * area,
-        disp12MaxDiff=p.left_right_px,
-        preFilterCap=31,
-        uniquenessRatio=p.uniqueness_percent,
-        speckleWindowSize=round(speckle),
-        speckleRange=1,
-        mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
-    )
+    setup = clip.pipeline.setup
+    params = clip.config.sgbm.model_copy(update={"full_paths": False})
+    return make_sgbm(setup.rectifier.geometry, params, setup.disparities)

@@ -40,3 +40,4 @@ async def test_page_undo_takes_back_a_person(tmp_path: Path) -> None:
         await user.should_see("2 people")
         user.find("Undo").click()
         await user.should_see("1 people")
+    assert len(session.samples) == 1
