@@ -30,6 +30,7 @@ class Life:
         moved: it has left its birthplace, which no ghost of the background does.
         confirmed: believed once, and so for ever.
         log_odds: of being an object rather than a false alarm, while not confirmed.
+        age_s: time since its first measurement [s].
         seen: its ellipse is covered by measurements in this frame.
         unseen_s: time since it last had measured area.
         shared_s: time without measured area of its own, only such that an older object covers too (occlusion); it
@@ -43,6 +44,7 @@ class Life:
     birthplace: tuple[float, float]
     confirmed: bool
     log_odds: float
+    age_s: float = 0.0
     seen: bool = True
     moved: bool = False
     unseen_s: float = 0.0
@@ -79,7 +81,7 @@ def birth(track_id: int, birthplace: tuple[float, float], fill: float, unexplain
     return Life(track_id, birthplace, False, odds)
 
 
-def observe(life: Life, seen: bool, own: bool, dt_s: float, params: LifeParams) -> None:
+def observe(life: Life, seen: bool, own: bool, dt_s: float, params: LifeParams, believable: bool = True) -> None:
     """Update the existence of an object with one frame.
 
     The number k of the n frames since birth in which it is seen is binomial too, B(n, detection) for an object and
@@ -89,6 +91,7 @@ def observe(life: Life, seen: bool, own: bool, dt_s: float, params: LifeParams) 
         seen: measurements cover its ellipse.
         own: part of them is covered by no older object.
         dt_s: time since the last frame [s].
+        believable: nothing but time speaks against it.
     """
     life.seen = seen
     life.unseen_s = 0.0 if seen else life.unseen_s + dt_s
@@ -99,7 +102,7 @@ def observe(life: Life, seen: bool, own: bool, dt_s: float, params: LifeParams) 
         real = params.detection if hit else 1.0 - params.detection
         false = params.repetition if hit else 1.0 - params.repetition
         life.log_odds += math.log(real / false)
-        life.confirmed = life.probability >= params.believe
+        life.confirmed = hit and believable and life.probability >= params.believe
 
 
 def gone(life: Life, params: LifeParams) -> float:

@@ -88,13 +88,3 @@ def measure_axes(lives: Sequence[Life], view: PlaneView, ellipses: F64, maps: Pl
         if not math.isnan(axis.height_m):
             old = axis.height_m if math.isnan(life.height_m) else life.height_m
             life.height_m = KEPT * old + (1 - KEPT) * axis.height_m
-
-
-def highest_within(maps: PlanViewMaps, view: PlaneView, ellipse: F64) -> float:
-    """Highest point [m] of the masked height map within a quarter of the length of the centre; 0 where it is empty."""
-    x, y = (float(v) for v in view.to_plane(ellipse[:2]))
-    row, col = maps.grid.index_of(x, y)
-    reach = 0.5 * float(ellipse[2]) * view.scale / maps.grid.cell_m
-    r0, c0 = max(0, math.floor(row - reach)), max(0, math.floor(col - reach))
-    near = maps.height[r0 : max(0, math.ceil(row + reach)) + 1, c0 : max(0, math.ceil(col + reach)) + 1]
-    return float(near.max()) if near.size else 0.0

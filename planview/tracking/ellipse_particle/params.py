@@ -54,9 +54,6 @@ class SizeParams(Params):
     """Floor plane: depth over width of a body; between a standing adult's 0.55 and the 1.0 of a stride. Our choice."""
     floor_separation_m: float = Field(0.42, ge=0, le=1)
     """Floor plane: least distance between two people [m], a shoulder breadth less what clothes give."""
-    floor_height_min_m: float = Field(1.2, gt=0, le=2.5)
-    """Floor plane: until believed, a person must reach so high [m]: a seated adult; chairs and shadows do not. As the
-    template tracker has it."""
     floor_reach_m: float = Field(0.5, gt=0, le=2)
     """Floor plane: how far from an ellipse's centre its body's points are taken for the axis and the height [m]. Our
     choice: half a shoulder breadth, a bent arm, and the offset between the seen side and the axis."""
@@ -123,6 +120,24 @@ class LifeParams(Params):
     """Farthest a lost object is found again from its prediction [m]. Harville 2002 uses 2 m from the last sight."""
 
 
+class NewcomerParams(Params):
+    """Floor plane: who may be new; values as the template tracker has them, our choice where it names no source."""
+
+    height_min_m: float = Field(1.2, gt=0, le=2.5)
+    """Until believed, a person must reach so high [m]: a seated adult; chairs and shadows do not."""
+    head_m: float = Field(0.13, gt=0, le=1)
+    """How far from an ellipse's centre his highest point may lie [m]: a head's breadth less than half."""
+    body_m: float = Field(0.2, gt=0, le=1)
+    """Half the side of the square in which his visible surface is summed [m]: half of W_avg."""
+    confirm_s: float = Field(0.4, ge=0, le=60)
+    """How long he must be followed [s]: clumps of depth between two people last for a few frames."""
+    arm_m: float = Field(0.9, ge=0, le=5)
+    """What is this near to somebody known [m] and small beside him is what he carries, or a limb: an arm's length and
+    half a box."""
+    piece_area: float = Field(0.35, ge=0, le=1)
+    """Small means less than this share of his visible surface."""
+
+
 class EllipseParticleParams(Params):
     """All parameters of ``EllipseParticleTracker``."""
 
@@ -140,3 +155,5 @@ class EllipseParticleParams(Params):
     """Particles."""
     life: LifeParams = LifeParams()
     """Births and deaths."""
+    newcomers: NewcomerParams = NewcomerParams()
+    """Births on the floor."""

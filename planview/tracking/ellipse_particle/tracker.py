@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from calib.ground_camera import GroundCamera
-from calib.types import F32, F64, U8, Bool
+from calib.types import F32, F64, I64, U8, Bool
 from planview import _ellipse_kernels as kernels
 from planview.ellipses import SizePrior, fit_ellipses
 from planview.foreground import PERSON
@@ -16,7 +16,8 @@ from planview.tracking.base import Decision, DecisionKind, Observation, TrackerD
 from planview.tracking.ellipse_particle.drawing import draw, outline
 from planview.tracking.ellipse_particle.groups import group, overlaps
 from planview.tracking.ellipse_particle.life import Life, birth, gone, observe
-from planview.tracking.ellipse_particle.outputs import floor_state, highest_within, image_state, measure_axes
+from planview.tracking.ellipse_particle.newcomers import Newcomers
+from planview.tracking.ellipse_particle.outputs import floor_state, image_state, measure_axes
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
 from planview.tracking.ellipse_particle.particles import VX, VY, ParticleFilter, ellipses_of, normalised, union_prefix
 from planview.tracking.ellipse_particle.planes import FloorPlane, ImagePlane, PlaneView, floor_prior, given_prior
@@ -51,7 +52,9 @@ class EllipseParticleTracker:
             self._fit = p.fit.model_copy(
                 update={"angle_spread_deg": 45.0, "angle_limit_deg": 90.0, "separation": apart}
             )
-            self._filter_params = p.filter.model_copy(update={"angle_spread_deg": 30.0})
+            # Who is hidden leaves no occupancy, and is not to be drawn to those in front: equation (8) as it is.
+            self._filter_params = p.filter.model_copy(update={"angle_spread_deg": 30.0, "outside_weight": 0.0})
+        self._newcomers = Newcomers(p.newcomers, p.size.floor_separation_m)
         self._plane = FloorPlane(p.detection, p.size) if p.plane == "floor" else ImagePlane(p.detection)
         self.reset()
 
@@ -136,7 +139,7 @@ class EllipseParticleTracker:
 
     def _follow(self, dt: float, view: PlaneView, prior: SizePrior, observation: Observation) -> None:
         self._predict(dt, view, prior)
-        self._filter_groups(view, prior)
+        self._filter_all(view, prior)
         self._judge(dt, view, prior, observation)
 
     def _replay(self, prior: SizePrior, observation: Observation) -> None:
@@ -186,13 +189,23 @@ class EllipseParticleTracker:
         self._filter.predict(dt, self._cells_per_m(view, prior, rows))
         self._states = self._filter.means()
 
-    def _filter_groups(self, view: PlaneView, prior: SizePrior) -> None:
-        """Weigh and resample each group of objects with the measurements within its reach.
+    def _filter_all(self, view: PlaneView, prior: SizePrior) -> None:
+        """Weigh and resample the objects that were seen in the last frame.
 
-        An object that was not seen in the last frame keeps to its prediction here and is found again in ``_found``:
-        weighed with others it would slip onto their measurements, where it costs no area outside.
+        An object that was not seen keeps to its prediction here and is found again in ``_found``: weighed with others
+        it would slip onto their measurements, where it costs no area outside. On the floor a newcomer, who may be a
+        piece of somebody, has no say in where those stand who are believed.
         """
-        active = np.flatnonzero([life.seen for life in self._lives])
+        seen = np.array([life.seen for life in self._lives], dtype=np.bool_)
+        new = np.array([not life.confirmed for life in self._lives], dtype=np.bool_)
+        if self._params.plane == "floor":
+            self._filter_groups(np.flatnonzero(seen & ~new), view, prior)
+            self._filter_groups(np.flatnonzero(seen & new), view, prior)
+        else:
+            self._filter_groups(np.flatnonzero(seen), view, prior)
+
+    def _filter_groups(self, active: I64, view: PlaneView, prior: SizePrior) -> None:
+        """Weigh and resample each group of these objects with the measurements within its reach."""
         if not len(active) or not len(self._measured):
             return
         ellipses = ellipses_of(self._states, prior)[active]
@@ -210,6 +223,8 @@ class EllipseParticleTracker:
                 shape, states = view.mask.shape, self._states[chosen]
                 favour = self._filter.partition(chosen, self._measured[measured], states, shape, prior, area)
             log_likelihood = self._filter.weigh(chosen, prefix, prior, area)
+            if self._params.plane == "floor":
+                log_likelihood += self._filter.apart(chosen, self._params.size.floor_separation_m / view.scale)
             weights = normalised(log_likelihood - favour)
             self._states[chosen] = self._filter.estimate(chosen, log_likelihood, 0.5 * ellipses[members, 3], weights)
             self._filter.resample(chosen, log_likelihood - favour)
@@ -217,27 +232,38 @@ class EllipseParticleTracker:
     def _judge(self, dt: float, view: PlaneView, prior: SizePrior, observation: Observation) -> None:
         """Seen or not, births, deaths."""
         shares = self._shares(view, prior)
-        ellipses = ellipses_of(self._states, prior)
         p = self._params.life
         for n, (life, (covered, own)) in enumerate(zip(self._lives, shares, strict=True)):
             was = life.state
             self._watch_move(n, view, prior)
-            believable = life.confirmed or self._tall(ellipses[n], view, observation)
-            observe(life, bool(covered >= p.seen_overlap), bool(own >= p.seen_overlap) and believable, dt, p)
+            life.age_s += dt
+            seen, alone = bool(covered >= p.seen_overlap), bool(own >= p.seen_overlap)
+            observe(life, seen, alone, dt, p, believable=life.confirmed or self._plausible(n, view, observation))
             if was != life.state:
                 self._tell_state(life, covered)
         unexplained = self._unexplained(view, prior)
+        for m in np.flatnonzero(unexplained):
+            unexplained[m] = self._whole(view.to_plane(self._measured[m, :2]), view, observation)
         unexplained = self._found(unexplained, view, prior)
         for ellipse in self._measured[unexplained]:
-            if self._tall(ellipse, view, observation):
+            if self._separate(view.to_plane(ellipse[:2]), view, observation):
                 self._bear(ellipse, int(unexplained.sum()), view, prior)
         self._bury(view)
 
-    def _tall(self, ellipse: F64, view: PlaneView, observation: Observation) -> bool:
-        """On the floor, whether something as high as a person is there; in the image always."""
-        if observation.maps is None or self._params.plane != "floor":
-            return True
-        return highest_within(observation.maps, view, ellipse) >= self._params.size.floor_height_min_m
+    def _whole(self, place: F64, view: PlaneView, observation: Observation) -> bool:
+        """On the floor, whether a person stands at a place [m], no piece of one who is seen; in the image always."""
+        maps = observation.maps if self._params.plane == "floor" else None
+        return maps is None or self._newcomers.whole(maps, place, self._seen_at(view))
+
+    def _separate(self, place: F64, view: PlaneView, observation: Observation) -> bool:
+        """On the floor, whether a place [m] can be told apart from all who are seen; in the image always."""
+        maps = observation.maps if self._params.plane == "floor" else None
+        return maps is None or not self._newcomers.split_off(maps, place, self._seen_at(view))
+
+    def _seen_at(self, view: PlaneView) -> F64:
+        """(N, 2) where the believed people are who are seen [m]."""
+        seen = [life.confirmed and life.seen for life in self._lives]
+        return view.to_plane(self._states[:, :2])[seen]
 
     def _watch_move(self, n: int, view: PlaneView, prior: SizePrior) -> None:
         """An object has moved when its centre is half a length or a width from its birthplace."""
@@ -246,12 +272,20 @@ class EllipseParticleTracker:
         a = prior.half_length(float(self._states[n, 1]))
         life.moved = life.moved or bool(np.hypot(offset[0] / (2 * a * prior.aspect), offset[1] / a) > 1.0)
 
+    def _plausible(self, n: int, view: PlaneView, observation: Observation) -> bool:
+        """Whether nothing but time speaks against believing an object."""
+        place, life = view.to_plane(self._states[n, :2]), self._lives[n]
+        if self._params.plane == "floor" and life.age_s < self._params.newcomers.confirm_s - 1e-9:
+            return False
+        return self._whole(place, view, observation) and self._separate(place, view, observation)
+
     def _tell_state(self, life: Life, covered: float) -> None:
         if life.state == "confirmed" and life.unseen_s == 0.0:
             self._say(life.track_id, "confirmed", f"probability {life.probability:.2f}", life.probability)
         elif life.state == "lost":
             limit = self._params.life.seen_overlap
-            self._say(life.track_id, "lost", f"measurements cover {covered:.2f} < {limit:.2f} of it", covered)
+            unseen = f"measurements cover {covered:.2f} < {limit:.2f} of it"
+            self._say(life.track_id, "lost", "an older object covers it" if life.hidden else unseen, covered)
 
     def _shares(self, view: PlaneView, prior: SizePrior) -> F64:
         """(N, 2) share of each object's ellipse that is measured, and that is measured and in no older object."""
