@@ -146,6 +146,35 @@ def claim(prefix: F64, ellipses: F64, order: I64, out: F64) -> None:
 
 
 @njit(cache=True, nogil=True)
+def shown_rows(mask: F32, ellipses: F64, order: I64, shared: bool, least: float, out: F64) -> None:
+    """Per ellipse: rows in which it shows, and its rows in the grid; out (N, 2).
+
+    It shows in a row when the values that are in no ellipse earlier in the order, or all of them when ``shared``, make
+    up the share ``least`` of the row's cells.
+    """
+    n_rows, n_cols = mask.shape
+    taken = np.zeros((n_rows, n_cols), dtype=np.uint8)
+    for k in order:
+        x, y, a, b, angle = ellipses[k]
+        qxx, qxy, qyy = conic(a, b, angle)
+        first, last = rows_of(y, a, b, angle, n_rows)
+        out[k] = 0.0
+        for r in range(first, last + 1):
+            lo, hi = span(qxx, qxy, qyy, r - y)
+            c0 = max(0, math.ceil(lo + x))
+            c1 = min(n_cols - 1, math.floor(hi + x))
+            total = 0.0
+            for c in range(c0, c1 + 1):
+                if shared or taken[r, c] == 0:
+                    taken[r, c] = 1
+                    total += mask[r, c]
+            if c1 >= c0:
+                out[k, 1] += 1.0
+                if total >= least * (c1 + 1 - c0):
+                    out[k, 0] += 1.0
+
+
+@njit(cache=True, nogil=True)
 def cover(score: F32, half_length: F64, aspect: float, stride: int, accept: float, limit: int) -> F64:
     """Greedy cover: place prior-sized upright ellipses where the sum of ``score`` inside is largest.
 

@@ -43,6 +43,9 @@ class EllipseFitParams(Params):
     """Least gain that an ellipse must add on its own, as a share of its area. Our choice: a silhouette that fills two
     thirds gains 0.53, so somebody hidden by half is still proposed, and a bag or a shadow of a third of a person is
     not."""
+    proposed_share: float = Field(0.5, gt=0, le=1)
+    """Part of ``least_share`` with which the cover proposes an ellipse: it is of the expected size on a coarse grid;
+    fitted, it gains more of somebody who is smaller or strides. Our choice."""
     separation: float = Field(0.0, ge=0, le=4)
     """Least distance of two centres, in half lengths. 0 in an image, where people hide one another; on the floor two
     bodies cannot stand in each other."""
@@ -117,7 +120,8 @@ def fit_ellipses(mask: F32, prior: SizePrior, params: EllipseFitParams) -> F64:
     score = mask - np.float32(params.background_weight) * (1 - mask)
     lengths = prior.half_lengths(np.arange(mask.shape[0], dtype=np.float64))
     stride = max(1, round(0.4 * prior.aspect * float(np.median(lengths))))
-    found = kernels.cover(score, lengths, prior.aspect, stride, params.least_share, params.max_ellipses)
+    accept = params.proposed_share * params.least_share
+    found = kernels.cover(score, lengths, prior.aspect, stride, accept, params.max_ellipses)
     if not len(found):
         return found
     _expect_and_maximise(mask, found, prior, params)

@@ -10,6 +10,13 @@ import numpy as np
 from calib.types import F32, U8
 from planview.tracking.ellipse_particle.params import DetectionParams
 
+SHADOW = 127
+"""OpenCV's label of a shadow."""
+FOREGROUND = np.zeros(256, dtype=np.uint8)
+"""Foreground of each label: a shadow label may be dark clothes just as well, so it speaks neither for nor against a
+person: s - w (1 - s) = 0 for ``EllipseFitParams.background_weight`` w = 0.4."""
+FOREGROUND[[SHADOW, 255]] = round(255 * 0.4 / 1.4), 255
+
 
 class Background:
     """Mixture of Gaussians per pixel with shadow removal (the paper's reference [10], off the shelf).
@@ -37,7 +44,7 @@ class Background:
         Args:
             image: (H, W) or (H, W, 3) uint8; another size than before starts anew.
         Returns:
-            (h, w) uint8 of the reduced size, 255 where foreground, shadows not included.
+            (h, w) uint8 of the reduced size, 255 where foreground, 73 where shadow or dark clothes.
         """
         factor = -(-image.shape[1] // self._params.subtraction_columns)
         if factor > 1:
@@ -61,8 +68,7 @@ class Background:
             labels = np.asarray(self._mixture.apply(image, learningRate=0), dtype=np.uint8)
             if self._frames < self._params.history // 10 or self._frames % 2 == 0:
                 self._learn(image, labels, rate if self._frames < self._params.history // 10 else 2 * rate)
-        # The subtractor marks shadows 127: only 255 is an object.
-        return cv2.threshold(labels, 254, 255, cv2.THRESH_BINARY)[1].astype(np.uint8, copy=False)
+        return np.asarray(cv2.LUT(labels, FOREGROUND))
 
     def _learn(self, image: U8, labels: U8, rate: float) -> None:
         free = np.full(image.shape[:2], 255, dtype=np.uint8)

@@ -108,6 +108,12 @@ class LifeParams(Params):
     seen_overlap: float = Field(0.35, gt=0, lt=1)
     """Share of an object's ellipse that measurements must cover to count as seen; a measurement covered to less than
     this share is unexplained. Our choice."""
+    newcomer_length: float = Field(0.6, ge=0, le=1)
+    """Image plane: share of a person's length that must show of a new object, outside what others cover. Our choice: a
+    person from the knees up; a suitcase has less."""
+    least_length: float = Field(0.5, ge=0, le=1)
+    """Image plane: the same of a known object, which it may share with others; what is shorter for longer than
+    ``occluded_patience_s`` is a thing that somebody put down. Our choice: a person from the hips up."""
     patience_s: float = Field(2.0, gt=0, le=600)
     """Mean N_t of the Gamma distribution: time unseen after which an object has left [s]. Our choice."""
     occluded_patience_s: float = Field(4.0, gt=0, le=600)

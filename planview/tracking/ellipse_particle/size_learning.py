@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 
@@ -17,22 +19,40 @@ PAIRED = 40
 """Samples, evenly spread over the rows, between which lines are tried."""
 WIDEST = 1.6
 """Two people side by side are at least so much wider for their length than one."""
-TOLERANCE = 0.15
-"""Relative error of a length that still agrees with a line: a step, and a mask with ragged edges."""
+SPREAD = 0.1
+"""Deviation of a person's length in the mask from the law, relative: a step, and ragged edges. Our choice."""
+ROUNDING = 0.5
+"""The same in cells: both ends are rounded. Our choice."""
+GROUP, PIECE = 0.25, 0.15
+"""Shares of regions that are several people behind one another, up to 2.5 times as long as one, and that are pieces of
+one, shorter. Our choice; the rest is one person."""
+CLUTTER = 1e-4
+"""Density of lengths for everything else [1/cell]; bounds what one region can say against a line."""
+STEEPEST = 1.5
+"""Length gained per row, more than a camera 2 m above the floor sees: k / (1 - k/2), k = 1.7 m / 2 m."""
+FILLED = 0.75
+"""Share of its ellipse that a silhouette fills. Our choice: measured 0.7 to 0.8 on people walking in all directions."""
+AGREE = 1.5
+"""Deviations within which a region is taken for one person."""
 
 
 class SizeLearner:
     """Collects isolated regions for the first minute and fits the size prior of the paper's section II.
 
     Each region of a foreground mask that touches no border gives one sample: row of its box's centre, length, width
-    and area. Lines through pairs of samples, and horizontal lines, are scored by the area of the regions whose length
-    agrees within 15 %: specks are small, wide groups are left out, pieces scattered; so the consensus is a person. The
-    width is a low percentile of width/length among those, since nothing as long as a person is narrower.
+    and area. Lines through pairs of samples, and horizontal lines, are judged by the likelihood of all lengths: a
+    region is one person (near the line), a group in depth (longer), a piece of a person (shorter) or something else;
+    so people who cover one another do not raise the line, nor do split people lower it. Specks weigh less than people
+    (square root of the area), and the same region seen again in the next frame less than a new one (square root of
+    the number alike). The width comes from the area that single people fill, which varies less over a step than the
+    width of their boxes.
     """
 
     def __init__(self, params: SizeParams) -> None:
         self._params = params
         self._samples: F64 = np.zeros((0, 4))
+        self._frames = 0
+        self._stride = 1
         self._taken = 0
         self._next_fit = params.least_samples
         self._closed = False
@@ -48,11 +68,16 @@ class SizeLearner:
         if self._closed:
             return self.prior
         self._closed = time_s > self._params.learn_s and self.prior is not None
+        self._frames += 1
+        if (self._frames - 1) % self._stride:
+            return self.prior
         new = regions(mask)
         self._taken += len(new)
         self._samples = np.concatenate([self._samples, new])
         if len(self._samples) > KEPT:
-            self._samples = self._samples[::2]
+            # From now on every second of the frames so far: old and new samples stay equally dense in time.
+            self._samples, self._stride = self._samples[::2], 2 * self._stride
+            self._taken, self._next_fit = self._taken // 2, self._next_fit // 2
         if self._taken >= self._next_fit:
             # Fits grow rarer as the samples grow: each costs time, and changes less.
             self._next_fit = self._taken + max(4, self._taken // 6)
@@ -60,26 +85,56 @@ class SizeLearner:
         return self.prior
 
     def _fit(self, n_rows: int) -> SizePrior | None:
-        row, length, width, area = alone(self._samples).T
-        chosen = np.argsort(row, kind="stable")[np.linspace(0, len(row) - 1, min(len(row), PAIRED)).astype(np.int64)]
-        i, j = (chosen[k] for k in np.triu_indices(len(chosen), 1))
-        apart = np.abs(row[i] - row[j]) > 0.1 * n_rows
-        i, j = i[apart], j[apart]
-        slope = np.maximum((length[i] - length[j]) / (row[i] - row[j]), 0.0)
-        flat = chosen
-        slopes = np.concatenate([np.zeros(len(flat)), slope])
-        heights = np.concatenate([length[flat], length[i] - slope * row[i]])
-        fitted = heights[:, None] + slopes[:, None] * row
-        agree = np.abs(fitted - length) < TOLERANCE * np.maximum(fitted, 1.0)
-        # A line has one more freedom than a constant: it must explain a tenth more.
-        score = (agree @ area) * np.where(slopes > 0, 1.0, 1.1)
-        inliers = agree[int(np.argmax(score))]
+        samples = alone(self._samples)
+        row, length, _, area = samples.T
+        weight = weights(samples)
+        levels, slopes = lines(row, length, n_rows)
+        fitted = np.maximum(levels[:, None] + slopes[:, None] * row, 1.0)
+        best = int(np.argmax(log_density(length, fitted) @ weight))
+        inliers = np.abs(length - fitted[best]) < AGREE * deviation(fitted[best])
         if inliers.sum() < self._params.least_samples / 2:
             return None
-        level, slope_of = line(row[inliers], length[inliers], area[inliers], tilted=bool(slopes[np.argmax(score)] > 0))
-        aspect = np.percentile((width / length)[inliers], 30)
-        least = max(1.0, 0.4 * float(np.percentile(length[inliers], 5)))
-        return SizePrior(level / 2, slope_of / 2, float(np.clip(aspect, 0.15, 1.0)), least)
+        x, y, tilted = row[inliers], length[inliers], bool(slopes[best] > 0)
+        nearness = np.exp(-0.5 * ((y - fitted[best][inliers]) / deviation(fitted[best][inliers])) ** 2)
+        level, slope = line(x, y, weight[inliers] * nearness, tilted)
+        aspect = np.median(area[inliers] / (FILLED * math.pi / 4 * y * y))
+        least = max(1.0, 0.4 * float(np.percentile(y, 5)))
+        return SizePrior(level / 2, slope / 2, float(np.clip(aspect, 0.15, 1.0)), least)
+
+
+def lines(row: F64, length: F64, n_rows: int) -> tuple[F64, F64]:
+    """(level at row 0, slope) of the lines to be tried, (L,) each: horizontal ones, and rising ones through pairs."""
+    chosen = np.argsort(row, kind="stable")[np.linspace(0, len(row) - 1, min(len(row), PAIRED)).astype(np.int64)]
+    i, j = (chosen[k] for k in np.triu_indices(len(chosen), 1))
+    apart = np.abs(row[i] - row[j]) > 0.1 * n_rows
+    i, j = i[apart], j[apart]
+    slope = (length[i] - length[j]) / (row[i] - row[j])
+    rising = (slope > 0) & (slope < STEEPEST)
+    i, slope = i[rising], slope[rising]
+    levels = np.concatenate([length[chosen], length[i] - slope * row[i]])
+    return levels, np.concatenate([np.zeros(len(chosen)), slope])
+
+
+def deviation(fitted: F64) -> F64:
+    """Standard deviation of one person's length [cells]."""
+    return np.asarray(np.hypot(SPREAD * fitted, ROUNDING))
+
+
+def log_density(length: F64, fitted: F64) -> F64:
+    """Logarithm of the density of (N,) lengths where (..., N) are expected of one person."""
+    sigma = deviation(fitted)
+    one = np.exp(-0.5 * ((length - fitted) / sigma) ** 2) / (math.sqrt(2 * math.pi) * sigma)
+    group = ((length > fitted) & (length < 2.5 * fitted)) / (1.5 * fitted)
+    piece = (length < fitted) / fitted
+    return np.asarray(np.log((1 - GROUP - PIECE) * one + GROUP * group + PIECE * piece + CLUTTER))
+
+
+def weights(samples: F64) -> F64:
+    """(N,) what each sample counts: see ``SizeLearner``; alike are samples within 3 rows and 2 cells of length."""
+    row, length, _, area = samples.T
+    alike = np.stack([row // 3, length // 2])
+    _, which, count = np.unique(alike, axis=1, return_inverse=True, return_counts=True)
+    return np.asarray(np.sqrt(area / count[which.ravel()]))
 
 
 def regions(mask: F32) -> F64:

@@ -15,6 +15,7 @@ from planview.foreground import PERSON
 from planview.tracking.base import Decision, DecisionKind, Observation, TrackerDebug, TrackState
 from planview.tracking.ellipse_particle.drawing import draw, outline
 from planview.tracking.ellipse_particle.groups import group, overlaps
+from planview.tracking.ellipse_particle.length import length_shown
 from planview.tracking.ellipse_particle.life import Life, birth, gone, observe
 from planview.tracking.ellipse_particle.newcomers import Newcomers
 from planview.tracking.ellipse_particle.outputs import floor_state, image_state, measure_axes
@@ -50,7 +51,7 @@ class EllipseParticleTracker:
             apart = p.size.floor_separation_m / p.size.floor_half_length_m
             # Seen from above a body may point anywhere.
             self._fit = p.fit.model_copy(
-                update={"angle_spread_deg": 45.0, "angle_limit_deg": 90.0, "separation": apart}
+                update={"angle_spread_deg": 45.0, "angle_limit_deg": 90.0, "separation": apart, "proposed_share": 1.0}
             )
             # Who is hidden leaves no occupancy, and is not to be drawn to those in front: equation (8) as it is.
             self._filter_params = p.filter.model_copy(update={"angle_spread_deg": 30.0, "outside_weight": 0.0})
@@ -233,11 +234,12 @@ class EllipseParticleTracker:
         """Seen or not, births, deaths."""
         shares = self._shares(view, prior)
         p = self._params.life
+        long = self._long(view, prior)
         for n, (life, (covered, own)) in enumerate(zip(self._lives, shares, strict=True)):
             was = life.state
             self._watch_move(n, view, prior)
             life.age_s += dt
-            seen, alone = bool(covered >= p.seen_overlap), bool(own >= p.seen_overlap)
+            seen, alone = bool(covered >= p.seen_overlap), bool(own >= p.seen_overlap and long[n])
             observe(life, seen, alone, dt, p, believable=life.confirmed or self._plausible(n, view, observation))
             if was != life.state:
                 self._tell_state(life, covered)
@@ -245,10 +247,30 @@ class EllipseParticleTracker:
         for m in np.flatnonzero(unexplained):
             unexplained[m] = self._whole(view.to_plane(self._measured[m, :2]), view, observation)
         unexplained = self._found(unexplained, view, prior)
+        unexplained &= self._long_enough(view, prior, unexplained)
         for ellipse in self._measured[unexplained]:
             if self._separate(view.to_plane(ellipse[:2]), view, observation):
                 self._bear(ellipse, int(unexplained.sum()), view, prior)
         self._bury(view)
+
+    def _long(self, view: PlaneView, prior: SizePrior) -> Bool:
+        """(N,) whether so much of each object's length shows as a person does, in the image.
+
+        Of those believed what they share with others counts as theirs; of the others it does not.
+        """
+        if self._params.plane == "floor":
+            return np.ones(len(self._lives), dtype=np.bool_)
+        ellipses, p = ellipses_of(self._states, prior), self._params.life
+        new = length_shown(view.mask, ellipses, np.arange(len(ellipses)), prior) >= p.newcomer_length
+        known = length_shown(view.mask, ellipses, None, prior) >= p.least_length
+        return np.where([life.confirmed for life in self._lives], known, new)
+
+    def _long_enough(self, view: PlaneView, prior: SizePrior, unexplained: Bool) -> Bool:
+        """(M,) the same of the measurements, of which the unexplained are left what the others do not cover."""
+        if self._params.plane == "floor":
+            return np.ones(len(self._measured), dtype=np.bool_)
+        order = np.argsort(unexplained, kind="stable")
+        return length_shown(view.mask, self._measured, order, prior) >= self._params.life.newcomer_length
 
     def _whole(self, place: F64, view: PlaneView, observation: Observation) -> bool:
         """On the floor, whether a person stands at a place [m], no piece of one who is seen; in the image always."""
