@@ -177,7 +177,8 @@ class _Problem:
 
     def each(self, camera: GroundCamera) -> F64:
         """(n,) error of every sample."""
-        one = [(self.flat[i : i + 1], self.seen[i : i + 1]) for i in range(len(self.seen))]
+        upright = _Problem(_turned(self.rows, self.size, -camera.roll_rad), self.size, self.lens, self.model)
+        one = [(upright.flat[i : i + 1], upright.seen[i : i + 1]) for i in range(len(self.rows))]
         values = np.array([[camera.focal_px, camera.height_m, camera.tilt_rad]])
         out = np.empty((len(one), 1))
         for row, (flat, seen) in zip(out, one, strict=True):
@@ -234,3 +235,14 @@ def _warm_up() -> None:
     """Have the kernel compiled, so that durations are the search's own."""
     flat, seen = np.zeros((1, 4)), np.array([[-1.0, -1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0]])
     candidate_errors(np.array([[1.0, 3.0, 0.0]]), 0.0, flat, seen, np.zeros((1, 3)), 1.7, 1.0, np.empty(1))
+
+
+def _turned(rows: F64, size: tuple[int, int], angle_rad: float) -> F64:
+    """(n, 8) rows in an image turned clockwise about its centre; boxes keep their size, which small turns allow."""
+    centre = (np.array(size) - 1) / 2
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    turn = np.array([[c, -s], [s, c]])
+    middle = (rows[:, :2] + rows[:, 2:4]) / 2
+    half = (rows[:, 2:4] - rows[:, :2]) / 2
+    middle, head, foot = ((p - centre) @ turn.T + centre for p in (middle, rows[:, 4:6], rows[:, 6:8]))
+    return np.concatenate([middle - half, middle + half, head, foot], axis=1)

@@ -149,7 +149,7 @@ def save_model_map(model_map: HumanModelMap, path: Path) -> None:
     c, m, p = model_map.camera, model_map.model, model_map.params
     np.savez_compressed(
         path,
-        camera=np.array([c.width, c.height, c.focal_px, c.height_m, c.tilt_rad, _LENSES.index(c.lens)]),
+        camera=np.array([c.width, c.height, c.focal_px, c.height_m, c.tilt_rad, _LENSES.index(c.lens), c.roll_rad]),
         model=np.array([m.head_m, m.torso_m, m.leg_m, m.head_radius_m, m.torso_radius_m, m.leg_radius_m]),
         params=np.array([p.max_distance_m, p.step_px, p.min_height_px, p.min_visible]),
         origin_px=np.array(model_map.origin_px),
@@ -171,7 +171,8 @@ def load_model_map(path: Path) -> HumanModelMap:
     try:
         with np.load(path, allow_pickle=False) as data:
             c, m, p = (data[name] for name in ("camera", "model", "params"))
-            camera = GroundCamera(int(c[0]), int(c[1]), float(c[2]), float(c[3]), float(c[4]), _LENSES[int(c[5])])
+            focal_px, height_m, tilt_rad, lens, roll_rad = (float(v) for v in c[2:7])
+            camera = GroundCamera(int(c[0]), int(c[1]), focal_px, height_m, tilt_rad, _LENSES[int(lens)], roll_rad)
             model_map = HumanModelMap(
                 camera,
                 HumanModel(*(float(x) for x in m)),

@@ -43,13 +43,13 @@ class Trust:
     point_px: float
 
 
-DRAWN = Trust(girth_std=0.03, focal_std=1.0, roll_std_rad=1e-4, point_px=POINT_PX)
-"""For box, head and foot drawn one by one: they show the focal length, and roll is taken as none. From straight above
-only the model's own width, which the paper fixes, tells height from focal length, so it is trusted (our choice)."""
+DRAWN = Trust(girth_std=0.03, focal_std=1.0, roll_std_rad=math.radians(2.0), point_px=POINT_PX)
+"""For box, head and foot drawn one by one: they show the focal length and the roll. From straight above only the
+model's own width, which the paper fixes, tells height from focal length, so it is trusted (our choice)."""
 BOXES = Trust(girth_std=0.5, focal_std=0.34, roll_std_rad=math.radians(2.0), point_px=1e6)
 """For boxes alone. They take in arms and strides. They hardly show the focal length, which scales the floor along the
 view, so its lens class decides (0.34: as uniform within 20-60 degrees). And left unseen a roll of 2 degrees would turn
-up as a focal length twice too long, so it is estimated and dropped (our choice)."""
+up as a focal length twice too long (our choice)."""
 FIELDS_DEG: dict[str, tuple[float, float]] = {
     "pinhole": (20.0, 60.0),
     "normal": (20.0, 60.0),
@@ -70,14 +70,12 @@ class Refined:
         cost: half the robust sum of squares there.
         std: deviations of (height [relative], tilt [rad], focal length [relative]); inf when undetermined.
         girth: width of the people against the model's [1].
-        roll_rad: rotation of the image, which the camera's model leaves out.
     """
 
     camera: GroundCamera
     cost: float
     std: tuple[float, float, float]
     girth: float
-    roll_rad: float
 
 
 def refine(camera: GroundCamera, rows: F64, model: HumanModel) -> Refined:
@@ -89,7 +87,7 @@ def refine(camera: GroundCamera, rows: F64, model: HumanModel) -> Refined:
         model: the person; its height is what gives the scale.
     """
     problem = _Problem(camera, rows, model)
-    state = problem.state(np.append(_values(camera), [0.0, 0.0]), _stand(camera, rows, model))
+    state = problem.state(np.append(_values(camera), [0.0, camera.roll_rad]), _stand(camera, rows, model))
     damping = 1e-3
     for _ in range(MAX_ITERATIONS):
         shared, places, information = problem.step(state, damping)
@@ -105,7 +103,7 @@ def refine(camera: GroundCamera, rows: F64, model: HumanModel) -> Refined:
                 break
     _, _, information = problem.step(state, 0.0)
     shared = state.shared
-    return Refined(_camera(shared, camera), state.cost, _deviations(information), math.exp(shared[3]), float(shared[4]))
+    return Refined(_camera(shared, camera), state.cost, _deviations(information), math.exp(shared[3]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +148,8 @@ class _Problem:
         down_place = np.einsum("nrk,nr,nr->nk", by_place, weights, state.residuals)
         a += damping * np.diag(np.diag(a))
         c += (damping * np.einsum("nkk->nk", c) + 1e-12)[:, :, None] * np.eye(2)
-        inverse = np.linalg.inv(c)
+        # A person whom a trial camera does not see leaves nothing to invert.
+        inverse = np.linalg.pinv(c, rcond=1e-12, hermitian=True)
         information = a - np.einsum("nik,nkl,njl->ij", b, inverse, b)
         shared = -np.linalg.lstsq(information, down - np.einsum("nik,nkl,nl->i", b, inverse, down_place))[0]
         places = -np.einsum("nkl,nl->nk", inverse, down_place + np.einsum("nik,i->nk", b, shared))
@@ -207,7 +206,7 @@ def _values(camera: GroundCamera) -> F64:
 
 def _camera(values: F64, like: GroundCamera) -> GroundCamera:
     focal, height = (float(v) for v in np.exp(values[:2]))
-    return replace(like, focal_px=focal, height_m=height, tilt_rad=float(values[2]))
+    return replace(like, focal_px=focal, height_m=height, tilt_rad=float(values[2]), roll_rad=float(values[4]))
 
 
 def _predict(values: F64, places: F64, like: GroundCamera, model: HumanModel) -> F64:
@@ -220,14 +219,9 @@ def _predict(values: F64, places: F64, like: GroundCamera, model: HumanModel) ->
         torso_radius_m=model.torso_radius_m * girth,
         leg_radius_m=model.leg_radius_m * girth,
     )
-    centre = (np.array(camera.size) - 1) / 2
-    c, s = math.cos(values[4]), math.sin(values[4])
-    turn = np.array([[c, -s], [s, c]])
-    outline, head, foot = (
-        (pixels - centre) @ turn.T + centre
-        for pixels in (wide.outline_points(camera, places), model.head(camera, places), model.foot(camera, places))
-    )
-    return np.concatenate([outline.min(axis=1), outline.max(axis=1), head, foot], axis=1)
+    outline = wide.outline_points(camera, places)
+    ends = [outline.min(axis=1), outline.max(axis=1), model.head(camera, places), model.foot(camera, places)]
+    return np.concatenate(ends, axis=1)
 
 
 def _stand(camera: GroundCamera, rows: F64, model: HumanModel) -> F64:

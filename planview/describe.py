@@ -56,9 +56,8 @@ def floor_info(engine: Engine) -> FloorInfo | None:
     camera = engine.camera
     if camera is None:
         return None
-    return FloorInfo(
-        height_m=camera.height_m, tilt_deg=math.degrees(camera.tilt_rad), roll_deg=0.0, source="camera.toml"
-    )
+    tilt_deg, roll_deg = math.degrees(camera.tilt_rad), math.degrees(camera.roll_rad)
+    return FloorInfo(height_m=camera.height_m, tilt_deg=tilt_deg, roll_deg=roll_deg, source="camera.toml")
 
 
 def _stereo_view(engine: Pipeline) -> list[tuple[float, float]]:

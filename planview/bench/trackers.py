@@ -71,12 +71,15 @@ class LeftCamera:
 def ground_camera(setup: Setup) -> GroundCamera:
     """The rectified left camera above the floor that was found, as the single-camera trackers take it.
 
-    Its model has no roll and its centre in the middle of the image, which a rectified camera keeps to a degree.
+    Its model has its centre in the middle of the image, which a rectified camera keeps to a few pixels.
     """
     geometry, pose = setup.rectifier.geometry, setup.floor.world_SE3_left
     tilt = math.acos(float(np.clip(-pose.rotation[2, 2], -1.0, 1.0)))
     tilt = min(tilt, math.radians(89.0))
-    return GroundCamera(*geometry.size, geometry.focal_u_px, float(pose.translation[2]), tilt)
+    up = pose.rotation[2]
+    # From straight above roll is the choice of the Y axis.
+    roll = math.atan2(float(up[0]), -float(up[1])) if math.hypot(up[0], up[1]) > 0.1 else 0.0
+    return GroundCamera(*geometry.size, geometry.focal_u_px, float(pose.translation[2]), tilt, roll_rad=roll)
 
 
 def compare(recording: Recording, name: str, truth: Trajectories, config: Config, tell: Tell) -> list[TrackerScore]:

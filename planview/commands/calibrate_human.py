@@ -96,9 +96,10 @@ def calibrate_human(
     height_std, tilt_std, focal_std = found.std
     console.print(
         f"camera {camera.height_m:.2f} m (+-{height_std * camera.height_m:.2f}) above the floor, tilt "
-        f"{math.degrees(camera.tilt_rad):.1f} (+-{math.degrees(tilt_std):.1f}) degrees, focal length "
-        f"{camera.focal_px:.0f} (+-{focal_std * camera.focal_px:.0f}) px, lens {camera.lens}; "
-        f"error {found.error:.3f} over {len(taken)} samples, search {found.search_s:.2f} s"
+        f"{math.degrees(camera.tilt_rad):.1f} (+-{math.degrees(tilt_std):.1f}) degrees, roll "
+        f"{math.degrees(camera.roll_rad):.1f}, focal length {camera.focal_px:.0f} "
+        f"(+-{focal_std * camera.focal_px:.0f}) px, lens {camera.lens}; error {found.error:.3f} over {len(taken)} "
+        f"samples, search {found.search_s:.2f} s"
     )
     if found.boxes_only:
         console.print("heads and feet are the middles of the boxes' edges: the focal length rests on the lens class")
@@ -169,6 +170,7 @@ def _report(found: HumanCalibration, samples: Sequence[HumanSample], out: Path) 
     return {
         "height_m": camera.height_m,
         "tilt_deg": math.degrees(camera.tilt_rad),
+        "roll_deg": math.degrees(camera.roll_rad),
         "focal_px": camera.focal_px,
         "lens": camera.lens,
         "error": found.error,

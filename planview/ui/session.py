@@ -253,7 +253,8 @@ class CalibrationSession:
         if self.found is not None:
             camera = self.found.camera
             return (
-                f"camera {camera.height_m:.2f} m above the floor, tilt {math.degrees(camera.tilt_rad):.1f} degrees, "
-                f"focal length {camera.focal_px:.0f} px, lens {camera.lens}, error {self.found.error:.3f}"
+                f"camera {camera.height_m:.2f} m above the floor, tilt {math.degrees(camera.tilt_rad):.1f}, roll "
+                f"{math.degrees(camera.roll_rad):.1f} degrees, focal length {camera.focal_px:.0f} px, lens "
+                f"{camera.lens}, error {self.found.error:.3f}"
             )
         return ""

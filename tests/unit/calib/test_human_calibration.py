@@ -70,6 +70,14 @@ def test_calibration_is_exact_without_noise(name: str) -> None:
     assert found.error < 0.02
 
 
+def test_roll_is_found_and_kept() -> None:
+    truth = GroundCamera(640, 480, 600.0, 6.0, math.radians(65), "pinhole", math.radians(3))
+    found = calibrate_from_people(standing_people(truth, 12, seed=1), truth.size, truth.lens)
+    assert math.degrees(found.camera.roll_rad) == pytest.approx(3.0, abs=0.2)
+    assert found.camera.focal_px == pytest.approx(truth.focal_px, rel=0.02)
+    assert found.error < 0.03
+
+
 @pytest.mark.parametrize("name", CAMERAS)
 def test_calibration_of_noisy_samples_is_within_its_own_deviation(name: str) -> None:
     truth = CAMERAS[name]
