@@ -13,7 +13,7 @@ from pydantic import Field
 from calib.params import Params
 from calib.types import F32, U8
 from planview import _foreground_kernels as kernels
-from planview._gaussian_kernels import N_FIELDS, Step
+from planview._gaussian_kernels import N_FIELDS, Step, Y
 from planview.gain import GainFollower
 
 NO_OPINION, PERSON, BACKGROUND = 0, 1, 2
@@ -164,6 +164,12 @@ class Foreground:
             self.shadow = np.asarray(cv2.inRange(mask, kernels.SHADOW, kernels.SHADOW), dtype=np.uint8)
             mask[self.shadow > 0] = 0
         return mask
+
+    def background_luma(self) -> U8:
+        """(H, W) uint8 luma of the most common background, as the current exposure shows it; zeros before an update."""
+        lead = self._lead.reshape(-1, kernels.N_LEAD, kernels.BLOCK)[:, Y].reshape(-1)[: self._mask.size]
+        luma = lead * np.float32(self._gain.gain) + np.float32(self._gain.offset)
+        return np.clip(np.round(luma), 0, 255).astype(np.uint8).reshape(self.shape)
 
     def _flat_image(self, image: U8) -> U8:
         if image.dtype != np.uint8 or image.shape[:2] != self.shape or image.shape[2:] not in ((), (1,), (3,)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 import cv2
@@ -11,7 +12,8 @@ from pydantic import Field
 from calib.errors import InputError
 from calib.params import Params
 from calib.types import U8
-from planview.foreground import Foreground, ForegroundParams
+from planview.foreground import BACKGROUND, Foreground, ForegroundParams
+from planview.ghosts import GhostParams, find_ghosts
 from planview.tracking.base import Observation
 from stereo.recording import VideoFrame
 
@@ -24,6 +26,8 @@ class SingleCameraParams(Params):
     )
     """The mixture model, here without depth: shadows are removed by their colour, at most twice as dark as the ground
     (as OpenCV's MOG2 has it), since dark clothes are like deeper shadows."""
+    ghosts: GhostParams = GhostParams()
+    """What of the foreground is nobody, but where somebody was at the start."""
     motion_level: float = Field(default=10.0, gt=0, le=255)
     """Change of luma, averaged over 3x3 pixels, between two frames that is motion (levels of 255). Our choice: 8-bit
     video has a noise of 3 to 4 levels, 1.3 in the average and 1.9 between two frames; five times that."""
@@ -41,11 +45,15 @@ class SingleCamera:
         self.size = size
         self._foreground = Foreground(params.foreground, (size[1], size[0]))
         self._past: deque[tuple[float, U8]] = deque()
+        self._ghosts: U8 = np.zeros((size[1], size[0]), np.uint8)
+        self._looked_s = -math.inf
 
     def reset(self) -> None:
         """Forget the background."""
         self._foreground.reset()
         self._past.clear()
+        self._ghosts[:] = 0
+        self._looked_s = -math.inf
 
     def observe(self, frame: VideoFrame, feedback: U8 | None = None) -> Observation:
         """Foreground and motion of one frame.
@@ -59,18 +67,31 @@ class SingleCamera:
         height, width = frame.image.shape[:2]
         if (width, height) != self.size:
             raise InputError(f"frame {frame.index}: expected {self.size[0]}x{self.size[1]} px, found {width}x{height}")
-        mask = self._foreground.update(frame.image, None, frame.timestamp_s, feedback)
-        motion = self._motion(frame)
+        mask = self._foreground.update(frame.image, None, frame.timestamp_s, self._opinion(feedback))
+        grey = cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY) if frame.image.ndim == 3 else frame.image
+        motion = self._motion(frame.timestamp_s, np.asarray(grey, dtype=np.uint8))
+        if frame.timestamp_s - self._looked_s >= self.params.ghosts.interval_s - 5e-4:
+            self._looked_s = frame.timestamp_s
+            background = self._foreground.background_luma()
+            self._ghosts = find_ghosts(np.asarray(grey, np.uint8), background, mask, motion, self.params.ghosts)
+        mask[self._ghosts > 0] = 0
         return Observation(frame.index, frame.timestamp_s, frame.image, mask, motion, shadow=self._foreground.shadow)
 
-    def _motion(self, frame: VideoFrame) -> U8:
+    def _opinion(self, feedback: U8 | None) -> U8 | None:
+        """What the tracker knows, but ghosts are background whoever is thought to be there."""
+        if not self._ghosts.any():
+            return feedback
+        opinion = np.zeros(self._ghosts.shape, np.uint8) if feedback is None else feedback.copy()
+        opinion[self._ghosts > 0] = BACKGROUND
+        return opinion
+
+    def _motion(self, now_s: float, grey: U8) -> U8:
         """(H, W) uint8, 255 where the smoothed luma differs from that of motion_interval_s ago."""
-        grey = cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY) if frame.image.ndim == 3 else frame.image
         smooth = np.asarray(cv2.blur(grey, (3, 3)), dtype=np.uint8)
         # Half a millisecond of slack: time stamps are rounded.
-        while len(self._past) > 1 and self._past[1][0] <= frame.timestamp_s - self.params.motion_interval_s + 5e-4:
+        while len(self._past) > 1 and self._past[1][0] <= now_s - self.params.motion_interval_s + 5e-4:
             self._past.popleft()
         before = self._past[0][1] if self._past else smooth
-        self._past.append((frame.timestamp_s, smooth))
+        self._past.append((now_s, smooth))
         _, motion = cv2.threshold(cv2.absdiff(smooth, before), self.params.motion_level, 255, cv2.THRESH_BINARY)
         return np.asarray(motion, dtype=np.uint8)
