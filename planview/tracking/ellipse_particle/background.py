@@ -10,6 +10,10 @@ import numpy as np
 from calib.types import F32, U8
 from planview.tracking.ellipse_particle.params import DetectionParams
 
+NOISE = 3.0
+"""Deviation of the noise of cameras and codecs in an 8-bit picture [grey levels]: 2 to 4."""
+NOISES = 8
+"""Pictures of noise, taken in turn."""
 SHADOW = 127
 """OpenCV's label of a shadow."""
 FOREGROUND = np.zeros(256, dtype=np.uint8)
@@ -22,8 +26,9 @@ class Background:
     """Mixture of Gaussians per pixel with shadow removal (the paper's reference [10], off the shelf).
 
     The mixture absorbs whoever stands still. So the pixels of people (``protect``) are replaced by what was seen there
-    without them before the mixture learns; it looks at the real image without learning. That takes a second pass,
-    which is skipped in every other frame once the mixture is settled, and always while nobody is there to protect.
+    without them, with noise, before the mixture learns (without noise its variances would shrink, and the true
+    background would be foreground when they leave); it looks at the real image without learning. That takes a second
+    pass, which is skipped in every other frame once the mixture is settled, and always while nobody is there to protect.
     """
 
     def __init__(self, params: DetectionParams) -> None:
@@ -31,6 +36,7 @@ class Background:
         self._frames = 0
         self._mixture: cv2.BackgroundSubtractorMOG2 | None = None
         self._empty: U8 = np.zeros((0, 0), dtype=np.uint8)
+        self._noise = np.zeros((0, 0, 0), dtype=np.int16)
         self._people: list[F32] = []
         self._scale = 1.0
 
@@ -55,6 +61,8 @@ class Background:
             self._frames = 0
             self._people = []
             self._empty = image.copy()
+            noise = np.random.default_rng(0).normal(0.0, NOISE, (NOISES, *image.shape))
+            self._noise = np.round(noise).astype(np.int16)
             self._mixture = cv2.createBackgroundSubtractorMOG2(
                 history=self._params.history, varThreshold=self._params.variance_gate, detectShadows=True
             )
@@ -75,7 +83,7 @@ class Background:
         for outline in self._people:
             cv2.fillPoly(free, [np.round(outline * self._scale).astype(np.int32)], 0)
         self._remember(image, labels, free)
-        scene = self._empty.copy()
+        scene = cv2.add(self._empty, self._noise[self._frames % len(self._noise)], dtype=cv2.CV_8U)
         cv2.copyTo(image, free, scene)
         assert self._mixture is not None
         self._mixture.apply(scene, learningRate=rate)
