@@ -22,6 +22,9 @@ from pydantic import Field
 from calib.params import Params
 from calib.types import F32, F64, U8
 from planview import _ellipse_kernels as kernels
+from planview._ellipse_cover import cover
+from planview._ellipse_mixture import em_step
+from planview._ellipse_refine import refine
 
 
 class EllipseFitParams(Params):
@@ -121,7 +124,7 @@ def fit_ellipses(mask: F32, prior: SizePrior, params: EllipseFitParams) -> F64:
     lengths = prior.half_lengths(np.arange(mask.shape[0], dtype=np.float64))
     stride = max(1, round(0.4 * prior.aspect * float(np.median(lengths))))
     accept = params.proposed_share * params.least_share
-    found = kernels.cover(score, lengths, prior.aspect, stride, accept, params.max_ellipses)
+    found = cover(score, lengths, prior.aspect, stride, accept, params.max_ellipses)
     if not len(found):
         return found
     _expect_and_maximise(mask, found, prior, params)
@@ -137,7 +140,7 @@ def refine_ellipses(mask: F32, ellipses: F64, prior: SizePrior, params: EllipseF
     angle = math.radians(params.angle_spread_deg)
     spread = np.array([params.size_spread, params.size_spread, angle, params.cell_deviation])
     limits = np.array([math.log(params.size_limit), math.radians(params.angle_limit_deg)])
-    kernels.refine(
+    refine(
         mask, ellipses, *prior.law, spread, limits,
         params.background_weight, 0.7, params.lm_sweeps,
     )  # fmt: skip
@@ -148,7 +151,7 @@ def _expect_and_maximise(mask: F32, ellipses: F64, prior: SizePrior, params: Ell
     points = np.column_stack([cols, rows, mask[rows, cols]]).astype(np.float64)
     outlier = 0.02 / (math.pi * prior.half_length(mask.shape[0] / 2) ** 2 * prior.aspect)
     for _ in range(params.em_steps):
-        kernels.em_step(points, ellipses, *prior.law, params.prior_mass, outlier, params.angle_limit_deg < 45)
+        em_step(points, ellipses, *prior.law, params.prior_mass, outlier, params.angle_limit_deg < 45)
     for k, row in enumerate(ellipses[:, 1]):
         a0 = prior.half_length(row)
         ellipses[k, 2] = np.clip(ellipses[k, 2], a0 / params.size_limit, a0 * params.size_limit)

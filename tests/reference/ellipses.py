@@ -42,6 +42,19 @@ def exclusive(values: F32, ellipses: F64) -> F64:
     )
 
 
+def shown_rows(mask: F32, ellipses: F64, order: list[int], shared: bool, least: float) -> F64:
+    """Rows filled to the share ``least`` with values that no earlier ellipse has (or any, when shared); rows."""
+    out = np.zeros((len(ellipses), 2))
+    taken = np.zeros(mask.shape, dtype=bool)
+    for k in order:
+        cells = raster(ellipses[k], mask.shape)
+        width = cells.sum(axis=1)
+        total = np.where(cells if shared else cells & ~taken, mask, 0.0).sum(axis=1)
+        out[k] = ((width > 0) & (total >= least * width)).sum(), (width > 0).sum()
+        taken |= cells
+    return out
+
+
 def row_spans(ellipse: F64, row: int) -> tuple[float, float] | None:
     """Columns between which a row's centre line lies in the ellipse."""
     x, y, a, b, angle = ellipse
@@ -150,3 +163,82 @@ def soft_union(ellipses: F64, shape: tuple[int, int], soft: float, widths: F64) 
         z = np.clip((np.hypot(u, v) - 1.0) * width / soft, -30, 30)
         free *= 1.0 - 1.0 / (1.0 + np.exp(z))
     return 1.0 - free
+
+
+EDGE = 5.0
+"""Widths of the soft edge beyond which an ellipse has nothing."""
+
+
+def soft_inside(ellipse: F64, shape: tuple[int, int], soft: float) -> tuple[F64, F64, F64]:
+    """Logistic inside of an ellipse, and (u, v) of each cell along and across its axis."""
+    x, y, a, b, angle = ellipse
+    rows, cols = np.indices(shape, dtype=np.float64)
+    u = (cols - x) * math.sin(angle) + (rows - y) * math.cos(angle)
+    v = (cols - x) * math.cos(angle) - (rows - y) * math.sin(angle)
+    z = (np.maximum(1e-6, np.hypot(u / a, v / b)) - 1.0) * b / soft
+    return np.where(z > EDGE, 0.0, 1.0 / (1.0 + np.exp(np.minimum(z, EDGE)))), u, v
+
+
+def equations(
+    mask: F32, ellipse: F64, others: F64, soft: float, background: float, box: tuple[slice, slice]
+) -> tuple[float, F64, F64]:
+    """Cost of the soft union against the mask in a box, and its Gauss-Newton gradient and Hessian."""
+    a, b, s, c = ellipse[2], ellipse[3], math.sin(ellipse[4]), math.cos(ellipse[4])
+    own, u, v = soft_inside(ellipse, mask.shape, soft)
+    weight = mask + background * (1.0 - mask)
+    residual = mask - (1.0 - (1.0 - own) * others)
+    slope = others * own * (1.0 - own) * b / soft
+    slope = np.where(slope < 1e-4, 0.0, slope) / np.maximum(1e-6, np.hypot(u / a, v / b))
+    rows = slope * np.array([
+        u * s / a**2 + v * c / b**2, u * c / a**2 - v * s / b**2, (u / a) ** 2, (v / b) ** 2, -u * v * (a**-2 - b**-2)
+    ])  # fmt: skip
+    weight, residual, rows = weight[box], residual[box], rows[:, box[0], box[1]]
+    gradient = np.einsum("rc,irc->i", weight * residual, rows)
+    return 0.5 * float((weight * residual**2).sum()), gradient, np.einsum("rc,irc,jrc->ij", weight, rows, rows)
+
+
+def refine(
+    mask: F32, ellipses: F64, law: tuple[float, float, float, float], spread: F64, limits: F64,
+    background: float, soft: float, sweeps: int,
+) -> F64:  # fmt: skip
+    """Levenberg-Marquardt on one ellipse at a time with Gaussian priors of size and angle."""
+    half0, half1, least, aspect = law
+    out, damping, precision = ellipses.copy(), np.full(len(ellipses), 0.01), spread[3] ** -2
+
+    def expected(e: F64) -> F64:
+        a0 = max(least, half0 + half1 * e[1])
+        return np.array([a0, a0 * aspect])
+
+    def posterior(e: F64, others: F64, box: tuple[slice, slice]) -> tuple[float, F64, F64]:
+        cost, gradient, hessian = equations(mask, e, others, soft, background, box)
+        off = np.array([*np.log(e[2:4] / expected(e)), e[4]])
+        gradient, hessian = gradient * precision, hessian * precision
+        gradient[2:] -= off / spread[:3] ** 2
+        hessian[[2, 3, 4], [2, 3, 4]] += spread[:3] ** -2
+        return cost * precision + 0.5 * float(((off / spread[:3]) ** 2).sum()), gradient, hessian
+
+    for _ in range(sweeps):
+        for k in range(len(out)):
+            x, y, a, b, angle = out[k]
+            grow = 1.0 + EDGE * soft / b
+            reach_y = math.hypot(a * math.cos(angle), b * math.sin(angle)) * grow
+            reach_x = math.hypot(a * math.sin(angle), b * math.cos(angle)) * grow
+            box = (
+                slice(max(0, math.ceil(y - reach_y)), math.floor(y + reach_y) + 1),
+                slice(max(0, math.ceil(x - reach_x)), math.floor(x + reach_x) + 1),
+            )
+            insides = [soft_inside(e, mask.shape, soft)[0] for e in np.delete(out, k, axis=0)]
+            others = np.prod([1.0 - i for i in insides], axis=0) if insides else np.ones(mask.shape)
+            cost, gradient, hessian = posterior(out[k], others, box)
+            hessian[np.diag_indices(5)] = hessian.diagonal() * (1.0 + damping[k]) + 1e-3 * precision
+            step = np.linalg.solve(hessian, gradient)
+            new = out[k].copy()
+            new[:2] += np.clip(step[:2], -3.0, 3.0)
+            ratio = np.log(new[2:4] / expected(new)) + step[2:4]
+            new[2:4] = np.maximum(0.7, expected(new) * np.exp(np.clip(ratio, -limits[0], limits[0])))
+            new[4] = np.clip(new[4] + step[4], -limits[1], limits[1])
+            if posterior(new, others, box)[0] <= cost:
+                out[k], damping[k] = new, max(1e-4, damping[k] * 0.3)
+            else:
+                damping[k] = min(1e4, damping[k] * 10.0)
+    return out

@@ -1,4 +1,4 @@
-"""Compiled kernel of the likelihood; ``tests/reference/ellipses.py`` defines it in plain numpy."""
+"""Compiled kernels of the particle filter; ``tests/reference/particles.py`` and ``ellipses.py`` define them."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from calib.types import F32, F64, I64
-from planview._ellipse_kernels import between, conic, rows_of, span
+from planview._ellipse_kernels import between, conic
 
 
 @njit(cache=True, nogil=True)
@@ -28,73 +28,98 @@ def union_overlap(
     max(least, half0 + half1 * y): half length expected in row y; aspect: width / length.
     out: (P, 2) covered measured area, object area in the grid outside the allowed cells.
     """
-    n_rows = measured.shape[0]
-    n_cols = measured.shape[1] - 1
     k_all = members.shape[0]
     forms = np.empty((k_all, 5))
     limits = np.empty((k_all, 2), dtype=np.int64)
-    lows = np.empty(k_all)
-    highs = np.empty(k_all)
+    spans = np.empty((k_all, 2))
     # Every row of a small ellipse, every second or third of a tall one: a dozen rows give its area to 3 %, a quarter
     # of the likelihood's deviation.
-    smallest = float(n_rows)
+    smallest = float(measured.shape[0])
     for k in range(k_all):
-        y = particles[0, members[k], 1]
-        smallest = min(smallest, max(least, half0 + half1 * y))
+        smallest = min(smallest, max(least, half0 + half1 * particles[0, members[k], 1]))
     step = max(1, int(smallest / 6.0))
     for p in range(particles.shape[0]):
-        first = n_rows
+        first = measured.shape[0]
         last = -1
         for k in range(k_all):
-            n = members[k]
-            y = particles[p, n, 1]
-            base = max(least, half0 + half1 * y)
-            a = base * math.exp(particles[p, n, 4])
-            b = base * aspect * math.exp(particles[p, n, 5])
-            qxx, qxy, qyy = conic(a, b, particles[p, n, 6])
-            forms[k, 0] = qxx
-            forms[k, 1] = qxy
-            forms[k, 2] = qyy
-            forms[k, 3] = particles[p, n, 0]
-            forms[k, 4] = y
-            r0, r1 = rows_of(y, a, b, particles[p, n, 6], n_rows)
-            limits[k, 0] = r0
-            limits[k, 1] = r1
-            first = min(first, r0)
-            last = max(last, r1)
+            shape_of(particles, p, members[k], half0, half1, least, aspect, measured.shape[0], forms[k], limits[k])
+            first = min(first, limits[k, 0])
+            last = max(last, limits[k, 1])
         covered = 0.0
         outside = 0.0
         for r in range(first + (-first) % step, last + 1, step):
-            count = 0
-            for k in range(k_all):
-                if r < limits[k, 0] or r > limits[k, 1]:
-                    continue
-                lo, hi = span(forms[k, 0], forms[k, 1], forms[k, 2], r - forms[k, 4])
-                lo = max(lo + forms[k, 3], -0.5)
-                hi = min(hi + forms[k, 3], n_cols - 0.5)
-                if hi <= lo:
-                    continue
-                # Insertion keeps the spans of this row sorted by their lower end.
-                i = count
-                while i > 0 and lows[i - 1] > lo:
-                    lows[i] = lows[i - 1]
-                    highs[i] = highs[i - 1]
-                    i -= 1
-                lows[i] = lo
-                highs[i] = hi
-                count += 1
-            i = 0
-            while i < count:
-                lo = lows[i]
-                hi = highs[i]
-                i += 1
-                while i < count and lows[i] <= hi:
-                    hi = max(hi, highs[i])
-                    i += 1
-                covered += between(measured, r, lo, hi, n_cols)
-                outside += hi - lo - between(allowed, r, lo, hi, n_cols)
+            count = spans_in_row(forms, limits, r, measured.shape[1] - 1, spans)
+            inside, beyond = row_union(measured, allowed, r, spans, count)
+            covered += inside
+            outside += beyond
         out[p, 0] = covered * step
         out[p, 1] = outside * step
+
+
+@njit(cache=True, nogil=True, inline="always")
+def shape_of(particles, p, n, half0, half1, least, aspect, n_rows, form, limit):  # type: ignore[no-untyped-def]
+    """The ellipse of object n in particle p.
+
+    form: x, y, lean, wide, thin; in the row dy below y it covers x + lean dy +- sqrt(wide - thin dy^2).
+    limit: its first and last row in the grid.
+    """
+    y = particles[p, n, 1]
+    base = max(least, half0 + half1 * y)
+    a = base * math.exp(particles[p, n, 4])
+    b = base * aspect * math.exp(particles[p, n, 5])
+    qxx, qxy, _ = conic(a, b, particles[p, n, 6])
+    wide = 1.0 / qxx
+    thin = wide * wide / (a * a * b * b)
+    form[0] = particles[p, n, 0]
+    form[1] = y
+    form[2] = -qxy * wide
+    form[3] = wide
+    form[4] = thin
+    reach = math.sqrt(wide / thin)
+    limit[0] = max(0, math.ceil(y - reach))
+    limit[1] = min(n_rows - 1, math.floor(y + reach))
+
+
+@njit(cache=True, nogil=True, inline="always")
+def spans_in_row(forms, limits, r, n_cols, spans):  # type: ignore[no-untyped-def]
+    """Columns between which each ellipse covers row r in the grid, sorted by their lower end; returns how many."""
+    count = 0
+    for k in range(forms.shape[0]):
+        if r < limits[k, 0] or r > limits[k, 1]:
+            continue
+        dy = r - forms[k, 1]
+        half = math.sqrt(max(0.0, forms[k, 3] - forms[k, 4] * dy * dy))
+        middle = forms[k, 0] + forms[k, 2] * dy
+        lo = max(middle - half, -0.5)
+        hi = min(middle + half, n_cols - 0.5)
+        if hi <= lo:
+            continue
+        i = count
+        while i > 0 and spans[i - 1, 0] > lo:
+            spans[i, 0], spans[i, 1] = spans[i - 1, 0], spans[i - 1, 1]
+            i -= 1
+        spans[i, 0], spans[i, 1] = lo, hi
+        count += 1
+    return count
+
+
+@njit(cache=True, nogil=True, inline="always")
+def row_union(measured, allowed, r, spans, count):  # type: ignore[no-untyped-def]
+    """Of the union of sorted spans in row r: the measured part, and what lies outside the allowed cells."""
+    n_cols = measured.shape[1] - 1
+    inside = 0.0
+    beyond = 0.0
+    i = 0
+    while i < count:
+        lo = spans[i, 0]
+        hi = spans[i, 1]
+        i += 1
+        while i < count and spans[i, 0] <= hi:
+            hi = max(hi, spans[i, 1])
+            i += 1
+        inside += between(measured, r, lo, hi, n_cols)
+        beyond += hi - lo - between(allowed, r, lo, hi, n_cols)
+    return inside, beyond
 
 
 @njit(cache=True, nogil=True)

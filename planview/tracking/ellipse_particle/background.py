@@ -28,7 +28,7 @@ class Background:
     The mixture absorbs whoever stands still. So the pixels of people (``protect``) are replaced by what was seen there
     without them, with noise, before the mixture learns (without noise its variances would shrink, and the true
     background would be foreground when they leave); it looks at the real image without learning. That takes a second
-    pass, which is skipped in every other frame once the mixture is settled, and always while nobody is there to protect.
+    pass, which is skipped in every other frame once the mixture is settled, and while nobody is there to protect.
     """
 
     def __init__(self, params: DetectionParams) -> None:

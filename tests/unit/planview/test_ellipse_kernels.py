@@ -8,8 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planview import _ellipse_kernels as kernels
-from planview.tracking.ellipse_particle._kernels import union_overlap
+from planview._ellipse_cover import cover
+from planview._ellipse_mixture import em_step
+from planview._ellipse_refine import free_of, normal_equations, refine
+from planview.tracking.ellipse_particle._kernels import copy_particles, propagate, union_overlap
 from tests.reference import ellipses as reference
+from tests.reference import particles as particle_reference
 
 SHAPE = (40, 50)
 
@@ -94,7 +98,7 @@ def test_cover_agrees_with_its_twin(seed):
     mask = reference.paint(np.array([[12.0, 15, 8, 3, 0], [30, 20, 9, 3.5, 0.1], [35, 22, 8, 3, 0]]), SHAPE)
     score = np.where(mask > 0, 1.0, -0.4).astype(np.float32) + rng.normal(0, 0.05, SHAPE).astype(np.float32)
     lengths = 7.0 + 0.05 * np.arange(SHAPE[0])
-    found = kernels.cover(score.copy(), lengths, 0.4, 2, 0.2, 10)
+    found = cover(score.copy(), lengths, 0.4, 2, 0.2, 10)
     expected = reference.cover(score, lengths, 0.4, 2, 0.2, 10)
     assert [(int(e[1]), int(e[0])) for e in found] == expected
 
@@ -107,7 +111,7 @@ def test_em_step_agrees_with_its_twin():
     start = np.array([[14.0, 17, 10, 4, 0.0], [28, 21, 10, 4, 0.0]])
     law = (9.0, 0.05, 2.0, 0.4)
     expected = reference.em_step(points, start, law, 0.5, 1e-4)
-    kernels.em_step(points, start, *law, 0.5, 1e-4, True)
+    em_step(points, start, *law, 0.5, 1e-4, True)
     np.testing.assert_allclose(start, expected, atol=1e-9)
 
 
@@ -118,9 +122,9 @@ def test_normal_equations_are_the_slope_of_the_squared_residual():
     soft, background = 0.7, 0.4
     grad, hess = np.empty(5), np.empty((5, 5))
     free, window = np.empty(shape), np.array([0, 59, 0, 59])
-    kernels.free_of(ellipses, 0, soft, window, free)
+    free_of(ellipses, 0, soft, window, free)
     np.testing.assert_allclose(1 - free, reference.soft_union(ellipses[1:], shape, soft, ellipses[1:, 3]), atol=8e-3)
-    kernels.normal_equations(mask, ellipses[0], window, free, background, soft, grad, hess)
+    normal_equations(mask, ellipses[0], window, free, background, soft, grad, hess)
     weight = mask + background * (1 - mask)
 
     def cost(step: np.ndarray) -> float:
@@ -135,6 +139,45 @@ def test_normal_equations_are_the_slope_of_the_squared_residual():
         slope = (cost(step) - cost(-step)) / 2e-5
         assert -grad[i] == pytest.approx(slope, rel=0.02, abs=0.05)
     assert np.linalg.eigvalsh(hess).min() > -1e-9
+
+
+def test_refine_agrees_with_its_twin():
+    mask = reference.paint(np.array([[20.0, 20, 12, 4.5, 0.1], [27, 22, 11, 4, -0.1]]), SHAPE).astype(np.float32)
+    start = np.array([[18.5, 18, 10, 4, 0.0], [28, 24, 12, 4.5, 0.05]])
+    law, spread, limits = (9.0, 0.05, 2.0, 0.4), np.array([0.12, 0.12, 0.1, 0.7]), np.array([0.34, 0.35])
+    expected = reference.refine(mask, start, law, spread, limits, 0.4, 0.7, 3)
+    refine(mask, start, *law, spread, limits, 0.4, 0.7, 3)
+    np.testing.assert_allclose(start, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("shared", [True, False])
+def test_shown_rows_agree_with_their_twin(shared):
+    rng = np.random.default_rng(3)
+    mask, ellipses, order = random_mask(rng), random_ellipses(rng, 5), np.array([3, 0, 1, 4, 2])
+    out = np.zeros((5, 2))
+    kernels.shown_rows(mask, ellipses, order, shared, 0.5, out)
+    np.testing.assert_array_equal(out, reference.shown_rows(mask, ellipses, order.tolist(), shared, 0.5))
+
+
+def test_propagate_agrees_with_its_twin():
+    rng = np.random.default_rng(4)
+    particles, noise = rng.normal(size=(6, 3, 7)), rng.normal(size=(6, 3, 7)).astype(np.float32)
+    pull, push, fresh = rng.uniform(size=3), rng.uniform(size=3), rng.uniform(size=3)
+    expected, surprise = particle_reference.propagate(particles, noise, 0.2, pull, push, 0.7, fresh)
+    out = np.empty((6, 3))
+    propagate(particles, noise, 0.2, pull, push, 0.7, fresh, out)
+    np.testing.assert_allclose(particles, expected)
+    np.testing.assert_allclose(out, surprise, rtol=1e-6)
+
+
+def test_copied_particles_agree_with_their_twin():
+    rng = np.random.default_rng(5)
+    particles, surprise, index = rng.normal(size=(6, 4, 7)), rng.normal(size=(6, 4)), rng.integers(0, 6, 6)
+    members = np.array([1, 3])
+    states, costs = particle_reference.copy_particles(particles, surprise, members, index)
+    copy_particles(particles, surprise, members, index)
+    np.testing.assert_array_equal(particles, states)
+    np.testing.assert_array_equal(surprise, costs)
 
 
 @settings(max_examples=40, deadline=None)

@@ -1,0 +1,22 @@
+"""Plain numpy twins of the particle filter's kernels; they define what the compiled loops compute."""
+
+import numpy as np
+
+from calib.types import F32, F64, I64
+
+
+def propagate(particles: F64, noise: F32, dt: float, pull: F64, push: F64, keep: float, fresh: F64) -> tuple[F64, F64]:
+    """Constant velocity with Gaussian noise, ellipse parameters that forget; and half the squared noise."""
+    out = particles.copy()
+    out[..., :2] += particles[..., 2:4] * dt + pull[:, None] * noise[..., :2]
+    out[..., 2:4] += push[:, None] * noise[..., 2:4]
+    out[..., 4:] = keep * particles[..., 4:] + fresh * noise[..., 4:]
+    return out, 0.5 * (noise.astype(np.float64) ** 2).sum(axis=-1)
+
+
+def copy_particles(particles: F64, surprise: F64, members: I64, index: I64) -> tuple[F64, F64]:
+    """The members' states and costs of particle index[p] in particle p; other objects keep theirs."""
+    states, costs = particles.copy(), surprise.copy()
+    states[:, members] = particles[index][:, members]
+    costs[:, members] = surprise[index][:, members]
+    return states, costs
