@@ -1,14 +1,17 @@
 """The speed and memory benches: what they refuse and what they print; figures are for the bench itself."""
 
 import io
+import os
 from pathlib import Path
 
+import cv2
 import pytest
 from rich.console import Console
 
 from calib.errors import InputError
 from planview.bench.clip import Clip
 from planview.bench.memory import resident_mb
+from planview.bench.one_core import one_core
 from planview.bench.speed import LIMITS, Speed
 from planview.commands.bench_memory import bench_memory
 from planview.commands.bench_speed import bench_speed, print_speed
@@ -37,3 +40,15 @@ def test_ratios_are_printed_beside_their_limits() -> None:
     assert "0.750" in line
     assert f"{LIMITS['foreground_to_mog2']:g}" in line
     assert "12.50" in out.getvalue()
+
+
+def test_one_core_is_given_back():
+    threads = cv2.getNumThreads()
+    with one_core():
+        assert cv2.getNumThreads() == 1
+    assert cv2.getNumThreads() == threads
+    if hasattr(os, "sched_getaffinity"):
+        cores = os.sched_getaffinity(0)
+        with one_core():
+            assert len(os.sched_getaffinity(0)) == 1
+        assert os.sched_getaffinity(0) == cores
