@@ -20,7 +20,7 @@ SETTLED = 80
 
 
 def ellipse_to_mog2(n_frames: int = 200) -> tuple[float, dict[str, float]]:
-    """Processor time of ``EllipseParticleTracker.update`` over that of MOG2 alone, in turns on each frame of a painted clip.
+    """Processor time of ``EllipseParticleTracker.update`` over MOG2's, in turns on each frame of a painted clip.
 
     Eight people walk to and fro before a textured scene with pixel noise and cross one another; 1,000 particles.
 
