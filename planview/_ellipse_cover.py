@@ -28,7 +28,8 @@ def cover(score: F32, half_length: F64, aspect: float, stride: int, accept: floa
 
     score: (R, C) gain of covering each cell; set to 0 where covered (overwritten).
     half_length: (R,) half length expected of an object centred in each row [cells].
-    accept: least gain of an ellipse as a share of its area.
+    accept: least gain of an ellipse as a share of its area in the grid (at least half its area): what lies outside
+    speaks for nothing.
     Returns (N, 5), N <= limit, in order of gain share.
     """
     prefix = row_prefix(score)
@@ -68,17 +69,24 @@ def _gains(score: F32, prefix: F64, half_length: F64, aspect: float, stride: int
         reach = int(a * aspect) + 1
         r0 = max(0, r - int(a) - 1)
         r1 = min(n_rows, r + int(a) + 2)
+        edge = r0 == 0 or r1 == n_rows
         for j in range(gain.shape[1]):
             c0 = max(0, j * stride - reach)
             c1 = min(n_cols, j * stride + reach + 1)
             most = bound[r1, c1] - bound[r0, c1] - bound[r1, c0] + bound[r0, c0]
-            if most < accept * area:
+            if most < accept * area * (0.5 if edge or c0 == 0 or c1 == n_cols else 1.0):
                 # Not even all gains in the box around the ellipse would do.
                 gain[i, j] = -1.0
                 continue
-            total, _ = ellipse_sum(prefix, float(j * stride), float(r), a, a * aspect, 0.0)
-            gain[i, j] = total / area
+            gain[i, j] = _share(prefix, float(j * stride), float(r), a, a * aspect)
     return gain
+
+
+@njit(cache=True, nogil=True)
+def _share(prefix: F64, x: float, y: float, a: float, b: float) -> float:
+    """Gain of an upright ellipse over its area inside the grid, or half its area when less is inside."""
+    total, inside = ellipse_sum(prefix, x, y, a, b, 0.0)
+    return total / max(inside, 0.5 * math.pi * a * b)
 
 
 @njit(cache=True, nogil=True)
@@ -114,8 +122,6 @@ def _refresh(
     for i in range(i0, i1 + 1):
         r = i * stride
         h = half_length[r]
-        area = math.pi * h * h * aspect
         for j in range(j0, j1 + 1):
             if gain[i, j] >= 0.0:
-                total, _ = ellipse_sum(prefix, float(j * stride), float(r), h, h * aspect, 0.0)
-                gain[i, j] = total / area
+                gain[i, j] = _share(prefix, float(j * stride), float(r), h, h * aspect)

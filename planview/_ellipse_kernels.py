@@ -1,4 +1,4 @@
-"""Compiled kernels of ellipses on a grid of cells: their areas and what they share, see ``tests/reference/ellipses.py``.
+"""Compiled kernels: areas of ellipses on a grid of cells; ``tests/reference/ellipses.py`` defines them in plain numpy.
 
 Coordinates: cell (row r, column c) has its centre at (x, y) = (c, r) and reaches half a cell to each side.
 An ellipse is (x, y, a, b, angle): centre, half length, half width [cells], and the angle of the length axis

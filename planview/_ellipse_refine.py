@@ -122,6 +122,7 @@ def refine(
     n_rows, n_cols = mask.shape
     grad = np.empty(5)
     hess = np.empty((5, 5))
+    step = np.empty(5)
     damping = np.full(ellipses.shape[0], 0.01)
     precision = 1.0 / (spread[3] * spread[3])
     free = np.empty((n_rows, n_cols))
@@ -136,7 +137,7 @@ def refine(
             old = ellipses[k].copy()
             for i in range(5):
                 hess[i, i] = hess[i, i] * (1.0 + damping[k]) + 1e-3 * precision
-            step: F64 = np.linalg.solve(hess, grad)
+            step[:] = np.linalg.solve(hess, grad)
             move(ellipses, k, step, half0, half1, least, aspect, limits)
             a0 = max(least, half0 + half1 * ellipses[k, 1])
             after = normal_equations(mask, ellipses[k], window, free, background, soft, grad, hess) * precision

@@ -189,10 +189,13 @@ def _needed(mask: F32, ellipses: F64, params: EllipseFitParams) -> F64:
 
 
 def own_shares(prefix: F64, ellipses: F64, background_weight: float) -> F64:
-    """Gain of each ellipse over the union of the others, as a share of its whole area, (N,) float64."""
+    """Gain of each ellipse over the union of the others, as a share of its area, (N,) float64.
+
+    Of somebody who is cut by the border only the part inside counts, or half where less is inside.
+    """
     out = np.zeros((len(ellipses), 4))
     kernels.exclusive(prefix, ellipses, out)
-    area = np.pi * ellipses[:, 2] * ellipses[:, 3]
+    area = np.clip(out[:, 0], 0.5 * np.pi * ellipses[:, 2] * ellipses[:, 3], None)
     return np.asarray((out[:, 2] - background_weight * (out[:, 3] - out[:, 2])) / np.maximum(area, 1e-9))
 
 

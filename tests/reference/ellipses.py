@@ -113,7 +113,9 @@ def cover(score: F32, half_length: F64, aspect: float, stride: int, accept: floa
                 if (r, c) in chosen:
                     continue
                 ellipse = np.array([c, r, a, a * aspect, 0.0])
-                gain = union_overlap(ellipse[None], score, np.ones_like(score))[0] / (math.pi * a * a * aspect)
+                total, _ = union_overlap(ellipse[None], score, np.ones_like(score))
+                inside, _ = union_overlap(ellipse[None], np.ones_like(score), np.ones_like(score))
+                gain = total / max(inside, 0.5 * math.pi * a * a * aspect)
                 if gain > best + 1e-9:
                     best, where = gain, (r, c)
         if best < accept:
