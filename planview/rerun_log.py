@@ -12,12 +12,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 
 from calib.errors import WorkError
 from calib.types import F32, U8
 from planview.engines import Engine
 from planview.pipeline import FrameResult, Pipeline
+from planview.rerun_blueprint import blueprint, shown_floor
 from planview.tracking.base import Drawing, TrackState
 
 JPEG_QUALITY = 80
@@ -212,49 +212,6 @@ class RerunLog:
                 self._stream.log(f"score/{decision.track_id}", rr.Scalars(decision.value))
 
 
-def blueprint(engine: Engine) -> rrb.Blueprint:
-    """Image and disparity, 3D view, both maps, decisions and series, side by side."""
-    image = rrb.Spatial2DView(origin="image", name="left image, foreground, people")
-    series = rrb.Tabs(
-        rrb.TimeSeriesView(origin="score", name="match score"),
-        rrb.TimeSeriesView(origin="people", name="people"),
-        rrb.TimeSeriesView(origin="time_ms", name="stage times [ms]"),
-        rrb.TextLogView(origin="decisions", name="decisions"),
-    )
-    if not isinstance(engine, Pipeline):
-        return rrb.Blueprint(rrb.Vertical(image, series, row_shares=[3, 1]), collapse_panels=True)
-    world = rrb.Spatial3DView(
-        origin="world", name="3D", eye_controls=_eye(engine, (0.0, -0.75, 0.55)), line_grid=False,
-    )  # fmt: skip
-    height, occupancy = (
-        rrb.Spatial3DView(
-            origin="plan", contents=[f"plan/{name}", "plan/people", "plan/search", "plan/template", "plan/ellipses"],
-            name=f"{name} from above", eye_controls=_eye(engine, (0.0, -0.001, 0.9)), line_grid=False,
-        )
-        for name in ("height", "occupancy")
-    )  # fmt: skip
-    disparity = rrb.Spatial2DView(origin="disparity", name="disparity")
-    return rrb.Blueprint(
-        rrb.Vertical(
-            rrb.Horizontal(image, world),
-            rrb.Horizontal(disparity, height, occupancy, series),
-            row_shares=[3, 2],
-        ),
-        collapse_panels=True,
-    )
-
-
-def _eye(engine: Pipeline, direction: tuple[float, float, float]) -> rrb.EyeControls3D:
-    """Looking at the middle of the floor in view, from a direction, the way the camera looks upwards."""
-    x_min, y_min, x_max, y_max = _shown_floor(engine)
-    centre = np.array([(x_min + x_max) / 2, (y_min + y_max) / 2, 0.0])
-    distance = max(x_max - x_min, 1.6 * (y_max - y_min))
-    return rrb.EyeControls3D(
-        kind=rrb.Eye3DKind.Orbital, position=centre + distance * np.array(direction), look_target=centre,
-        eye_up=(0.0, 1.0, 0.0) if abs(direction[1]) < 0.01 else (0.0, 0.0, 1.0),
-    )  # fmt: skip
-
-
 def colour_of(track: TrackState) -> tuple[int, int, int]:
     """One colour per id; grey while tentative, pale while lost."""
     if track.state == "tentative":
@@ -301,13 +258,6 @@ def _rgb(image: U8) -> U8:
 
 def _floor_grid(engine: Pipeline) -> F32:
     """Outline of the floor in view."""
-    x_min, y_min, x_max, y_max = _shown_floor(engine)
+    x_min, y_min, x_max, y_max = shown_floor(engine)
     corners = [(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max), (x_min, y_min)]
     return np.array([(*corner, 0.0) for corner in corners], dtype=np.float32)
-
-
-def _shown_floor(engine: Pipeline) -> tuple[float, float, float, float]:
-    """Bounds of the floor that was seen, else of the grid; the place below the camera included [m]."""
-    grid = engine.maps.grid
-    x_min, y_min, x_max, y_max = engine.setup.floor.extent_m or (grid.x_min_m, grid.y_min_m, grid.x_max_m, grid.y_max_m)
-    return min(x_min, 0.0), min(y_min, 0.0), max(x_max, 0.0), max(y_max, 0.0)
