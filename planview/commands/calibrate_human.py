@@ -37,7 +37,7 @@ def calibrate_human(
     frames: Path | None = None,
     auto: Annotated[bool, Parameter(negative="")] = False,
     person_height: float = 1.76,
-    count: int = 12,
+    count: int = 30,
     json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> None:
     """Calibrate one camera from standing people: height, tilt and focal length, written to camera.toml.
