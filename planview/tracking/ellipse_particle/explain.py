@@ -1,0 +1,48 @@
+"""Which measurements the objects explain, and how much of each object is measured."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.types import F64, Bool
+from planview import _ellipse_kernels as kernels
+from planview.tracking.ellipse_particle.particles import union_prefix
+
+
+def measured_shares(measured: F64, objects: F64, shape: tuple[int, int]) -> F64:
+    """(N, 2) share of each object's ellipse that is measured, and that is measured and in no older object.
+
+    Args:
+        measured, objects: (M, 5), (N, 5) ellipses; objects in the order of their birth.
+        shape: (R, C) of the grid.
+    """
+    out = np.zeros((len(objects), 4))
+    kernels.claim(union_prefix(measured, shape), objects, np.arange(len(objects)), out)
+    area = np.maximum(np.pi * objects[:, 2] * objects[:, 3], 1.0)
+    return out[:, 1:3] / area[:, None]
+
+
+def unexplained(measured: F64, objects: F64, shape: tuple[int, int], least: float) -> Bool:
+    """(M,) measurements of which objects cover less than the share ``least``."""
+    out = np.zeros((len(measured), 4))
+    kernels.claim(union_prefix(objects, shape), measured, np.arange(len(measured)), out)
+    return np.asarray(out[:, 1] < least * np.maximum(out[:, 0], 1.0))
+
+
+def reachable(
+    measured: F64, positions: F64, deviations: F64, cells_per_m: F64, reach_m: float
+) -> list[tuple[float, int, int]]:
+    """(distance [m], object, measurement) of the measurements at which objects may be again, nearest first.
+
+    The farther an object's particles have spread the farther it may be: 0.4 m, half a shoulder breadth for each of
+    two outlines, and 2.5 deviations, at most ``reach_m``.
+
+    Args:
+        measured: (M, 5) ellipses.
+        positions, deviations: (N, 2) predicted centres and their spread [cells].
+        cells_per_m: (M,) cells per metre at each measurement.
+    """
+    away = np.hypot(*(measured[None, :, :2] - positions[:, None]).transpose(2, 0, 1)) / cells_per_m
+    spread = np.hypot(*deviations.T)[:, None] / cells_per_m
+    near = away <= np.minimum(reach_m, 0.4 + 2.5 * spread)
+    return sorted((float(away[n, m]), int(n), int(m)) for n, m in np.argwhere(near))
