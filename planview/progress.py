@@ -51,7 +51,7 @@ class FrameProgress:
 def summary(console: Console, info: RunInfo, folder: Path) -> None:
     """People seen, frames read and skipped, floor, and the median time of every stage."""
     table = Table(show_header=False, box=None, pad_edge=False)
-    table.add_row("people seen", str(info.people))
+    table.add_row("people seen", str(info.people) + (f": {info.remark}" if info.remark else ""))
     skipped = f", {info.frames_skipped} skipped ({info.skipped[0].why})" if info.skipped else ""
     rate = info.frames_read / info.elapsed_s if info.elapsed_s else 0.0
     table.add_row("frames", f"{info.frames_read} read{skipped}, {rate:.1f} per second")

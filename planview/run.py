@@ -59,6 +59,7 @@ class _Progress:
     """What a run has seen so far."""
 
     frames: int = 0
+    tracks: int = 0
     people: set[int] = field(default_factory=set)
     stages: dict[str, list[float]] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
@@ -70,9 +71,19 @@ class _Progress:
             self.first_s = result.timestamp_s
         self.frames += 1
         self.last_s = result.timestamp_s
+        self.tracks += len(result.tracks)
         self.people |= {track.track_id for track in result.tracks if track.state == "confirmed"}
         for stage, duration in result.stages_ms.items():
             self.stages.setdefault(stage, []).append(duration)
+
+
+    def remark(self) -> str:
+        """Why nobody was found; empty when somebody was."""
+        if self.people or not self.frames:
+            return ""
+        if not self.tracks:
+            return f"nothing of a person's size moved in {self.frames} frames"
+        return "what moved was too short or too small to be believed (--rrd and --debug show why)"
 
 
 def run(
@@ -199,6 +210,7 @@ def _finish(
             "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:SKIPPED_MAX]],
             "stages_ms": {stage: float(np.median(times)) for stage, times in progress.stages.items()},
             "people": len(progress.people),
+            "remark": progress.remark(),
             "counts": _counts(progress, options, engine.recording.fps),
         }
     )

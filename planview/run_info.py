@@ -86,6 +86,8 @@ class RunInfo(_Part):
     """Median time of every stage per frame [ms], in the order of the pipeline."""
     people: int = 0
     """Ids that were ever confirmed."""
+    remark: str = ""
+    """What a reader of the results should know, in one sentence: why there are none."""
     counts: dict[str, JsonValue] = Field(default_factory=dict)
     """Totals per rule when rules were given (the ``rules`` object of ``count --json``)."""
 
