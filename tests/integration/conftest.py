@@ -1,0 +1,56 @@
+"""A small exact recording, its engine, and a way to run commands in this process."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+from toy_run import EMPTY, FEW, FRAMES, Pair, Say, write_world
+from toy_stereo import ToyWorld, toy_rig, walking, write_toy_recording
+
+from planview.cli import main
+from planview.config import load_config
+from planview.engines import open_engine
+from planview.pipeline import Pipeline
+
+
+@pytest.fixture(scope="session")
+def pairs() -> list[Pair]:
+    """An empty room, and from frame EMPTY on somebody who walks through it."""
+    world, rig = ToyWorld(), toy_rig()
+    return [world.pair(rig, walking(i - EMPTY) if i >= EMPTY else (), i) for i in range(FRAMES)]
+
+
+@pytest.fixture(scope="session")
+def recording(pairs: list[Pair], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_toy_recording(tmp_path_factory.mktemp("toy") / "recording", toy_rig(), pairs)
+
+
+@pytest.fixture(scope="session")
+def engine(recording: Path) -> Pipeline:
+    """Floor found once; iterating it anew gives the same frames."""
+    engine = open_engine(recording, config=load_config(None, [FEW]))
+    assert isinstance(engine, Pipeline)
+    return engine
+
+
+@pytest.fixture
+def copy(recording: Path, engine: Pipeline, tmp_path: Path) -> Path:
+    """A recording to be damaged; its floor is given, so that only the damage is tried."""
+    folder = tmp_path / "copy"
+    shutil.copytree(recording, folder)
+    write_world(engine, folder)
+    return folder
+
+
+@pytest.fixture
+def say(capsys: pytest.CaptureFixture[str]) -> Say:
+    """Run a command in this process: exit status and what it says on stderr."""
+
+    def command(*argv: object) -> tuple[int, str]:
+        try:
+            main([str(word) for word in argv])
+        except SystemExit as left:
+            return int(left.code or 0), capsys.readouterr().err
+        return 0, capsys.readouterr().err
+
+    return command

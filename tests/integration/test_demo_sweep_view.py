@@ -1,0 +1,67 @@
+"""``planview demo``, ``sweep`` and ``view``."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from toy_run import EMPTY, FRAMES, Say, one_sentence
+from toy_stereo import walking
+
+from planview.cli import main
+from planview.output import prepare_folder
+
+
+def test_demo_tracks_its_clip_and_prints_the_metrics(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clip, out = tmp_path / "clip", tmp_path / "out"
+    shutil.copytree(recording, clip)
+    cards = [(i, walking(i - EMPTY)[0]) for i in range(EMPTY, FRAMES)]
+    truth = "".join(f"{i},1,{card.x_m:.3f},{card.y_m:.3f},1.75\n" for i, card in cards)
+    (clip / "truth.csv").write_text("frame,id,x_m,y_m,height_m\n" + truth)
+    monkeypatch.setattr("planview.commands.demo.CLIP", clip)
+    with pytest.raises(SystemExit):
+        main(["demo", "--out", str(out), "--json"])
+    metrics = json.loads(capsys.readouterr().out)
+    assert metrics["significant_errors"]["total"] == 0
+    assert metrics["position_error_mean_m"] < 0.15
+    assert {"tracks.csv", "run.json", "run.rrd", "report.html", "decisions.csv"} <= {f.name for f in out.iterdir()}
+
+
+def test_demo_without_its_clip_is_refused(say: Say, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("planview.commands.demo.CLIP", tmp_path / "none")
+    status, told = say("demo", "--out", tmp_path / "out")
+    assert status == 2
+    assert "demo clip" in one_sentence(told)
+
+
+def test_sweep_keeps_finished_runs_and_refuses_those_of_other_parameters(say: Say, copy: Path, tmp_path: Path) -> None:
+    out, config = tmp_path / "sweep", tmp_path / "c.toml"
+    config.write_text("[analysis]\nsetup_frames = 4\n")
+    words = ["sweep", copy, "--out", out, "--config", config, "--vary", "maps.cell_m=0.03,0.05"]
+    assert say(*words)[0] == 0
+    tracks = sorted(out.glob("copy/*/tracks.csv"))
+    assert [file.parent.name for file in tracks] == ["maps.cell_m-0.03", "maps.cell_m-0.05"]
+    made = [file.stat().st_mtime_ns for file in tracks]
+    assert say(*words)[0] == 0
+    assert [file.stat().st_mtime_ns for file in tracks] == made
+    config.write_text("[analysis]\nsetup_frames = 5\n")
+    status, told = say(*words)
+    assert status == 2
+    assert "other parameters" in one_sentence(told)
+
+
+@pytest.mark.parametrize("vary", ["maps.no_such=1,2", "maps.cell_m", "maps.cell_m=0.03,0.03"])
+def test_sweep_refuses_wrong_settings_before_it_runs(say: Say, copy: Path, tmp_path: Path, vary: str) -> None:
+    status, told = say("sweep", copy, "--out", tmp_path / "sweep", "--vary", vary)
+    assert status == 2
+    assert one_sentence(told)
+    assert not (tmp_path / "sweep").exists()
+
+
+def test_view_of_a_run_without_rerun_recording_is_refused(say: Say, tmp_path: Path) -> None:
+    prepare_folder(tmp_path / "out", overwrite=False)
+    status, told = say("view", tmp_path / "out")
+    assert status == 2
+    assert "--rrd" in one_sentence(told)

@@ -1,0 +1,123 @@
+"""``planview run`` on a full disk and when it is interrupted: nothing finished is lost."""
+
+import errno
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import sysconfig
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from toy_run import EMPTY, FEW, FRAMES, Say, one_sentence, rows_in, run_few
+
+from calib.errors import WorkError
+from planview.pipeline import Pipeline
+from planview.run import run
+from planview.run_info import read_run_info
+from planview.tracks import read_tracks
+
+
+def test_tracks_end_with_a_whole_frame_when_the_disk_fills_up(
+    say: Say, copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left, write = [1500], os.write
+
+    def limited(descriptor: int, data: bytes) -> int:
+        if descriptor < 3:
+            return write(descriptor, data)
+        if left[0] == 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        n = write(descriptor, data[: left[0]])
+        left[0] -= n
+        return n
+
+    monkeypatch.setattr(os, "write", limited)
+    out = tmp_path / "out"
+    status, told = run_few(say, copy, out)
+    assert status == 1
+    assert "No space left on device" in one_sentence(told)
+    assert (out / "tracks.csv").read_bytes().endswith(b"\n")
+    tracks = read_tracks(out / "tracks.csv")
+    assert 5 < len(tracks) < FRAMES - EMPTY
+    assert not read_run_info(out / "run.json").finished
+    assert not (out / "report.html").exists()
+
+
+@pytest.fixture
+def tiny_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 32 kB, where one may be mounted."""
+    place = tmp_path / "tiny"
+    place.mkdir()
+    mount = shutil.which("mount")
+    done = mount and subprocess.run([mount, "-t", "tmpfs", "-o", "size=32k", "none", place], capture_output=True)
+    if not done or done.returncode:
+        pytest.skip("a tiny file system may not be mounted here")
+    yield place
+    subprocess.run(["umount", "-l", place], check=True)
+
+
+def test_a_disk_without_room_for_the_report_leaves_no_half_page(say: Say, copy: Path, tiny_disk: Path) -> None:
+    status, told = run_few(say, copy, tiny_disk / "out")
+    assert status == 1
+    assert "No space left" in one_sentence(told)
+    left = {file.name for file in (tiny_disk / "out").iterdir()}
+    assert left <= {"tracks.csv", "run.json"}
+    read_tracks(tiny_disk / "out" / "tracks.csv")
+    read_run_info(tiny_disk / "out" / "run.json")
+
+
+def test_a_full_disk_from_the_start_is_told(say: Say, copy: Path, tiny_disk: Path) -> None:
+    (tiny_disk / "ballast").write_bytes(bytes(32 * 1024))
+    status, told = run_few(say, copy, tiny_disk / "out")
+    assert status == 1
+    assert "No space left" in one_sentence(told)
+    assert "run.json" not in {file.name for file in (tiny_disk / "out").iterdir()}
+
+
+def test_rerun_is_stopped_before_the_disk_is_full(
+    engine: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from planview import rerun_log
+
+    room = iter([200 << 20] * 4 + [10 << 20] * 100)
+    monkeypatch.setattr(rerun_log.shutil, "disk_usage", lambda _: SimpleNamespace(free=next(room)))
+    with pytest.raises(WorkError, match=r"run\.rrd: expected at least 64 MB of free disk, found 10"):
+        run(engine, tmp_path, log=rerun_log.RerunLog(engine, tmp_path / "run.rrd"))
+    assert not read_run_info(tmp_path / "run.json").finished
+    rerun = Path(sysconfig.get_path("scripts")) / "rerun"
+    assert subprocess.run([rerun, "rrd", "verify", tmp_path / "run.rrd"], timeout=60).returncode == 0
+
+
+# Interruption
+
+
+def test_interruption_leaves_valid_files_and_says_so(recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = ["run", str(recording), "--out", str(out), "--set", FEW, "--rrd"]
+    # Slow frames, so that the signal meets the run in its middle on any machine.
+    program = (
+        "import sys, time\nfrom planview.progress import FrameProgress\nfrom planview.cli import main\n"
+        "shown = FrameProgress.__call__\n"
+        "FrameProgress.__call__ = lambda self, result: (shown(self, result), time.sleep(0.2))[0]\n"
+        f"main({words!r})\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", program], stderr=subprocess.PIPE, text=True)
+    waited = time.monotonic() + 120
+    while time.monotonic() < waited and process.poll() is None and rows_in(out / "tracks.csv") < 3:
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert one_sentence(told) == "planview: interrupted"
+    info = read_run_info(out / "run.json")
+    assert not info.finished and 0 < info.frames_read < FRAMES
+    tracks = read_tracks(out / "tracks.csv")
+    assert len(tracks) >= 3 and tracks.frame.max() < FRAMES - 1
+    assert not (out / "report.html").exists()
+    rerun = Path(sysconfig.get_path("scripts")) / "rerun"
+    assert subprocess.run([rerun, "rrd", "verify", out / "run.rrd"], timeout=60).returncode == 0

@@ -1,0 +1,35 @@
+"""A small exact recording on which commands are tried, and how to try them."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from calib.types import U8
+from planview.pipeline import Pipeline
+
+FRAMES = 36
+EMPTY = 10
+FEW = "analysis.setup_frames=4"
+Pair = tuple[U8, U8]
+Say = Callable[..., tuple[int, str]]
+
+
+def write_world(engine: Pipeline, folder: Path) -> None:
+    from calib.world_file import save_world
+
+    save_world(engine.setup.floor, folder / "world.toml")
+
+
+def one_sentence(told: str) -> str:
+    """The last line; a refusal is one line that follows no traceback."""
+    assert "Traceback" not in told
+    lines = [line for line in told.splitlines() if line.startswith("planview: ")]
+    assert len(lines) == 1
+    return lines[0]
+
+
+def run_few(say: Say, recording: Path, out: Path, *more: object) -> tuple[int, str]:
+    return say("run", recording, "--out", out, "--set", FEW, *more)
+
+
+def rows_in(file: Path) -> int:
+    return file.read_text().count("\n") - 1 if file.exists() else 0
