@@ -9,6 +9,7 @@ import numpy as np
 from calib.types import F64, I64, Bool
 from planview.ellipses import SizePrior
 from planview.tracking.base import Decision, DecisionKind
+from planview.tracking.ellipse_particle.explain import measured_shares
 from planview.tracking.ellipse_particle.groups import group, overlaps
 from planview.tracking.ellipse_particle.life import Life, birth, gone
 from planview.tracking.ellipse_particle.params import FilterParams, LifeParams
@@ -156,6 +157,24 @@ class Objects:
                 waited = max(life.unseen_s, life.shared_s)
                 why = f"unseen or shared for {waited:.1f} s, left with probability {probability:.2f}"
                 self.say(life, "removed", why, probability)
+        self.keep(keep)
+
+    def resize(self, before: SizePrior, after: SizePrior, limit: float, shape: tuple[int, int]) -> None:
+        """Forget objects that are doubles now that another size is expected.
+
+        Where the expected size changes by more than ``limit``, either way, several objects may have been found in one
+        person; of those only the oldest stays, and others that it leaves enough of.
+        """
+        rows = self.states[:, 1]
+        changed = np.abs(np.log(after.half_lengths(rows) / before.half_lengths(rows))) > math.log(limit)
+        if not changed.any():
+            return
+        ellipses = self.ellipses(after)
+        everywhere = np.array([[shape[1] / 2, shape[0] / 2, 2.0 * max(shape), 2.0 * max(shape), 0.0]])
+        own = measured_shares(everywhere, ellipses, shape)[:, 1]
+        keep = ~changed | (own >= self._params.seen_overlap)
+        for n in np.flatnonzero(~keep):
+            self.say(self.lives[n], "removed", "people here are larger than was believed: an older object has it")
         self.keep(keep)
 
     def keep(self, keep: Bool) -> None:

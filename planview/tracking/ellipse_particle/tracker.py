@@ -99,13 +99,15 @@ class EllipseParticleTracker:
         self._view = view
         if view is None:
             return ()
-        unknown = self._prior is None
+        before = self._prior
         self._measured = self._measure(view, observation)
         if self._prior is None:
             self._unsized = [*self._unsized, (dt, view)][-REPLAYED:]
             return ()
-        if unknown:
+        if before is None:
             self._replay(self._prior, observation)
+        else:
+            self._objects.resize(before, self._prior, self._fit.size_limit, view.mask.shape)
         self._follow(dt, view, self._prior, observation)
         self._outlines = self._people(view, self._prior)
         self._plane.protect(self._outlines)

@@ -16,6 +16,8 @@ from planview.tracking.ellipse_particle import (
 )
 from planview.tracking.ellipse_particle.background import Background
 from planview.tracking.ellipse_particle.length import length_shown
+from planview.tracking.ellipse_particle.objects import Objects
+from planview.tracking.ellipse_particle.params import LifeParams
 from planview.tracking.ellipse_particle.planes import ImagePlane
 from planview.tracking.ellipse_particle.size_learning import SizeLearner, log_density, weights
 
@@ -121,6 +123,16 @@ def test_size_is_that_of_one_person_where_people_hide_one_another():
         prior = learner.update(paint_union(people, (100, 120)).astype(np.float32), frame / 10)
     assert prior is not None
     assert prior.half_length(45) == pytest.approx(10, rel=0.1)
+
+
+def test_doubles_are_forgotten_when_people_prove_larger():
+    objects = Objects(FEW, LifeParams(), np.random.default_rng(0))
+    for x, y in ((20.0, 20.0), (60.0, 50.0), (60.0, 42.0), (30.0, 50.0)):
+        objects.bear(np.array([x, y, 4, 1.6, 0]), 0.7, 1, SizePrior(4.0, 0.0, 0.4), 12.0, "")
+    # Half lengths of 4 everywhere; then of 5 in row 20 and 17 in row 50, where two of them fall on one person.
+    objects.resize(SizePrior(4.0, 0.0, 0.4), SizePrior(-3.0, 0.4, 0.4), 1.4, (60, 80))
+    assert [life.track_id for life in objects.lives] == [1, 2, 4]
+    assert objects.decisions[-1].kind == "removed"
 
 
 def test_density_of_lengths_is_largest_for_one_person_and_group_beats_speck():
