@@ -133,11 +133,11 @@ def claim(prefix: F64, ellipses: F64, order: I64, out: F64) -> None:
 
 
 @njit(cache=True, nogil=True)
-def shown_rows(mask: F32, ellipses: F64, order: I64, shared: bool, least: float, out: F64) -> None:
+def shown_rows(mask: F32, ellipses: F64, order: I64, least: float, out: F64) -> None:
     """Per ellipse: rows in which it shows, and its rows in the grid; out (N, 2).
 
-    It shows in a row when the values that are in no ellipse earlier in the order, or all of them when ``shared``, make
-    up the share ``least`` of the row's cells.
+    It shows in a row when the values that are in no ellipse earlier in the order make up the share
+    ``least`` of the row's cells.
     """
     n_rows, n_cols = mask.shape
     taken = np.zeros((n_rows, n_cols), dtype=np.uint8)
@@ -152,7 +152,7 @@ def shown_rows(mask: F32, ellipses: F64, order: I64, shared: bool, least: float,
             c1 = min(n_cols - 1, math.floor(hi + x))
             total = 0.0
             for c in range(c0, c1 + 1):
-                if shared or taken[r, c] == 0:
+                if taken[r, c] == 0:
                     taken[r, c] = 1
                     total += mask[r, c]
             if c1 >= c0:

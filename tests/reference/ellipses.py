@@ -42,14 +42,14 @@ def exclusive(values: F32, ellipses: F64) -> F64:
     )
 
 
-def shown_rows(mask: F32, ellipses: F64, order: list[int], shared: bool, least: float) -> F64:
-    """Rows filled to the share ``least`` with values that no earlier ellipse has (or any, when shared); rows."""
+def shown_rows(mask: F32, ellipses: F64, order: list[int], least: float) -> F64:
+    """Rows filled to the share ``least`` with values that no earlier ellipse has; rows."""
     out = np.zeros((len(ellipses), 2))
     taken = np.zeros(mask.shape, dtype=bool)
     for k in order:
         cells = raster(ellipses[k], mask.shape)
         width = cells.sum(axis=1)
-        total = np.where(cells if shared else cells & ~taken, mask, 0.0).sum(axis=1)
+        total = np.where(cells & ~taken, mask, 0.0).sum(axis=1)
         out[k] = ((width > 0) & (total >= least * width)).sum(), (width > 0).sum()
         taken |= cells
     return out

@@ -8,9 +8,14 @@ from calib.types import F64, Bool
 from planview import _ellipse_kernels as kernels
 from planview.tracking.ellipse_particle.particles import union_prefix
 
+QUARTER = 0.25
+"""An object that is inside the grid by less is not followed."""
+
 
 def measured_shares(measured: F64, objects: F64, shape: tuple[int, int]) -> F64:
     """(N, 2) share of each object's ellipse that is measured, and that is measured and in no older object.
+
+    Of somebody who is cut by the border only the part inside counts, or a quarter where less is inside.
 
     Args:
         measured, objects: (M, 5), (N, 5) ellipses; objects in the order of their birth.
@@ -18,7 +23,7 @@ def measured_shares(measured: F64, objects: F64, shape: tuple[int, int]) -> F64:
     """
     out = np.zeros((len(objects), 4))
     kernels.claim(union_prefix(measured, shape), objects, np.arange(len(objects)), out)
-    area = np.maximum(np.pi * objects[:, 2] * objects[:, 3], 1.0)
+    area = np.maximum(out[:, 0], np.maximum(QUARTER * np.pi * objects[:, 2] * objects[:, 3], 1.0))
     return out[:, 1:3] / area[:, None]
 
 

@@ -141,17 +141,16 @@ class Objects:
         life.seen, life.hidden, life.unseen_s, life.shared_s = True, False, 0.0, 0.0
         self.say(life, "reattached", f"found {away_m:.2f} m from its prediction after {unseen:.1f} s", away_m)
 
-    def bury(self, shape: tuple[int, int]) -> None:
-        """Remove objects that have left; outside the grid at once, since nothing can be measured there."""
-        rows, cols = shape
+    def bury(self, shape: tuple[int, int], prior: SizePrior) -> None:
+        """Remove objects that have left; at once those of which less than a quarter is inside the grid."""
+        outside = self._outside(shape, prior)
         keep = np.ones(len(self), dtype=np.bool_)
         for n, life in enumerate(self.lives):
-            x, y = self.states[n, :2]
             probability = gone(life, self._params)
             limit = self._params.leave if life.confirmed else self._params.believe
-            if not (-0.5 <= x <= cols - 0.5 and -0.5 <= y <= rows - 0.5) or not math.isfinite(x + y):
+            if outside[n]:
                 keep[n] = False
-                self.say(life, "removed", "its centre has left the view")
+                self.say(life, "removed", "it has left the view")
             elif probability > limit:
                 keep[n] = False
                 waited = max(life.unseen_s, life.shared_s)
@@ -159,11 +158,19 @@ class Objects:
                 self.say(life, "removed", why, probability)
         self.keep(keep)
 
+    def _outside(self, shape: tuple[int, int], prior: SizePrior) -> Bool:
+        """(N,) objects that are out of the grid but for a quarter: by 0.4 of the half length or width."""
+        x, y = self.states[:, 0], self.states[:, 1]
+        dy = 0.4 * prior.half_lengths(y)
+        dx, (rows, cols) = dy * prior.aspect, shape
+        inside = (x >= -0.5 - dx) & (x <= cols - 0.5 + dx) & (y >= -0.5 - dy) & (y <= rows - 0.5 + dy)
+        return np.asarray(~inside)
+
     def resize(self, before: SizePrior, after: SizePrior, limit: float, shape: tuple[int, int]) -> None:
         """Forget objects that are doubles now that another size is expected.
 
         Where the expected size changes by more than ``limit``, either way, several objects may have been found in one
-        person; of those only the oldest stays, and others that it leaves enough of.
+        person; of those only the oldest stays, and others of which it covers little.
         """
         rows = self.states[:, 1]
         changed = np.abs(np.log(after.half_lengths(rows) / before.half_lengths(rows))) > math.log(limit)
@@ -172,7 +179,7 @@ class Objects:
         ellipses = self.ellipses(after)
         everywhere = np.array([[shape[1] / 2, shape[0] / 2, 2.0 * max(shape), 2.0 * max(shape), 0.0]])
         own = measured_shares(everywhere, ellipses, shape)[:, 1]
-        keep = ~changed | (own >= self._params.seen_overlap)
+        keep = ~changed | (own >= 1.0 - self._params.seen_overlap)
         for n in np.flatnonzero(~keep):
             self.say(self.lives[n], "removed", "people here are larger than was believed: an older object has it")
         self.keep(keep)

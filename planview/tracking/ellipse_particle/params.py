@@ -112,8 +112,8 @@ class LifeParams(Params):
     """Image plane: share of a person's length that must show of a new object, outside what others cover. Our choice: a
     person from the knees up; a suitcase has less."""
     least_length: float = Field(0.5, ge=0, le=1)
-    """Image plane: the same of a known object, which it may share with others; what is shorter for longer than
-    ``occluded_patience_s`` is a thing that somebody put down. Our choice: a person from the hips up."""
+    """Image plane: the same of a known object; what is shorter shares its measurement with an older one (occlusion), or
+    is a thing, and is gone after ``occluded_patience_s``. Our choice: a person from the hips up."""
     patience_s: float = Field(2.0, gt=0, le=600)
     """Mean N_t of the Gamma distribution: time unseen after which an object has left [s]. Our choice."""
     occluded_patience_s: float = Field(4.0, gt=0, le=600)

@@ -217,19 +217,15 @@ class EllipseParticleTracker:
         for ellipse in self._measured[left]:
             if self._separate(view.to_plane(ellipse[:2]), view, observation):
                 self._bear(ellipse, int(left.sum()), view, prior)
-        objects.bury(shape)
+        objects.bury(shape, prior)
 
     def _long(self, view: PlaneView, prior: SizePrior) -> Bool:
-        """(N,) whether so much of each object's length shows as a person does, in the image.
-
-        Of those believed what they share with others counts as theirs; of the others it does not.
-        """
+        """(N,) whether so much of each object's length shows as a person does, outside older ones, in the image."""
         if self._params.plane == "floor":
             return np.ones(len(self._objects), dtype=np.bool_)
         ellipses, p = self._objects.ellipses(prior), self._params.life
-        new = length_shown(view.mask, ellipses, np.arange(len(ellipses)), prior) >= p.newcomer_length
-        known = length_shown(view.mask, ellipses, None, prior) >= p.least_length
-        return np.where(self._objects.that(confirmed=True), known, new)
+        least = np.where(self._objects.that(confirmed=True), p.least_length, p.newcomer_length)
+        return length_shown(view.mask, ellipses, np.arange(len(ellipses)), prior) >= least
 
     def _long_enough(self, view: PlaneView, prior: SizePrior, left: Bool) -> Bool:
         """(M,) the same of the measurements, of which the unexplained are left what the others do not cover."""

@@ -150,13 +150,12 @@ def test_refine_agrees_with_its_twin():
     np.testing.assert_allclose(start, expected, atol=1e-6)
 
 
-@pytest.mark.parametrize("shared", [True, False])
-def test_shown_rows_agree_with_their_twin(shared):
+def test_shown_rows_agree_with_their_twin():
     rng = np.random.default_rng(3)
     mask, ellipses, order = random_mask(rng), random_ellipses(rng, 5), np.array([3, 0, 1, 4, 2])
     out = np.zeros((5, 2))
-    kernels.shown_rows(mask, ellipses, order, shared, 0.5, out)
-    np.testing.assert_array_equal(out, reference.shown_rows(mask, ellipses, order.tolist(), shared, 0.5))
+    kernels.shown_rows(mask, ellipses, order, 0.5, out)
+    np.testing.assert_array_equal(out, reference.shown_rows(mask, ellipses, order.tolist(), 0.5))
 
 
 def test_propagate_agrees_with_its_twin():
