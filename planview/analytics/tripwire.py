@@ -12,6 +12,14 @@ from planview.analytics.events import Direction
 from planview.analytics.geometry import PlaneName
 from planview.analytics.people import Sighting
 
+MAX_SPEED_MPS = 8.0
+JUMP_M = 1.0
+"""Nobody steps over a line faster [m/s], by more than noise [m]: a tracker has corrected itself (our choice: a sprint,
+and ten times the noise of a good tracker)."""
+PUT_BACK_S = 2.0
+"""Who jumps back so soon after a crossing was put back [s]; a jump at another time makes up for a crossing. Our
+choice."""
+
 
 @dataclass(frozen=True)
 class Crossing:
@@ -68,12 +76,15 @@ class WireState:
         self._last: _At | None = None
         self._net = 0  # passages through the wire since the side was decided, 1 to the left, -1 to the right
         self._passed: tuple[int, float] = (0, 0.0)
+        self._jumped = False  # whether the last passage was too fast for a person
+        self._put_back = 0  # side from which a jump took the person, who will walk there again
+        self._crossed_s = -math.inf
 
     def update(self, sighting: Sighting) -> Crossing | None:
         """A crossing once the person is far enough on the other side, dated to when the line was passed.
 
         Who goes round the end of the line passes its extension, which counts nothing; whoever turns back within the
-        hysteresis has not crossed.
+        hysteresis has not crossed. Who is put back over the line in a jump crosses it again without counting again.
         """
         now = self._wire.locate(sighting)
         if now is None:
@@ -88,6 +99,11 @@ class WireState:
         self._side, self._net = side, 0
         if before in (0, side) or net * side <= 0:
             return None
+        back = self._jumped and self._passed[1] - self._crossed_s <= PUT_BACK_S
+        again, self._put_back = self._put_back == side, before if back else 0
+        if again or back:
+            return None
+        self._crossed_s = self._passed[1]
         return Crossing(*self._passed, "right_to_left" if side > 0 else "left_to_right")
 
     def _pass(self, a: _At, b: _At) -> None:
@@ -97,4 +113,6 @@ class WireState:
         if 0.0 <= a.along + part * (b.along - a.along) <= 1.0:
             self._net += 1 if b.side_m >= 0 else -1
             moment = a.timestamp_s + part * (b.timestamp_s - a.timestamp_s)
+            step_m = abs(b.side_m - a.side_m)
+            self._jumped = step_m > JUMP_M and step_m > MAX_SPEED_MPS * (b.timestamp_s - a.timestamp_s)
             self._passed = math.ceil(a.frame + part * (b.frame - a.frame)), moment

@@ -69,6 +69,20 @@ def test_flicker_on_the_line_counts_nothing() -> None:
     assert crossings(way([1.0, 0.5] + [0.2, -0.2] * 20 + [0.5, 1.0])) == []
 
 
+def test_person_put_back_over_the_line_in_a_jump_counts_once() -> None:
+    ys = [1.0, 0.8, 0.5, 0.1, -0.3, -0.5, 1.0, 0.8, 0.5, 0.1, -0.3, -0.6, -1.0]
+    assert crossings(way(ys)) == [(1, "left_to_right")]
+
+
+def test_jump_over_the_line_without_a_crossing_before_counts() -> None:
+    assert crossings(way([1.0, 0.9, 0.8, 0.7, 0.6, 0.5, -0.8, -0.9, -1.0])) == [(1, "left_to_right")]
+
+
+def test_person_who_walks_back_soon_counts_both_ways() -> None:
+    ys = [0.6, 0.3, 0.0, -0.3, -0.5, -0.3, 0.0, 0.3, 0.6]
+    assert crossings(way(ys)) == [(1, "left_to_right"), (1, "right_to_left")]
+
+
 def test_crossing_after_hesitation_on_the_line_counts_once() -> None:
     assert crossings(way([1.0, 0.5] + [0.2, -0.2] * 20 + [-0.5, -1.0])) == [(1, "left_to_right")]
 
