@@ -30,7 +30,7 @@ class FrameCounts:
 
     @property
     def error(self) -> float:
-        """Share of frames with the wrong number (the counting error of del-Blanco et al. 2012, table III)."""
+        """Share of frames with the wrong number (the counting error of del-Blanco et al. 2012, table I)."""
         return self.wrong / self.frames if self.frames else 0.0
 
 
