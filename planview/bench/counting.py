@@ -18,12 +18,13 @@ from planview.analytics.rules import load_rules, parse_rules
 from planview.analytics.scoring import CountScores, CrossingScores, OccupancyGroup, score_counts, score_events
 from planview.analytics.totals import Counts
 from planview.bench.accuracy import SCENES, RenderOptions, rendered
+from planview.bench.counting_figures import BusiestFrame, write_models, write_occupancy
 from planview.bench.frame_counts import FrameCounts, count_frames
 from planview.config import Config
 from planview.engines import open_engine
 from planview.evaluation.layouts import read_laboratory
 from planview.output import prepare_folder
-from planview.pipeline import SingleCameraPipeline
+from planview.pipeline import FrameResult, SingleCameraPipeline
 from planview.run import RunOptions
 from planview.run import run as run_engine
 from planview.tracks import Trajectories, read_tracks, read_truth
@@ -135,6 +136,7 @@ def score_view(
     tell: Tell,
     tracker: SingleTracker = "human-model",
     folder: Path = SINGLE,
+    figures: Path | None = None,
 ) -> CountingTable:
     """Render a single camera's scene, track it, count, and score the counts.
 
@@ -142,31 +144,49 @@ def score_view(
         options: of rendering.
         out: gets a folder with the run.
         tell: takes messages of progress.
+        figures: gets NAME-models.jpg of the frame with the most people, and NAME-ZONE.png of numbers over time.
     Raises:
         InputError: the scene or its rules are refused.
     """
     recording = rendered(load_scene(folder / f"{name}.toml"), name, options, tell)
     tell(f"tracking {name}")
-    engine = _tracked(recording, out / name, config, tracker, recording / "camera.toml")
+    engine = _open(recording, config, tracker, recording / "camera.toml")
+    busiest = BusiestFrame(engine.tracker) if figures is not None else None
+    _track(engine, out / name, tracker, busiest)
     rules = load_rules(folder / f"{name}.rules.toml", Plane(engine.camera))
     tracks, truth = read_tracks(out / name / "tracks.csv"), read_truth(recording / "truth.csv")
     clock, n_frames = Clock(tracks, engine.recording.fps), options.frames or engine.recording.n_frames
     found = count_tracks(tracks, rules, clock=clock, n_frames=n_frames)
     true = count_truth(truth, rules, clock, n_frames=n_frames)
+    if figures is not None and busiest is not None:
+        _draw(figures, name, busiest, true, found)
     table = table_of(name, score_counts(true, found, WINDOW_S))
     return table + CountingTable((), (), (count_frames(name, tracks, truth, n_frames),))
 
 
-def _tracked(
-    recording: Path, place: Path, config: Config, tracker: SingleTracker, camera: Path | None
-) -> SingleCameraPipeline:
-    """Run a single-camera tracker into a folder."""
-    prepare_folder(place, overwrite=True)
+def _draw(folder: Path, name: str, busiest: BusiestFrame, true: Counts, found: Counts) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    if busiest.picture is not None:
+        write_models(folder / f"{name}-models.jpg", busiest.picture)
+    times = found.span.frame_times()
+    for zone in found.rules.zones:
+        series = true.occupancy(zone.name, times), found.occupancy(zone.name, times)
+        write_occupancy(folder / f"{name}-{zone.name}.png", zone.name, times, *series)
+
+
+def _open(recording: Path, config: Config, tracker: SingleTracker, camera: Path | None) -> SingleCameraPipeline:
     engine = open_engine(recording, tracker, config, camera)
     if not isinstance(engine, SingleCameraPipeline):
         raise InputError(f"{recording}: expected the recording of a single camera, found a stereo pair")
-    run_engine(engine, place, RunOptions(tracker=tracker))
     return engine
+
+
+def _track(
+    engine: SingleCameraPipeline, place: Path, tracker: SingleTracker, watch: Callable[[FrameResult], None] | None
+) -> None:
+    """Run a single-camera tracker into a folder."""
+    prepare_folder(place, overwrite=True)
+    run_engine(engine, place, RunOptions(tracker=tracker), watch=watch)
 
 
 def score_trajectories(data: Path, noise_m: float = 0.10, drop: float = 0.3, seed: int = 0) -> CountingTable:
@@ -222,7 +242,8 @@ def score_pavement(clip: Path, out: Path, config: Config, tracker: SingleTracker
         out: gets a folder with the run.
         camera: camera.toml of the clip; without one, the line is applied in the image to the feet of boxes.
     """
-    engine = _tracked(clip, out / "pavement", config, tracker, camera)
+    engine = _open(clip, config, tracker, camera)
+    _track(engine, out / "pavement", tracker, None)
     wire = {"name": "y = 200", "from_px": [0.0, 200.0], "to_px": [399.0, 200.0]}
     plane = Plane(engine.camera, engine.recording.size)
     found = count_tracks(

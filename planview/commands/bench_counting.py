@@ -40,6 +40,7 @@ def bench_counting(
     scenes: Path = SINGLE,
     cache: Path | None = None,
     out: Path | None = None,
+    figures: Path | None = None,
     config: Path | None = None,
     set_: Annotated[Sequence[str], Parameter(name="--set")] = (),
     json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
@@ -70,6 +71,8 @@ def bench_counting(
         Folder for rendered recordings; the user's cache by default.
     out
         Folder that keeps the runs; a temporary one by default.
+    figures
+        Folder that gets pictures of the rendered views: models over the busiest frame, numbers of people over time.
     config
         TOML file with parameters of the pipeline.
     set_
@@ -84,7 +87,7 @@ def bench_counting(
     with tempfile.TemporaryDirectory() as temporary, messages.status("...") as status:
         place, options = out or Path(temporary), RenderOptions(cache or cache_folder(), frames=frames)
         for name in scene_names(scene, scenes):
-            table += score_view(name, options, place, settings, status.update, tracker, scenes)
+            table += score_view(name, options, place, settings, status.update, tracker, scenes, figures)
         if data is not None:
             status.update("counting trajectories")
             table += score_trajectories(data / "trajectories")
