@@ -76,7 +76,6 @@ class _Progress:
         for stage, duration in result.stages_ms.items():
             self.stages.setdefault(stage, []).append(duration)
 
-
     def remark(self) -> str:
         """Why nobody was found; empty when somebody was."""
         if self.people or not self.frames:

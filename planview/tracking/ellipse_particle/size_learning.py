@@ -32,6 +32,8 @@ STEEPEST = 1.5
 """Length gained per row, more than a camera 2 m above the floor sees: k / (1 - k/2), k = 1.7 m / 2 m."""
 FILLED = 0.75
 """Share of its ellipse that a silhouette fills. Our choice: measured 0.7 to 0.8 on people walking in all directions."""
+THINNEST = 0.2
+"""Least width over length of a person from any side: 0.3 m of 1.7 m, and limbs. Thinner are poles and their shadows."""
 AGREE = 1.5
 """Deviations within which a region is taken for one person."""
 
@@ -99,7 +101,7 @@ class SizeLearner:
         level, slope = line(x, y, weight[inliers] * nearness, tilted)
         aspect = np.median(area[inliers] / (FILLED * math.pi / 4 * y * y))
         least = max(1.0, 0.4 * float(np.percentile(y, 5)))
-        return SizePrior(level / 2, slope / 2, float(np.clip(aspect, 0.15, 1.0)), least)
+        return SizePrior(level / 2, slope / 2, float(np.clip(aspect, THINNEST, 1.0)), least)
 
 
 def lines(row: F64, length: F64, n_rows: int) -> tuple[F64, F64]:
@@ -145,6 +147,7 @@ def regions(mask: F32) -> F64:
     left, top, width, height, area = stats[1:].T
     inner = (left > 0) & (top > 0) & (left + width < n_cols) & (top + height < n_rows)
     fits = (area >= 12) & (height <= n_rows / 2) & (width <= n_cols / 2)
+    fits &= area >= THINNEST * FILLED * math.pi / 4 * height**2
     samples = np.column_stack([top + (height - 1) / 2, height, width, area])[inner & fits].astype(np.float64)
     return np.asarray(samples[np.argsort(-samples[:, 3], kind="stable")[:PER_FRAME]])
 

@@ -109,7 +109,9 @@ class Fitter:
         for target, foot in zip(group, position, strict=True):
             walks = target.motion == "moving" and not target.sitting
             place = self._stood_at(target) if walks else foot if target.matches % POSTURE_EVERY == 0 else None
-            if not target.confirmed or place is None:
+            # What others hide of somebody is no sign of sitting.
+            hidden = not target.sitting and target.shared > MAX_SHARED
+            if not target.confirmed or place is None or hidden:
                 continue
             scene.paint(scene.cover, foot, self.drawn(target), -1)
             self._widen(group, position, target, 1)

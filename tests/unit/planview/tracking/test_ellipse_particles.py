@@ -202,3 +202,10 @@ def test_regions_leave_out_what_touches_the_border():
 def test_line_through_two_points_and_its_flat_twin():
     assert line(np.array([0.0, 10]), np.array([2.0, 4]), np.ones(2), tilted=True) == pytest.approx((2.0, 0.2))
     assert line(np.array([0.0, 10]), np.array([2.0, 4]), np.ones(2), tilted=False) == pytest.approx((3.0, 0.0))
+
+
+def test_poles_are_too_thin_to_teach_a_size():
+    mask = np.zeros((60, 80), np.float32)
+    mask[10:30, 10:12] = 1  # 20 long, 2 wide: a tenth
+    mask[20:40, 40:47] = 1  # 20 long, 7 wide: a person
+    np.testing.assert_array_equal(regions(mask), [[29.5, 20, 7, 140]])

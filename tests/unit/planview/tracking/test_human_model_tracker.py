@@ -114,6 +114,14 @@ def test_ids_survive_a_crossing() -> None:
     assert all(after[i] * x < 0 for i, x in before.items())
 
 
+def test_walkers_hidden_by_one_another_do_not_sit_down() -> None:
+    tracker, world = HumanModelTracker(PARAMS, CAMERA, MAP), World()
+    for k in range(5 * FPS):
+        x = -2.5 + 1.0 * k / FPS
+        tracker.update(world.observe(k, [(x, 6.0, RED), (x + 0.25, 6.8, BLUE)]))
+        assert not any(target.sitting for target in tracker.targets)
+
+
 def test_id_survives_a_column_in_front() -> None:
     _, states, kinds = _run(_walker, 4.0, hidden=slice(68, 88))
     assert len({s.track_id for frame in states for s in _confirmed(frame)}) == 1
