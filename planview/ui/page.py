@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ def build_page(session: CalibrationSession, folder: Path) -> None:
         session: what is calibrated.
         folder: where Export writes.
     """
+    # One at a time: what is exported is the camera of everybody drawn so far, and its message stays.
+    solving = asyncio.Lock()
 
     def refresh() -> None:
         image.content = overlay(session)
@@ -36,8 +39,9 @@ def build_page(session: CalibrationSession, folder: Path) -> None:
     async def solve() -> None:
         refresh()
         # In a thread: the page must go on answering, or the browser takes it for dead.
-        await run.io_bound(session.solve)
-        refresh()
+        async with solving:
+            await run.io_bound(session.solve)
+            refresh()
 
     async def on_mouse(event: events.MouseEventArguments) -> None:
         if event.type == "mousedown":
@@ -68,12 +72,13 @@ def build_page(session: CalibrationSession, folder: Path) -> None:
         session.remove_last()
         await solve()
 
-    def on_export() -> None:
-        try:
-            session.export(folder)
-        except InputError as error:
-            session.message = str(error)
-        refresh()
+    async def on_export() -> None:
+        async with solving:
+            try:
+                session.export(folder)
+            except InputError as error:
+                session.message = str(error)
+            refresh()
 
     ui.label(f"planview calibration of {session.name}").classes("text-h6")
     with ui.row().classes("items-center"):

@@ -50,7 +50,7 @@ class Browser:
     def run(self, script: str) -> Any:
         return self._call("POST", f"{self._session}/execute/sync", {"script": script, "args": []})
 
-    def wait(self, script: str, seconds: float = 30.0) -> Any:
+    def wait(self, script: str, seconds: float = 60.0) -> Any:
         until = time.monotonic() + seconds
         while not (value := self.run(script)):
             assert time.monotonic() < until, (
