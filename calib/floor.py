@@ -24,6 +24,9 @@ PARALLEL_DEG = 10.0
 LEANING_DEG = -5.0
 """Below this tilt a camera leans backwards; an overhead mount is off by a few degrees."""
 
+TRIPLES, SCORED = 250, 4000
+"""Planes tried at a time and points that each is held against; bounds on time and memory."""
+
 
 class FloorParams(Params):
     """What counts as a floor."""
@@ -99,7 +102,7 @@ def find_floor(
 ) -> Floor:
     """The floor plane common to many frames.
 
-    Candidates come from RANSAC (open3d); the floor is the lowest plane that a camera looking down with little roll
+    Candidates come from RANSAC; the floor is the lowest plane that a camera looking down with little roll
     could stand above, with next to nothing seen beneath it. It is refined by robust least squares in inverse depth.
     Medians over all frames in cells of the view are fitted, so that people who walk through do not count.
 
@@ -288,24 +291,24 @@ def _rays(cloud: AnyArray, sigma_z: AnyArray | None) -> Rays:
 
 
 def _ransac(points: Rays, params: FloorParams) -> F64:
-    """(3,) q of the plane with most points, found by open3d in (x/z, y/z, 1/z), where planes stay planes.
+    """(3,) q of the plane with most points, in (x/z, y/z, 1/z), where planes stay planes.
 
-    The ray axes are stretched so far that open3d's perpendicular distance is the inverse-depth residual.
+    Ours, since open3d's tries its triples on several threads: which it tries, and so the floor, differed from run to
+    run.
     """
-    import open3d as o3d
-
-    stretch = 1e4
-    sigma = float(np.median(points.sigma))
-    cloud = o3d.geometry.PointCloud(
-        o3d.utility.Vector3dVector(
-            np.column_stack([points.rays[:, :2] * stretch, points.inverse / sigma]),
-        )
-    )
-    o3d.utility.random.seed(0)
-    (a, b, c, d), _ = cloud.segment_plane(params.inlier_sigmas, 3, params.ransac_iterations)
-    if abs(c) < 1e-12:
-        return np.zeros(3)
-    return np.array([-a / c * stretch * sigma, -b / c * stretch * sigma, -d / c * sigma])
+    rng = np.random.default_rng(0)
+    few = np.linspace(0, len(points) - 1, min(len(points), SCORED)).astype(np.int64)
+    rays, inverse, sigma = points.rays[few], points.inverse[few], points.sigma[few]
+    best, most = np.zeros(3), -1
+    for _ in range(-(-params.ransac_iterations // TRIPLES)):
+        three = rng.integers(0, len(points), (TRIPLES, 3))
+        corners = points.rays[three]
+        sound = np.abs(np.linalg.det(corners)) > 1e-9
+        planes = np.linalg.solve(corners[sound], points.inverse[three][sound][..., None])[..., 0]
+        held = (np.abs(planes @ rays.T - inverse) < params.inlier_sigmas * sigma).sum(axis=1)
+        if len(held) and held.max() > most:
+            best, most = planes[int(np.argmax(held))], int(held.max())
+    return np.asarray(best, dtype=np.float64)
 
 
 def _same(a: Plane, b: Plane, points: Rays) -> bool:
