@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import base64
 import json
-import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import JsonValue
 
-from calib.errors import InputError, WorkError
+from calib.errors import InputError
 from calib.types import F64
 from planview import report_plots as plots
 from planview.analytics.clock import Clock
 from planview.analytics.events import Event, read_events
-from planview.run_info import RunInfo, read_run_info
+from planview.run_info import RunInfo, read_run_info, write_whole
 from planview.tracks import Trajectories, read_tracks
 
 _UNITS = {"s": "s", "ms": "ms", "m": "m", "px": "px", "deg": "°", "mps": "m/s"}
@@ -67,13 +66,7 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None) -> Path
     """
     page = _render(_material(folder, evaluation), folder)
     path = folder / "report.html"
-    part = path.with_name("report.html.part")
-    try:
-        part.write_text(page, encoding="utf-8")
-        os.replace(part, path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise WorkError(f"{path}: could not be written: {error.strerror}") from error
+    write_whole(path, page)
     return path
 
 

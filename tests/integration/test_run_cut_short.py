@@ -1,7 +1,5 @@
 """``planview run`` on a full disk and when it is interrupted: nothing finished is lost."""
 
-import errno
-import os
 import shutil
 import signal
 import subprocess
@@ -13,6 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from full_disk import fill_disk_after
 from toy_run import EMPTY, FEW, FRAMES, Say, one_sentence, rows_in, run_few
 
 from calib.errors import WorkError
@@ -25,18 +24,7 @@ from planview.tracks import read_tracks
 def test_tracks_end_with_a_whole_frame_when_the_disk_fills_up(
     say: Say, copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    left, write = [1500], os.write
-
-    def limited(descriptor: int, data: bytes) -> int:
-        if descriptor < 3:
-            return write(descriptor, data)
-        if left[0] == 0:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        n = write(descriptor, data[: left[0]])
-        left[0] -= n
-        return n
-
-    monkeypatch.setattr(os, "write", limited)
+    fill_disk_after(monkeypatch, 1500)
     out = tmp_path / "out"
     status, told = run_few(say, copy, out)
     assert status == 1

@@ -1,11 +1,10 @@
 """The output folder: what is refused, what is left alone, and files that grow by whole frames."""
 
-import errno
-import os
 from pathlib import Path
 from typing import IO
 
 import pytest
+from full_disk import fill_disk_after
 
 from calib.errors import InputError, WorkError
 from planview.output import PRODUCTS, FrameFile, check_folder, finished_run, prepare_folder
@@ -112,17 +111,3 @@ def test_run_json_is_kept_when_its_successor_does_not_fit(tmp_path: Path) -> Non
         finish(tmp_path)
     assert not read_run_info(tmp_path / "run.json").finished
     assert [file.name for file in tmp_path.iterdir()] == ["run.json"]
-
-
-def fill_disk_after(monkeypatch: pytest.MonkeyPatch, room: int) -> None:
-    """Let ``os.write`` write so many bytes more, in part if need be, and then report a full disk."""
-    left, write = [room], os.write
-
-    def limited(descriptor: int, data: bytes) -> int:
-        if left[0] == 0:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        n = write(descriptor, data[: left[0]])
-        left[0] -= n
-        return n
-
-    monkeypatch.setattr(os, "write", limited)

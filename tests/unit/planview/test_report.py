@@ -127,7 +127,7 @@ def test_folder_without_tracks_is_refused(tmp_path: Path) -> None:
 def test_page_that_cannot_be_written_is_work_failed(tmp_path: Path) -> None:
     write_tracks(tmp_path)
     (tmp_path / "report.html").mkdir()
-    with pytest.raises(WorkError, match="could not be written"):
+    with pytest.raises(WorkError, match="cannot be written"):
         write_report(tmp_path)
     assert not (tmp_path / "report.html.part").exists()
 

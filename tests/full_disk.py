@@ -1,0 +1,22 @@
+"""A disk that fills up."""
+
+import errno
+import os
+
+import pytest
+
+
+def fill_disk_after(monkeypatch: pytest.MonkeyPatch, room: int) -> None:
+    """Let ``os.write`` write so many bytes more, in part if need be, and then report a full disk."""
+    left, write = [room], os.write
+
+    def limited(descriptor: int, data: bytes) -> int:
+        if descriptor < 3:  # what pytest and the command say
+            return write(descriptor, data)
+        if left[0] == 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        n = write(descriptor, data[: left[0]])
+        left[0] -= n
+        return n
+
+    monkeypatch.setattr(os, "write", limited)
