@@ -9,7 +9,7 @@ pytest.importorskip("nicegui", reason="the extra ui is not installed")
 from nicegui.testing.user_simulation import user_simulation
 
 from calib.ground_camera import GroundCamera
-from planview.ui.page import build_page
+from planview.ui.page import Page
 from planview.ui.session import CalibrationSession
 from tests.people import standing_people
 
@@ -19,7 +19,7 @@ CAMERA = GroundCamera(640, 480, 500.0, 3.5, math.radians(55), "pinhole")
 @pytest.mark.asyncio
 async def test_page_says_what_to_do_and_exports(tmp_path: Path) -> None:
     session = CalibrationSession("clip.mp4", [np.zeros((480, 640, 3), np.uint8)] * 2, [0, 5], lens="pinhole")
-    async with user_simulation(root=lambda: build_page(session, tmp_path)) as user:
+    async with user_simulation(root=lambda: Page(session, tmp_path)) as user:
         await user.open("/")
         await user.should_see("draw a box around a standing person")
         user.find("Export").click()
@@ -35,7 +35,7 @@ async def test_page_says_what_to_do_and_exports(tmp_path: Path) -> None:
 async def test_page_undo_takes_back_a_person(tmp_path: Path) -> None:
     session = CalibrationSession("clip.mp4", [np.zeros((480, 640, 3), np.uint8)], [0], lens="pinhole")
     session.samples += standing_people(CAMERA, 2)
-    async with user_simulation(root=lambda: build_page(session, tmp_path)) as user:
+    async with user_simulation(root=lambda: Page(session, tmp_path)) as user:
         await user.open("/")
         await user.should_see("2 people")
         user.find("Undo").click()
