@@ -133,11 +133,11 @@ def claim(prefix: F64, ellipses: F64, order: I64, out: F64) -> None:
 
 
 @njit(cache=True, nogil=True)
-def shown_rows(mask: F32, ellipses: F64, order: I64, least: float, out: F64) -> None:
+def shown_rows(mask: F32, ellipses: F64, order: I64, limb: F64, filled: float, out: F64) -> None:
     """Per ellipse: rows in which it shows, and its rows in the grid; out (N, 2).
 
-    It shows in a row when the values that are in no ellipse earlier in the order make up the share
-    ``least`` of the row's cells.
+    It shows in a row when the values that are in no ellipse earlier in the order sum up to ``limb`` (N,) [cells], and
+    to the share ``filled`` of the row's cells where earlier ellipses have as much as ``limb`` of what it covers.
     """
     n_rows, n_cols = mask.shape
     taken = np.zeros((n_rows, n_cols), dtype=np.uint8)
@@ -150,14 +150,17 @@ def shown_rows(mask: F32, ellipses: F64, order: I64, least: float, out: F64) -> 
             lo, hi = span(qxx, qxy, qyy, r - y)
             c0 = max(0, math.ceil(lo + x))
             c1 = min(n_cols - 1, math.floor(hi + x))
-            total = 0.0
+            own = 0.0
+            others = 0.0
             for c in range(c0, c1 + 1):
                 if taken[r, c] == 0:
                     taken[r, c] = 1
-                    total += mask[r, c]
+                    own += mask[r, c]
+                else:
+                    others += mask[r, c]
             if c1 >= c0:
                 out[k, 1] += 1.0
-                if total >= least * (c1 + 1 - c0):
+                if own >= limb[k] and (others < limb[k] or own >= filled * (c1 + 1 - c0)):
                     out[k, 0] += 1.0
 
 

@@ -42,15 +42,17 @@ def exclusive(values: F32, ellipses: F64) -> F64:
     )
 
 
-def shown_rows(mask: F32, ellipses: F64, order: list[int], least: float) -> F64:
-    """Rows filled to the share ``least`` with values that no earlier ellipse has; rows."""
+def shown_rows(mask: F32, ellipses: F64, order: list[int], limb: F64, filled: float) -> F64:
+    """Rows with a limb's breadth that no earlier ellipse has, filled where earlier ones have such too; rows."""
     out = np.zeros((len(ellipses), 2))
     taken = np.zeros(mask.shape, dtype=bool)
     for k in order:
         cells = raster(ellipses[k], mask.shape)
         width = cells.sum(axis=1)
-        total = np.where(cells & ~taken, mask, 0.0).sum(axis=1)
-        out[k] = ((width > 0) & (total >= least * width)).sum(), (width > 0).sum()
+        own = np.where(cells & ~taken, mask, 0.0).sum(axis=1)
+        others = np.where(cells & taken, mask, 0.0).sum(axis=1)
+        shows = (own >= limb[k]) & ((others < limb[k]) | (own >= filled * width))
+        out[k] = ((width > 0) & shows).sum(), (width > 0).sum()
         taken |= cells
     return out
 

@@ -16,10 +16,12 @@ NOISES = 8
 """Pictures of noise, taken in turn."""
 SHADOW = 127
 """OpenCV's label of a shadow."""
-FOREGROUND = np.zeros(256, dtype=np.uint8)
-"""Foreground of each label: a shadow label may be dark clothes just as well, so it speaks neither for nor against a
+UNSURE = 0.4 / 1.4
+"""Foreground share of a shadow label: it may be dark clothes just as well, so it speaks neither for nor against a
 person: s - w (1 - s) = 0 for ``EllipseFitParams.background_weight`` w = 0.4."""
-FOREGROUND[[SHADOW, 255]] = round(255 * 0.4 / 1.4), 255
+FOREGROUND = np.zeros(256, dtype=np.uint8)
+"""Foreground of each label."""
+FOREGROUND[[SHADOW, 255]] = round(255 * UNSURE), 255
 
 
 class Background:

@@ -69,7 +69,8 @@ class Objects:
             self.say(life, "confirmed", f"probability {life.probability:.2f}", life.probability)
         elif life.state == "lost":
             unseen = f"measurements cover {covered:.2f} < {self._params.seen_overlap:.2f} of it"
-            self.say(life, "lost", "an older object covers it" if life.hidden else unseen, covered)
+            hidden = "too little of it shows outside older objects"
+            self.say(life, "lost", hidden if life.hidden else unseen, covered)
 
     def watch_move(self, n: int, prior: SizePrior) -> None:
         """An object has moved when its centre is half a length or a width from its birthplace."""

@@ -153,9 +153,9 @@ def test_refine_agrees_with_its_twin():
 def test_shown_rows_agree_with_their_twin():
     rng = np.random.default_rng(3)
     mask, ellipses, order = random_mask(rng), random_ellipses(rng, 5), np.array([3, 0, 1, 4, 2])
-    out = np.zeros((5, 2))
-    kernels.shown_rows(mask, ellipses, order, 0.5, out)
-    np.testing.assert_array_equal(out, reference.shown_rows(mask, ellipses, order.tolist(), 0.5))
+    limb, out = np.array([0.5, 1.0, 1.5, 2.0, 2.5]), np.zeros((5, 2))
+    kernels.shown_rows(mask, ellipses, order, limb, 0.5, out)
+    np.testing.assert_array_equal(out, reference.shown_rows(mask, ellipses, order.tolist(), limb, 0.5))
 
 
 def test_propagate_agrees_with_its_twin():

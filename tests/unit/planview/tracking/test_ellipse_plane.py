@@ -14,7 +14,7 @@ from planview.tracking.ellipse_particle import (
     FilterParams,
     SizeParams,
 )
-from planview.tracking.ellipse_particle.background import Background
+from planview.tracking.ellipse_particle.background import UNSURE, Background
 from planview.tracking.ellipse_particle.length import length_shown
 from planview.tracking.ellipse_particle.objects import Objects
 from planview.tracking.ellipse_particle.params import LifeParams
@@ -46,6 +46,29 @@ def test_length_shown_in_turn_leaves_nothing_to_a_twin():
     shown = length_shown(painted(WHOLE), twins, np.array([1, 0]), PRIOR)
     assert shown[1] == pytest.approx(1.0, abs=0.1)
     assert shown[0] == 0.0
+
+
+def test_length_shown_counts_rows_of_a_single_leg_but_neither_a_shadow_nor_a_speck():
+    # Of the 29 rows of the ellipse, 16 to 44, a body fills 16 to 27; below there is a leg of 1 cell, 0.1 m of 1.7 m
+    # being 1.8 of 30 cells. Of 11 cells a leg would fill too little.
+    for below, rows in ((1.0, 29), (UNSURE, 12), (0.7, 12)):
+        mask = np.zeros((60, 80), dtype=np.float32)
+        mask[16:28, 30:51] = 1
+        mask[28:45, 30:51] = UNSURE
+        mask[28:45, 40] = below
+        assert length_shown(mask, WHOLE[None], np.array([0]), PRIOR) == pytest.approx([rows / 29], abs=1e-6)
+
+
+def test_length_shown_leaves_to_an_older_one_what_sticks_out_of_it():
+    # Three cells of a broad body are outside the older ellipse, which has all the rest of the second one's.
+    mask = painted([40.0, 30, 15, 9, 0.0])
+    beside = np.array([WHOLE, (43.0, 30, 15, 6, 0.0)])
+    assert length_shown(mask, beside, np.array([0, 1]), PRIOR)[1] < 0.2
+    # Far enough to the side nothing is contested, and the same leg is somebody's.
+    legs = np.zeros((60, 80), dtype=np.float32)
+    legs[16:45, [40, 60]] = 1
+    apart = np.array([WHOLE, (60.0, 30, 15, 6, 0.0)])
+    assert length_shown(legs, apart, np.array([0, 1]), PRIOR) == pytest.approx([1.0, 1.0], abs=0.05)
 
 
 def test_suitcase_is_no_person_and_a_person_is():
