@@ -86,9 +86,18 @@ def _apply(tables: dict[str, Any], override: str) -> None:
     tables[keys[-1]] = value
 
 
+def _over(defaults: dict[str, Any], tables: dict[str, Any]) -> dict[str, Any]:
+    """The defaults with what the tables set: one key of a stage leaves the stage's others as they are."""
+    both = dict(defaults)
+    for key, value in tables.items():
+        nested = isinstance(value, dict) and isinstance(defaults.get(key), dict)
+        both[key] = _over(defaults[key], value) if nested else value
+    return both
+
+
 def _validate(tables: dict[str, Any], source: str) -> Config:
     try:
-        return Config.model_validate(tables)
+        return Config.model_validate(_over(Config().model_dump(), tables))
     except ValidationError as error:
         first = error.errors()[0]
         name = ".".join(str(part) for part in first["loc"])

@@ -29,6 +29,12 @@ def test_an_override_beats_the_file(tmp_path: Path) -> None:
     assert load_config(file, ["maps.cell_m=0.04", "feedback.enabled=false"]).maps.cell_m == 0.04
 
 
+def test_an_override_leaves_the_other_defaults_of_its_stage() -> None:
+    found = load_config(None, ["single_camera.foreground.beta=9"]).single_camera.foreground
+    assert found == Config().single_camera.foreground.model_copy(update={"beta": 9.0})
+    assert found.remove_colour_shadows
+
+
 @pytest.mark.parametrize(
     ("override", "named"),
     [
