@@ -11,6 +11,10 @@ class AnalyticsParams(Params):
     hysteresis_m: float = Field(0.25, ge=0, le=5)
     """How far beyond a line a person must be seen, on both sides, for a crossing [m]. Our choice: half a shoulder's
     breadth, so that the body is across; more than twice the position noise of a good tracker."""
+    zone_hysteresis_m: float = Field(0.15, ge=0, le=5)
+    """How deep inside or outside a zone a person must be seen to come in or go out [m]. Our choice: a little more than
+    the position noise of a tracker. Smaller than for a line: a crossing counted wrongly stays counted, occupancy is
+    right again with the next step, and who walks along the outline is inside all the same."""
     min_age_s: float = Field(0.5, ge=0, le=60)
     """Younger tracks count nothing yet; what they did counts once they are older [s]. Our choice: flickers of
     foreground are shorter, people who cross the view are seen for longer."""

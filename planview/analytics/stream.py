@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from planview.analytics.events import Event
 from planview.analytics.params import AnalyticsParams
 from planview.analytics.people import People, Person, Sighting
-from planview.analytics.rules import Placed, Rules
+from planview.analytics.rules import Rules
 from planview.analytics.tripwire import Wire, WireState
 from planview.analytics.zone import Area, AreaState, Stay
 from planview.tracking.base import TrackState
@@ -37,13 +37,26 @@ class Analytics:
 
     def __init__(self, rules: Rules, params: AnalyticsParams | None = None) -> None:
         self.rules = rules
-        self.params = params or AnalyticsParams()
+        self.params = p = params or AnalyticsParams()
         self._wires = [
-            Wire(rule.name, rule.points, rule.plane, self._hysteresis(rule), self._age(rule))
+            Wire(
+                rule.name,
+                rule.points,
+                rule.plane,
+                _either(rule.hysteresis_m, p.hysteresis_m),
+                _either(rule.min_age_s, p.min_age_s),
+            )
             for rule in rules.tripwires
         ]
         self._areas = [
-            Area(rule.name, rule.points, rule.plane, self._hysteresis(rule), self._age(rule)) for rule in rules.zones
+            Area(
+                rule.name,
+                rule.points,
+                rule.plane,
+                _either(rule.hysteresis_m, p.zone_hysteresis_m),
+                _either(rule.min_age_s, p.min_age_s),
+            )
+            for rule in rules.zones
         ]
         self.reset()
 
@@ -114,8 +127,7 @@ class Analytics:
         self._memory[id(person)] = memory
         return memory
 
-    def _hysteresis(self, rule: Placed) -> float:
-        return self.params.hysteresis_m if rule.hysteresis_m is None else rule.hysteresis_m
 
-    def _age(self, rule: Placed) -> float:
-        return self.params.min_age_s if rule.min_age_s is None else rule.min_age_s
+def _either(own: float | None, common: float) -> float:
+    """A rule's own value, or that of all rules."""
+    return common if own is None else own

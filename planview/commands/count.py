@@ -39,6 +39,7 @@ def count(
     window: float = 1.0,
     interval: float = _DEFAULTS.interval_s,
     hysteresis: float = _DEFAULTS.hysteresis_m,
+    zone_hysteresis: float = _DEFAULTS.zone_hysteresis_m,
     min_age: float = _DEFAULTS.min_age_s,
     fps: float = 30.0,
     out: Path | None = None,
@@ -69,6 +70,8 @@ def count(
         Length of the intervals of the totals, in seconds.
     hysteresis
         How far beyond a line people must be seen on both sides, in metres.
+    zone_hysteresis
+        How deep inside or outside a zone people must be seen to come in or go out, in metres.
     min_age
         Tracks younger than this count nothing yet, in seconds.
     fps
@@ -78,7 +81,7 @@ def count(
     json_output
         Print one JSON object.
     """
-    params = _params(hysteresis_m=hysteresis, min_age_s=min_age, interval_s=interval)
+    params = _params(hysteresis_m=hysteresis, zone_hysteresis_m=zone_hysteresis, min_age_s=min_age, interval_s=interval)
     path = tracks / "tracks.csv" if tracks.is_dir() else tracks
     found = load_tracks(path)
     info = _run_beside(path)
