@@ -22,10 +22,13 @@ class SingleCameraParams(Params):
     """Foreground and motion of one camera (Zhang et al. 2008, section 2)."""
 
     foreground: ForegroundParams = Field(
-        default=ForegroundParams.model_validate({"remove_colour_shadows": True, "shadow_ratio": 0.5})
+        default=ForegroundParams.model_validate(
+            {"remove_colour_shadows": True, "shadow_ratio": 0.5, "luma_noise": 3.0, "chroma_noise": 1.8}
+        )
     )
     """The mixture model, here without depth: shadows are removed by their colour, at most twice as dark as the ground
-    (as OpenCV's MOG2 has it), since dark clothes are like deeper shadows."""
+    (as OpenCV's MOG2 has it), since dark clothes are like deeper shadows. The least noise is that of the sensor alone:
+    where colours are all there is, clothes like the wall behind must be told from it, and noise above is learned."""
     ghosts: GhostParams = GhostParams()
     """What of the foreground is nobody, but where somebody was at the start."""
     motion_level: float = Field(default=10.0, gt=0, le=255)
