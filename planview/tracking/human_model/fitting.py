@@ -10,19 +10,18 @@ from planview.blobs import Blobs
 from planview.tracking.human_model.frame import Decide, Frame
 from planview.tracking.human_model.identity import Mingling
 from planview.tracking.human_model.params import HumanModelParams
+from planview.tracking.human_model.posture import Posture
 from planview.tracking.human_model.scene import Measurement, ModelScene, similarity
 from planview.tracking.human_model.target import FootprintKalman, Target
 
 SILHOUETTE = 2.45
 """Half width over the standard deviation of a silhouette's columns: they fall off about like a triangle, sqrt(6)."""
-POSTURE_EVERY = 4
-"""Frames between two looks at the posture: sitting down takes a second (our choice, for speed)."""
 WIDTH_GAIN = 0.1
 """Share of a frame in the learned width of a person (our choice)."""
 COLOUR_GAIN = 0.1
 """Share of a frame in the learned colours of a person (our choice)."""
 MAX_SHARED = 0.1
-"""Part of a model that others may cover while its colours are learned or it is seen to sit down (our choice)."""
+"""Part of a model that others may cover while its colours are learned (our choice)."""
 
 
 class Fitter:
@@ -33,14 +32,17 @@ class Fitter:
     ) -> None:
         self.params, self.camera, self.scene = params, camera, scene
         self._mingling, self._decide = mingling, decide
+        self._posture = Posture(params, camera, scene, decide)
 
     def predict(self, targets: list[Target], dt_s: float) -> None:
-        """Advance all footprints; who has no blob, or sits, slows down."""
+        """Advance all footprints; who has no blob slows down, who sits stays."""
         for target in targets:
-            p = self.params
-            target.kalman.predict(dt_s, p.posture.acceleration_mps2 if target.sitting else p.match.acceleration_mps2)
-            if not target.matched or target.sitting:
-                target.kalman.state[2:] *= np.exp(-dt_s / p.match.coast_s)
+            if target.seat is not None:
+                self._posture.predict(target, target.seat)
+                continue
+            target.kalman.predict(dt_s, self.params.match.acceleration_mps2)
+            if not target.matched:
+                target.kalman.state[2:] *= np.exp(-dt_s / self.params.match.coast_s)
 
     def fit(self, targets: list[Target], frame: Frame) -> None:
         """Targets with a blob are matched together; those without one may then take what is left."""
@@ -49,27 +51,23 @@ class Fitter:
         lost = [t for t in targets if not t.matched]
         for group in (active, lost):
             if group:
-                self._fit_group(group, frame)
-
-    def drawn(self, target: Target) -> float:
-        """Scale of the model as it is drawn: seated people are lower."""
-        return target.scale * (self.params.posture.sitting if target.sitting else 1.0)
+                self._fit_group(group, targets, frame)
 
     def start(self, foot_px: F64, scale: float) -> FootprintKalman | None:
         """Filter of a new target at a (2,) foot pixel; None where that is not on the floor."""
         xy = self.camera.back_project(foot_px)
         return FootprintKalman(xy, self._floor_noise(foot_px, scale)) if np.isfinite(xy).all() else None
 
-    def _fit_group(self, group: list[Target], frame: Frame) -> None:
+    def _fit_group(self, group: list[Target], targets: list[Target], frame: Frame) -> None:
         position = self.scene.match(frame.evidence, *self._prediction(group))
-        self._sit_or_stand(group, position, frame)
-        scale = np.array([self.drawn(t) for t in group])
+        self._posture.review(group, position, targets, frame)
+        scale = np.array([t.drawn for t in group])
         measured = self.scene.measure(frame.evidence, frame.motion, frame.blobs, position, scale)
         for i, target in enumerate(group):
             if not target.matched and self._is_other(target, position[i], frame):
                 measured.counts[i, 1:] = 0
             self._refine(target, i, measured, frame)
-            self._update(target, i, measured, frame.now_s)
+            self._update(target, i, measured, targets, frame)
             target.score = _score(measured.counts[i], frame.blobs)
             self._learn_width(target, i, measured)
             self._learn_colours(target, i, measured, frame)
@@ -77,7 +75,7 @@ class Fitter:
     def _prediction(self, group: list[Target]) -> tuple[F64, F64, F64, I64]:
         """Foot pixels, scales, covariances [px^2] and the order of targets, nearest to the camera first."""
         xy = np.array([t.kalman.state[:2] for t in group])
-        scale = np.array([self.drawn(t) for t in group])
+        scale = np.array([t.drawn for t in group])
         predicted, jacobian = foot_pixels(self.camera, xy)
         spread = np.array([t.kalman.covariance[:2, :2] for t in group])
         limit = self.params.life.reattach_m**2 / self.params.match.search_sigmas**2
@@ -99,75 +97,23 @@ class Fitter:
         inverse = np.linalg.inv(jacobian[0])
         return np.asarray(noise**2 * inverse @ inverse.T)
 
-    def _sit_or_stand(self, group: list[Target], position: F64, frame: Frame) -> None:
-        """Change the model of who is not walking, or no longer looks it, when the other posture explains more.
-
-        Whoever sits down sinks: the standing model follows the head towards the camera and seems to walk. So the
-        seated one is then tried where the person stood before that.
-        """
-        scene = self.scene
-        for target, foot in zip(group, position, strict=True):
-            walks = target.motion == "moving" and not target.sitting
-            place = self._stood_at(target) if walks else foot if target.matches % POSTURE_EVERY == 0 else None
-            # What others hide of somebody is no sign of sitting.
-            hidden = not target.sitting and target.shared > MAX_SHARED
-            if not target.confirmed or place is None or hidden:
-                continue
-            scene.paint(scene.cover, foot, self.drawn(target), -1)
-            self._widen(group, position, target, 1)
-            now, other = self.drawn(target), target.scale * (1.0 if target.sitting else self.params.posture.sitting)
-            # Whoever rises keeps the head where it is at first: the foot of the seated model is too high for that.
-            places = (foot, scene.below(foot, other - now) if target.sitting else place)
-            best = max(scene.best_near(frame.evidence, p, now, target.scale)[0] for p in places)
-            tried = places if target.sitting else (place,)
-            found = [scene.best_near(frame.evidence, p, other, target.scale) for p in tried]
-            score, at = max(found, key=lambda pair: pair[0])
-            # Where nothing shows, the lower model only has less to miss: it must have a matching blob.
-            least = (2.0 * self.params.match.min_precision - 1.0) * other / target.scale
-            if score - best > self.params.posture.advantage and score > least:
-                foot[:] = at
-                self._change_posture(target, foot, score - best)
-            self._widen(group, position, target, -1)
-            scene.paint(scene.cover, foot, self.drawn(target), 1)
-
-    def _widen(self, group: list[Target], position: F64, target: Target, amount: int) -> None:
-        """Cover what shows beside seated people who share pixels with a target: arms and knees are theirs."""
-        for other, foot in zip(group, position, strict=True):
-            if other is not target and other.sitting and min(other.shared, target.shared) > 0.0:
-                aside = np.array([self.params.match.claim * self.scene.box_width(foot) * self.drawn(other), 0.0])
-                for place in (foot - aside, foot + aside):
-                    self.scene.paint(self.scene.cover, place, self.drawn(other), amount)
-
-    def _stood_at(self, target: Target) -> F64 | None:
-        """Where somebody stood who seems to walk but fills the model badly: who walks on has left that place by now."""
-        first, last = target.trail[0], target.trail[-1]
-        alone = target.matched and target.shared <= MAX_SHARED
-        known = last[0] - first[0] >= 0.5 * self.params.states.window_s
-        if not (alone and known) or target.precision >= self.params.birth.min_precision:
-            return None
-        foot = self.camera.project(np.array([*first[1:3], 0.0]))
-        return foot if self.scene.visibility(foot) == 1.0 else None
-
-    def _change_posture(self, target: Target, foot: F64, gain: float) -> None:
-        """Both take place on the spot: what seemed to be a velocity was the change of height."""
-        target.sitting = not target.sitting
-        kalman = self.start(foot, self.drawn(target))
-        if kalman is not None:
-            target.kalman = kalman
-        self._decide(target, "state", "sits down" if target.sitting else "stands up", gain)
-
     def _is_other(self, target: Target, position: F64, frame: Frame) -> bool:
         """Whether what a target lost for a while could take has another's colours."""
         recent = frame.now_s - target.seen_s < self.params.states.window_s
         if recent or frame.image is None or target.colours is None:
             return False
-        seen = self.scene.colours(frame.image, frame.evidence, position, self.drawn(target))
+        seen = self.scene.colours(frame.image, frame.evidence, position, target.drawn)
         return similarity(target.colours, seen) < self.params.life.alike
 
     def _refine(self, target: Target, i: int, measured: Measurement, frame: Frame) -> None:
         """Lay head and foot of a model on the ends of its blob, and learn the person's height, when all of it shows."""
         p = self.params.match
-        if target.sitting or target.inside < 1.0 or measured.shared[i] > 0 or measured.precision[i] < p.min_precision:
+        if (
+            target.seat is not None
+            or target.inside < 1.0
+            or measured.shared[i] > 0
+            or measured.precision[i] < p.min_precision
+        ):
             return
         found = self.scene.extent(frame.evidence, measured.position[i], target.scale)
         if found is None or found[1] > p.refine_reach or abs(found[2] - 1.0) > p.refine_height:
@@ -177,11 +123,11 @@ class Fitter:
             scale = target.scale * (1.0 + p.height_gain * (found[2] - 1.0))
             target.scale = float(np.clip(scale, self.params.min_height, self.params.max_height))
 
-    def _update(self, target: Target, i: int, measured: Measurement, now_s: float) -> None:
-        p = self.params
+    def _update(self, target: Target, i: int, measured: Measurement, targets: list[Target], frame: Frame) -> None:
+        p, now_s = self.params, frame.now_s
         precision, target.shared = float(measured.precision[i]), float(measured.shared[i])
         hidden = target.matched and 1.0 - target.shared < p.match.min_free
-        target.matched = hidden or precision >= p.match.min_precision
+        target.matched = hidden or precision >= p.match.min_precision or target.seat is not None
         target.foot_px, target.precision = measured.position[i], precision
         target.inside = self.scene.visibility(target.foot_px)
         if target.matched:
@@ -189,11 +135,12 @@ class Fitter:
             target.matches += 1
         if target.matched and not hidden:
             uncertain = target.stability in ("disappearing", "occlusion")
-            noise = self._floor_noise(target.foot_px, self.drawn(target))
+            noise = self._floor_noise(target.foot_px, target.drawn)
             weight = p.states.uncertain_noise**2 if uncertain else 1.0
             target.kalman.update(self.camera.back_project(target.foot_px), weight * noise)
         else:
             target.foot_px = self.camera.project(np.append(target.kalman.state[:2], 0.0))
+        self._posture.watch(target, targets, frame)
         visible = target.inside * (1.0 if hidden else precision)
         target.remember(now_s, float(measured.internal_motion[i]), visible, p.states.window_s)
         self._advance_states(target, float(measured.alone[i]), now_s)
@@ -211,7 +158,7 @@ class Fitter:
     def _learn_width(self, target: Target, i: int, measured: Measurement) -> None:
         _, square, n = measured.extent[i]
         if target.stability == "stable" and target.matched and target.shared == 0 and n > 0:
-            half = 0.5 * self.scene.box_width(target.foot_px) * self.drawn(target)
+            half = 0.5 * self.scene.box_width(target.foot_px) * target.drawn
             ratio = float(np.clip(SILHOUETTE * np.sqrt(square / n) / max(half, 1.0), 1.0, 2.0))
             target.half_width += WIDTH_GAIN * (ratio - target.half_width)
 
@@ -221,7 +168,7 @@ class Fitter:
             return
         if float(measured.precision[i]) < self.params.birth.min_precision:
             return
-        seen = self.scene.colours(frame.image, frame.evidence, target.foot_px, self.drawn(target))
+        seen = self.scene.colours(frame.image, frame.evidence, target.foot_px, target.drawn)
         if self._mingling.busy(target.track_id):
             self._mingling.see(target, seen)
         elif target.colours is None:

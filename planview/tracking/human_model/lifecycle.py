@@ -48,7 +48,7 @@ def why_remove(target: Target, params: HumanModelParams, now_s: float) -> str:
         if target.matches > 2 and max(row[3] for row in target.trail) < birth.min_motion:
             return "does not move"
     # Who sits was seen to stand before, as no chair does.
-    person = target.sitting or target.travel_m >= life.walked_m
+    person = target.seat is not None or target.travel_m >= life.walked_m
     if now_s - target.still_since_s >= (life.asleep_s if person else life.inanimate_s):
         return "stationary: a thing"
     if target.inside < life.gone_visible:

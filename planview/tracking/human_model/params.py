@@ -70,9 +70,17 @@ class PostureParams(Params):
 
     sitting: float = Field(default=0.72, gt=0.3, le=1)
     """Height of the seated model over the standing one. Our choice: 1.27 m from the floor to the top of the head."""
-    acceleration_mps2: float = Field(default=0.5, gt=0, le=20)
-    """Standard deviation of a seated person's acceleration [m/s^2]. Our choice: shifting a chair by 0.25 m in a second;
-    whoever passes in front pushes the seated model aside no further."""
+    place_m: float = Field(default=0.15, gt=0, le=1)
+    """Standard deviation of a seated person's place [m]. Our choice: leaning and turning on a chair; whoever passes in
+    front pushes the seated model aside no further."""
+    apart_m: float = Field(default=0.4, ge=0, le=2)
+    """Least distance between two people who sit [m]. Our choice: a shoulder's breadth."""
+    empty: float = Field(default=0.5, gt=0, lt=1)
+    """Share of the silhouette remembered on a seat below which it looks empty. Our choice: leaning moves less."""
+    empty_s: float = Field(default=0.3, ge=0, le=10)
+    """Time for which it must look so [s]. Our choice: longer than foreground flickers, shorter than two steps."""
+    rising_m: float = Field(default=0.5, gt=0, le=3)
+    """Standard deviation of where somebody is who has just got up [m]. Our choice: half a second of walking."""
     advantage: float = Field(default=0.1, ge=0, le=2)
     """Gain of the matching score, in standing model areas, that makes a person sit down or stand up."""
 

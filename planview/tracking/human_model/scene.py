@@ -161,6 +161,16 @@ class ModelScene:
         best = int(np.argmax(gains))
         return float(gains[best]), near[best, :2]
 
+    def window(self, position: F64, scale: float) -> tuple[slice, slice]:
+        """Rows and columns of the model's box inside the image; empty where no person is possible."""
+        hull = self.hull(position, scale)
+        if hull is None:
+            return slice(0), slice(0)
+        height, width = self.cover.shape
+        (left, top), (right, bottom) = np.floor(hull.min(axis=0)), np.ceil(hull.max(axis=0)) + 1
+        rows, columns = np.clip([top, bottom], 0, height).astype(int), np.clip([left, right], 0, width).astype(int)
+        return slice(*rows), slice(*columns)
+
     def visibility(self, position: F64) -> float:
         """Fraction of the model at a (2,) foot pixel that is inside the image."""
         entry = self._entry(position)

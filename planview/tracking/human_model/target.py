@@ -10,6 +10,7 @@ import numpy as np
 
 from calib.types import F32, F64
 from planview.tracking.human_model.params import StateParams
+from planview.tracking.human_model.seat import Seat
 
 Motion = Literal["moving", "stopped", "stationary"]
 Stability = Literal["appearing", "disappearing", "occlusion", "stable"]
@@ -59,7 +60,8 @@ class Target:
         kalman: footprint on the floor.
         born_s, seen_s: time of birth and of the last matching blob [s].
         scale: height over the average person's, standing.
-        sitting: whether the seated model fits better.
+        seat: where the person sits, None who stands or walks.
+        left: the seat that the person seems to have got up from, until it is seen to be empty.
         confirmed: whether it is believed to be a person.
         matched: whether it had a blob in the last frame.
         matches: frames with a blob.
@@ -84,7 +86,8 @@ class Target:
     born_xy: F64
     foot_px: F64
     scale: float = 1.0
-    sitting: bool = False
+    seat: Seat | None = None
+    left: Seat | None = None
     confirmed: bool = False
     matched: bool = True
     matches: int = 1
@@ -102,10 +105,15 @@ class Target:
     score: float = 0.0
     precision: float = 1.0
 
+    @property
+    def drawn(self) -> float:
+        """Scale of the model as it is drawn: seated people are lower."""
+        return self.scale if self.seat is None else self.seat.scale
+
     def take_up(self, kalman: FootprintKalman, foot_px: F64, scale: float, now_s: float) -> None:
         """Go on at the place where this lost person was seen again."""
         self.kalman, self.foot_px, self.scale = kalman, foot_px, scale
-        self.seen_s, self.matched, self.sitting = now_s, True, False
+        self.seen_s, self.matched, self.seat, self.left = now_s, True, None, None
 
     def swap_with(self, other: Target) -> None:
         """Exchange who the two are; places and motion stay."""

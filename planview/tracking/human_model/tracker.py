@@ -101,7 +101,7 @@ class HumanModelTracker:
 
     def debug(self) -> TrackerDebug:
         """Models with their states in the image, footprints on the floor."""
-        return draw(self.targets, [self._fitter.drawn(t) for t in self.targets], self.scene)
+        return draw(self.targets, [t.drawn for t in self.targets], self.scene)
 
     def _decide(self, target: Target, kind: DecisionKind, reason: str, value: float = np.nan) -> None:
         self._decisions.append(Decision(target.track_id, kind, reason, value))
@@ -182,13 +182,13 @@ class HumanModelTracker:
     def _state_of(self, target: Target) -> TrackState:
         x, y, vx, vy = (float(v) for v in target.kalman.state)
         state: State = "tentative" if not target.confirmed else "confirmed" if target.matched else "lost"
-        height = self.model.height_m * self._fitter.drawn(target)
+        height = self.model.height_m * target.drawn
         return TrackState(target.track_id, state, x, y, vx, vy, height, self._box(target))
 
     def _box(self, target: Target) -> tuple[float, float, float, float]:
         """Box of the whole model where the footprint is, as wide as the person was seen; hidden parts are in it."""
         foot = self.camera.project(np.append(target.kalman.state[:2], 0.0))
-        hull = self.scene.hull(foot, self._fitter.drawn(target))
+        hull = self.scene.hull(foot, target.drawn)
         if hull is None:
             return (np.nan, np.nan, np.nan, np.nan)
         (left, top), (right, bottom) = hull.min(axis=0), hull.max(axis=0)

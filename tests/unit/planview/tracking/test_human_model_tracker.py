@@ -37,11 +37,13 @@ class World:
         self._last: np.ndarray | None = None
 
     def observe(
-        self, k: int, people: Iterable[Person], hidden: slice | None = None, height: float = 1.0
+        self, k: int, people: Iterable[Person], hidden: slice | None = None, heights: Iterable[float] | None = None
     ) -> Observation:
         image = np.full((120, 160, 3), 128, np.uint8)
         mask = np.zeros((120, 160), np.uint8)
-        for x, y, colour in sorted(people, key=lambda p: -p[1]):
+        people = list(people)
+        tall = [1.0] * len(people) if heights is None else heights
+        for (x, y, colour), height in sorted(zip(people, tall, strict=True), key=lambda p: -p[0][1]):
             one = np.zeros((120, 160), np.uint8)
             self._scene.paint(one, CAMERA.project((x, y, 0.0)), height, 1)
             image[one > 0] = colour
@@ -119,7 +121,7 @@ def test_walkers_hidden_by_one_another_do_not_sit_down() -> None:
     for k in range(5 * FPS):
         x = -2.5 + 1.0 * k / FPS
         tracker.update(world.observe(k, [(x, 6.0, RED), (x + 0.25, 6.8, BLUE)]))
-        assert not any(target.sitting for target in tracker.targets)
+        assert not any(target.seat for target in tracker.targets)
 
 
 def test_id_survives_a_column_in_front() -> None:
@@ -164,13 +166,50 @@ def test_person_who_sits_down_stays_where_the_seat_is_and_gets_up_again() -> Non
     tracker, world = HumanModelTracker(PARAMS, CAMERA, MAP), World()
     states, seated = [], []
     for k in range(11 * FPS):
-        states.append(tracker.update(world.observe(k, path(k / FPS), height=height(k / FPS))))
-        seated.append([target.sitting for target in tracker.targets])
+        states.append(tracker.update(world.observe(k, path(k / FPS), heights=[height(k / FPS)])))
+        seated.append([target.seat is not None for target in tracker.targets])
     assert seated[60] == [True]
     assert seated[-1] == [False]
     (sits,), (walks,) = _confirmed(states[60]), _confirmed(states[-1])
     assert math.hypot(sits.x_m, sits.y_m - 6.0) < 0.4
     assert walks.track_id == sits.track_id
+
+
+def test_passer_by_takes_nobody_off_a_seat() -> None:
+    def path(t: float) -> list[Person]:
+        """One sits from 3.5 s on; from 5 s on another walks past, half hiding the first."""
+        sits = (min(0.0, -2.5 + 1.2 * t), 6.0, RED)
+        return [sits, (-2.5 + 1.2 * (t - 5.0), 5.0, BLUE)] if t > 5.0 else [sits]
+
+    tracker, world = HumanModelTracker(PARAMS, CAMERA, MAP), World()
+    for k in range(9 * FPS):
+        t = k / FPS
+        heights = [float(np.interp(t, (2.5, 3.5), (1.0, SEATED))), 1.0][: len(path(t))]
+        states = tracker.update(world.observe(k, path(t), heights=heights))
+    seated, walker = tracker.targets
+    assert seated.seat is not None
+    assert walker.seat is None
+    (sits, walks) = _confirmed(states)
+    assert math.hypot(sits.x_m, sits.y_m - 6.0) < 0.4
+    assert math.hypot(walks.x_m - 2.18, walks.y_m - 5.0) < 0.4
+
+
+def test_seat_that_is_empty_gives_the_person_back_to_the_floor() -> None:
+    def path(t: float) -> list[Person]:
+        """Sits from 3.5 s on, and walks off at 6 s without being seen to rise."""
+        return [(min(0.0, -2.5 + 1.2 * t) + max(0.0, 1.2 * (t - 6.0)), 6.0, RED)]
+
+    tracker, world = HumanModelTracker(PARAMS, CAMERA, MAP), World()
+    said = []
+    for k in range(75):
+        t = k / FPS
+        height = 1.0 if t > 6.0 else float(np.interp(t, (2.5, 3.5), (1.0, SEATED)))
+        states = tracker.update(world.observe(k, path(t), heights=[height]))
+        said += [d.reason for d in tracker.decisions]
+    assert "sits down" in said
+    (walks,) = _confirmed(states)
+    assert walks.track_id == 1
+    assert math.hypot(walks.x_m - 1.68, walks.y_m - 6.0) < 0.5
 
 
 def test_person_who_leaves_the_view_is_removed() -> None:

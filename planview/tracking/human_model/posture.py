@@ -1,0 +1,147 @@
+"""Sitting down, staying seated and getting up: the paper's model stands, but its conference room has chairs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.ground_camera import GroundCamera
+from calib.types import F64
+from planview.tracking.human_model.frame import Decide, Frame
+from planview.tracking.human_model.params import HumanModelParams
+from planview.tracking.human_model.scene import ModelScene
+from planview.tracking.human_model.seat import Seat
+from planview.tracking.human_model.target import FootprintKalman, Target
+
+LOOK_EVERY = 4
+"""Frames between two looks at the posture: sitting down takes a second (our choice, for speed)."""
+MAX_SHARED = 0.1
+"""Part of a model that others may cover while it is seen to sit down (our choice)."""
+
+
+class Posture:
+    """Decides between the standing and the seated model of each target (our choice)."""
+
+    def __init__(self, params: HumanModelParams, camera: GroundCamera, scene: ModelScene, decide: Decide) -> None:
+        self.params, self.camera, self.scene = params, camera, scene
+        self._decide = decide
+
+    def predict(self, target: Target, seat: Seat) -> None:
+        """Whoever sits stays where he sits."""
+        target.kalman = FootprintKalman(seat.xy, self.params.posture.place_m**2 * np.eye(2), speed_std_mps=0.0)
+
+    def review(self, group: list[Target], position: F64, targets: list[Target], frame: Frame) -> None:
+        """Change the model of who is not walking, or no longer looks it, when the other posture explains more.
+
+        Args:
+            group: targets whose models are in ``scene.cover``.
+            position: (N, 2) their foot pixels, moved where the posture changes.
+            targets: everybody.
+            frame: now.
+        """
+        for target, foot in zip(group, position, strict=True):
+            place = self._place_to_judge(target, foot)
+            if place is None:
+                continue
+            self.scene.paint(self.scene.cover, foot, target.drawn, -1)
+            self._widen(group, position, target, 1)
+            found, gain = self._other(target, foot, place, frame)
+            xy = self.camera.back_project(found)
+            if gain > self.params.posture.advantage and (target.seat is not None or self._free(xy, targets)):
+                foot[:] = found
+                self._change(target, foot, xy, gain, frame)
+            self._widen(group, position, target, -1)
+            self.scene.paint(self.scene.cover, foot, target.drawn, 1)
+
+    def watch(self, target: Target, targets: list[Target], frame: Frame) -> None:
+        """See whether the seat that a target has, or seems to have left, is empty."""
+        if target.seat is not None:
+            self._watch_taken(target, target.seat, frame)
+        elif target.left is not None:
+            self._watch_left(target, target.left, targets, frame)
+
+    def _watch_taken(self, target: Target, seat: Seat, frame: Frame) -> None:
+        """Whoever sat on a seat that is empty has got up, and is looked for near it among what nobody else explains."""
+        p = self.params.posture
+        kept = seat.look(frame.evidence, self.scene.cover, frame.now_s, p)
+        if frame.now_s - seat.empty_since_s >= p.empty_s:
+            target.seat, target.matched = None, False
+            target.kalman = FootprintKalman(seat.xy, p.rising_m**2 * np.eye(2))
+            self._decide(target, "state", "the seat is empty", kept)
+
+    def _watch_left(self, target: Target, seat: Seat, targets: list[Target], frame: Frame) -> None:
+        """Who is still seen on the seat has not got up: the standing model went off with somebody else."""
+        p = self.params.posture
+        kept = seat.look(frame.evidence, self.scene.cover, frame.now_s, p)
+        away = float(np.hypot(*(target.kalman.state[:2] - seat.xy))) > 2.0 * p.rising_m or not target.matched
+        if frame.now_s - seat.empty_since_s >= p.empty_s or not self._free(seat.xy, targets):
+            target.left = None
+        elif away and kept >= p.empty:
+            target.seat, target.left, target.matched = seat, None, True
+            self.predict(target, seat)
+            self._decide(target, "state", "sits as before", kept)
+
+    def _free(self, xy: F64, targets: list[Target]) -> bool:
+        """Whether nobody sits so near to a floor point that there is no room for two."""
+        seats = [t.seat.xy for t in targets if t.seat is not None]
+        return all(np.hypot(*(xy - seat)) >= self.params.posture.apart_m for seat in seats)
+
+    def _place_to_judge(self, target: Target, foot: F64) -> F64 | None:
+        """Foot pixel at which the other posture is tried; None for who is not to be judged now.
+
+        Whoever sits down sinks: the standing model follows the head towards the camera and seems to walk. So the
+        seated one is then tried where the person stood before that. What others hide of somebody is no sign of
+        sitting.
+        """
+        if not target.confirmed or (target.seat is None and target.shared > MAX_SHARED):
+            return None
+        if target.motion == "moving" and target.seat is None:
+            return self._stood_at(target)
+        return foot if target.matches % LOOK_EVERY == 0 else None
+
+    def _stood_at(self, target: Target) -> F64 | None:
+        """Where somebody stood who seems to walk but fills the model badly: who walks on has left that place by now."""
+        first, last = target.trail[0], target.trail[-1]
+        alone = target.matched and target.shared <= MAX_SHARED
+        known = last[0] - first[0] >= 0.5 * self.params.states.window_s
+        if not (alone and known) or target.precision >= self.params.birth.min_precision:
+            return None
+        foot = self.camera.project(np.array([*first[1:3], 0.0]))
+        return foot if self.scene.visibility(foot) == 1.0 else None
+
+    def _other(self, target: Target, foot: F64, place: F64, frame: Frame) -> tuple[F64, float]:
+        """Best foot pixel of the other posture and its gain over the present one."""
+        scene, p = self.scene, self.params
+        now, other = target.drawn, target.scale * (1.0 if target.seat is not None else p.posture.sitting)
+        # Whoever rises keeps the head where it is at first: the foot of the seated model is too high for that.
+        rises = target.seat is not None
+        places = (foot, scene.below(foot, other - now) if rises else place)
+        best = max(scene.best_near(frame.evidence, at, now, target.scale)[0] for at in places)
+        found = [scene.best_near(frame.evidence, at, other, target.scale) for at in (places if rises else places[1:])]
+        score, at = max(found, key=lambda pair: pair[0])
+        # Where nothing shows, the lower model only has less to miss: it must have a matching blob.
+        least = (2.0 * p.match.min_precision - 1.0) * other / target.scale
+        return at, score - best if score > least else -np.inf
+
+    def _change(self, target: Target, foot: F64, xy: F64, gain: float, frame: Frame) -> None:
+        """Both take place on the spot: what seemed to be a velocity was the change of height."""
+        if target.seat is None:
+            target.left = None
+            target.seat = self._seat(xy, foot, target.scale * self.params.posture.sitting, frame)
+        else:
+            target.seat, target.left = None, target.seat
+            target.kalman = FootprintKalman(xy, self.params.posture.place_m**2 * np.eye(2))
+        self._decide(target, "state", "sits down" if target.seat is not None else "stands up", gain)
+
+    def _seat(self, xy: F64, foot: F64, scale: float, frame: Frame) -> Seat:
+        model = np.zeros_like(self.scene.cover)
+        self.scene.paint(model, foot, scale, 1)
+        window = self.scene.window(foot, scale)
+        return Seat(xy, scale, window, model[window] > 0, (frame.evidence[window] > 0).astype(np.float32))
+
+    def _widen(self, group: list[Target], position: F64, target: Target, amount: int) -> None:
+        """Cover what shows beside seated people who share pixels with a target: arms and knees are theirs."""
+        for other, foot in zip(group, position, strict=True):
+            if other is not target and other.seat is not None and min(other.shared, target.shared) > 0.0:
+                aside = np.array([self.params.match.claim * self.scene.box_width(foot) * other.drawn, 0.0])
+                for place in (foot - aside, foot + aside):
+                    self.scene.paint(self.scene.cover, place, other.drawn, amount)
