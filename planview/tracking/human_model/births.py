@@ -102,6 +102,8 @@ def _pick(scene: ModelScene, params: HumanModelParams, candidates: F64, blob_px:
     visible = np.where(entry >= 0, scene.model_map.visibility[entry], 0.0)
     ok = (area > 0) & (precision >= least) & (local >= birth.min_recall)
     ok &= (visible >= birth.min_visible) & (taken <= birth.max_shared * area)
+    # Nobody's height shows while the head or the feet are outside the image.
+    ok &= (visible == 1.0) | (candidates[:, 2] == 1.0)
     if not ok.any():
         return None
     # Recall over the whole blob, plus the local one so that an outline inside a group is centred on a person.
