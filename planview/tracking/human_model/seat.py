@@ -39,6 +39,7 @@ class Seat:
     model: Bool
     silhouette: F32
     empty_since_s: float = np.nan
+    looks: int = 1
 
     def look(self, evidence: U8, cover: U8, now_s: float, params: PostureParams) -> float:
         """Remember what shows of the person now, and how long nothing has.
@@ -52,7 +53,8 @@ class Seat:
         """
         visible = cover[self.window] <= self.model
         there = evidence[self.window] > 0
-        known = self.silhouette > 0.5
+        # Beside the model may be others.
+        known = (self.silhouette > 0.5) & self.model
         rows = np.flatnonzero(known.any(axis=1))
         if len(rows):
             neck = rows[0] + round(HEAD_SHARE * (rows[-1] + 1 - rows[0]))
@@ -61,7 +63,9 @@ class Seat:
         else:
             whole = kept = 0.0
         if whole >= params.empty:
-            self.silhouette += np.float32(SILHOUETTE_GAIN) * visible * (there - self.silhouette)
+            self.looks += 1
+            gain = np.float32(max(SILHOUETTE_GAIN, 1.0 / self.looks))
+            self.silhouette += gain * visible * (there - self.silhouette)
         if not kept < params.empty:
             self.empty_since_s = np.nan
         elif np.isnan(self.empty_since_s):
