@@ -39,7 +39,7 @@ class Posture:
             frame: now.
         """
         for target, foot in zip(group, position, strict=True):
-            place = self._place_to_judge(target, foot)
+            place = self._place_to_judge(target, foot, frame)
             if place is None:
                 continue
             self.scene.paint(self.scene.cover, foot, target.drawn, -1)
@@ -85,7 +85,7 @@ class Posture:
         seats = [t.seat.xy for t in targets if t.seat is not None]
         return all(np.hypot(*(xy - seat)) >= self.params.posture.apart_m for seat in seats)
 
-    def _place_to_judge(self, target: Target, foot: F64) -> F64 | None:
+    def _place_to_judge(self, target: Target, foot: F64, frame: Frame) -> F64 | None:
         """Foot pixel at which the other posture is tried; None for who is not to be judged now.
 
         Whoever sits down sinks: the standing model follows the head towards the camera and seems to walk. So the
@@ -94,9 +94,14 @@ class Posture:
         """
         if not target.confirmed or (target.seat is None and target.shared > MAX_SHARED):
             return None
-        if target.motion == "moving" and target.seat is None:
-            return self._stood_at(target)
-        return foot if target.matches % LOOK_EVERY == 0 else None
+        walks = target.motion == "moving" and target.seat is None
+        place = self._stood_at(target) if walks else foot if target.matches % LOOK_EVERY == 0 else None
+        return None if place is None or (target.seat is None and self._as_long(target, foot, frame)) else place
+
+    def _as_long(self, target: Target, foot: F64, frame: Frame) -> bool:
+        """Whether the body is as long as a standing one: a slim one fills the smaller, narrower seated model better."""
+        found = self.scene.extent(frame.evidence, foot, target.scale)
+        return found is not None and found[2] > 0.5 * (1.0 + self.params.posture.sitting)
 
     def _stood_at(self, target: Target) -> F64 | None:
         """Where somebody stood who seems to walk but fills the model badly: who walks on has left that place by now."""
