@@ -127,7 +127,9 @@ class Fitter:
         p, now_s = self.params, frame.now_s
         precision, target.shared = float(measured.precision[i]), float(measured.shared[i])
         hidden = target.matched and 1.0 - target.shared < p.match.min_free
-        target.matched = hidden or precision >= p.match.min_precision or target.seat is not None
+        # Who was lost is not found again on somebody else.
+        own = target.matched or float(measured.alone[i]) >= p.life.merge_alone
+        target.matched = hidden or (own and precision >= p.match.min_precision) or target.seat is not None
         target.foot_px, target.precision = measured.position[i], precision
         target.inside = self.scene.visibility(target.foot_px)
         if target.matched:
