@@ -14,7 +14,8 @@ HEAD_SHARE = 1 / 3
 LEAST_VISIBLE = 0.3
 """Smallest visible part of a silhouette that tells whether it is still there (our choice)."""
 SILHOUETTE_GAIN = 0.05
-"""Share of a frame in the remembered silhouette (our choice): it follows a shift on the chair within seconds."""
+"""Least share of a frame in the remembered silhouette (our choice): a mean while somebody settles, later it follows a
+shift on the chair within seconds."""
 
 
 @dataclass(slots=True, eq=False)
@@ -31,6 +32,7 @@ class Seat:
         model: (h, w) bool, the model within the window.
         silhouette: (h, w) float32 share of the frames in which a pixel was foreground.
         empty_since_s: since when it has looked empty, NaN if it does not.
+        looks: frames that the silhouette was learned from.
     """
 
     xy: F64

@@ -50,10 +50,27 @@ def test_only_what_nobody_hides_is_judged(hidden_rows: slice, kept: float) -> No
     assert np.isnan(seat.empty_since_s) == np.isnan(kept)
 
 
-def test_silhouette_follows_slowly_and_forgets_nothing_hidden() -> None:
+def test_silhouette_is_a_mean_first_and_follows_slowly_later() -> None:
     evidence, cover, seat = images()
     evidence[6, 2:4], cover[1, 2:4] = 0, 2
-    before = seat.silhouette.copy()
     seat.look(evidence, cover, 1.0, PARAMS)
-    np.testing.assert_allclose(seat.silhouette[6, 1:3], 0.95)
-    np.testing.assert_array_equal(seat.silhouette[:6], before[:6])
+    np.testing.assert_allclose(seat.silhouette[6, 1:3], 1 / 2)
+    seat.look(evidence, cover, 1.1, PARAMS)
+    np.testing.assert_allclose(seat.silhouette[6, 1:3], 1 / 3)
+    for k in range(60):
+        seat.look(evidence, cover, 1.2 + k / 10, PARAMS)
+    evidence[6, 2:4] = 2
+    before = seat.silhouette[6, 1]
+    seat.look(evidence, cover, 8.0, PARAMS)
+    assert seat.silhouette[6, 1] - before == pytest.approx(0.05 * (1 - before))
+
+
+def test_silhouette_is_kept_where_it_is_hidden_and_is_nobody_beside() -> None:
+    evidence, cover, seat = images()
+    evidence[1, 2:4], cover[1, 2:4] = 0, 2
+    evidence[0, 1] = 2  # another, in the window and beside the model
+    for k in range(30):
+        seat.look(evidence, cover, k / 10, PARAMS)
+    np.testing.assert_array_equal(seat.silhouette[1, 1:3], 1.0)
+    evidence[0, 1], evidence[1, 2:4], cover[1, 2:4] = 0, 2, 1
+    assert seat.look(evidence, cover, 4.0, PARAMS) == 1.0

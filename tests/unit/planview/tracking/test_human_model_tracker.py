@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -37,7 +38,12 @@ class World:
         self._last: np.ndarray | None = None
 
     def observe(
-        self, k: int, people: Iterable[Person], hidden: slice | None = None, heights: Iterable[float] | None = None
+        self,
+        k: int,
+        people: Iterable[Person],
+        hidden: slice | None = None,
+        heights: Iterable[float] | None = None,
+        slim: bool = False,
     ) -> Observation:
         image = np.full((120, 160, 3), 128, np.uint8)
         mask = np.zeros((120, 160), np.uint8)
@@ -46,6 +52,8 @@ class World:
         for (x, y, colour), height in sorted(zip(people, tall, strict=True), key=lambda p: -p[0][1]):
             one = np.zeros((120, 160), np.uint8)
             self._scene.paint(one, CAMERA.project((x, y, 0.0)), height, 1)
+            if slim:
+                one = np.asarray(cv2.erode(one, np.ones((1, 5), np.uint8)), np.uint8)
             image[one > 0] = colour
             mask[one > 0] = 255
         if hidden is not None:
@@ -173,6 +181,14 @@ def test_person_who_sits_down_stays_where_the_seat_is_and_gets_up_again() -> Non
     (sits,), (walks,) = _confirmed(states[60]), _confirmed(states[-1])
     assert math.hypot(sits.x_m, sits.y_m - 6.0) < 0.4
     assert walks.track_id == sits.track_id
+
+
+def test_slim_person_who_stands_is_not_seated() -> None:
+    tracker, world = HumanModelTracker(PARAMS, CAMERA, MAP), World()
+    for k in range(6 * FPS):
+        states = tracker.update(world.observe(k, [(min(0.0, -2.5 + 1.2 * k / FPS), 3.0, RED)], slim=True))
+        assert not any(target.seat for target in tracker.targets)
+    assert len(_confirmed(states)) == 1
 
 
 def test_passer_by_takes_nobody_off_a_seat() -> None:
