@@ -59,16 +59,28 @@ def why_remove(target: Target, params: HumanModelParams, now_s: float) -> str:
     return ""
 
 
-def same_as_lost(targets: list[Target], xy_m: F64, colours: F32 | None, params: LifeParams) -> Target | None:
-    """The lost target that is predicted near (2,) xy and looks alike, the nearest if there are several."""
-    best, best_m = None, params.reattach_m
+def same_as_lost(
+    targets: list[Target], xy_m: F64, colours: F32 | None, params: HumanModelParams, now_s: float
+) -> Target | None:
+    """The lost target that is predicted near (2,) xy and looks alike, the nearest if there are several.
+
+    Somebody who has just sat down and is seen to walk beside the seat did not: it was a thing that was put down.
+    """
+    best, best_m = None, params.life.reattach_m
     for target in targets:
-        if target.matched or not target.confirmed:
+        likeness = _likeness(target, colours)
+        hasty = target.seat is not None and now_s - target.seat.since_s < params.posture.hasty_s
+        lost = not target.matched and not likeness < params.life.alike
+        if not target.confirmed or not (lost or (hasty and likeness >= params.life.alike)):
             continue
         distance = float(np.hypot(*(target.kalman.state[:2] - xy_m)))
-        known = target.colours is not None and colours is not None
-        if known and similarity(target.colours, colours) < params.alike:  # type: ignore[arg-type]
-            continue
         if distance < best_m:
             best, best_m = target, distance
     return best
+
+
+def _likeness(target: Target, colours: F32 | None) -> float:
+    """Similarity of colours, NaN where they are not known."""
+    if target.colours is None or colours is None:
+        return float("nan")
+    return similarity(target.colours, colours)

@@ -79,6 +79,9 @@ class PostureParams(Params):
     """Share of the silhouette remembered on a seat below which it looks empty. Our choice: leaning moves less."""
     empty_s: float = Field(default=0.3, ge=0, le=10)
     """Time for which it must look so [s]. Our choice: longer than foreground flickers, shorter than two steps."""
+    hasty_s: float = Field(default=2.0, ge=0, le=10)
+    """Time after sitting down in which somebody alike who walks nearby is that person [s]. Our choice: it takes a
+    second to walk out of what was taken for somebody sitting."""
     rising_m: float = Field(default=0.5, gt=0, le=3)
     """Standard deviation of where somebody is who has just got up [m]. Our choice: half a second of walking."""
     advantage: float = Field(default=0.1, ge=0, le=2)

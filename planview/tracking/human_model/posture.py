@@ -141,7 +141,7 @@ class Posture:
         model = np.zeros_like(self.scene.cover)
         self.scene.paint(model, foot, scale, 1)
         window = self.scene.window(foot, scale)
-        return Seat(xy, scale, window, model[window] > 0, (frame.evidence[window] > 0).astype(np.float32))
+        return Seat(xy, frame.now_s, scale, window, model[window] > 0, (frame.evidence[window] > 0).astype(np.float32))
 
     def _widen(self, group: list[Target], position: F64, target: Target, amount: int) -> None:
         """Cover what shows beside seated people who share pixels with a target: arms and knees are theirs."""

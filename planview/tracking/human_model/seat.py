@@ -27,6 +27,7 @@ class Seat:
 
     Attributes:
         xy: (2,) on the floor [m].
+        since_s: when the person sat down [s].
         scale: of the model there.
         window: rows and columns of the image around the model.
         model: (h, w) bool, the model within the window.
@@ -36,6 +37,7 @@ class Seat:
     """
 
     xy: F64
+    since_s: float
     scale: float
     window: tuple[slice, slice]
     model: Bool

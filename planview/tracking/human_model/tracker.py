@@ -146,7 +146,7 @@ class HumanModelTracker:
         if frame.image is not None:
             colours = scene.colours(frame.image, frame.evidence, candidate.foot_px, candidate.scale)
         xy = kalman.state[:2].copy()
-        lost = same_as_lost(self.targets, xy, colours, self.params.life)
+        lost = same_as_lost(self.targets, xy, colours, self.params, now)
         if lost is not None:
             lost.take_up(kalman, candidate.foot_px, candidate.scale, now)
             self._decide(lost, "reattached", f"seen again with score {candidate.score:.2f}", candidate.score)

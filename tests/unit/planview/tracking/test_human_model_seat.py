@@ -15,7 +15,7 @@ def images() -> tuple[np.ndarray, np.ndarray, Seat]:
     evidence, cover = np.zeros((8, 6), np.uint8), np.zeros((8, 6), np.uint8)
     evidence[BODY], cover[BODY] = 2, 1
     window = (slice(0, 8), slice(1, 5))
-    seat = Seat(np.zeros(2), 0.7, window, cover[window] > 0, (evidence[window] > 0).astype(np.float32))
+    seat = Seat(np.zeros(2), 0.0, 0.7, window, cover[window] > 0, (evidence[window] > 0).astype(np.float32))
     return evidence, cover, seat
 
 

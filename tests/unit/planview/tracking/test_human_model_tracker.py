@@ -15,9 +15,10 @@ from planview.foreground import BACKGROUND, PERSON
 from planview.tracking.base import Observation, TrackState
 from planview.tracking.human_model import HumanModelParams, HumanModelTracker
 from planview.tracking.human_model.identity import Mingling
-from planview.tracking.human_model.lifecycle import redundant, why_remove
+from planview.tracking.human_model.lifecycle import redundant, same_as_lost, why_remove
 from planview.tracking.human_model.params import LifeParams, StateParams
 from planview.tracking.human_model.scene import ModelScene
+from planview.tracking.human_model.seat import Seat
 from planview.tracking.human_model.target import FootprintKalman, Target
 
 CAMERA = GroundCamera(160, 120, 120.0, 4.0, math.radians(62))
@@ -331,6 +332,17 @@ def test_cleaning_depends_on_visibility(changes: dict[str, object], now_s: float
     target = _trail(_target(**changes), 0.0, 0.1, [1.0])
     found = why_remove(target, PARAMS, now_s)
     assert (reason in found) if reason else not found
+
+
+@pytest.mark.parametrize(("now_s", "alike", "found"), [(1.0, True, True), (1.0, False, False), (5.0, True, False)])
+def test_who_has_just_sat_down_and_walks_on_is_the_same(now_s: float, alike: bool, found: bool) -> None:
+    seen = np.eye(2, dtype=np.float32)
+    target = _target()
+    target.colours = seen if alike else seen[::-1]
+    empty = np.zeros((0, 0), np.float32)
+    target.seat = Seat(np.zeros(2), 0.0, 0.7, (slice(0), slice(0)), empty > 0, empty)
+    same = same_as_lost([target], np.array([0.5, 0.0]), seen, PARAMS, now_s)
+    assert (same is target) == found
 
 
 def test_covered_walkers_merge_only_after_long() -> None:
