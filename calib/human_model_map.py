@@ -30,9 +30,9 @@ class HumanModelMapParams(Params):
     step_px: int = Field(default=4, ge=1, le=64)
     """Distance of the foot pixels held in the map [px]; between them the nearest is taken. Our choice: half a step
     is about the error of a foreground outline."""
-    min_height_px: float = Field(default=30.0, ge=0, le=1000)
-    """Longest side of a person's box in the image below which nobody is looked for [px]. Our choice: the head is then
-    under 3 px wide, and a person is told from a bird or a bag by size alone."""
+    min_height_px: float = Field(default=20.0, ge=0, le=1000)
+    """Longest side of a person's box in the image below which nobody is expected [px]. Our choice: somebody known can
+    be followed until his legs are a pixel wide each."""
     min_visible: float = Field(default=0.05, ge=0, lt=1)
     """Visible fraction of the model below which no person is expected [1]. Our choice."""
 

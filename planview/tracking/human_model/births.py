@@ -54,7 +54,7 @@ def find_candidates(scene: ModelScene, params: HumanModelParams, evidence: U8, f
     return [c for c in found if c is not None and _salient(scene, params, c, evidence, frame.motion)]
 
 
-def _feet(scene: ModelScene, blobs: Blobs, label: int) -> F64:
+def _feet(scene: ModelScene, blobs: Blobs, label: int, min_height_px: float) -> F64:
     """Foot pixels of the map whose models are mostly over the blob's box and of a size to match its area."""
     boxes = scene.map_boxes
     left, top, width, height = blobs.box_px[label]
@@ -64,6 +64,7 @@ def _feet(scene: ModelScene, blobs: Blobs, label: int) -> F64:
     v1 = np.minimum(boxes[:, 1] + boxes[:, 3], top + height)
     common = np.maximum(0, u1 - u0) * np.maximum(0, v1 - v0)
     fits = (common >= 0.5 * scene.map_seen) & (blobs.area_px[label] >= 0.3 * scene.map_seen)
+    fits &= boxes[:, 2:].max(axis=1) >= min_height_px
     return np.asarray(scene.model_map.foot_px[fits], dtype=np.float64)
 
 
@@ -76,7 +77,7 @@ def _attached(rest: Blobs, label: int, whole: Blobs) -> bool:
 
 
 def _best(scene: ModelScene, params: HumanModelParams, blobs: Blobs, label: int, splits: bool) -> Candidate | None:
-    feet = _feet(scene, blobs, label)
+    feet = _feet(scene, blobs, label, params.birth.min_height_px)
     if not len(feet):
         return None
     best = _pick(scene, params, np.column_stack([feet, np.ones(len(feet))]), int(blobs.area_px[label]), splits)

@@ -101,6 +101,9 @@ class BirthParams(Params):
     """Size and shape: fraction of the unexplained blob around the model that the model covers."""
     min_core: float = Field(default=0.25, ge=0, le=1)
     """Size and shape: fraction of the model that is foreground proper, not less salient (shadow-like)."""
+    min_height_px: float = Field(default=30.0, ge=0, le=1000)
+    """Size and shape: longest side of a person's box in the image [px]. Our choice: the head is then under 3 px wide,
+    and a person is told from a bird or a bag by size alone. Who is known is followed to ``map.min_height_px``."""
     min_visible: float = Field(default=0.4, gt=0, le=1)
     """Visibility: fraction of the model inside the image."""
     min_motion: float = Field(default=0.02, ge=0, lt=1)

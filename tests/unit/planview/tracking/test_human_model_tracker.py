@@ -16,13 +16,13 @@ from planview.tracking.base import Observation, TrackState
 from planview.tracking.human_model import HumanModelParams, HumanModelTracker
 from planview.tracking.human_model.identity import Mingling
 from planview.tracking.human_model.lifecycle import redundant, same_as_lost, why_remove
-from planview.tracking.human_model.params import LifeParams, StateParams
+from planview.tracking.human_model.params import BirthParams, LifeParams, StateParams
 from planview.tracking.human_model.scene import ModelScene
 from planview.tracking.human_model.seat import Seat
 from planview.tracking.human_model.target import FootprintKalman, Target
 
 CAMERA = GroundCamera(160, 120, 120.0, 4.0, math.radians(62))
-PARAMS = HumanModelParams(map=HumanModelMapParams(min_height_px=12))
+PARAMS = HumanModelParams(map=HumanModelMapParams(min_height_px=12), birth=BirthParams(min_height_px=12))
 MAP = build_model_map(CAMERA, params=PARAMS.map)
 FPS = 10
 SEATED = PARAMS.posture.sitting
