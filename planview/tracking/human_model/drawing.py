@@ -16,7 +16,8 @@ def draw(targets: list[Target], scales: list[float], scene: ModelScene) -> Track
         hull = scene.hull(target.foot_px, scale)
         if hull is not None:
             strips.append(np.vstack([hull, hull[:1]]).astype(np.float32))
-            labels.append(f"{target.track_id} {target.motion} {target.stability} M={target.score:.2f}")
+            seated = " seated" if target.seat is not None else ""
+            labels.append(f"{target.track_id}{seated} {target.motion} {target.stability} M={target.score:.2f}")
     feet = tuple(t.kalman.state[None, :2].astype(np.float32) for t in targets)
     return TrackerDebug(
         (
