@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from calib.types import F64
 from planview.analytics.events import Event
+from planview.analytics.geometry import PlaneName
 from planview.analytics.params import AnalyticsParams
 from planview.analytics.people import People, Person, Sighting
-from planview.analytics.rules import Rules
+from planview.analytics.rules import Placed, Rules
 from planview.analytics.tripwire import Wire, WireState
 from planview.analytics.zone import Area, AreaState, Stay
 from planview.tracking.base import TrackState
@@ -38,26 +40,8 @@ class Analytics:
     def __init__(self, rules: Rules, params: AnalyticsParams | None = None) -> None:
         self.rules = rules
         self.params = p = params or AnalyticsParams()
-        self._wires = [
-            Wire(
-                rule.name,
-                rule.points,
-                rule.plane,
-                _either(rule.hysteresis_m, p.hysteresis_m),
-                _either(rule.min_age_s, p.min_age_s),
-            )
-            for rule in rules.tripwires
-        ]
-        self._areas = [
-            Area(
-                rule.name,
-                rule.points,
-                rule.plane,
-                _either(rule.hysteresis_m, p.zone_hysteresis_m),
-                _either(rule.min_age_s, p.min_age_s),
-            )
-            for rule in rules.zones
-        ]
+        self._wires = [Wire(*self._settled(rule, p.hysteresis_m)) for rule in rules.tripwires]
+        self._areas = [Area(*self._settled(rule, p.zone_hysteresis_m)) for rule in rules.zones]
         self.reset()
 
     def reset(self) -> None:
@@ -127,7 +111,8 @@ class Analytics:
         self._memory[id(person)] = memory
         return memory
 
-
-def _either(own: float | None, common: float) -> float:
-    """A rule's own value, or that of all rules."""
-    return common if own is None else own
+    def _settled(self, rule: Placed, hysteresis_m: float) -> tuple[str, F64, PlaneName, float, float]:
+        """Name, points and plane of a rule, with its own hysteresis and age or those of all rules."""
+        margin_m = hysteresis_m if rule.hysteresis_m is None else rule.hysteresis_m
+        age_s = self.params.min_age_s if rule.min_age_s is None else rule.min_age_s
+        return rule.name, rule.points, rule.plane, margin_m, age_s

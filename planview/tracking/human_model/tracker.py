@@ -55,6 +55,8 @@ class HumanModelTracker:
         self._ids: Iterator[int] = itertools.count(1)
         self._decisions: list[Decision] = []
         self._now_s = np.nan
+        # Boxes of this frame, since many pairs are compared.
+        self._boxes: dict[int, tuple[float, float, float, float]] = {}
         self._mingling.reset()
         self.scene.clear()
         self._still_s = np.zeros(self.camera.size[::-1], np.float32)
@@ -83,6 +85,7 @@ class HumanModelTracker:
         self._fitter.predict(self.targets, dt)
         self._drop_outside()
         self._fitter.fit(self.targets, frame)
+        self._boxes.clear()
         self._believe()
         self._tell_apart()
         self._new_targets(frame)
@@ -128,6 +131,7 @@ class HumanModelTracker:
                 self._mingling.close(first, second, self._now_s)
         for first, second, gain in self._mingling.swapped(self.targets, self._now_s):
             first.swap_with(second)
+            self._boxes.clear()
             self._decide(first, "state", f"colours say: swapped with {second.track_id} (gain {gain:.2f})", gain)
 
     def _new_targets(self, frame: Frame) -> None:
@@ -197,6 +201,6 @@ class HumanModelTracker:
 
     def _touch(self, first: Target, second: Target) -> bool:
         """Whether the boxes overlap by at least half of the smaller width."""
-        a, b = self._box(first), self._box(second)
+        a, b = (self._boxes.get(id(t)) or self._boxes.setdefault(id(t), self._box(t)) for t in (first, second))
         wide = min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0]) > 0.5 * min(a[2], b[2])
         return wide and min(a[1] + a[3], b[1] + b[3]) > max(a[1], b[1])
