@@ -9,11 +9,11 @@ from planview.tracking.human_model.scene import ModelScene
 from planview.tracking.human_model.target import Target
 
 
-def draw(targets: list[Target], scales: list[float], scene: ModelScene) -> TrackerDebug:
+def draw(targets: list[Target], scene: ModelScene) -> TrackerDebug:
     """Hulls with ids and states in the image, footprints on the floor."""
     strips, labels = [], []
-    for target, scale in zip(targets, scales, strict=True):
-        hull = scene.hull(target.foot_px, scale)
+    for target in targets:
+        hull = scene.hull(target.foot_px, target.drawn)
         if hull is not None:
             strips.append(np.vstack([hull, hull[:1]]).astype(np.float32))
             seated = " seated" if target.seat is not None else ""

@@ -10,7 +10,7 @@ from planview.blobs import Blobs
 from planview.tracking.human_model.frame import Decide, Frame
 from planview.tracking.human_model.identity import Mingling
 from planview.tracking.human_model.params import HumanModelParams
-from planview.tracking.human_model.posture import Posture
+from planview.tracking.human_model.posture import MAX_SHARED, Posture
 from planview.tracking.human_model.scene import Measurement, ModelScene, similarity
 from planview.tracking.human_model.target import FootprintKalman, Target
 
@@ -20,8 +20,6 @@ WIDTH_GAIN = 0.1
 """Share of a frame in the learned width of a person (our choice)."""
 COLOUR_GAIN = 0.1
 """Share of a frame in the learned colours of a person (our choice)."""
-MAX_SHARED = 0.1
-"""Part of a model that others may cover while its colours are learned (our choice)."""
 
 
 class Fitter:

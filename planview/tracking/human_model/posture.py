@@ -15,7 +15,7 @@ from planview.tracking.human_model.target import FootprintKalman, Target
 LOOK_EVERY = 4
 """Frames between two looks at the posture: sitting down takes a second (our choice, for speed)."""
 MAX_SHARED = 0.1
-"""Part of a model that others may cover while it is seen to sit down (our choice)."""
+"""Part of a model that others may cover while it is seen to sit down or its colours are learned (our choice)."""
 
 
 class Posture:
@@ -45,10 +45,9 @@ class Posture:
             self.scene.paint(self.scene.cover, foot, target.drawn, -1)
             self._widen(group, position, target, 1)
             found, gain = self._other(target, foot, place, frame)
-            xy = self.camera.back_project(found)
-            if gain > self.params.posture.advantage and (target.seat is not None or self._free(xy, targets)):
+            if gain > self.params.posture.advantage and self._change(target, found, targets, frame):
+                self._decide(target, "state", "sits down" if target.seat is not None else "stands up", gain)
                 foot[:] = found
-                self._change(target, foot, xy, gain, frame)
             self._widen(group, position, target, -1)
             self.scene.paint(self.scene.cover, foot, target.drawn, 1)
 
@@ -127,15 +126,21 @@ class Posture:
         least = (2.0 * p.match.min_precision - 1.0) * other / target.scale
         return at, score - best if score > least else -np.inf
 
-    def _change(self, target: Target, foot: F64, xy: F64, gain: float, frame: Frame) -> None:
-        """Both take place on the spot: what seemed to be a velocity was the change of height."""
+    def _change(self, target: Target, foot: F64, targets: list[Target], frame: Frame) -> bool:
+        """Sit down or stand up on the spot, since what seemed to be a velocity was the change of height.
+
+        Not where there is no floor, nor where somebody else sits.
+        """
+        xy = self.camera.back_project(foot)
+        if not np.isfinite(xy).all() or (target.seat is None and not self._free(xy, targets)):
+            return False
         if target.seat is None:
             target.left = None
             target.seat = self._seat(xy, foot, target.scale * self.params.posture.sitting, frame)
         else:
             target.seat, target.left = None, target.seat
             target.kalman = FootprintKalman(xy, self.params.posture.place_m**2 * np.eye(2))
-        self._decide(target, "state", "sits down" if target.seat is not None else "stands up", gain)
+        return True
 
     def _seat(self, xy: F64, foot: F64, scale: float, frame: Frame) -> Seat:
         model = np.zeros_like(self.scene.cover)

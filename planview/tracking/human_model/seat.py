@@ -70,7 +70,7 @@ class Seat:
             self.looks += 1
             gain = np.float32(max(SILHOUETTE_GAIN, 1.0 / self.looks))
             self.silhouette += gain * visible * (there - self.silhouette)
-        if not kept < params.empty:
+        if np.isnan(kept) or kept >= params.empty:
             self.empty_since_s = np.nan
         elif np.isnan(self.empty_since_s):
             self.empty_since_s = now_s

@@ -104,7 +104,7 @@ class HumanModelTracker:
 
     def debug(self) -> TrackerDebug:
         """Models with their states in the image, footprints on the floor."""
-        return draw(self.targets, [t.drawn for t in self.targets], self.scene)
+        return draw(self.targets, self.scene)
 
     def _decide(self, target: Target, kind: DecisionKind, reason: str, value: float = np.nan) -> None:
         self._decisions.append(Decision(target.track_id, kind, reason, value))
