@@ -19,6 +19,8 @@ efficiency, which thousands of cells can afford (our choice)."""
 MAD_TO_SIGMA = 1.4826
 MIN_WIDTH = 0.3
 """Residuals below this many predicted deviations always count, however clean the data."""
+MAX_ASPECT = 16.0
+"""Greatest height of a view over its width: points in a line would need cells without end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +117,8 @@ def cells(points: Rays, columns: int, q: F64 | None = None, gate: float = np.inf
 
 def _cell_of(points: Rays, columns: int) -> I64:
     low, high = np.quantile(points.rays[:, :2], (0.0005, 0.9995), axis=0)
-    step = max(float(high[0] - low[0]), 1e-9) / columns
+    width, height = (float(v) for v in high - low)
+    step = max(width, height / MAX_ASPECT, 1e-9) / columns
     last = np.maximum(1, np.ceil((high - low) / step)).astype(np.int64) - 1
     place = np.clip(np.floor((points.rays[:, :2] - low) / step).astype(np.int64), 0, last)
     return np.asarray(place[:, 1] * columns + place[:, 0])

@@ -60,8 +60,10 @@ class SE3:
     @property
     def rotvec(self) -> F64:
         """(3,) rotation vector [rad]."""
-        rotvec, _ = cv2.Rodrigues(self.rotation)
-        return np.asarray(rotvec, dtype=np.float64).reshape(3)
+        # OpenCV's inverse takes turns of less than about 1e-5 for none.
+        from scipy.spatial.transform import Rotation
+
+        return np.asarray(Rotation.from_matrix(self.rotation).as_rotvec(), dtype=np.float64)
 
     @property
     def matrix(self) -> F64:

@@ -149,6 +149,12 @@ def test_floor_of_anything_is_a_floor_or_a_refusal(cloud: F32) -> None:
     assert 0.8 <= floor.height_m <= 12.0
 
 
+def test_floor_of_points_in_an_upright_line_is_refused() -> None:
+    cloud = np.column_stack([np.ones(1200), np.linspace(-1e5, 1e5, 1200), np.ones(1200)]).astype(np.float32)
+    with pytest.raises(WorkError):
+        found([cloud])
+
+
 def test_floor_from_three_points_is_their_plane() -> None:
     pose = pose_of(40, 2.5, -3.0)
     points = pose.inverse() @ np.array([[0.0, 1.0, 0.0], [1.0, 3.0, 0.0], [-1.0, 4.0, 0.0]])

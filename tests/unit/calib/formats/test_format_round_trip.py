@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from calib.camera import Camera
@@ -117,6 +117,7 @@ small = st.floats(-0.3, 0.3)
     focal=st.floats(200, 3000),
     key=st.sampled_from(["rig", "opencv", "depthai", "kalibr", "ros", "zed", "kitti", "euroc"]),
 )
+@example(turn=(0.0, 0.0, 1e-8), shift=(-1.0, 0.0, 0.0), focal=200.0, key="zed")
 def test_any_pose_survives_every_format(
     turn: tuple[float, ...], shift: tuple[float, ...], focal: float, key: str, tmp_path: Path
 ) -> None:
