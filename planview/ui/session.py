@@ -163,7 +163,7 @@ class CalibrationSession:
 
     def solve(self) -> None:
         """Compute what the drawing allows; ``message`` says why not otherwise."""
-        self.message = self._next_step()
+        told = ""
         try:
             if self.view is not None:
                 self.floor = None
@@ -172,11 +172,13 @@ class CalibrationSession:
             else:
                 self.found = None
                 if len(self.samples) >= MIN_SAMPLES:
-                    self.found = calibrate_from_people(self.samples, self.size, self.lens, name=self.name)
+                    self.found = calibrate_from_people(list(self.samples), self.size, self.lens, name=self.name)
         except (InputError, WorkError) as error:
-            self.message = str(error)
-            return
-        self.message = self._result() or self.message
+            told = str(error)
+        told = told or self._result()
+        # The next person may have been begun meanwhile: what to click must not be lost.
+        begun = [self._next_step()] if not told or self.tool in ("head", "foot") else []
+        self.message = "; ".join(([told] if told else []) + begun)
 
     def floor_metres(self) -> list[Point | None]:
         """World (x, y) of the floor points under the camera found, None where they are not on the floor."""

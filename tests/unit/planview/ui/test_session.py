@@ -59,6 +59,17 @@ def test_session_leads_from_box_to_head_to_foot() -> None:
     assert session.tool == "foot"
 
 
+def test_session_keeps_the_next_step_of_a_person_begun_while_it_solves() -> None:
+    session = new_session()
+    for sample in standing_people(CAMERA, 3):
+        draw(session, sample)
+    session.press(100, 100)
+    session.release(150, 250)
+    session.solve()
+    assert session.message.startswith("camera 3.5")
+    assert session.message.endswith("click the top of the head")
+
+
 def test_session_takes_a_slip_of_the_hand_for_no_box() -> None:
     session = new_session()
     session.press(100, 100)
