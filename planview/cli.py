@@ -46,8 +46,9 @@ def make_app(words: Sequence[str] = ()) -> App:
     )
     for name, text in COMMANDS.items():
         _register(app, f"planview.commands.{name}:{name}", name, text, words)
-    app.command(_group("calibrate", "Obtain, check and convert calibrations.", CALIBRATE, words))
-    app.command(_group("bench", "Measure speed and accuracy on this machine.", BENCH, words))
+    calibrate, bench = "planview.commands", "planview.bench.commands"
+    app.command(_group("calibrate", calibrate, "Obtain, check and convert calibrations.", CALIBRATE, words))
+    app.command(_group("bench", bench, "Measure speed and accuracy on this machine.", BENCH, words))
     return app
 
 
@@ -59,10 +60,10 @@ def _register(app: App, target: str, name: str, text: str, words: Sequence[str])
         app.command(target, name=name, help=text)
 
 
-def _group(group: str, text: str, commands: dict[str, str], words: Sequence[str]) -> App:
+def _group(group: str, package: str, text: str, commands: dict[str, str], words: Sequence[str]) -> App:
     app = App(name=group, help=text)
     for name, help_text in commands.items():
-        _register(app, f"planview.commands.{group}_{name}:{group}_{name}", name, help_text, words)
+        _register(app, f"{package}.{group}_{name}:{group}_{name}", name, help_text, words)
     return app
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError
+from calib.floor.world_file import load_world
 from calib.formats import load_rig
 from calib.pose import SE3
 from calib.types import F64
-from calib.world_file import load_world
 from planview.analytics.geometry import Plane
 from stereo.depth import RectifiedGeometry
 from stereo.rectify import RectifyParams

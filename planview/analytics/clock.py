@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.types import F64, I64
-from planview.tracks import Trajectories
+from planview.trajectories.table import Trajectories
 
 
 @dataclass(frozen=True)

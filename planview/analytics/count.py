@@ -13,8 +13,8 @@ from planview.analytics.params import AnalyticsParams
 from planview.analytics.rules import Rules
 from planview.analytics.stream import Analytics
 from planview.analytics.totals import Counts
-from planview.tracking.base import State, TrackState
-from planview.tracks import Trajectories
+from planview.trajectories.state import State, TrackState
+from planview.trajectories.table import Trajectories
 
 TRUTH_ZONE_HYSTERESIS_M = 0.05
 """For true occupancy: a head sways by as much when somebody stands on the outline [m]; our choice."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from planview.analytics.geometry import PlaneName
 from planview.analytics.params import AnalyticsParams
-from planview.tracking.base import TrackState
+from planview.trajectories.state import TrackState
 
 PERSON_M = 1.7
 """Height that a box is taken to show where only boxes are known: it gives metres to pixels [m]."""

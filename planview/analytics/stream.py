@@ -13,7 +13,7 @@ from planview.analytics.people import People, Person, Sighting
 from planview.analytics.rules import Placed, Rules
 from planview.analytics.tripwire import Wire, WireState
 from planview.analytics.zone import Area, AreaState, Stay
-from planview.tracking.base import TrackState
+from planview.trajectories.state import TrackState
 
 
 @dataclass(eq=False)

@@ -14,20 +14,19 @@ from typing import Any, Literal
 import numpy as np
 
 from calib.errors import InputError, WorkError
-from planview.config import Config
-from planview.engines import open_engine
 from planview.evaluation.evaluate import Evaluation, evaluate_tracks
-from planview.output import prepare_folder
-from planview.run import RunOptions
-from planview.run import run as run_engine
-from planview.tracks import read_tracks, read_truth
-from stereo.synthetic.rendering import RENDERER_VERSION, SceneRenderer
-from stereo.synthetic.scene import Scene, load_scene
-from stereo.synthetic.varying import varied
-from stereo.synthetic.writing import write_recording
+from planview.pipeline.config import Config
+from planview.pipeline.factory import open_engine
+from planview.runs.folder import prepare_folder
+from planview.runs.run import RunOptions
+from planview.runs.run import run as run_engine
+from planview.synthetic.committed import SCENES
+from planview.synthetic.rendering import RENDERER_VERSION, SceneRenderer
+from planview.synthetic.scene import Scene, load_scene
+from planview.synthetic.varying import varied
+from planview.synthetic.writing import write_recording
+from planview.trajectories.table import read_tracks, read_truth
 
-SCENES = Path(__file__).resolve().parents[2] / "data" / "synthetic"
-"""The committed scenes."""
 LIMITS = {"significant_errors": 1, "position_error_m": 0.10, "height_error_m": 0.06}
 """What all scenes together must keep (the paper: one significant error in ten minutes, 18 cm)."""
 
@@ -143,7 +142,7 @@ def score_scene(
 
     Args:
         path: a stereo scene.
-        seed: 0 for the scene itself, else a variation (``stereo.synthetic.varying``).
+        seed: 0 for the scene itself, else a variation (``planview.synthetic.varying``).
         options: of rendering.
         out: folder that gets a folder with the run.
         config: of the pipeline.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.board import Board
-from calib.board_model import Corners, View
+from calib.board.detect import Board
+from calib.board.model import Corners, View
 from calib.camera import Camera, LensModel
 from calib.pose import SE3
 from calib.rig import StereoRig

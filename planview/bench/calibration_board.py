@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.board import Board
-from calib.board_solve import solve_board
+from calib.board.detect import Board
+from calib.board.solve import solve_board
 from calib.rig import StereoRig
 from planview.bench.board_views import LENS_NAMES, board_views, random_rig
 from planview.bench.rows import Row
@@ -62,7 +62,7 @@ def _measure_lens(lens: str) -> list[Row]:
 
 
 def _measure_opencv_pairs() -> list[Row]:
-    from planview.board_calibration import BoardRequest, calibrate_images
+    from planview.calibration.board import BoardRequest, calibrate_images
 
     data = os.environ.get("PLANVIEW_TEST_DATA")
     folder = Path(data) / "opencv-stereo-chessboard" if data else None

@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 
 from calib.errors import WorkError
 from calib.rig import Floor
 from planview.bench.rows import Row
-from planview.config import Config
-from planview.floor_calibration import FloorView
+from planview.calibration.floor import FloorView
+from planview.pipeline.config import Config
+from planview.synthetic.committed import SCENES, real_recordings
+from planview.synthetic.rendering import SceneRenderer
+from planview.synthetic.scene import Scene, load_scene
 from stereo.depth import DepthFromDisparity
 from stereo.matcher import SgbmMatcher, disparity_range
 from stereo.readers.opening import open_recording
 from stereo.recording import StereoFrame
 from stereo.rectify import Rectifier, aligned_rectifier
-from stereo.synthetic.rendering import SceneRenderer
-from stereo.synthetic.scene import Scene, load_scene
 from stereo.two_way import match_two_ways
 
 TILTS_DEG = (0, 15, 30, 45, 60, 75)
-SCENE = Path(__file__).resolve().parents[2] / "data" / "synthetic" / "demo.toml"
+SCENE = SCENES / "demo.toml"
 HIGH, LOW = (3.5, 2.0, 2.9), (3.5, 0.2, 2.6)
 """Where the cameras hang [m]: steep ones above the middle of the room, flat ones at its wall."""
 FRAMES = 6
@@ -45,7 +44,7 @@ def measure(progress: Callable[[str], None] = lambda _: None) -> tuple[Row, ...]
     for tilt_deg in TILTS_DEG:
         progress(f"floor at {tilt_deg} degrees")
         rows += _rendered(load_scene(SCENE), tilt_deg)
-    real = shared_data() / "overhead-stereo"
+    real = real_recordings() / "overhead-stereo"
     if real.is_dir():
         progress("floor of the real overhead pair")
         recording = open_recording(real)
@@ -54,12 +53,6 @@ def measure(progress: Callable[[str], None] = lambda _: None) -> tuple[Row, ...]
         off = 100 * abs(found.height_m - REAL_HEIGHT_M)
         rows.append(Row("floor, real overhead pair: height", off, "cm", REAL_LIMIT_CM, off <= REAL_LIMIT_CM))
     return tuple(rows)
-
-
-def shared_data() -> Path:
-    """Folder of real recordings, which may be missing."""
-    beside = Path(__file__).resolve().parents[3] / "shared" / "data"
-    return Path(os.environ.get("PLANVIEW_TEST_DATA", beside))
 
 
 def _rendered(description: Scene, tilt_deg: float) -> list[Row]:

@@ -10,13 +10,13 @@ import numpy as np
 
 from calib.formats.tsai import load_tsai
 from calib.ground_camera import GroundCamera
-from calib.human_calibration import calibrate_from_people
-from calib.human_choice import choose_spread
-from calib.human_model import HumanModel
-from calib.human_samples import HumanSample
+from calib.human.calibration import calibrate_from_people
+from calib.human.choice import choose_spread
+from calib.human.model import HumanModel
+from calib.human.samples import HumanSample
 from calib.types import F64
-from planview.bench.calibration_floor import shared_data
 from planview.bench.rows import Row
+from planview.synthetic.committed import real_recordings
 
 CAMERAS = {
     "overhead": GroundCamera(640, 480, 400.0, 3.5, math.radians(5), "normal"),
@@ -36,7 +36,7 @@ def measure(progress: Callable[[str], None] = lambda _: None) -> tuple[Row, ...]
     for name, truth in CAMERAS.items():
         progress(f"people, {name} camera")
         rows += _rendered(name, truth)
-    pets = shared_data() / "pets09-s2l1-view001"
+    pets = real_recordings() / "pets09-s2l1-view001"
     if pets.is_dir():
         progress("people, PETS view 1")
         for lens in ("pinhole", "normal", None):

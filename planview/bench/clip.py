@@ -12,16 +12,15 @@ import numpy as np
 
 from calib.errors import InputError, WorkError
 from calib.types import F32, U8, AnyArray
-from planview.config import Config
-from planview.pipeline import FrameResult, Pipeline
-from planview.setup import set_up
-from planview.tracking.base import Observation, TrackState
+from planview.pipeline.config import Config
+from planview.pipeline.pipeline import FrameResult, Pipeline
+from planview.pipeline.setup import set_up
+from planview.synthetic.committed import DEMO
+from planview.tracking.base import Observation
+from planview.trajectories.state import TrackState
 from stereo.matcher import make_sgbm
 from stereo.readers import open_recording
 from stereo.recording import Recording
-
-DEMO = Path(__file__).resolve().parents[2] / "data" / "synthetic" / "demo"
-"""The committed clip."""
 
 
 @dataclass(frozen=True, eq=False)

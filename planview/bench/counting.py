@@ -17,18 +17,19 @@ from planview.analytics.geometry import Plane
 from planview.analytics.rules import load_rules, parse_rules
 from planview.analytics.scoring import CountScores, CrossingScores, OccupancyGroup, score_counts, score_events
 from planview.analytics.totals import Counts
-from planview.bench.accuracy import SCENES, RenderOptions, rendered
+from planview.bench.accuracy import RenderOptions, rendered
 from planview.bench.counting_figures import BusiestFrame, write_models, write_occupancy
 from planview.bench.frame_counts import FrameCounts, count_frames
-from planview.config import Config
-from planview.engines import open_engine
-from planview.evaluation.layouts import read_laboratory
-from planview.output import prepare_folder
-from planview.pipeline import FrameResult, SingleCameraPipeline
-from planview.run import RunOptions
-from planview.run import run as run_engine
-from planview.tracks import Trajectories, read_tracks, read_truth
-from stereo.synthetic.scene import load_scene
+from planview.pipeline.config import Config
+from planview.pipeline.factory import open_engine
+from planview.pipeline.pipeline import FrameResult, SingleCameraPipeline
+from planview.runs.folder import prepare_folder
+from planview.runs.run import RunOptions
+from planview.runs.run import run as run_engine
+from planview.synthetic.committed import SCENES
+from planview.synthetic.scene import load_scene
+from planview.trajectories.layouts import read_laboratory
+from planview.trajectories.table import Trajectories, read_tracks, read_truth
 
 SINGLE = SCENES / "single"
 """The committed scenes of single cameras; NAME.rules.toml beside NAME.toml says what to count."""

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from calib.types import F64, I64, U8
-from planview.pipeline import FrameResult
+from planview.pipeline.pipeline import FrameResult
 from planview.tracking.base import ImageTracker, TrackerDebug
 
 JPEG_QUALITY = 80

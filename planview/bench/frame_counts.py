@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planview.tracks import Trajectories
+from planview.trajectories.table import Trajectories
 
 VISIBLE_MIN = 0.25
 """Somebody shows who is visible by so much of the body: a head and shoulders, or one in a row of people."""

@@ -14,11 +14,11 @@ import numpy as np
 
 from calib.errors import InputError
 from planview.bench.tracking_errors import TrackingErrors, tracking_errors
-from planview.config import Config
-from planview.engines import TrackerName, open_engine
 from planview.evaluation.evaluate import Evaluation, EvaluationParams, evaluate_tracks
-from planview.evaluation.layouts import load_truth
-from planview.tracks import Trajectories, read_tracks, write_header, write_rows
+from planview.pipeline.config import Config
+from planview.pipeline.factory import TrackerName, open_engine
+from planview.trajectories.layouts import load_truth
+from planview.trajectories.table import Trajectories, read_tracks, write_header, write_rows
 
 FPS = 7.0
 """Nominal frame rate of the sequence."""

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 
 from calib.ground_camera import GroundCamera
-from calib.human_model import HumanModel
+from calib.human.model import HumanModel
 from calib.types import U8
-from planview.single_camera import SingleCamera, SingleCameraParams
+from planview.pipeline.single_camera import SingleCamera, SingleCameraParams
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.tracker import HumanModelTracker
 from stereo.recording import VideoFrame

@@ -19,8 +19,8 @@ from planview.bench.clip import Clip, PlainOpenCV
 from planview.bench.ellipse_speed import ellipse_to_mog2
 from planview.bench.one_core import one_core
 from planview.bench.single_speed import human_model_to_mog2
-from planview.foreground import Foreground, ForegroundParams
-from planview.pipeline import STAGES
+from planview.foreground.mixture import Foreground, ForegroundParams
+from planview.pipeline.pipeline import STAGES
 
 BLOCK = 10
 """Frames per block where whole runs take turns."""

@@ -13,14 +13,14 @@ import numpy as np
 
 from calib.errors import InputError, WorkError
 from calib.ground_camera import GroundCamera
-from planview.config import Config
 from planview.evaluation.evaluate import Evaluation, EvaluationParams, evaluate_tracks
-from planview.pipeline import FrameResult, Pipeline, SingleCameraPipeline
-from planview.setup import Setup, set_up
+from planview.pipeline.config import Config
+from planview.pipeline.pipeline import FrameResult, Pipeline, SingleCameraPipeline
+from planview.pipeline.setup import Setup, set_up
 from planview.tracking.base import ImageTracker
 from planview.tracking.ellipse_particle import EllipseParticleTracker
 from planview.tracking.human_model.tracker import HumanModelTracker
-from planview.tracks import Trajectories, read_tracks, write_header, write_rows
+from planview.trajectories.table import Trajectories, read_tracks, write_header, write_rows
 from stereo.recording import Recording, Skipped, VideoFrame
 
 Tell = Callable[[str], None]

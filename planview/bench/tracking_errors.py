@@ -8,7 +8,7 @@ import numpy as np
 
 from planview.evaluation.clear import clear_scores
 from planview.evaluation.sequence import Similarity, box_similarity, build_sequence
-from planview.tracks import Trajectories
+from planview.trajectories.table import Trajectories
 
 GAP_FRAMES = 7
 """A person without a match for longer than this many frames is lost: one second of PETS S2-L1 (7 frames/s)."""

@@ -12,13 +12,13 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from calib.board import parse_board
-from calib.board_solve import BoardCalibration
+from calib.board.detect import parse_board
+from calib.board.solve import BoardCalibration
 from calib.errors import InputError
 from calib.formats import write_rig
 from calib.length import parse_length
-from planview.board_calibration import BoardRequest, calibrate_images
-from planview.board_report import write_report
+from planview.calibration.board import BoardRequest, calibrate_images
+from planview.calibration.board_report import write_report
 
 
 def calibrate_board(

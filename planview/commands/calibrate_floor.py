@@ -13,12 +13,12 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from calib.errors import InputError
-from calib.floor_points import parse_points
+from calib.floor.points import parse_points
+from calib.floor.world_file import load_world, save_world
 from calib.rig import Floor
-from calib.world_file import load_world, save_world
-from planview.config import load_config
-from planview.floor_calibration import FloorView, floor_from_tracks, given_floor, view_floor
-from planview.tracks import read_tracks
+from planview.calibration.floor import FloorView, floor_from_tracks, given_floor, view_floor
+from planview.pipeline.config import load_config
+from planview.trajectories.table import read_tracks
 from stereo.readers.opening import open_recording
 from stereo.readers.pair import StereoRecording
 

@@ -17,13 +17,13 @@ from rich.progress import Progress
 
 from calib.errors import InputError
 from calib.ground_camera import LENS_K_320, save_ground_camera
-from calib.human_calibration import HumanCalibration, calibrate_from_people
-from calib.human_model import HumanModel
-from calib.human_model_map import build_model_map, save_model_map
-from calib.human_samples import HumanSample, check_samples, read_samples, write_samples
+from calib.human.calibration import HumanCalibration, calibrate_from_people
+from calib.human.model import HumanModel
+from calib.human.samples import HumanSample, check_samples, read_samples, write_samples
 from calib.types import U8
-from planview.calibration_pictures import COMPUTED, crowd, draw_grid, draw_person, draw_samples
-from planview.human_collection import collect_samples
+from planview.calibration.human import collect_samples
+from planview.calibration.pictures import COMPUTED, crowd, draw_grid, draw_person, draw_samples
+from planview.tracking.human_model.model_map import build_model_map, save_model_map
 from stereo.readers.opening import open_video
 from stereo.recording import Video
 

@@ -35,10 +35,10 @@ def calibrate_ui(
     if not 1024 <= port <= 65535:
         raise InputError(f"--port: expected 1024 to 65535, found {port}")
     try:
-        from planview.ui.page import serve
+        from planview.calibration.browser.page import serve
     except ImportError as error:
         raise WorkError(f'planview calibrate ui needs the extra "ui" (pip install "planview[ui]"): {error}') from error
-    from planview.ui.opening import open_session
+    from planview.calibration.browser.opening import open_session
 
     session = open_session(recording, calibration)
     Console(stderr=True).print(f"open http://127.0.0.1:{port}/ in a browser; Ctrl-C ends")

@@ -22,9 +22,9 @@ from planview.analytics.params import AnalyticsParams
 from planview.analytics.rules import load_rules
 from planview.analytics.scoring import CountScores, score_counts, score_events
 from planview.analytics.totals import Counts
-from planview.evaluation.layouts import load_tracks, load_truth
-from planview.run_info import RunInfo, read_run_info
-from planview.tracks import Trajectories
+from planview.runs.info import RunInfo, read_run_info
+from planview.trajectories.layouts import load_tracks, load_truth
+from planview.trajectories.table import Trajectories
 
 _DEFAULTS = AnalyticsParams()
 

@@ -11,8 +11,7 @@ from rich.console import Console
 from calib.errors import InputError
 from planview.commands.evaluate import evaluate
 from planview.commands.run import run
-
-CLIP = Path(__file__).resolve().parents[2] / "data" / "synthetic" / "demo"
+from planview.synthetic.committed import DEMO
 
 
 def demo(
@@ -31,10 +30,10 @@ def demo(
     json_output
         Print the metrics as one JSON object.
     """
-    if not CLIP.is_dir():
-        raise InputError(f"{CLIP}: expected the demo clip, found nothing; run planview from its repository")
-    run(CLIP, out=out, rrd=True, debug=True, overwrite=True)
-    evaluate(out / "tracks.csv", CLIP / "truth.csv", json_output=json_output)
+    if not DEMO.is_dir():
+        raise InputError(f"{DEMO}: expected the demo clip, found nothing; run planview from its repository")
+    run(DEMO, out=out, rrd=True, debug=True, overwrite=True)
+    evaluate(out / "tracks.csv", DEMO / "truth.csv", json_output=json_output)
     Console(stderr=True, markup=False, soft_wrap=True).print(
         f"Look at it: planview view {out}    or open {out / 'report.html'}"
     )

@@ -12,8 +12,8 @@ from rich.table import Table
 
 from calib.errors import InputError
 from planview.evaluation.evaluate import KINDS, Evaluation, EvaluationParams, evaluate_tracks
-from planview.evaluation.layouts import load_tracks, load_truth
-from planview.tracks import Trajectories
+from planview.trajectories.layouts import load_tracks, load_truth
+from planview.trajectories.table import Trajectories
 
 
 def evaluate(

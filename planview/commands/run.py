@@ -13,15 +13,15 @@ from calib.errors import InputError
 from planview.analytics.geometry import Plane
 from planview.analytics.rules import load_rules
 from planview.analytics.stream import Analytics
-from planview.config import load_config
-from planview.engines import Engine, open_engine
-from planview.output import check_folder, prepare_folder
-from planview.pipeline import Pipeline
-from planview.progress import FrameProgress, summary
-from planview.report import write_report
-from planview.run import RunOptions
-from planview.run import run as run_engine
-from planview.run_log import NoLog, RunLog
+from planview.pipeline.config import load_config
+from planview.pipeline.factory import Engine, open_engine
+from planview.pipeline.pipeline import Pipeline
+from planview.runs.folder import check_folder, prepare_folder
+from planview.runs.log import NoLog, RunLog
+from planview.runs.progress import FrameProgress, summary
+from planview.runs.report.page import write_report
+from planview.runs.run import RunOptions
+from planview.runs.run import run as run_engine
 
 
 def run(
@@ -105,6 +105,6 @@ def _plane(engine: Engine) -> Plane:
 def _log(engine: Engine, out: Path, wanted: bool) -> RunLog:
     if not wanted:
         return NoLog()
-    from planview.rerun_log import RerunLog
+    from planview.runs.rerun.log import RerunLog
 
     return RerunLog(engine, out / "run.rrd")

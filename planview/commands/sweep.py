@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
-from planview.sweep import Job, jobs_of, run_jobs
+from planview.runs.sweep import Job, jobs_of, run_jobs
 
 
 def sweep(

@@ -32,9 +32,9 @@ def synth(
     from rich.console import Console
     from rich.progress import Progress
 
-    from stereo.synthetic.rendering import SceneRenderer
-    from stereo.synthetic.scene import load_scene
-    from stereo.synthetic.writing import write_recording
+    from planview.synthetic.rendering import SceneRenderer
+    from planview.synthetic.scene import load_scene
+    from planview.synthetic.writing import write_recording
 
     if frames is not None and frames < 1:
         raise InputError(f"--frames: expected at least 1, found {frames}")

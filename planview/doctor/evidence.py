@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.errors import WorkError
-from calib.floor import find_floor
+from calib.floor.find import find_floor
 from calib.rig import Floor
 from calib.types import F32, F64
 from stereo.depth import DepthFromDisparity, back_project

@@ -8,7 +8,7 @@ import numpy as np
 
 from planview.doctor.check import Check, at_least, at_most, between
 from planview.doctor.evidence import Evidence
-from planview.grid import GridParams
+from planview.maps.grid import GridParams
 from stereo.depth import RectifiedGeometry
 
 VALID_LEAST = 0.35

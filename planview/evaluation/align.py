@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from calib.errors import WorkError
 from calib.types import F64, I64
 from planview.evaluation.sequence import THRESHOLD, Similarity, box_similarity, build_sequence, floor_similarity
-from planview.tracks import Trajectories
+from planview.trajectories.table import Trajectories
 
 _CANDIDATES = 12
 """Longest tracks and people that are tried on each other; more only cost time."""

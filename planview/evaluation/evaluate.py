@@ -30,7 +30,7 @@ from planview.evaluation.significant import (
     frame_period_s,
     significant_errors,
 )
-from planview.tracks import Trajectories
+from planview.trajectories.table import Trajectories
 
 KINDS: tuple[ErrorKind, ...] = ("lost", "missed", "swapped", "false_track")
 

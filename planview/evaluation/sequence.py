@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.types import F64, I64
-from planview.tracks import Trajectories
+from planview.trajectories.table import Trajectories
 
 THRESHOLD = 0.5
 """A pair may match from this similarity on: the gate on the floor, or IoU 0.5 for boxes."""
@@ -79,7 +79,7 @@ def build_sequence(truth: Trajectories, tracks: Trajectories, similarity: Simila
     """Pair the rows of two tables by frame.
 
     Args:
-        truth, tracks: sorted by frame, one row per frame and id (as ``planview.tracks`` reads them).
+        truth, tracks: sorted by frame, one row per frame and id (as ``planview.trajectories.table`` reads them).
         similarity: ``floor_similarity(gate)`` or ``box_similarity``.
     """
     people, truth_index = np.unique(truth.track_id, return_inverse=True)

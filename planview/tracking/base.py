@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 from calib.types import F32, U8
-from planview.maps import PlanViewMaps
+from planview.maps.builder import PlanViewMaps
+from planview.trajectories.state import TrackState
 
-State = Literal["tentative", "confirmed", "lost"]
 DecisionKind = Literal[
     "born", "confirmed", "matched", "recentred", "lost", "reattached", "removed", "split", "merged", "state"
 ]
@@ -36,29 +36,6 @@ class Observation:
     motion: U8 | None = None
     maps: PlanViewMaps | None = None
     shadow: U8 | None = None
-
-
-@dataclass(frozen=True)
-class TrackState:
-    """One person in one frame: a row of ``tracks.csv``. NaN where a tracker cannot know.
-
-    Attributes:
-        track_id: positive, unique in a run, never reused.
-        state: tentative (not yet believed), confirmed, or lost (predicted only).
-        x_m, y_m: floor position of the head's vertical projection [m], world frame.
-        vx_mps, vy_mps: velocity [m/s].
-        height_m: height of the top of the head above the floor [m].
-        box_px: (left, top, width, height) in the (rectified left) image [px].
-    """
-
-    track_id: int
-    state: State
-    x_m: float = math.nan
-    y_m: float = math.nan
-    vx_mps: float = math.nan
-    vy_mps: float = math.nan
-    height_m: float = math.nan
-    box_px: tuple[float, float, float, float] = (math.nan, math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True)

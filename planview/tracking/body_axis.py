@@ -18,7 +18,7 @@ from pydantic import Field
 
 from calib.params import Params
 from calib.types import F64
-from planview.maps import FloorPoints
+from planview.maps.builder import FloorPoints
 from planview.tracking._axis_kernels import height_histograms, slab_centroids
 
 _BIN_M = 0.02

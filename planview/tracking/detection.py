@@ -12,7 +12,7 @@ from pydantic import Field
 
 from calib.params import Params
 from calib.types import F32, Bool
-from planview.maps import PlanViewMaps, View
+from planview.maps.builder import PlanViewMaps, View
 from planview.tracking.body_axis import BodyAxis
 
 _MAX_CANDIDATES = 20

@@ -7,9 +7,9 @@ from functools import partial
 from pathlib import Path
 
 from calib.errors import InputError
+from calib.floor.world_file import load_world
 from calib.formats import load_rig
 from calib.types import F64
-from calib.world_file import load_world
 from stereo.readers import images, videos
 from stereo.readers.images import ImageFiles, image_files
 from stereo.readers.pair import DEFAULT_FPS, PairsOf, StereoRecording, both, halves, rate_of

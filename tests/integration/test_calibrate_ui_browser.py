@@ -20,9 +20,9 @@ import numpy as np
 import pytest
 
 from calib.ground_camera import GroundCamera, load_ground_camera
-from calib.human_model import HumanModel
-from calib.human_samples import HumanSample
-from planview.calibration_pictures import draw_person
+from calib.human.model import HumanModel
+from calib.human.samples import HumanSample
+from planview.calibration.pictures import draw_person
 from tests.people import standing_people
 
 CAMERA = GroundCamera(640, 480, 500.0, 3.5, math.radians(55), "pinhole")

@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from planview.doctor.examine import examine
-
-DEMO = Path(__file__).resolve().parents[2] / "data" / "synthetic" / "demo"
+from planview.synthetic.committed import DEMO
 
 
 def failures(folder: Path) -> dict[str, float]:

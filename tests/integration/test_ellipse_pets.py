@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from planview.bench.tracking_errors import TrackingErrors, tracking_errors
-from planview.engines import open_engine
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
-from planview.evaluation.layouts import load_truth
-from planview.tracks import read_tracks, write_header, write_rows
+from planview.pipeline.factory import open_engine
+from planview.trajectories.layouts import load_truth
+from planview.trajectories.table import read_tracks, write_header, write_rows
 
 FRAMES = 200
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from calib.ground_camera import save_ground_camera
-from calib.human_calibration import calibrate_from_people
-from calib.human_samples import read_samples
+from calib.human.calibration import calibrate_from_people
+from calib.human.samples import read_samples
 from planview.bench.pets import human_model_on_pets
 
 PEOPLE = Path(__file__).resolve().parents[1] / "data" / "pets_people.json"

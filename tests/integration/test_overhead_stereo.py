@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from calib.types import F64
-from planview.pipeline import Pipeline
-from planview.tracking.base import TrackState
+from planview.pipeline.pipeline import Pipeline
+from planview.trajectories.state import TrackState
 
 MIDDLE_CROSSED_AT = (67, 242)
 """Frames near which a walker's head crosses the middle of the image (README of the data)."""

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
-from planview.evaluation.layouts import load_truth
-from planview.tracks import Trajectories
+from planview.trajectories.layouts import load_truth
+from planview.trajectories.table import Trajectories
 
 
 @pytest.fixture

@@ -12,10 +12,10 @@ from toy_stereo import ToyWorld, toy_rig, write_toy_recording
 
 from calib.errors import WorkError
 from calib.rig import StereoRig, save_rig
-from planview.pipeline import FrameResult, Pipeline
-from planview.run import run
-from planview.run_info import read_run_info
-from planview.tracks import read_tracks
+from planview.pipeline.pipeline import FrameResult, Pipeline
+from planview.runs.info import read_run_info
+from planview.runs.run import run
+from planview.trajectories.table import read_tracks
 
 
 def test_frames_that_cannot_be_used_are_skipped_counted_and_bridged(say: Say, copy: Path, tmp_path: Path) -> None:

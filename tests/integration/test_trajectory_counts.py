@@ -10,8 +10,8 @@ from planview.analytics.count import count_tracks
 from planview.analytics.geometry import Plane
 from planview.analytics.rules import parse_rules
 from planview.bench.counting import score_trajectories
-from planview.evaluation.layouts import load_tracks
-from planview.tracks import Trajectories
+from planview.trajectories.layouts import load_tracks
+from planview.trajectories.table import Trajectories
 
 RULES = {"tripwire": [{"name": "y = 0", "from_m": [-10, 0], "to_m": [10, 0]}]}
 EXACT = [("uo-050-180-180.txt", 61, 0), ("boa-300-frei.txt", 25, 25)]

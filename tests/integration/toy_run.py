@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from calib.types import U8
-from planview.pipeline import Pipeline
+from planview.pipeline.pipeline import Pipeline
 
 FRAMES = 36
 EMPTY = 10
@@ -14,7 +14,7 @@ Say = Callable[..., tuple[int, str]]
 
 
 def write_world(engine: Pipeline, folder: Path) -> None:
-    from calib.world_file import save_world
+    from calib.floor.world_file import save_world
 
     save_world(engine.setup.floor, folder / "world.toml")
 

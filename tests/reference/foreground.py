@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planview._gaussian_kernels import Rates, Step
+from planview.foreground._gaussian_kernels import Rates, Step
 
 F32 = np.float32
 

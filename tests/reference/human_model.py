@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from calib.human_model_map import HumanModelMap
 from calib.types import F32, F64, I64, U8, Bool
+from planview.tracking.human_model.model_map import HumanModelMap
 
 
 def model_mask(model_map: HumanModelMap, u: float, v: float, scale: float) -> Bool:

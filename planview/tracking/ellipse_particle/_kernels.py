@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from calib.types import F32, F64, I64
-from planview._ellipse_kernels import between, conic
+from planview.tracking.ellipse_particle.fit._area import between, conic
 
 
 @njit(cache=True, nogil=True)

@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 
 from calib.types import F32, F64
-from planview.ellipses import SizePrior
 from planview.tracking.base import Drawing, TrackerDebug
+from planview.tracking.ellipse_particle.fit.ellipses import SizePrior
 from planview.tracking.ellipse_particle.particles import ellipses_of
 from planview.tracking.ellipse_particle.planes import PlaneView
 

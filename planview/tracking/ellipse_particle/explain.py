@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.types import F64, Bool
-from planview import _ellipse_kernels as kernels
+from planview.tracking.ellipse_particle.fit import _area as kernels
 from planview.tracking.ellipse_particle.particles import union_prefix
 
 QUARTER = 0.25

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from calib.types import F32, F64, I64
-from planview import _ellipse_kernels as kernels
-from planview.ellipses import SizePrior
 from planview.tracking.ellipse_particle.background import UNSURE
+from planview.tracking.ellipse_particle.fit import _area as kernels
+from planview.tracking.ellipse_particle.fit.ellipses import SizePrior
 
 LIMB = 0.03
 """Least breadth of what shows in a row, over the length of a person: half a leg, 0.1 m of 1.7 m. Legs together, one

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammainc
 
-from planview.tracking.base import State
 from planview.tracking.ellipse_particle.params import LifeParams
+from planview.trajectories.state import State
 
 HIDDEN_S = 0.7
 """An object without measured area of its own for longer than this is reported as predicted only [s]."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from calib.types import F32, F64
-from planview.maps import PlanViewMaps
+from planview.maps.builder import PlanViewMaps
 from planview.tracking.detection import inseparable
 from planview.tracking.ellipse_particle.params import NewcomerParams
 

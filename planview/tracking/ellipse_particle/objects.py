@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from calib.types import F64, I64, Bool
-from planview.ellipses import SizePrior
 from planview.tracking.base import Decision, DecisionKind
 from planview.tracking.ellipse_particle.explain import measured_shares
+from planview.tracking.ellipse_particle.fit.ellipses import SizePrior
 from planview.tracking.ellipse_particle.groups import group, overlaps
 from planview.tracking.ellipse_particle.life import Life, birth, gone
 from planview.tracking.ellipse_particle.params import FilterParams, LifeParams

@@ -9,12 +9,12 @@ import numpy as np
 
 from calib.ground_camera import GroundCamera
 from calib.types import F64
-from planview.ellipses import extent
-from planview.maps import PlanViewMaps
-from planview.tracking.base import TrackState
+from planview.maps.builder import PlanViewMaps
 from planview.tracking.body_axis import BodyAxis
+from planview.tracking.ellipse_particle.fit.ellipses import extent
 from planview.tracking.ellipse_particle.life import Life
 from planview.tracking.ellipse_particle.planes import PlaneView
+from planview.trajectories.state import TrackState
 
 HEIGHTS_M = np.linspace(0.3, 2.5, 45)
 """Heights at which a vertical line is tried against an image row [m]."""

@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from calib.params import Params
-from planview.ellipses import EllipseFitParams
+from planview.tracking.ellipse_particle.fit.ellipses import EllipseFitParams
 
 
 class DetectionParams(Params):

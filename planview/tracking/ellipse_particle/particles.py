@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.types import F64, I64, U8
-from planview import _ellipse_kernels as ellipse_kernels
-from planview.ellipses import SizePrior, paint_union
 from planview.tracking.ellipse_particle import _kernels as kernels
+from planview.tracking.ellipse_particle.fit import _area as ellipse_kernels
+from planview.tracking.ellipse_particle.fit.ellipses import SizePrior, paint_union
 from planview.tracking.ellipse_particle.params import FilterParams
 
 X, Y, VX, VY, LN_A, LN_B, ANGLE = range(7)

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 
 from calib.types import F32, F64, U8
-from planview.ellipses import SizePrior
 from planview.tracking.base import Observation
 from planview.tracking.ellipse_particle.background import Background
+from planview.tracking.ellipse_particle.fit.ellipses import SizePrior
 from planview.tracking.ellipse_particle.params import DetectionParams, SizeParams
 
 CELLS_PER_HALF = 4

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from calib.types import F32, F64
-from planview.ellipses import SizePrior
+from planview.tracking.ellipse_particle.fit.ellipses import SizePrior
 from planview.tracking.ellipse_particle.params import SizeParams
 
 PER_FRAME = 12

@@ -7,12 +7,12 @@ import numpy as np
 
 from calib.ground_camera import GroundCamera
 from calib.types import F32, F64, U8, Bool
-from planview import _ellipse_kernels as kernels
-from planview.ellipses import SizePrior, fit_ellipses
-from planview.foreground import PERSON
-from planview.tracking.base import Decision, Observation, TrackerDebug, TrackState
+from planview.foreground.mixture import PERSON
+from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.ellipse_particle.drawing import draw, outline
 from planview.tracking.ellipse_particle.explain import measured_shares, reachable, unexplained
+from planview.tracking.ellipse_particle.fit import _area as kernels
+from planview.tracking.ellipse_particle.fit.ellipses import SizePrior, fit_ellipses
 from planview.tracking.ellipse_particle.length import length_shown
 from planview.tracking.ellipse_particle.life import observe
 from planview.tracking.ellipse_particle.newcomers import Newcomers
@@ -22,6 +22,7 @@ from planview.tracking.ellipse_particle.params import EllipseParticleParams
 from planview.tracking.ellipse_particle.particles import VX, VY
 from planview.tracking.ellipse_particle.planes import FloorPlane, ImagePlane, PlaneView, floor_prior, given_prior
 from planview.tracking.ellipse_particle.size_learning import SizeLearner
+from planview.trajectories.state import TrackState
 
 NO_ELLIPSES: F64 = np.zeros((0, 5))
 LONGEST_STEP_S = 1.0

@@ -1,7 +1,7 @@
 """Compiled kernels of the human-model tracker; ``tests/reference/human_model.py`` defines them in plain numpy.
 
 A model is drawn as row spans ``left[y] <= x < right[y]`` for ``top <= y < bottom``. The map's columns (see
-``calib.human_model_map``) come as ``index, origin_u, origin_v, step, foot, hull``.
+``planview.tracking.human_model.model_map``) come as ``index, origin_u, origin_v, step, foot, hull``.
 """
 
 import math

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.types import F64, U8
-from planview.blobs import Blobs, find_blobs
+from planview.foreground.blobs import Blobs, find_blobs
 from planview.tracking.human_model.frame import Frame
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.scene import ModelScene

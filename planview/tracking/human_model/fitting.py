@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.ground_camera import GroundCamera
 from calib.types import F64, I64
-from planview.blobs import Blobs
+from planview.foreground.blobs import Blobs
 from planview.tracking.human_model.frame import Decide, Frame
 from planview.tracking.human_model.identity import Mingling
 from planview.tracking.human_model.params import HumanModelParams

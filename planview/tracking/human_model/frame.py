@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import U8
-from planview.blobs import Blobs, find_blobs
+from planview.foreground.blobs import Blobs, find_blobs
 from planview.tracking.base import DecisionKind, Observation
 from planview.tracking.human_model.target import Target
 

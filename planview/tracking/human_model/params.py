@@ -2,8 +2,8 @@
 
 from pydantic import Field
 
-from calib.human_model_map import HumanModelMapParams
 from calib.params import Params
+from planview.tracking.human_model.model_map import HumanModelMapParams
 
 
 class MatchParams(Params):

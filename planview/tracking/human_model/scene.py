@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.human_model_map import HumanModelMap
 from calib.types import F32, F64, I64, U8
-from planview.blobs import Blobs
+from planview.foreground.blobs import Blobs
 from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model import _measure_kernels as measuring
+from planview.tracking.human_model.model_map import HumanModelMap
 from planview.tracking.human_model.params import MatchParams
 
 MIN_AXIS = 0.5

@@ -9,20 +9,21 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
-from calib.human_model import HumanModel
-from calib.human_model_map import HumanModelMap, build_model_map
+from calib.human.model import HumanModel
 from calib.types import U8
-from planview.foreground import BACKGROUND, PERSON
-from planview.tracking.base import Decision, DecisionKind, Observation, State, TrackerDebug, TrackState
+from planview.foreground.mixture import BACKGROUND, PERSON
+from planview.tracking.base import Decision, DecisionKind, Observation, TrackerDebug
 from planview.tracking.human_model.births import Candidate, find_candidates
 from planview.tracking.human_model.drawing import draw
 from planview.tracking.human_model.fitting import Fitter
 from planview.tracking.human_model.frame import Frame, frame_of
 from planview.tracking.human_model.identity import Mingling
 from planview.tracking.human_model.lifecycle import believable, redundant, same_as_lost, why_remove
+from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.scene import ModelScene
 from planview.tracking.human_model.target import Target
+from planview.trajectories.state import State, TrackState
 
 
 class HumanModelTracker:

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.types import F32, F64
-from planview.maps import PlanViewMaps
-from planview.tracking.base import State
+from planview.maps.builder import PlanViewMaps
 from planview.tracking.kalman import FloorKalman
+from planview.trajectories.state import State
 
 
 @dataclass(eq=False)

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from calib.types import F32
-from planview.grid import Grid
-from planview.maps import PlanViewMaps, View
-from planview.tracking.base import Decision, DecisionKind, Drawing, Observation, TrackerDebug, TrackState
+from planview.maps.builder import PlanViewMaps, View
+from planview.maps.grid import Grid
+from planview.tracking.base import Decision, DecisionKind, Drawing, Observation, TrackerDebug
 from planview.tracking.body_axis import AxisMeasurement, BodyAxis
 from planview.tracking.detection import Candidate, NewPeople, inseparable
 from planview.tracking.kalman import FloorKalman
@@ -17,6 +17,7 @@ from planview.tracking.template.matching import match_people
 from planview.tracking.template.params import TemplateTrackerParams
 from planview.tracking.template.state import Frame, Person
 from planview.tracking.template.templates import blend, nearest_peak, renew, slipped
+from planview.trajectories.state import TrackState
 
 
 class TemplateTracker:

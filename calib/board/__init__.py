@@ -1,0 +1,1 @@
+"""Boards: chessboard and ChArUco corners to a calibrated rig."""

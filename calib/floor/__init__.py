@@ -1,0 +1,1 @@
+"""The floor plane in points, and the file that keeps it."""

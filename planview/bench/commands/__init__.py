@@ -1,0 +1,1 @@
+"""``planview bench``: one module per command."""

@@ -1,0 +1,131 @@
+"""``planview bench accuracy``."""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.table import Table
+
+from calib.errors import InputError
+from planview.bench.accuracy import (
+    LIMITS,
+    RenderOptions,
+    SceneScore,
+    StereoTracker,
+    Totals,
+    cache_folder,
+    scene_files,
+    score_scene,
+    totals,
+)
+from planview.pipeline.config import load_config
+from planview.synthetic.committed import SCENES
+
+
+def bench_accuracy(
+    *,
+    scene: Annotated[Sequence[str], Parameter(negative="")] = (),
+    seeds: int = 1,
+    tracker: StereoTracker = "template",
+    frames: int | None = None,
+    scale: float = 1.0,
+    scenes: Path = SCENES,
+    cache: Path | None = None,
+    out: Path | None = None,
+    config: Path | None = None,
+    set_: Annotated[Sequence[str], Parameter(name="--set")] = (),
+    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> None:
+    """Render every committed scene, track it and score it.
+
+    Example: planview bench accuracy --scene crossing --scene group
+
+    Example with three variations of each scene (other walks, rigs and heights): planview bench accuracy --seeds 4
+
+    Parameters
+    ----------
+    scene
+        Only these scenes, by name.
+    seeds
+        Seed 0 is the scene as committed; every further one a variation of it.
+    tracker
+        Who follows people.
+    frames
+        Only the first frames of every scene.
+    scale
+        Factor on the image size.
+    scenes
+        Folder with scenes.
+    cache
+        Folder for rendered recordings; the user's cache by default.
+    out
+        Folder that keeps the runs (tracks.csv, run.json); a temporary one by default.
+    config
+        TOML file with parameters of the pipeline.
+    set_
+        One parameter of the pipeline.
+    json_output
+        Print one JSON object.
+    """
+    if seeds < 1 or (frames is not None and frames < 1) or not 0.05 <= scale <= 4:
+        raise InputError(f"expected --seeds and --frames from 1, --scale 0.05 to 4, found {seeds}, {frames}, {scale:g}")
+    settings, messages = load_config(config, set_), Console(stderr=True, markup=False)
+    with tempfile.TemporaryDirectory() as temporary, messages.status("...") as status:
+        tasks = [(path, seed) for path in scene_files(scene, scenes) for seed in range(seeds)]
+        place, runs = cache or cache_folder(), out or Path(temporary)
+        options = RenderOptions(place, scale, frames)
+        scores = [score_scene(path, seed, options, runs, settings, status.update, tracker) for path, seed in tasks]
+    together = totals(scores)
+    if json_output:
+        print(json.dumps(_json(scores, together), indent=2))
+    else:
+        print_scores(scores, together, Console(markup=False))
+
+
+def print_scores(scores: Sequence[SceneScore], together: Totals, console: Console) -> None:
+    """A row per recording, then all together beside what they must keep."""
+    table = Table("scene", "rows", "MOTA", "IDF1", "position cm", "height cm", "switches", "significant errors")
+    for column in table.columns[1:7]:
+        column.justify = "right"
+    for score in scores:
+        e = score.evaluation.to_json()
+        kinds = [f"{k} {v}" for k, v in e["significant_errors"].items() if v and k != "total"]
+        name = score.name + (f" ({score.seed})" if score.seed else "")
+        table.add_row(
+            name, str(e["truth_rows"]), _number(e["mota"]), _number(e["idf1"]),
+            f"{_number(e['position_error_mean_m'], 100, 1)} ± {_number(e['position_error_std_m'], 100, 1)}",
+            _number(e["height_error_mean_m"], 100, 1), str(e["switches"]), ", ".join(kinds) or "none",
+        )  # fmt: skip
+    table.add_section()
+    table.add_row(
+        "all", str(together.truth_rows), _number(together.mota), "",
+        f"{_number(together.position_error_m, 100, 1)} ± {_number(together.position_std_m, 100, 1)}",
+        _number(together.height_error_m, 100, 1), "", str(together.significant["total"]),
+    )  # fmt: skip
+    table.add_row("must be", "", "", "", f"<= {100 * LIMITS['position_error_m']:.0f}",
+                  f"<= {100 * LIMITS['height_error_m']:.0f}", "", f"<= {LIMITS['significant_errors']:.0f}")  # fmt: skip
+    console.print(table)
+    for score in scores:
+        for error in score.evaluation.significant:
+            console.print(
+                f"{score.name} ({score.seed}) frame {error.frame}: {error.kind}, person {error.truth_id}, "
+                f"track {error.track_id}: {error.note}",
+                highlight=False,
+            )
+
+
+def _json(scores: Sequence[SceneScore], together: Totals) -> dict[str, Any]:
+    whole = {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in asdict(together).items()}
+    return {"scenes": [score.to_json() for score in scores], "totals": whole, "limits": LIMITS}
+
+
+def _number(value: float | None, factor: float = 1.0, digits: int = 3) -> str:
+    return "-" if value is None or math.isnan(value) else f"{factor * value:.{digits}f}"

@@ -1,0 +1,1 @@
+"""Calibration from recordings: boards, floor, standing people, and the page in the browser."""

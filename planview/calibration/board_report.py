@@ -1,0 +1,190 @@
+"""A self-contained page about a board calibration: errors, coverage, lens models, a rectified pair."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from calib.board.lens import FOLDS
+from calib.board.model import SIDES, Side, coefficient_names, rms
+from calib.board.solve import BoardCalibration
+from calib.types import F64, U8
+from planview.calibration.board_images import BoardImages
+from stereo.rectify import Rectifier, RectifyParams
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_LINES = 18
+_PAIR_WIDTH = 720
+_ARROW_SCALE = 60.0
+"""Error arrows are drawn this many times their length."""
+
+
+def write_report(result: BoardCalibration, images: Path, path: Path) -> Path:
+    """Write the page.
+
+    Args:
+        result: the calibration.
+        images: where its pairs came from; one is read again and shown rectified.
+        path: of the page.
+    Returns:
+        The path.
+    """
+    from jinja2 import Environment, PackageLoader
+
+    environment = Environment(loader=PackageLoader("planview.calibration", ""), autoescape=True)
+    name, picture = _rectified_pair(result, images)
+    page = environment.get_template("board_report.html.j2").render(
+        source=images.name or str(images),
+        board=result.board.name,
+        size=f"{result.rig.left.width}x{result.rig.left.height}",
+        figures=_figures(result),
+        pair_name=name,
+        rectified=_jpeg(picture),
+        errors=_png(_error_figure(result)),
+        coverage=_png(_coverage_figure(result)),
+        rejected=result.rejected,
+        lenses=result.lenses,
+        chosen=result.chosen_lens,
+        folds=min(FOLDS, len(result.views)),
+        parameters=_parameters(result),
+    )
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+def _figures(result: BoardCalibration) -> list[tuple[str, str]]:
+    turn = math.degrees(float(np.linalg.norm(result.rig.right_SE3_left.rotvec)))
+    return [
+        ("stereo rms", f"{result.adjusted.rms_px:.3f} px"),
+        ("rows after rectification, rms", f"{result.row_rms_px:.3f} px"),
+        ("baseline", f"{1000 * result.rig.baseline_m:.2f} ± {1000 * result.baseline_std_m:.2f} mm"),
+        ("between the cameras", f"{turn:.2f}°"),
+        ("pairs used", f"{result.pairs_used} of {result.pairs_used + len(result.rejected)}"),
+        ("lens", result.rig.left.model),
+    ]
+
+
+def _parameters(result: BoardCalibration) -> list[tuple[str, str, str]]:
+    estimate, rows = result.adjusted.estimate, []
+    values: list[float] = []
+    for camera in (result.rig.left, result.rig.right):
+        values += [camera.fx, camera.fy, camera.cx, camera.cy, *camera.coefficients[: len(coefficient_names(camera))]]
+    values += [float(v) for v in estimate.stereo]
+    for (name, std), value in zip(result.std.items(), values, strict=True):
+        if name.startswith("rotation"):
+            rows.append((name, f"{math.degrees(value):.4f}°", f"{math.degrees(std):.4f}°"))
+        elif name.startswith("translation"):
+            rows.append((name, f"{1000 * value:.3f} mm", f"{1000 * std:.3f} mm"))
+        elif name.split()[1] in {"fx", "fy", "cx", "cy"}:
+            rows.append((name, f"{value:.3f} px", f"{std:.3f} px"))
+        else:
+            rows.append((name, f"{value:.6f}", f"{std:.6f}"))
+    return rows
+
+
+def _rectified_pair(result: BoardCalibration, images: Path) -> tuple[str, U8]:
+    """The pair with the median error, rectified side by side with lines across both."""
+    usable = [i for i, view in enumerate(result.views) if view.left is not None and view.right is not None]
+    order = sorted(usable, key=lambda i: float(result.adjusted.view_rms_px()[i]))
+    name = result.views[order[len(order) // 2]].name
+    source = BoardImages(images)
+    pair = next(source.at([source.names.index(name)]))
+    if pair.left is None or pair.right is None:
+        raise ValueError(f"expected {name} to be readable as before")
+    rectified = Rectifier(result.rig, RectifyParams(working_px=_PAIR_WIDTH))(pair.left, pair.right)
+    both = np.hstack([rectified.left_grey, rectified.right_grey])
+    colour = np.asarray(cv2.cvtColor(both, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    for row in np.linspace(0, colour.shape[0] - 1, _LINES + 2).astype(int)[1:-1]:
+        cv2.line(colour, (0, int(row)), (colour.shape[1] - 1, int(row)), (60, 200, 60), 1)
+    return name, colour
+
+
+def _error_figure(result: BoardCalibration) -> Figure:
+    figure = _new_figure(11, 8.5)
+    grid = figure.add_gridspec(2, 6, height_ratios=(1.0, 1.1))
+    scatter, bars = figure.add_subplot(grid[0, :2]), figure.add_subplot(grid[0, 2:])
+    _draw_scatter(scatter, result)
+    _draw_views(bars, result)
+    for column, side in zip((slice(0, 3), slice(3, 6)), SIDES, strict=True):
+        _draw_arrows(figure.add_subplot(grid[1, column]), result, side)
+    return figure
+
+
+def _draw_scatter(axes: Axes, result: BoardCalibration) -> None:
+    for side, colour in zip(SIDES, ("tab:blue", "tab:orange"), strict=True):
+        errors = np.concatenate([view[side] for view in result.adjusted.errors if side in view])
+        axes.plot(*errors.T, ".", ms=2.5, alpha=0.5, color=colour, label=side)
+    reach = 1.1 * max(np.abs(e).max() for view in result.adjusted.errors for e in view.values())
+    axes.set(xlim=(-reach, reach), ylim=(reach, -reach), xlabel="x error [px]", ylabel="y error [px]", aspect="equal")
+    axes.grid(alpha=0.3)
+    axes.legend(loc="upper right")
+
+
+def _draw_views(axes: Axes, result: BoardCalibration) -> None:
+    place = np.arange(len(result.views))
+    for shift, side, colour in zip((-0.2, 0.2), SIDES, ("tab:blue", "tab:orange"), strict=True):
+        heights = [rms([view[side]]) if side in view else 0.0 for view in result.adjusted.errors]
+        axes.bar(place + shift, heights, 0.4, color=colour, label=side)
+    axes.axhline(result.adjusted.rms_px, color="black", lw=0.8, ls="--", label="all")
+    names = [view.name.split()[0] for view in result.views]
+    axes.set_xticks(place, names, rotation=90, fontsize=7)
+    axes.set(ylabel="rms error [px]", title="per view")
+    axes.legend(loc="upper right")
+
+
+def _draw_arrows(axes: Axes, result: BoardCalibration, side: Side) -> None:
+    pixels = [corners.pixels for view in result.views if (corners := view.side(side)) is not None]
+    errors = [view[side] for view in result.adjusted.errors if side in view]
+    p, e = np.concatenate(pixels), -_ARROW_SCALE * np.concatenate(errors)
+    axes.quiver(
+        *p.T, *e.T, np.linalg.norm(e, axis=1), angles="xy", scale_units="xy", scale=1, cmap="viridis", width=0.002
+    )
+    _as_image(axes, result, f"{side}: errors x {_ARROW_SCALE:.0f}")
+
+
+def _coverage_figure(result: BoardCalibration) -> Figure:
+    figure = _new_figure(11, 4.2)
+    for axes, side in zip(figure.subplots(1, 2), SIDES, strict=True):
+        counts: F64 = result.coverage(side)
+        w, h = result.rig.left.size
+        shown = np.where(counts > 0, counts, np.nan)
+        axes.imshow(shown, extent=(-0.5, w - 0.5, h - 0.5, -0.5), cmap="YlGn", vmin=0)
+        for view in result.views:
+            corners = view.side(side)
+            if corners is not None:
+                axes.plot(*corners.pixels.T, ".", ms=1.5, color="black", alpha=0.6)
+        _as_image(axes, result, f"{side}: {100 * result.coverage_share(side):.0f} % covered")
+    return figure
+
+
+def _as_image(axes: Axes, result: BoardCalibration, title: str) -> None:
+    w, h = result.rig.left.size
+    axes.set(xlim=(-0.5, w - 0.5), ylim=(h - 0.5, -0.5), aspect="equal", title=title)
+
+
+def _new_figure(width: float, height: float) -> Figure:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), dpi=110, layout="constrained")
+
+
+def _png(figure: Figure) -> str:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return base64.b64encode(buffer.getvalue()).decode("ascii")
+
+
+def _jpeg(image: U8) -> str:
+    done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])
+    if not done:
+        raise ValueError("expected an image that can be encoded")
+    return base64.b64encode(data.tobytes()).decode("ascii")

@@ -1,0 +1,1 @@
+"""Plan-view maps of height and occupancy (Harville 2002, section 3)."""

@@ -1,0 +1,265 @@
+"""Plan-view maps of height and occupancy (Harville 2002, section 3)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from pydantic import Field
+
+from calib.pose import SE3
+from calib.types import F32, F64, I32, U8
+from planview.maps._kernels import accumulate, back_project
+from planview.maps.grid import Grid, GridParams
+from stereo.depth import RectifiedGeometry
+
+
+class MapParams(GridParams):
+    """Plan-view maps."""
+
+    height_max_m: float = Field(2.4, gt=0.5, le=5.0)
+    """H_max [m]: how high a very tall person reaches standing on his toes (Harville 2002, section 3); 2.4 m is the
+    95th percentile of men's vertical grip reach plus toes (our choice)."""
+    height_min_m: float = Field(0.15, ge=0.0, le=1.0)
+    """Foreground lower than this is the floor under another light, or a shoe [m], and left out of the maps: three
+    deviations of the floor's depth seen from 2.7 m above (our choice)."""
+    smoothing_m: float = Field(0.04, ge=0.0, le=0.2)
+    """Standard deviation of the Gaussian that smooths both maps [m]. Harville 2002, section 3: 1-4 cm."""
+    occupancy_min: float = Field(0.25, ge=0.0)
+    """theta_occ as visible surface per floor area [m^2/m^2]: height counts only where more is seen. A head seen from
+    the side or from above gives about 1, stray matches are far below (our choice; the paper gives no value)."""
+    depth_std_max_m: float = Field(0.40, gt=0.0)
+    """Points whose predicted depth deviation is larger [m] are left out: beyond it a body smears over more than the
+    2 W_avg of a template (Harville 2002, section 4; our choice)."""
+    distance_max_m: float = Field(15.0, gt=0.5, le=100.0)
+    """Farthest horizontal distance covered by the grid [m], where the depth allows it (our choice)."""
+    confidence: bool = False
+    """Also build the map of confidence per cell from the predicted depth deviation (ours; off as in the paper)."""
+
+
+@dataclass(frozen=True, eq=False)
+class FloorPoints:
+    """Foreground points of one frame in the world frame.
+
+    Attributes:
+        xyz: (N, 3) float32 [m].
+        area: (N,) float32, surface that the pixel subtends, Z^2/(fu fv) [m^2].
+        pixels: (N,) int32, row * width + column in the foreground mask.
+    """
+
+    xyz: F32
+    area: F32
+    pixels: I32
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """From where the maps were seen.
+
+    Attributes:
+        camera_m: (3,) float64, centre of the rectified left camera [m].
+        depth_std_per_m2: predicted depth deviation over squared depth [1/m].
+        projection: (3, 4) float64, world points to pixels of the rectified left image.
+        size: (width, height) of that image [px].
+    """
+
+    camera_m: F64
+    depth_std_per_m2: float
+    projection: F64
+    size: tuple[int, int]
+
+    def sees(self, x_m: float, y_m: float, z_m: float) -> bool:
+        """Whether a world point lies in the image."""
+        u, v, depth = (float(value) for value in self.projection @ (x_m, y_m, z_m, 1.0))
+        return depth > 0 and -0.5 <= u / depth < self.size[0] - 0.5 and -0.5 <= v / depth < self.size[1] - 0.5
+
+    def footprint(
+        self, x_m: float, y_m: float, radius_m: float, sigmas: float = 2.0
+    ) -> tuple[float, float, tuple[float, float]]:
+        """Half axes, across and along the viewing ray, of the floor ellipse that the points of a body cover.
+
+        Depth noise moves points along the ray, so that a far body of ``radius_m`` looks longer than it is wide, by
+        ``sigmas`` depth deviations each way.
+
+        Returns:
+            across [m], along [m] and the horizontal unit vector (x, y) of the ray.
+        """
+        dx, dy = x_m - float(self.camera_m[0]), y_m - float(self.camera_m[1])
+        distance = math.hypot(dx, dy)
+        ray = (dx / distance, dy / distance) if distance > 1e-6 else (0.0, 1.0)
+        range_m = math.hypot(distance, float(self.camera_m[2]) - 1.0)
+        smear = sigmas * self.depth_std_per_m2 * range_m * distance
+        return radius_m, math.hypot(radius_m, smear), ray
+
+
+@dataclass(frozen=True, eq=False)
+class PlanViewMaps:
+    """Maps of one frame, all (n_rows, n_cols) float32 on the same grid.
+
+    Attributes:
+        grid: where the cells are.
+        height_raw: highest point per cell [m], 0 where none fell.
+        occupancy_raw: visible foreground surface per cell [m^2].
+        height: smoothed and masked height H_masked [m].
+        occupancy: smoothed occupancy O_sm [m^2].
+        occupancy_min: theta_occ of this grid [m^2 per cell].
+        points: the points that the maps were made of.
+        view: from where they were seen.
+        confidence: 0..1 per cell from the predicted depth deviation, None unless asked for.
+    """
+
+    grid: Grid
+    height_raw: F32
+    occupancy_raw: F32
+    height: F32
+    occupancy: F32
+    occupancy_min: float
+    points: FloorPoints
+    view: View
+    confidence: F32 | None = None
+
+
+class MapBuilder:
+    """Foreground disparity to height and occupancy maps (Harville 2002, section 3).
+
+    Args:
+        geometry: the rectified pair.
+        world_SE3_left: pose of the rectified left camera.
+        params: see MapParams.
+        reduction: the disparities and masks to come hold every ``reduction``-th row and column of the rectified
+            image; disparities keep its pixels as their unit.
+    Raises:
+        ValueError: the floor within reach is larger than a grid may be (a larger cell_m helps).
+    """
+
+    def __init__(
+        self,
+        geometry: RectifiedGeometry,
+        world_SE3_left: SE3,
+        params: MapParams | None = None,
+        reduction: int = 1,
+    ) -> None:
+        self.params = params or MapParams()
+        self.geometry = geometry
+        self.world_SE3_left = world_SE3_left
+        self.grid = floor_in_view(geometry, world_SE3_left, self.params)
+        projection = geometry.matrix @ world_SE3_left.inverse().matrix[:3]
+        self.view = View(world_SE3_left.translation, geometry.depth_std_m(1.0), projection, geometry.size)
+        self.shape = (-(-geometry.height // reduction), -(-geometry.width // reduction))
+        self._occupancy_min = self.params.occupancy_min * self.grid.cell_m**2
+        n = self.shape[0] * self.shape[1]
+        self._points = np.empty((n, 3), dtype=np.float32)
+        self._area = np.empty(n, dtype=np.float32)
+        self._pixels = np.empty(n, dtype=np.int32)
+        g = geometry
+        self._intrinsics = np.array([g.focal_u_px, g.focal_v_px, g.cu_px, g.cv_px]) / reduction
+        self._pose = np.ascontiguousarray(world_SE3_left.matrix[:3])
+        self._disparity_min = geometry.disparity_at(_reach_m(geometry, self.params))
+
+    def __call__(self, disparity: F32, mask: U8) -> PlanViewMaps:
+        """Build the maps of one frame.
+
+        Args:
+            disparity: (H, W) float32 [px], NaN where invalid.
+            mask: (H, W) uint8, non-zero where foreground.
+        Raises:
+            ValueError: the arrays do not have the size of the geometry.
+        """
+        if disparity.shape != self.shape or mask.shape != self.shape:
+            raise ValueError(f"expected disparity and mask of {self.shape}, got {disparity.shape} and {mask.shape}")
+        points = self._back_project(disparity, mask)
+        height_raw, occupancy_raw = self._accumulate(points.xyz, points.area)
+        height, occupancy = self._smooth(height_raw, occupancy_raw)
+        confidence = self._confidence(points) if self.params.confidence else None
+        return PlanViewMaps(
+            self.grid, height_raw, occupancy_raw, height, occupancy, self._occupancy_min, points, self.view, confidence
+        )
+
+    def _back_project(self, disparity: F32, mask: U8) -> FloorPoints:
+        n = back_project(
+            disparity, mask, self._disparity_min, self.geometry.disparity_metre,
+            self._intrinsics, self._pose, self.params.height_max_m, self._points, self._area, self._pixels,
+        )  # fmt: skip
+        return FloorPoints(self._points[:n].copy(), self._area[:n].copy(), self._pixels[:n].copy())
+
+    def _accumulate(self, xyz: F32, weight: F32) -> tuple[F32, F32]:
+        height = np.empty(self.grid.shape, dtype=np.float32)
+        total = np.empty(self.grid.shape, dtype=np.float32)
+        accumulate(
+            xyz, weight, self.params.height_min_m, self.grid.x_min_m, self.grid.y_min_m, self.grid.cell_m, height, total
+        )
+        return height, total
+
+    def _smooth(self, height_raw: F32, occupancy_raw: F32) -> tuple[F32, F32]:
+        """H_masked and O_sm. The height is smoothed over occupied cells only, or edges would sink."""
+        height, occupancy = np.zeros_like(height_raw), np.zeros_like(occupancy_raw)
+        sigma = self.params.smoothing_m / self.grid.cell_m
+        # Most of the floor is empty: only the part around what was seen is worth smoothing.
+        part = _occupied_part(occupancy_raw, 2 * math.ceil(3 * sigma))
+        raw = height_raw[part]
+        if sigma > 0.0:
+            occupancy[part] = _blur(occupancy_raw[part], sigma)
+            share = _blur((raw > 0.0).astype(np.float32), sigma)
+            smooth = np.divide(_blur(raw, sigma), np.maximum(share, 1e-3), dtype=np.float32)
+        else:
+            occupancy[part], smooth = occupancy_raw[part], raw
+        np.copyto(height[part], smooth, where=occupancy[part] >= np.float32(self._occupancy_min))
+        return height, occupancy
+
+    def _confidence(self, points: FloorPoints) -> F32:
+        """Mean of 1 / (1 + (sigma_z / cell)^2) over a cell's points: 1 where depth is exact, 0 where it is unknown."""
+        depth = np.sqrt(points.area * np.float32(self._intrinsics[0] * self._intrinsics[1]))
+        ratio = self.geometry.depth_std_m(depth) / np.float32(self.grid.cell_m)
+        _, total = self._accumulate(points.xyz, (points.area / (1.0 + ratio**2)).astype(np.float32))
+        _, area = self._accumulate(points.xyz, points.area)
+        return np.divide(total, area, out=np.zeros_like(total), where=area > 0)
+
+
+def floor_in_view(geometry: RectifiedGeometry, world_SE3_left: SE3, params: MapParams) -> Grid:
+    """The floor rectangle below everything between the floor and H_max that the camera sees within reach."""
+    reach = _reach_m(geometry, params)
+    u = np.linspace(0, geometry.width - 1, 17)
+    v = np.linspace(0, geometry.height - 1, 17)
+    uu, vv = (a.ravel() for a in np.meshgrid(u, v))
+    rays = np.column_stack(
+        [(uu - geometry.cu_px) / geometry.focal_u_px, (vv - geometry.cv_px) / geometry.focal_v_px, np.ones(len(uu))]
+    )
+    depths = np.linspace(0.2, reach, 60)
+    points = world_SE3_left @ (rays[:, None, :] * depths[None, :, None])
+    inside = (points[..., 2] >= 0.0) & (points[..., 2] <= params.height_max_m)
+    inside &= np.hypot(points[..., 0], points[..., 1]) <= params.distance_max_m
+    if not inside.any():
+        raise ValueError("expected a camera that sees the space between floor and H_max, got none of it in view")
+    seen = points[inside]
+    margin = 0.5
+    (x0, y0), (x1, y1) = seen[:, :2].min(axis=0) - margin, seen[:, :2].max(axis=0) + margin
+    return Grid.covering(float(x0), float(y0), float(x1), float(y1), params.cell_m)
+
+
+def _reach_m(geometry: RectifiedGeometry, params: MapParams) -> float:
+    """Depth at which the predicted deviation reaches depth_std_max_m."""
+    return math.sqrt(params.depth_std_max_m / geometry.depth_std_m(1.0))
+
+
+def _occupied_part(occupancy: F32, margin: int) -> tuple[slice, slice]:
+    """The bounding rectangle of what is not zero, wider by a margin."""
+    seen = occupancy > 0.0
+    rows, cols = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+    if len(rows) == 0:
+        return slice(0, 0), slice(0, 0)
+    return (
+        slice(max(0, int(rows[0]) - margin), int(rows[-1]) + 1 + margin),
+        slice(max(0, int(cols[0]) - margin), int(cols[-1]) + 1 + margin),
+    )
+
+
+def _blur(image: F32, sigma: float) -> F32:
+    if image.size == 0:
+        return image
+    radius = max(1, round(3 * sigma))
+    return np.asarray(
+        cv2.GaussianBlur(image, (2 * radius + 1, 2 * radius + 1), sigma, borderType=cv2.BORDER_CONSTANT),
+        dtype=np.float32,
+    )

@@ -1,0 +1,1 @@
+"""The engine: configuration, set-up, the stages in order, feedback from tracker to foreground."""

@@ -1,0 +1,107 @@
+"""The whole configuration: a table per stage, from one TOML file and ``--set`` overrides."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, ValidationError
+
+from calib.errors import InputError
+from calib.floor.find import FloorParams
+from calib.params import Params
+from planview.foreground.mixture import ForegroundParams
+from planview.maps.builder import MapParams
+from planview.pipeline.feedback import FeedbackParams
+from planview.pipeline.single_camera import SingleCameraParams
+from planview.tracking.ellipse_particle.params import EllipseParticleParams
+from planview.tracking.human_model.params import HumanModelParams
+from planview.tracking.template import TemplateTrackerParams
+from stereo.matcher import RangeParams, SgbmParams
+from stereo.rectify import RectifyParams
+
+
+class AnalysisParams(Params):
+    """Size of the images behind the disparity."""
+
+    width_px: int = Field(400, ge=80, le=8192)
+    """Foreground and maps use every n-th row and column, n the smallest that brings the width down to this [px].
+    Harville 2002, section 5, ran at 320x240; a head at 8 m is then still 5 px wide."""
+    setup_frames: int = Field(24, ge=3, le=500)
+    """Frames, spread over the recording, in which floor and vertical residual are measured (our choice)."""
+
+
+class Config(Params):
+    """Every parameter of a run."""
+
+    seed: int = Field(0, ge=0)
+    """Seed of every random generator."""
+    analysis: AnalysisParams = AnalysisParams()
+    rectify: RectifyParams = RectifyParams()
+    range: RangeParams = RangeParams()
+    sgbm: SgbmParams = SgbmParams()
+    floor: FloorParams = FloorParams()
+    foreground: ForegroundParams = ForegroundParams()
+    feedback: FeedbackParams = FeedbackParams()
+    maps: MapParams = MapParams()
+    template: TemplateTrackerParams = TemplateTrackerParams()
+    single_camera: SingleCameraParams = SingleCameraParams()
+    human_model: HumanModelParams = HumanModelParams()
+    ellipse_particle: EllipseParticleParams = EllipseParticleParams()
+
+
+def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Config:
+    """Defaults, then the file, then overrides like ``foreground.learning_rate=0.002``.
+
+    Raises:
+        InputError: an unreadable file, an unknown key, or a value out of range, by name.
+    """
+    tables: dict[str, Any] = {}
+    if path is not None:
+        try:
+            tables = tomllib.loads(path.read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+            raise InputError(f"{path}: expected a TOML configuration, found {error}") from error
+        _validate(tables, str(path))
+    for override in overrides:
+        _apply(tables, override)
+    return _validate(tables, "--set" if overrides else str(path))
+
+
+def _apply(tables: dict[str, Any], override: str) -> None:
+    name, equals, text = override.partition("=")
+    keys = name.strip().split(".")
+    if not equals or not all(keys):
+        raise InputError(f"--set: expected table.key=value, found {override!r}")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text.strip()
+    for key in keys[:-1]:
+        tables = tables.setdefault(key, {})
+        if not isinstance(tables, dict):
+            raise InputError(f"--set: expected a table at {key!r}, found a value in {override!r}")
+    tables[keys[-1]] = value
+
+
+def _over(defaults: dict[str, Any], tables: dict[str, Any]) -> dict[str, Any]:
+    """The defaults with what the tables set: one key of a stage leaves the stage's others as they are."""
+    both = dict(defaults)
+    for key, value in tables.items():
+        nested = isinstance(value, dict) and isinstance(defaults.get(key), dict)
+        both[key] = _over(defaults[key], value) if nested else value
+    return both
+
+
+def _validate(tables: dict[str, Any], source: str) -> Config:
+    try:
+        return Config.model_validate(_over(Config().model_dump(), tables))
+    except ValidationError as error:
+        first = error.errors()[0]
+        name = ".".join(str(part) for part in first["loc"])
+        if first["type"] == "extra_forbidden":
+            raise InputError(f"{source}: expected a known parameter, found {name!r}") from error
+        message = first["msg"][0].lower() + first["msg"][1:]
+        raise InputError(f"{source}: {name}: {message}, found {first['input']!r:.80}") from error

@@ -1,0 +1,78 @@
+"""From names on the command line to a pipeline with a tracker."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, get_args
+
+from calib.errors import InputError
+from calib.ground_camera import GroundCamera, load_ground_camera
+from planview.pipeline.config import Config
+from planview.pipeline.pipeline import Pipeline, SingleCameraPipeline
+from planview.pipeline.setup import set_up
+from planview.tracking.base import ImageTracker
+from planview.tracking.ellipse_particle.tracker import EllipseParticleTracker
+from planview.tracking.human_model.tracker import HumanModelTracker
+from stereo.readers import open_recording, open_video
+from stereo.recording import Video
+
+TrackerName = Literal["template", "human-model", "ellipse-particle"]
+
+Engine = Pipeline | SingleCameraPipeline
+
+
+def open_engine(
+    path: Path,
+    tracker: TrackerName = "template",
+    config: Config | None = None,
+    camera: Path | None = None,
+    calibration: Path | None = None,
+) -> Engine:
+    """Open a recording with the tracker asked for.
+
+    The template tracker needs a stereo recording; the human-model tracker a video and its ``camera.toml``; the
+    ellipse-particle tracker takes either: of a stereo recording it tracks the plan-view occupancy map.
+
+    Raises:
+        InputError: a recording, camera or calibration that is missing or does not fit.
+        WorkError: no floor is visible.
+    """
+    if tracker not in get_args(TrackerName):
+        raise InputError(f"--tracker: expected one of {', '.join(get_args(TrackerName))}, found {tracker!r}")
+    config = config or Config()
+    if tracker == "template" or (tracker == "ellipse-particle" and is_stereo(path, calibration)):
+        return _stereo(path, tracker, config, calibration)
+    video = open_video(path)
+    ground_camera = _camera_for(video, camera) if camera else None
+    return SingleCameraPipeline(video, _image_tracker(tracker, config, ground_camera), config, ground_camera)
+
+
+def is_stereo(path: Path, calibration: Path | None = None) -> bool:
+    """Whether a path holds a pair of cameras rather than one."""
+    return calibration is not None or (path.is_dir() and any(path.glob("left*")) and any(path.glob("right*")))
+
+
+def _stereo(path: Path, tracker: TrackerName, config: Config, calibration: Path | None) -> Pipeline:
+    recording = open_recording(path, calibration)
+    setup = set_up(recording, config)
+    if tracker == "template":
+        return Pipeline(recording, setup, config)
+    params = config.ellipse_particle.model_copy(update={"plane": "floor", "seed": config.seed})
+    return Pipeline(recording, setup, config, EllipseParticleTracker(params))
+
+
+def _image_tracker(tracker: TrackerName, config: Config, camera: GroundCamera | None) -> ImageTracker:
+    if tracker == "ellipse-particle":
+        params = config.ellipse_particle.model_copy(update={"plane": "image", "seed": config.seed})
+        return EllipseParticleTracker(params, camera)
+    if camera is None:
+        raise InputError("--camera: the human-model tracker needs a camera.toml (see planview calibrate human)")
+    return HumanModelTracker(config.human_model, camera)
+
+
+def _camera_for(video: Video, path: Path) -> GroundCamera:
+    camera = load_ground_camera(path)
+    if camera.size != video.size:
+        (w, h), (vw, vh) = camera.size, video.size
+        raise InputError(f"{path}: expected a camera for images of {vw}x{vh} px, found one for {w}x{h} px")
+    return camera

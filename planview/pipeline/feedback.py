@@ -1,0 +1,79 @@
+"""What the tracker knows about pixels, for the foreground model (Harville 2002, ECCV; notes, section 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from pydantic import Field
+
+from calib.params import Params
+from calib.types import U8
+from planview.foreground.mixture import BACKGROUND, PERSON
+from planview.maps.builder import FloorPoints
+from planview.pipeline._feedback_kernels import paint
+from planview.trajectories.state import TrackState
+
+
+class FeedbackParams(Params):
+    """Feedback from tracker to foreground; our choices, the sequel to the paper gives only the idea."""
+
+    enabled: bool = True
+    """Give feedback at all."""
+    body_m: float = Field(0.6, gt=0.0)
+    """Foreground this near to a person's axis on the floor is his [m]: an arm's length."""
+    travelled_m: float = Field(0.5, ge=0.0)
+    """Only who has moved this far since he appeared is protected from being learned [m]: furniture that was mistaken
+    for a person does not walk, and must fade into the background."""
+    ground_m: float = Field(0.12, ge=0.0)
+    """Foreground lower than this and away from everybody is floor under a new light [m]: a shoe's height."""
+    spread_px: int = Field(5, ge=0, le=50)
+    """A person's pixels are widened by so much for the next frame [px]."""
+
+
+class Feedback:
+    """Remembers who has walked, and paints the mask for the next frame."""
+
+    def __init__(self, params: FeedbackParams) -> None:
+        self.params = params
+        self._origin: dict[int, tuple[float, float]] = {}
+        self._walked: set[int] = set()
+
+    def reset(self) -> None:
+        """Forget everybody."""
+        self._origin.clear()
+        self._walked.clear()
+
+    def __call__(self, points: FloorPoints, tracks: Sequence[TrackState], shape: tuple[int, int]) -> U8 | None:
+        """The mask for the next frame.
+
+        Args:
+            points: foreground points of this frame; their pixels index an image of ``shape``.
+            tracks: people after this frame.
+        Returns:
+            (H, W) uint8 of NO_OPINION, PERSON and BACKGROUND; None when feedback is off.
+        """
+        p = self.params
+        if not p.enabled:
+            return None
+        self._remember(tracks)
+        people = np.array(
+            [(t.x_m, t.y_m, t.state == "confirmed" and t.track_id in self._walked) for t in tracks], dtype=np.float64
+        ).reshape(-1, 3)
+        persons, ground = np.zeros(shape, dtype=np.uint8), np.zeros(shape, dtype=np.uint8)
+        paint(points.xyz, points.pixels, people, p.body_m, p.ground_m, persons.reshape(-1), ground.reshape(-1))
+        if persons.any():
+            side = 2 * p.spread_px + 1
+            persons = np.asarray(cv2.dilate(persons, np.ones((side, side), dtype=np.uint8)), dtype=np.uint8)
+        # Who is a person wins over what is ground.
+        return np.where(persons > 0, np.uint8(PERSON), ground * np.uint8(BACKGROUND))
+
+    def _remember(self, tracks: Sequence[TrackState]) -> None:
+        alive = {track.track_id for track in tracks}
+        self._walked &= alive
+        self._origin = {i: xy for i, xy in self._origin.items() if i in alive}
+        for track in tracks:
+            x, y = self._origin.setdefault(track.track_id, (track.x_m, track.y_m))
+            if (track.x_m - x) ** 2 + (track.y_m - y) ** 2 >= self.params.travelled_m**2:
+                self._walked.add(track.track_id)

@@ -1,0 +1,100 @@
+"""One camera without depth: frames to observations (foreground and motion)."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import cv2
+import numpy as np
+from pydantic import Field
+
+from calib.errors import InputError
+from calib.params import Params
+from calib.types import U8
+from planview.foreground.ghosts import GhostParams, find_ghosts
+from planview.foreground.mixture import BACKGROUND, Foreground, ForegroundParams
+from planview.tracking.base import Observation
+from stereo.recording import VideoFrame
+
+
+class SingleCameraParams(Params):
+    """Foreground and motion of one camera (Zhang et al. 2008, section 2)."""
+
+    foreground: ForegroundParams = Field(
+        default=ForegroundParams.model_validate(
+            {"remove_colour_shadows": True, "shadow_ratio": 0.5, "luma_noise": 3.0, "chroma_noise": 1.8}
+        )
+    )
+    """The mixture model, here without depth: shadows are removed by their colour, at most twice as dark as the ground
+    (as OpenCV's MOG2 has it), since dark clothes are like deeper shadows. The least noise is that of the sensor alone:
+    where colours are all there is, clothes like the wall behind must be told from it, and noise above is learned."""
+    ghosts: GhostParams = GhostParams()
+    """What of the foreground is nobody, but where somebody was at the start."""
+    motion_level: float = Field(default=10.0, gt=0, le=255)
+    """Change of luma, averaged over 3x3 pixels, between two frames that is motion (levels of 255). Our choice: 8-bit
+    video has a noise of 3 to 4 levels, 1.3 in the average and 1.9 between two frames; five times that."""
+    motion_interval_s: float = Field(default=0.12, gt=0, le=2)
+    """Time between the two frames compared [s]; at least one frame. Our choice: a hand at 0.2 m/s moves 2.4 cm in it,
+    about a pixel, whatever the frame rate."""
+
+
+class SingleCamera:
+    """Turns the frames of one camera into observations; ``observe`` once per frame, in order."""
+
+    def __init__(self, params: SingleCameraParams, size: tuple[int, int]) -> None:
+        """Args: size is the (width, height) of all frames [px]."""
+        self.params = params
+        self.size = size
+        self._foreground = Foreground(params.foreground, (size[1], size[0]))
+        self._past: deque[tuple[float, U8]] = deque()
+        self._ghosts: U8 = np.zeros((size[1], size[0]), np.uint8)
+        self._looked_s = -math.inf
+
+    def reset(self) -> None:
+        """Forget the background."""
+        self._foreground.reset()
+        self._past.clear()
+        self._ghosts[:] = 0
+        self._looked_s = -math.inf
+
+    def observe(self, frame: VideoFrame, feedback: U8 | None = None) -> Observation:
+        """Foreground and motion of one frame.
+
+        Args:
+            frame: the next frame.
+            feedback: (H, W) uint8, what a tracker knows (see ``Foreground``), or None.
+        Raises:
+            InputError: a frame of another size.
+        """
+        height, width = frame.image.shape[:2]
+        if (width, height) != self.size:
+            raise InputError(f"frame {frame.index}: expected {self.size[0]}x{self.size[1]} px, found {width}x{height}")
+        mask = self._foreground.update(frame.image, None, frame.timestamp_s, self._opinion(feedback))
+        grey = cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY) if frame.image.ndim == 3 else frame.image
+        motion = self._motion(frame.timestamp_s, np.asarray(grey, dtype=np.uint8))
+        if frame.timestamp_s - self._looked_s >= self.params.ghosts.interval_s - 5e-4:
+            self._looked_s = frame.timestamp_s
+            background = self._foreground.background_luma()
+            self._ghosts = find_ghosts(np.asarray(grey, np.uint8), background, mask, motion, self.params.ghosts)
+        mask[self._ghosts > 0] = 0
+        return Observation(frame.index, frame.timestamp_s, frame.image, mask, motion, shadow=self._foreground.shadow)
+
+    def _opinion(self, feedback: U8 | None) -> U8 | None:
+        """What the tracker knows, but ghosts are background whoever is thought to be there."""
+        if not self._ghosts.any():
+            return feedback
+        opinion = np.zeros(self._ghosts.shape, np.uint8) if feedback is None else feedback.copy()
+        opinion[self._ghosts > 0] = BACKGROUND
+        return opinion
+
+    def _motion(self, now_s: float, grey: U8) -> U8:
+        """(H, W) uint8, 255 where the smoothed luma differs from that of motion_interval_s ago."""
+        smooth = np.asarray(cv2.blur(grey, (3, 3)), dtype=np.uint8)
+        # Half a millisecond of slack: time stamps are rounded.
+        while len(self._past) > 1 and self._past[1][0] <= now_s - self.params.motion_interval_s + 5e-4:
+            self._past.popleft()
+        before = self._past[0][1] if self._past else smooth
+        self._past.append((now_s, smooth))
+        _, motion = cv2.threshold(cv2.absdiff(smooth, before), self.params.motion_level, 255, cv2.THRESH_BINARY)
+        return np.asarray(motion, dtype=np.uint8)

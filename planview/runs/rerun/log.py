@@ -1,0 +1,264 @@
+"""A run as a rerun recording: image, foreground, disparity, 3D view, plan-view maps, decisions and time series."""
+
+from __future__ import annotations
+
+import colorsys
+import math
+import shutil
+from collections import deque
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import rerun as rr
+
+from calib.errors import WorkError
+from calib.types import F32, U8
+from planview.pipeline.factory import Engine
+from planview.pipeline.pipeline import FrameResult, Pipeline
+from planview.runs.rerun.blueprint import blueprint, shown_floor
+from planview.tracking.base import Drawing
+from planview.trajectories.state import TrackState
+
+JPEG_QUALITY = 80
+TRAIL_FRAMES = 150
+"""Length of the trails behind people."""
+BODY_M = 0.5
+"""Width of the boxes around people [m]."""
+CLOUD_POINTS = 20_000
+"""Most foreground points shown in a frame."""
+FREE_LEAST = 64 * 2**20
+"""Room that the disk must have for the next frames [bytes]: rerun writes behind our back, and waits for ever when it
+meets a full disk."""
+
+
+class RerunLog:
+    """Writes ``run.rrd``.
+
+    Args:
+        engine: whose frames will come.
+        path: the file to write.
+    Raises:
+        WorkError: there is too little room on the disk.
+    """
+
+    def __init__(self, engine: Engine, path: Path) -> None:
+        self._engine, self._path = engine, path
+        self._check_room()
+        self._stereo = engine if isinstance(engine, Pipeline) else None
+        self._trails: dict[int, deque[tuple[float, float]]] = {}
+        self._shown: set[str] = set()
+        self._stream = rr.RecordingStream("planview", recording_id=f"planview-{path.parent.name}")
+        self._stream.save(str(path), default_blueprint=blueprint(engine))
+        self._log_static()
+
+    def frame(self, result: FrameResult) -> None:
+        """Log one frame, on the timelines ``frame`` and ``time``.
+
+        Raises:
+            WorkError: there is too little room on the disk; the file is whole up to the frame before.
+        """
+        self._check_room()
+        self._stream.set_time("frame", sequence=result.frame)
+        self._stream.set_time("time", duration=result.timestamp_s)
+        self._log_image(result)
+        if self._stereo:
+            self._log_depth(self._stereo, result)
+            self._log_maps(result)
+        self._log_people(result.tracks)
+        self._log_debug()
+        self._log_decisions(result)
+        self._log_series(result)
+
+    def close(self) -> None:
+        """Flush and close the file."""
+        self._stream.disconnect()
+
+    def _check_room(self) -> None:
+        free = shutil.disk_usage(self._path.parent).free
+        if free < FREE_LEAST:
+            raise WorkError(
+                f"{self._path}: expected at least {FREE_LEAST >> 20} MB of free disk, found {free >> 20}: "
+                "the disk is full; earlier frames are kept"
+            )
+
+    def _log_static(self) -> None:
+        self._stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        labels = [(0, "background", (0, 0, 0, 0)), (255, "foreground", (255, 60, 60))]
+        self._stream.log("image", rr.AnnotationContext(labels), static=True)
+        if self._stereo is None:
+            return
+        pose, geometry = self._stereo.setup.floor.world_SE3_left, self._stereo.setup.rectifier.geometry
+        self._stream.log(
+            "world/camera", rr.Transform3D(translation=pose.translation, mat3x3=pose.rotation), static=True
+        )
+        self._stream.log(
+            "world/camera",
+            rr.Pinhole(
+                image_from_camera=geometry.matrix, resolution=geometry.size, camera_xyz=rr.ViewCoordinates.RDF,
+                image_plane_distance=0.4,
+            ),
+            static=True,
+        )  # fmt: skip
+        self._stream.log("world/floor", rr.LineStrips3D([_floor_grid(self._stereo)], colors=[90, 90, 90]), static=True)
+
+    def _log_image(self, result: FrameResult) -> None:
+        image, foreground = result.observation.image, result.observation.foreground
+        if image is not None:
+            encoded = _jpeg(image)
+            self._stream.log("image/left", rr.EncodedImage(contents=encoded, media_type="image/jpeg"))
+        if image is not None and foreground is not None:
+            size = image.shape[1], image.shape[0]
+            full = np.asarray(cv2.resize(foreground, size, interpolation=cv2.INTER_NEAREST), dtype=np.uint8)
+            self._stream.log("image/foreground", rr.SegmentationImage(full, opacity=0.4))
+
+    def _log_depth(self, engine: Pipeline, result: FrameResult) -> None:
+        """Disparity in sixteenths of a pixel at the analysis size, and the foreground cloud in colour."""
+        if result.disparity is not None:
+            reduced = result.disparity[:: engine.reduction, :: engine.reduction]
+            sixteenths = np.nan_to_num(reduced * 16.0).astype(np.uint16)
+            searched = engine.setup.disparities
+            lowest, highest = 16.0 * searched.first_px, 16.0 * (searched.first_px + searched.count)
+            colormap = rr.components.Colormap.Turbo
+            shown = rr.DepthImage(sixteenths, meter=16.0, colormap=colormap, depth_range=(lowest, highest))
+            self._stream.log("disparity", shown)
+        maps, image = result.observation.maps, result.observation.image
+        if maps is None or image is None:
+            return
+        step = max(1, len(maps.points.xyz) // CLOUD_POINTS)
+        xyz, pixels = maps.points.xyz[::step], maps.points.pixels[::step]
+        rows, cols = np.divmod(pixels, engine.maps.shape[1])
+        colours = _rgb(image)[rows * engine.reduction, cols * engine.reduction]
+        self._stream.log("world/foreground", rr.Points3D(xyz, colors=colours, radii=0.012))
+
+    def _log_maps(self, result: FrameResult) -> None:
+        maps = result.observation.maps
+        if maps is None or self._stereo is None:
+            return
+        height_max = self._stereo.config.maps.height_max_m
+        density = maps.occupancy / maps.grid.cell_m**2
+        for name, values, largest in (("height", maps.height, height_max), ("occupancy", density, 4.0)):
+            levels = np.clip(values * (255.0 / largest), 0, 255).astype(np.uint8)
+            grid_map = rr.GridMap(
+                # A grid map's first row is its upper one; ours is at y_min.
+                data=np.ascontiguousarray(levels[::-1]).tobytes(),
+                format=rr.components.ImageFormat(
+                    width=maps.grid.n_cols, height=maps.grid.n_rows, color_model="L", channel_datatype="U8"
+                ),
+                cell_size=maps.grid.cell_m,
+                translation=[maps.grid.x_min_m, maps.grid.y_min_m, 0.0],
+                colormap=rr.components.Colormap.Inferno,
+            )
+            self._stream.log(f"plan/{name}", grid_map)
+
+    def _log_people(self, tracks: Sequence[TrackState]) -> None:
+        for track in tracks:
+            trail = self._trails.setdefault(track.track_id, deque(maxlen=TRAIL_FRAMES))
+            if not math.isnan(track.x_m):
+                trail.append((track.x_m, track.y_m))
+        self._trails = {track.track_id: self._trails[track.track_id] for track in tracks}
+        self._log_boxes([track for track in tracks if not math.isnan(track.box_px[0])])
+        self._log_bodies([track for track in tracks if not math.isnan(track.x_m)])
+
+    def _log_boxes(self, tracks: list[TrackState]) -> None:
+        boxes = np.array([track.box_px for track in tracks], dtype=np.float32).reshape(-1, 4)
+        self._stream.log(
+            "image/people",
+            rr.Boxes2D(
+                array=boxes, array_format=rr.Box2DFormat.XYWH, labels=[_label(track) for track in tracks],
+                colors=[colour_of(track) for track in tracks],
+            ),
+        )  # fmt: skip
+
+    def _log_bodies(self, tracks: list[TrackState]) -> None:
+        heights = [1.7 if math.isnan(track.height_m) else track.height_m for track in tracks]
+        colours, labels = [colour_of(track) for track in tracks], [_label(track) for track in tracks]
+        centres = [(track.x_m, track.y_m, height / 2) for track, height in zip(tracks, heights, strict=True)]
+        sizes = [(BODY_M, BODY_M, height) for height in heights]
+        self._stream.log("world/people", rr.Boxes3D(centers=centres, sizes=sizes, colors=colours, labels=labels))
+        trails = [np.array([(*xy, 0.02) for xy in self._trails[track.track_id]]) for track in tracks]
+        self._stream.log("world/trails", rr.LineStrips3D(trails, colors=colours, radii=0.015))
+        heads = [(track.x_m, track.y_m, 0.05) for track in tracks]
+        self._stream.log("plan/people", rr.Points3D(heads, colors=colours, labels=labels, radii=0.05))
+
+    def _log_debug(self) -> None:
+        debug = self._engine.tracker.debug()
+        names = set()
+        for drawing in debug.drawings:
+            path = f"{'plan' if drawing.plane == 'floor' else 'image'}/{drawing.name}"
+            names.add(path)
+            self._stream.log(path, _shapes(drawing))
+        for name, tile in debug.tiles.items():
+            names.add(name)
+            self._stream.log(name, rr.Image(_grey_tile(tile)))
+        for name in self._shown - names:
+            self._stream.log(name, rr.Clear(recursive=False))
+        self._shown = names
+
+    def _log_decisions(self, result: FrameResult) -> None:
+        for decision in result.decisions:
+            if decision.kind != "matched":
+                level = rr.TextLogLevel.WARN if decision.kind == "lost" else rr.TextLogLevel.INFO
+                text = f"{decision.track_id} {decision.kind}: {decision.reason}"
+                self._stream.log("decisions", rr.TextLog(text, level=level))
+
+    def _log_series(self, result: FrameResult) -> None:
+        for stage, duration in result.stages_ms.items():
+            self._stream.log(f"time_ms/{stage}", rr.Scalars(duration))
+        people = sum(track.state == "confirmed" for track in result.tracks)
+        self._stream.log("people/confirmed", rr.Scalars(people))
+        for decision in result.decisions:
+            if decision.kind == "matched" and not math.isnan(decision.value):
+                self._stream.log(f"score/{decision.track_id}", rr.Scalars(decision.value))
+
+
+def colour_of(track: TrackState) -> tuple[int, int, int]:
+    """One colour per id; grey while tentative, pale while lost."""
+    if track.state == "tentative":
+        return 150, 150, 150
+    saturation = 0.45 if track.state == "lost" else 0.85
+    r, g, b = colorsys.hsv_to_rgb(track.track_id * 0.37 % 1.0, saturation, 1.0)
+    return round(255 * r), round(255 * g), round(255 * b)
+
+
+def _label(track: TrackState) -> str:
+    height = "" if math.isnan(track.height_m) else f" {track.height_m:.2f} m"
+    return f"{track.track_id}{height}" + ("" if track.state == "confirmed" else f" ({track.state})")
+
+
+def _shapes(drawing: Drawing) -> rr.LineStrips3D | rr.LineStrips2D | rr.Points2D | rr.Points3D:
+    labels = list(drawing.labels) or None
+    points = drawing.strips and all(len(strip) == 1 for strip in drawing.strips)
+    if drawing.plane == "image":
+        flat = [np.asarray(strip, dtype=np.float32) for strip in drawing.strips]
+        return rr.Points2D(np.concatenate(flat), labels=labels) if points else rr.LineStrips2D(flat, labels=labels)
+    raised = [np.column_stack([strip, np.full(len(strip), 0.03)]) for strip in drawing.strips]
+    if points:
+        return rr.Points3D(np.concatenate(raised), labels=labels, radii=0.01)
+    return rr.LineStrips3D(raised, labels=labels, colors=[0, 230, 120], radii=0.01)
+
+
+def _grey_tile(tile: F32 | U8) -> U8:
+    if tile.dtype == np.uint8:
+        return np.asarray(tile, dtype=np.uint8)
+    return np.clip(tile / max(float(tile.max()), 1e-9) * 255, 0, 255).astype(np.uint8)[::-1]
+
+
+def _jpeg(image: U8) -> bytes:
+    done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    if not done:
+        raise ValueError(f"expected an image that can be encoded, got shape {image.shape}")
+    return data.tobytes()
+
+
+def _rgb(image: U8) -> U8:
+    code = cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB
+    return np.asarray(cv2.cvtColor(image, code), dtype=np.uint8)
+
+
+def _floor_grid(engine: Pipeline) -> F32:
+    """Outline of the floor in view."""
+    x_min, y_min, x_max, y_max = shown_floor(engine)
+    corners = [(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max), (x_min, y_min)]
+    return np.array([(*corner, 0.0) for corner in corners], dtype=np.float32)

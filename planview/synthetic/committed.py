@@ -1,0 +1,17 @@
+"""Where the committed scenes and the demo clip lie, and where real recordings are looked for."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+SCENES = REPOSITORY / "data" / "synthetic"
+"""The committed scenes, one TOML each."""
+DEMO = SCENES / "demo"
+"""The committed clip."""
+
+
+def real_recordings() -> Path:
+    """Folder of real recordings, which may be missing: $PLANVIEW_TEST_DATA, else ../shared/data of the repository."""
+    return Path(os.environ.get("PLANVIEW_TEST_DATA", REPOSITORY.parent / "shared" / "data"))

@@ -1,0 +1,129 @@
+"""A scene rendered frame by frame, with calibration and exact truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.ground_camera import GroundCamera
+from calib.pose import SE3
+from calib.rig import StereoRig
+from calib.types import F32, U8
+from planview.synthetic.actors import Cast, furniture_at, place_mesh
+from planview.synthetic.furniture import furniture_mesh
+from planview.synthetic.layers import ViewRenderer
+from planview.synthetic.placing import ground_camera, mount_pose, rectified_world, stereo_rig
+from planview.synthetic.room import room_mesh
+from planview.synthetic.scene import Rig, Scene
+from planview.synthetic.sensor import SensorModel
+from planview.synthetic.shapes import join
+from planview.synthetic.texture import Palette
+from planview.synthetic.truth import TruthRow, truth_row
+from planview.synthetic.view import View, camera_view, ground_view
+
+RENDERER_VERSION = 1
+"""Raised whenever the pixels or the truth of any scene change: rendered recordings are cached by it."""
+
+
+@dataclass(frozen=True, eq=False)
+class RenderedFrame:
+    """Images and truth of one frame; ``right`` is None for a single camera.
+
+    Attributes:
+        depth: (H, W) float32 [m], exact, of the (left) image's pixel centres.
+        owner: (H, W) int32: 0 the room, person ids, -1 moving things.
+    """
+
+    index: int
+    timestamp_s: float
+    left: U8
+    right: U8 | None
+    depth: F32
+    owner: np.ndarray[tuple[int, ...], np.dtype[np.int32]]
+    truth: tuple[TruthRow, ...]
+
+
+class SceneRenderer:
+    """Renders a scene; the same scene gives the same pixels.
+
+    Attributes:
+        rig: the true stereo rig, None for a single camera.
+        ground_camera: the true single camera, None for a rig.
+        world_SE3_room: canonical world of the rectified left camera (or of the single camera).
+        world_SE3_left: placement of the rectified left camera in that world, None for a single camera.
+    """
+
+    def __init__(self, scene: Scene, scale: float = 1.0) -> None:
+        self.scene = scene
+        palette = Palette()
+        room = room_mesh(scene.room, palette)
+        self._cast = Cast(scene, palette)
+        standing = [
+            place_mesh(furniture_mesh(f, palette), *furniture_at(f, 0.0))
+            for f, moving in zip(scene.furniture, self._cast.is_moving, strict=True)
+            if not moving
+        ]
+        views = self._views(scale)
+        static = join([room, *standing])
+        shades = join(standing) if standing else None
+        self._views_of = views
+        self._renderers = [ViewRenderer(scene, v, static, shades, palette) for v in views]
+        gain = scene.sensor.brightness / max(self._renderers[0].room_mean(), 1e-6)
+        self._sensors = [
+            SensorModel(scene.sensor, (v.height, v.width), gain, scene.seed, i) for i, v in enumerate(views)
+        ]
+
+    @property
+    def n_frames(self) -> int:
+        return self.scene.n_frames
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the images [px]."""
+        return self._views_of[0].width, self._views_of[0].height
+
+    @property
+    def room_SE3_left(self) -> SE3:
+        """The unrectified left (or single) camera in the room."""
+        return self._views_of[0].room_SE3_camera
+
+    def _views(self, scale: float) -> list[View]:
+        mount = self.scene.mount
+        width, height = max(8, round(mount.width * scale)), max(8, round(mount.height * scale))
+        room_SE3_left = mount_pose(mount)
+        if isinstance(mount, Rig):
+            rig = stereo_rig(mount).scaled(width, height)
+            self.rig: StereoRig | None = rig
+            self.ground_camera: GroundCamera | None = None
+            world_SE3_left, self.world_SE3_room = rectified_world(rig, room_SE3_left)
+            self.world_SE3_left: SE3 | None = world_SE3_left
+            right = room_SE3_left @ rig.right_SE3_left.inverse()
+            return [camera_view(rig.left, room_SE3_left), camera_view(rig.right, right)]
+        self.rig, self.world_SE3_left = None, None
+        camera = ground_camera(mount).scaled(width, height)
+        self.ground_camera = camera
+        heading = math.radians(mount.heading_deg) - math.pi / 2
+        turn = SE3.from_rotvec([0.0, 0.0, heading], [mount.at_m[0], mount.at_m[1], 0.0])
+        self.world_SE3_room = turn.inverse()
+        return [ground_view(camera, turn)]
+
+    def __iter__(self) -> Iterator[RenderedFrame]:
+        for index in range(self.n_frames):
+            yield self.frame(index)
+
+    def frame(self, index: int) -> RenderedFrame:
+        """Frame ``index``, from 0; frames may be rendered in any order."""
+        t = index / self.scene.fps
+        actors = self._cast.at(t)
+        layers = [r.render(actors, t) for r in self._renderers]
+        images = [s(layer.linear, index, t) for s, layer in zip(self._sensors, layers, strict=True)]
+        people = np.array([0, *(a.person or -1 for a in actors)], np.int32)
+        rows = [
+            truth_row(a, k, layers[0], self._views_of[0], self.world_SE3_room) for k, a in enumerate(actors) if a.person
+        ]
+        truth = tuple(row for row in rows if row is not None)
+        right = images[1] if len(images) > 1 else None
+        return RenderedFrame(index, t, images[0], right, layers[0].depth, people[layers[0].owner], truth)

@@ -1,0 +1,251 @@
+"""What a person looks like at every pixel of a camera (Zhang et al. 2008, section 3.4)."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field
+
+from calib.errors import InputError
+from calib.ground_camera import LENS_K_320, GroundCamera
+from calib.human.model import HULL_POINTS, HumanModel
+from calib.params import Params
+from calib.types import F32, F64, I32
+
+MAX_NODES = 4_000_000
+"""Refuse to allocate larger model maps."""
+_LENSES = list(LENS_K_320)
+
+
+class HumanModelMapParams(Params):
+    """Where people are expected."""
+
+    max_distance_m: float = Field(default=60.0, gt=0, le=500)
+    """Farthest floor point, measured along the floor from below the camera [m]. Our choice: beyond it a person
+    of 1.76 m is under 10 px tall in a 480-line image of usual focal length."""
+    step_px: int = Field(default=4, ge=1, le=64)
+    """Distance of the foot pixels held in the map [px]; between them the nearest is taken. Our choice: half a step
+    is about the error of a foreground outline."""
+    min_height_px: float = Field(default=20.0, ge=0, le=1000)
+    """Longest side of a person's box in the image below which nobody is expected [px]. Our choice: somebody known can
+    be followed until his legs are a pixel wide each."""
+    min_visible: float = Field(default=0.05, ge=0, lt=1)
+    """Visible fraction of the model below which no person is expected [1]. Our choice."""
+
+
+@dataclass(frozen=True, eq=False)
+class HumanModelMap:
+    """What a person looks like with the foot at each pixel of a grid (section 3.4, figure 7).
+
+    The grid reaches beyond the image, since feet may be outside while the head is seen. Only places where a person
+    is possible (on the floor, near enough, visible) have an entry, so the others cost neither memory nor time.
+
+    Attributes:
+        camera, model: what the map was computed for.
+        params: where people were expected.
+        origin_px: (u, v) of grid node (0, 0) [px].
+        index: (rows, cols) int32, number of the node's entry, -1 where no person is possible.
+        foot_px: (N, 2) float32, the node's pixel.
+        head_px: (N, 2) float32.
+        floor_m: (N, 2) float32, world position of the foot.
+        hull_px: (N, HULL_POINTS, 2) float32, convex outline.
+        visibility: (N,) float32, fraction of the hull's area inside the image.
+    """
+
+    camera: GroundCamera
+    model: HumanModel
+    params: HumanModelMapParams
+    origin_px: tuple[int, int]
+    index: I32
+    foot_px: F32
+    head_px: F32
+    floor_m: F32
+    hull_px: F32
+    visibility: F32
+
+    def __len__(self) -> int:
+        return len(self.visibility)
+
+    def entry_at(self, pixels: ArrayLike) -> I32:
+        """Entries of the nodes nearest to foot pixels.
+
+        Args:
+            pixels: (..., 2) [px].
+        Returns:
+            (...) int32, -1 where no person is possible.
+        """
+        uv = np.asarray(pixels, dtype=np.float64)
+        grid = np.rint((np.nan_to_num(uv, nan=-1e6) - self.origin_px) / self.params.step_px).astype(np.int64)
+        col, row = grid[..., 0], grid[..., 1]
+        inside = (row >= 0) & (row < self.index.shape[0]) & (col >= 0) & (col < self.index.shape[1])
+        entry = self.index[np.where(inside, row, 0), np.where(inside, col, 0)]
+        return np.where(inside, entry, -1).astype(np.int32)
+
+    def boxes(self) -> F32:
+        """(N, 4) float32 left, top, width, height [px] of the entries' hulls."""
+        low, high = self.hull_px.min(axis=1), self.hull_px.max(axis=1)
+        return np.concatenate([low, high - low], axis=1)
+
+
+def build_model_map(
+    camera: GroundCamera, model: HumanModel | None = None, params: HumanModelMapParams | None = None
+) -> HumanModelMap:
+    """Compute the map once per camera.
+
+    Args:
+        camera: who looks.
+        model: the person; the paper's by default.
+        params: where people are expected.
+    Raises:
+        ValueError: the grid would be larger than MAX_NODES.
+    """
+    model, params = model or HumanModel(), params or HumanModelMapParams()
+    # A foot can be outside by at most a person's image size; the largest visible person is near the image's.
+    margin = max(camera.size)
+    u = np.arange(-margin, camera.width + margin, params.step_px)
+    v = np.arange(-margin, camera.height + margin, params.step_px)
+    if len(u) * len(v) > MAX_NODES:
+        raise ValueError(f"expected at most {MAX_NODES} map nodes, got {len(v)}x{len(u)}: enlarge step_px")
+    index = np.full((len(v), len(u)), -1, dtype=np.int32)
+    parts: list[tuple[F32, ...]] = []
+    count = 0
+    for row, v_px in enumerate(v):
+        foot = np.stack([u, np.full(len(u), v_px)], axis=-1).astype(np.float64)
+        keep, entries = _entries(camera, model, params, foot)
+        index[row, keep] = count + np.arange(len(keep), dtype=np.int32)
+        count += len(keep)
+        parts.append(entries)
+    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    return HumanModelMap(camera, model, params, (-margin, -margin), index, *columns)
+
+
+def visible_fraction(hulls: ArrayLike, width: int, height: int) -> F64:
+    """Fraction of convex polygons' areas inside the image (the paper's human visibility ratio).
+
+    Args:
+        hulls: (N, K, 2) [px], vertices in order.
+        width, height: image size [px]; pixel areas reach half a pixel beyond the outer centres.
+    Returns:
+        (N,) float64; 0 outside the image and for a polygon on its border without area.
+    """
+    p = np.asarray(hulls, dtype=np.float64)
+    last = np.array([width - 0.5, height - 0.5])
+    low, high = p.min(axis=1), p.max(axis=1)
+    fraction: F64 = ((low >= -0.5) & (high <= last)).all(axis=1).astype(np.float64)
+    # Only polygons that cross the border need clipping.
+    cut = (high > -0.5).all(axis=1) & (low < last).all(axis=1) & (fraction == 0)
+    whole = _area(p[cut])
+    clipped = _area(_clamp(_clamp(p[cut], 0, -0.5, last[0]), 1, -0.5, last[1]))
+    fraction[cut] = clipped / np.where(whole > 0, whole, np.inf)
+    return fraction
+
+
+def save_model_map(model_map: HumanModelMap, path: Path) -> None:
+    """Write a map as ``.npz`` (arrays and numbers only, no pickle)."""
+    c, m, p = model_map.camera, model_map.model, model_map.params
+    np.savez_compressed(
+        path,
+        camera=np.array([c.width, c.height, c.focal_px, c.height_m, c.tilt_rad, _LENSES.index(c.lens), c.roll_rad]),
+        model=np.array([m.head_m, m.torso_m, m.leg_m, m.head_radius_m, m.torso_radius_m, m.leg_radius_m]),
+        params=np.array([p.max_distance_m, p.step_px, p.min_height_px, p.min_visible]),
+        origin_px=np.array(model_map.origin_px),
+        index=model_map.index,
+        foot_px=model_map.foot_px,
+        head_px=model_map.head_px,
+        floor_m=model_map.floor_m,
+        hull_px=model_map.hull_px,
+        visibility=model_map.visibility,
+    )
+
+
+def load_model_map(path: Path) -> HumanModelMap:
+    """Read a map written by ``save_model_map``.
+
+    Raises:
+        InputError: unreadable, or arrays that do not fit together.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            c, m, p = (data[name] for name in ("camera", "model", "params"))
+            focal_px, height_m, tilt_rad, lens, roll_rad = (float(v) for v in c[2:7])
+            camera = GroundCamera(int(c[0]), int(c[1]), focal_px, height_m, tilt_rad, _LENSES[int(lens)], roll_rad)
+            model_map = HumanModelMap(
+                camera,
+                HumanModel(*(float(x) for x in m)),
+                _params_of(p),
+                (int(data["origin_px"][0]), int(data["origin_px"][1])),
+                data["index"].astype(np.int32),
+                *(data[name] for name in ("foot_px", "head_px", "floor_m", "hull_px", "visibility")),
+            )
+    except (OSError, ValueError, KeyError, IndexError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: expected a human model map (.npz), found {error}") from error
+    _check_columns(model_map, path)
+    return model_map
+
+
+def _params_of(row: F64) -> HumanModelMapParams:
+    return HumanModelMapParams(
+        max_distance_m=float(row[0]), step_px=int(row[1]), min_height_px=float(row[2]), min_visible=float(row[3])
+    )
+
+
+def _check_columns(model_map: HumanModelMap, path: Path) -> None:
+    n = len(model_map)
+    widths: dict[str, tuple[int, ...]] = {
+        "foot_px": (2,),
+        "head_px": (2,),
+        "floor_m": (2,),
+        "hull_px": (HULL_POINTS, 2),
+        "visibility": (),
+    }
+    for name, width in widths.items():
+        found = getattr(model_map, name).shape
+        if found != (n, *width):
+            raise InputError(f"{path}: expected {name} of shape {(n, *width)}, found {found}")
+    index = model_map.index
+    if index.ndim != 2 or index.size > MAX_NODES or index.max(initial=-1) >= n or index.min(initial=-1) < -1:
+        raise InputError(f"{path}: expected an index into {n} entries, found one of shape {index.shape}")
+
+
+def _entries(
+    camera: GroundCamera, model: HumanModel, params: HumanModelMapParams, foot: F64
+) -> tuple[I32, tuple[F32, ...]]:
+    """Columns of the map for (n, 2) foot pixels, and which of them can be a person's."""
+    floor = camera.back_project(foot)
+    near = np.hypot(floor[:, 0], floor[:, 1]) <= params.max_distance_m
+    keep = np.flatnonzero(np.isfinite(floor).all(axis=1) & near)
+    hulls = model.hulls(camera, floor[keep])
+    finite = np.isfinite(hulls).all(axis=(1, 2))
+    visibility = np.zeros(len(keep))
+    visibility[finite] = visible_fraction(hulls[finite], camera.width, camera.height)
+    size = (hulls.max(axis=1) - hulls.min(axis=1)).max(axis=1)
+    seen = (visibility > params.min_visible) & (size >= params.min_height_px)
+    keep, hulls, visibility = keep[seen], hulls[seen], visibility[seen]
+    columns = (foot[keep], model.head(camera, floor[keep]), floor[keep], hulls, visibility)
+    return keep.astype(np.int32), tuple(c.astype(np.float32) for c in columns)
+
+
+def _clamp(polygons: F64, axis: int, low: float, high: float) -> F64:
+    """Clip (N, K, 2) polygons to a strip: (N, 3 K, 2).
+
+    Crossings are inserted and what lies outside is moved onto the border, where it encloses no area.
+    """
+    p, q = polygons, np.roll(polygons, -1, axis=1)
+    a, d = p[..., axis], q[..., axis] - p[..., axis]
+    safe = np.where(d == 0, 1.0, d)
+    ts = [np.where(d == 0, 0.0, np.clip((limit - a) / safe, 0.0, 1.0)) for limit in (low, high)]
+    t = np.sort(np.stack(ts, axis=-1), axis=-1)
+    steps = np.stack([p, p + t[..., :1] * (q - p), p + t[..., 1:] * (q - p)], axis=2)
+    out = steps.reshape(len(p), 3 * p.shape[1], 2)
+    out[..., axis] = np.clip(out[..., axis], low, high)
+    return out
+
+
+def _area(polygons: F64) -> F64:
+    x, y = polygons[..., 0], polygons[..., 1]
+    doubled: F64 = (x * np.roll(y, -1, axis=-1) - y * np.roll(x, -1, axis=-1)).sum(axis=-1)
+    return 0.5 * np.abs(doubled)

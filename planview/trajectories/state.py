@@ -1,0 +1,32 @@
+"""One person in one frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+State = Literal["tentative", "confirmed", "lost"]
+
+
+@dataclass(frozen=True)
+class TrackState:
+    """One person in one frame: a row of ``tracks.csv``. NaN where a tracker cannot know.
+
+    Attributes:
+        track_id: positive, unique in a run, never reused.
+        state: tentative (not yet believed), confirmed, or lost (predicted only).
+        x_m, y_m: floor position of the head's vertical projection [m], world frame.
+        vx_mps, vy_mps: velocity [m/s].
+        height_m: height of the top of the head above the floor [m].
+        box_px: (left, top, width, height) in the (rectified left) image [px].
+    """
+
+    track_id: int
+    state: State
+    x_m: float = math.nan
+    y_m: float = math.nan
+    vx_mps: float = math.nan
+    vy_mps: float = math.nan
+    height_m: float = math.nan
+    box_px: tuple[float, float, float, float] = (math.nan, math.nan, math.nan, math.nan)

@@ -1,0 +1,157 @@
+"""Boards of known rigs: what the solve recovers, and what it refuses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.board.adjust import adjust
+from calib.board.detect import Board
+from calib.board.lens import choose_lens, folds_back
+from calib.board.model import Corners, View
+from calib.board.solve import RejectedView, solve_board
+from calib.camera import Camera
+from calib.errors import InputError
+from calib.pose import SE3
+from calib.rig import StereoRig
+from planview.bench.board_views import board_views, random_rig
+from planview.bench.calibration_board import calibration_errors
+
+BOARD = Board(7, 5, 0.04)
+SIZE = (1280, 800)
+
+
+def views_of(lens: str = "brown", n: int = 20, noise_px: float = 0.2, seed: int = 0) -> tuple[StereoRig, list[View]]:
+    rng = np.random.default_rng(seed)
+    rig = random_rig(lens, rng)
+    return rig, board_views(rig, BOARD, n, noise_px, rng)
+
+
+def test_exact_corners_give_the_exact_rig() -> None:
+    truth, views = views_of(n=8, noise_px=0.0)
+    found = solve_board(views, BOARD, SIZE, model="brown")
+    assert max(calibration_errors(truth, found.rig)) < 1e-4
+    assert found.adjusted.rms_px < 1e-5
+
+
+@pytest.mark.parametrize(("lens", "seed"), [("brown", 1), ("fisheye", 2)])
+def test_noisy_corners_give_the_rig_within_the_limits_asked(lens: str, seed: int) -> None:
+    truth, views = views_of(lens, 24, seed=seed)
+    found = solve_board(views, BOARD, SIZE, model="fisheye" if lens == "fisheye" else "brown")
+    focal, baseline, turn_deg = calibration_errors(truth, found.rig)
+    assert focal < 0.2
+    assert baseline < 0.3
+    assert turn_deg < 0.05
+
+
+def test_reported_uncertainty_covers_the_error() -> None:
+    truth, views = views_of(n=24, seed=3)
+    found = solve_board(views, BOARD, SIZE, model="brown")
+    assert abs(found.rig.left.fx - truth.left.fx) < 4 * found.std["left fx"]
+    assert abs(found.rig.baseline_m - truth.baseline_m) < 4 * found.baseline_std_m
+    assert 0 < found.std["left fx"] < 0.002 * truth.left.fx
+
+
+def test_lens_is_chosen_by_views_left_out() -> None:
+    _, views = views_of("fisheye", 8, seed=4)
+    found = solve_board(views, BOARD, SIZE)
+    assert found.rig.left.model in {"fisheye", "rational"}
+    by_name = {one.name: one.held_out_px for one in found.lenses}
+    assert by_name["fisheye (k1-k4)"] < by_name["brown (k1 k2)"]
+
+
+def test_lens_without_distortion_is_recognised() -> None:
+    _, views = views_of("plain", 14, seed=5)
+    found = solve_board(views, BOARD, SIZE, model="brown")
+    assert choose_lens(found.lenses).name == "no distortion"
+    assert not np.any(found.rig.left.coefficients)
+
+
+def test_wrong_corners_in_a_view_are_named_and_left_out() -> None:
+    truth, views = views_of(n=12)
+    bad = views[4].right
+    assert bad is not None
+    views[4] = replace(views[4], right=Corners(bad.ids, bad.pixels + np.array([6.0, -4.0])))
+    found = solve_board(views, BOARD, SIZE, model="brown")
+    assert [one.name for one in found.rejected] == ["view 04"]
+    assert "times the median" in found.rejected[0].why
+    assert calibration_errors(truth, found.rig)[1] < 0.3
+
+
+def test_views_of_one_camera_help_but_do_not_count_as_pairs() -> None:
+    _, views = views_of(n=10)
+    views[3] = replace(views[3], right=None)
+    assert solve_board(views, BOARD, SIZE, model="brown").pairs_used == 9
+
+
+def test_too_few_pairs_are_refused() -> None:
+    _, views = views_of(n=4)
+    with pytest.raises(InputError, match=r"expected at least 5 pairs .* found 4 of 5, e.g. x: blank"):
+        solve_board(views, BOARD, SIZE, rejected=[RejectedView("x", "blank")], source="photos")
+
+
+def test_one_pose_repeated_is_refused() -> None:
+    rng = np.random.default_rng(0)
+    _, views = views_of(n=1)
+    left, right = views[0].left, views[0].right
+    assert left is not None
+    assert right is not None
+    same = [
+        View(str(i), *(Corners(c.ids, c.pixels + 0.2 * rng.normal(size=c.pixels.shape)) for c in (left, right)))
+        for i in range(10)
+    ]
+    with pytest.raises(InputError, match="found 1 different pose in 10 views"):
+        solve_board(same, BOARD, SIZE)
+
+
+def test_a_board_never_tilted_is_refused() -> None:
+    truth = random_rig("brown", np.random.default_rng(0))
+    rig = StereoRig(truth.left, truth.left, SE3(np.eye(3), np.array([-0.1, 0.0, 0.0])))
+    rng = np.random.default_rng(1)
+    views = []
+    for i, (x, y) in enumerate([(-0.3, -0.2), (0.1, -0.2), (-0.3, 0.0), (0.1, 0.0), (-0.1, -0.1), (-0.2, 0.02)]):
+        points = BOARD.points + np.array([x, y, 0.8])
+        sides = (rig.left.project(points), rig.right.project(rig.right_SE3_left @ points))
+        ids = np.arange(len(points))
+        views.append(View(str(i), *(Corners(ids, p + 0.2 * rng.normal(size=p.shape)) for p in sides)))
+    with pytest.raises(InputError, match="focal length"):
+        solve_board(views, BOARD, SIZE, model="brown")
+
+
+def test_swapped_cameras_are_refused() -> None:
+    _, views = views_of(n=8)
+    swapped = [View(view.name, view.right, view.left) for view in views]
+    with pytest.raises(InputError, match="left and right are swapped"):
+        solve_board(swapped, BOARD, SIZE, model="brown")
+
+
+def test_pairs_that_do_not_belong_together_are_refused() -> None:
+    _, views = views_of(n=7)
+    torn = [View(a.name, a.left, b.right) for a, b in zip(views, [*views[3:], *views[:3]], strict=True)]
+    with pytest.raises(InputError, match="expected"):
+        solve_board(torn, BOARD, SIZE, model="brown")
+
+
+def test_nonsense_square_size_is_refused() -> None:
+    rng = np.random.default_rng(0)
+    truth = random_rig("brown", rng)
+    wide = StereoRig(truth.left, truth.right, SE3(truth.right_SE3_left.rotation, np.array([-0.25, 0.0, 0.0])))
+    views = board_views(wide, Board(7, 5, 0.02), 8, 0.1, rng)
+    with pytest.raises(InputError, match="is --square right"):
+        solve_board(views, Board(7, 5, 0.5), SIZE, model="brown")
+
+
+def test_derivatives_of_the_adjustment_lead_to_its_minimum() -> None:
+    # From a start that is off everywhere, exact corners must be met to rounding: a wrong derivative would stall.
+    _, views = views_of(n=6, noise_px=0.0)
+    fit = solve_board(views, BOARD, SIZE, model="brown").adjusted.estimate
+    assert fit.left is not None
+    assert fit.right is not None
+    off = replace(fit, left=replace(fit.left, fx=fit.left.fx + 20, cx=fit.left.cx - 5), poses=fit.poses + 0.01)
+    off = replace(off, stereo=off.stereo + np.array([0.01, -0.01, 0.02, 0.005, 0.0, 0.003]))
+    assert adjust(views, BOARD.points, off).rms_px < 1e-4
+
+
+def test_lens_that_turns_back_inside_the_image_is_seen() -> None:
+    assert folds_back(Camera(1000, 800, 500.0, 500.0, 500.0, 400.0, "brown", (-0.3, 0.0, 0.0, 0.0)))
+    assert not folds_back(Camera(1000, 800, 900.0, 900.0, 500.0, 400.0, "brown", (-0.3, 0.1, 0.0, 0.0)))

@@ -1,0 +1,54 @@
+"""The speed and memory benches: what they refuse and what they print; figures are for the bench itself."""
+
+import io
+import os
+from pathlib import Path
+
+import cv2
+import pytest
+from rich.console import Console
+
+from calib.errors import InputError
+from planview.bench.clip import Clip
+from planview.bench.commands.bench_memory import bench_memory
+from planview.bench.commands.bench_speed import bench_speed, print_speed
+from planview.bench.memory import resident_mb
+from planview.bench.one_core import one_core
+from planview.bench.speed import LIMITS, Speed
+
+
+def test_missing_recording_is_refused_by_name(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="nowhere"):
+        Clip(tmp_path / "nowhere", 10)
+
+
+@pytest.mark.parametrize("command", [bench_speed, bench_memory])
+def test_too_few_frames_are_refused(command) -> None:
+    with pytest.raises(InputError, match="--frames"):
+        command(frames=1)
+
+
+def test_resident_memory_is_that_of_a_python_with_numpy() -> None:
+    assert 20 < resident_mb() < 20_000
+
+
+def test_ratios_are_printed_beside_their_limits() -> None:
+    speed = Speed({"match": 12.5}, {"foreground_to_mog2": 0.75}, {"recording": "clip", "image": "640x480"})
+    out = io.StringIO()
+    print_speed(speed, Console(file=out, width=100))
+    line = next(line for line in out.getvalue().splitlines() if "foreground to mog2" in line)
+    assert "0.750" in line
+    assert f"{LIMITS['foreground_to_mog2']:g}" in line
+    assert "12.50" in out.getvalue()
+
+
+def test_one_core_is_given_back():
+    threads = cv2.getNumThreads()
+    with one_core():
+        assert cv2.getNumThreads() == 1
+    assert cv2.getNumThreads() == threads
+    if hasattr(os, "sched_getaffinity"):
+        cores = os.sched_getaffinity(0)
+        with one_core():
+            assert len(os.sched_getaffinity(0)) == 1
+        assert os.sched_getaffinity(0) == cores

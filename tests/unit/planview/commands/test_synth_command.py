@@ -1,0 +1,117 @@
+"""``planview synth`` and ``planview bench accuracy``: what they write and refuse."""
+
+import csv
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from calib.floor.world_file import load_world
+from calib.ground_camera import load_ground_camera
+from calib.rig import load_rig
+from planview.bench.accuracy import RenderOptions, rendered, scene_files, totals
+from planview.cli import main
+from planview.synthetic.scene import load_scene
+from planview.trajectories.table import read_truth
+from stereo.readers import open_recording, open_video
+
+SCENE = """
+fps = 10
+duration_s = 0.4
+[rig]
+width = 96
+height = 72
+focal_px = 70
+at_m = [3, 0.3, 2.4]
+[[people]]
+start_m = [3, 3]
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def run(*arguments):
+    """Exit status of a command line."""
+    try:
+        main([str(a) for a in arguments])
+    except SystemExit as end:
+        return end.code
+    return 0
+
+
+def test_synth_writes_a_recording_that_our_reader_takes(scene, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert run("synth", scene, out, "--frames", 3, "--world", "--opencv", "--json") == 0
+    assert json.loads(capsys.readouterr().out) == {"frames": 3, "truth_rows": 3, "folder": str(out)}
+    recording = open_recording(out)
+    assert [f.left.shape for f in recording] == [(72, 96, 3)] * 3
+    assert [f.timestamp_s for f in recording] == pytest.approx([0, 0.1, 0.2])
+    assert load_world(out / "world.toml").height_m == pytest.approx(2.4)
+    assert read_truth(out / "truth.csv").frame.tolist() == [0, 1, 2]
+
+
+def test_synth_writes_the_same_calibration_for_opencv(scene, tmp_path):
+    out = tmp_path / "out"
+    run("synth", scene, out, "--frames", 1, "--opencv")
+    rig = load_rig(out / "rig.toml")
+    inner = cv2.FileStorage(str(out / "intrinsics.yml"), cv2.FILE_STORAGE_READ)
+    outer = cv2.FileStorage(str(out / "extrinsics.yml"), cv2.FILE_STORAGE_READ)
+    assert inner.getNode("M1").mat() == pytest.approx(rig.left.matrix)
+    assert outer.getNode("T").mat().ravel() == pytest.approx(rig.right_SE3_left.translation)
+
+
+def test_synth_of_one_camera_writes_images_camera_and_boxes(scene, tmp_path):
+    scene.write_text(SCENE.replace("[rig]", "[camera]"))
+    out = tmp_path / "out"
+    assert run("synth", scene, out) == 0
+    assert load_ground_camera(out / "camera.toml").size == (96, 72)
+    assert len(list(open_video(out))) == 4
+    with (out / "truth.csv").open() as file:
+        row = next(csv.DictReader(file))
+    assert float(row["height_px"]) == float(row["full_height_px"]) > 20
+
+
+def test_synth_writes_videos_on_request(scene, tmp_path):
+    out = tmp_path / "out"
+    assert run("synth", scene, out, "--video") == 0
+    assert len(list(open_recording(out))) == 4
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("--frames", "0"), ("--scale", "99"), ("--video", "--jpeg")],
+)
+def test_synth_refuses_wrong_usage(scene, tmp_path, arguments, capsys):
+    assert run("synth", scene, tmp_path / "out", *arguments) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_synth_never_writes_into_a_folder_in_use(scene, tmp_path, capsys):
+    assert run("synth", scene, tmp_path) == 2
+    assert "in use" in capsys.readouterr().err
+
+
+def test_rendered_recording_is_kept_and_found_again(scene, tmp_path):
+    told = []
+    options = RenderOptions(tmp_path / "cache", 1.0, 1)
+    first = rendered(load_scene(scene), "s", options, told.append)
+    assert rendered(load_scene(scene), "s", options, told.append) == first
+    assert told == ["rendering s"]
+    scene.write_text(SCENE.replace("2.4", "2.5"))
+    assert rendered(load_scene(scene), "s", options, told.append) != first
+
+
+def test_accuracy_knows_its_scenes(capsys):
+    assert {"crossing", "group", "office", "shadows", "eight", "furniture"} <= {p.stem for p in scene_files()}
+    assert run("bench", "accuracy", "--scene", "nothing") == 2
+    assert "crossing" in capsys.readouterr().err
+
+
+def test_totals_of_nothing_are_unknown():
+    assert np.isnan(totals([]).mota)

@@ -1,0 +1,205 @@
+"""``evaluate_tracks`` and ``planview evaluate`` as a whole."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.errors import InputError
+from planview.cli import main
+from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
+from planview.trajectories.layouts import positions_table
+from planview.trajectories.table import Trajectories
+
+KEYS = (
+    "truth_rows", "mota", "motp_m", "idf1", "hota", "switches", "misses", "false_positives", "position_error_mean_m",
+    "position_error_std_m", "height_error_mean_m", "significant_errors",
+)  # fmt: skip
+
+
+def walk(n: int = 100, track_id: int = 1, x_m: float = 0.0, height_m: float = 1.7, start: int = 0) -> Trajectories:
+    """Somebody walking along y at x_m, 30 frames per second."""
+    frame = start + np.arange(n)
+    xy = np.column_stack([np.full(n, x_m), 0.03 * frame])
+    return positions_table(frame, np.full(n, track_id), xy, np.full(n, height_m), frame / 30)
+
+
+def together(*tables: Trajectories) -> Trajectories:
+    names = Trajectories.__dataclass_fields__
+    table = Trajectories(**{name: np.concatenate([getattr(t, name) for t in tables]) for name in names})
+    order = np.lexsort((table.track_id, table.frame))
+    return Trajectories(**{name: getattr(table, name)[order] for name in names})
+
+
+def test_evaluation_measures_position_and_height_of_matches() -> None:
+    result = evaluate_tracks(walk(x_m=0.1, height_m=1.75), walk()).to_json()
+    assert result["truth_rows"] == 100
+    assert (result["mota"], result["idf1"]) == (1.0, 1.0)
+    assert result["motp_m"] == result["position_error_mean_m"] == pytest.approx(0.1)
+    assert result["position_error_std_m"] == pytest.approx(0.0, abs=1e-9)
+    assert result["height_error_mean_m"] == pytest.approx(0.05)
+    assert result["significant_errors"] == {"total": 0, "lost": 0, "missed": 0, "swapped": 0, "false_track": 0}
+
+
+def test_tentative_and_lost_rows_are_neither_found_nor_false() -> None:
+    tracks = walk()
+    for state in ("tentative", "lost"):
+        result = evaluate_tracks(replace(tracks, state=np.full(100, state)), walk())
+        assert (result.clear.misses, result.clear.false_positives) == (100, 0)
+
+
+def test_prediction_saves_a_person_from_being_lost_but_not_from_misses() -> None:
+    tracks = walk()
+    state = np.where((tracks.frame >= 30) & (tracks.frame < 75), "lost", "confirmed")
+    held = evaluate_tracks(replace(tracks, state=state), walk())
+    assert (held.clear.misses, held.significant) == (45, [])
+    gone = evaluate_tracks(tracks.where(state == "confirmed"), walk())
+    assert [(error.kind, error.frame) for error in gone.significant] == [("lost", 30)]
+
+
+def test_hidden_person_is_neither_missed_nor_a_reason_for_false_positives() -> None:
+    truth = replace(walk(), visible=np.where(np.arange(100) < 40, 0.1, 1.0))
+    untracked = evaluate_tracks(walk(60, start=40), truth)
+    tracked = evaluate_tracks(walk(), truth)
+    for result in (untracked, tracked):
+        assert (len(result.significant), result.ignored_rows, result.truth_rows) == (0, 40, 60)
+        assert (result.clear.misses, result.clear.false_positives, result.clear.mota) == (0, 0, 1.0)
+
+
+def test_hidden_person_does_not_excuse_a_second_track() -> None:
+    truth = replace(walk(), visible=np.full(100, 0.1))
+    twice = together(walk(track_id=1), walk(track_id=2, x_m=0.2))
+    assert evaluate_tracks(twice, truth).clear.false_positives == 100
+
+
+def test_hidden_person_keeps_their_own_track_beside_a_visible_one() -> None:
+    # The track on the hidden person must not be handed to the untracked neighbour within the gate.
+    hidden = replace(walk(track_id=1), visible=np.full(100, 0.1))
+    truth = together(hidden, walk(track_id=2, x_m=0.4))
+    result = evaluate_tracks(walk(track_id=7), truth)
+    assert (result.clear.misses, result.clear.false_positives) == (100, 0)
+
+
+def test_min_visible_zero_counts_everybody() -> None:
+    truth = replace(walk(), visible=np.full(100, 0.0))
+    assert evaluate_tracks(walk(), truth, EvaluationParams(min_visible=0.0)).truth_rows == 100
+
+
+def test_scene_without_people_scores_false_tracks_only() -> None:
+    result = evaluate_tracks(walk(60), walk(0)).to_json()
+    assert result["mota"] is None
+    assert result["false_positives"] == 60
+    assert result["significant_errors"]["false_track"] == 1
+
+
+def test_run_without_tracks_misses_everybody() -> None:
+    result = evaluate_tracks(walk(0), walk()).to_json()
+    assert (result["mota"], result["misses"], result["motp_m"]) == (0.0, 100, None)
+    assert result["significant_errors"]["missed"] == 1
+
+
+def test_frames_limit_both_tables() -> None:
+    result = evaluate_tracks(walk(50), walk(), frames=(10, 49))
+    assert (result.truth_rows, result.clear.misses, result.track_rows) == (40, 0, 40)
+
+
+def test_boxes_match_at_half_overlap_without_floor_positions() -> None:
+    nowhere = np.full((10, 2), np.nan)
+    box = np.tile([10.0, 10.0, 20.0, 60.0], (10, 1))
+    truth = positions_table(np.arange(10), np.ones(10, dtype=np.int64), nowhere, box_px=box)
+    params = EvaluationParams(match_on="boxes")
+    near, far = (
+        replace(truth, box_px=box + np.array([5, 0, 0, 0])),
+        replace(truth, box_px=box + np.array([11, 0, 0, 0])),
+    )
+    assert evaluate_tracks(near, truth, params).clear.mota == 1.0
+    assert evaluate_tracks(far, truth, params).clear.mota == -1.0
+    assert evaluate_tracks(near, truth, params).to_json()["motp_m"] is None
+
+
+def test_boxes_measure_metres_only_in_a_common_frame() -> None:
+    box = np.column_stack([10.0 * np.arange(100), np.zeros(100), np.full(100, 20.0), np.full(100, 60.0)])
+    truth = replace(walk(), box_px=box)
+    tracks = replace(walk(x_m=40.0), box_px=box)
+    params = EvaluationParams(match_on="boxes")
+    assert evaluate_tracks(tracks, truth, params).to_json()["motp_m"] is None
+    aligned = evaluate_tracks(tracks, truth, params.model_copy(update={"align": True}))
+    assert aligned.to_json()["motp_m"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_tracks_without_positions_are_refused_on_the_floor() -> None:
+    tracks = replace(walk(), x_m=np.full(100, np.nan))
+    with pytest.raises(InputError, match="tracks with floor positions"):
+        evaluate_tracks(tracks, walk())
+
+
+def write(path: Path, header: str, rows: list[str]) -> Path:
+    path.write_text("\n".join([header, *rows]) + "\n")
+    return path
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> tuple[Path, Path]:
+    tracks = [f"{t},{t / 30:.4f},1,0.1,{0.03 * t:.2f},1.75,confirmed" for t in range(60)]
+    truth = [f"{t},4,0.0,{0.03 * t:.2f},1.7,1" for t in range(90)]
+    return (
+        write(tmp_path / "tracks.csv", "frame,timestamp_s,id,x_m,y_m,height_m,state", tracks),
+        write(tmp_path / "truth.csv", "frame,id,x_m,y_m,height_m,visible", truth),
+    )
+
+
+def run(*words: str) -> int:
+    try:
+        main(["evaluate", *words])
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    return 0
+
+
+def test_evaluate_prints_one_json_object_with_the_agreed_keys(
+    files: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(str(files[0]), str(files[1]), "--json") == 0
+    out, err = capsys.readouterr()
+    result = json.loads(out)
+    assert all(key in result for key in KEYS)
+    assert set(result["significant_errors"]) == {"total", "lost", "missed", "swapped", "false_track"}
+    assert result["misses"] == 30
+    assert "30 truth rows lie after the last track" in " ".join(err.split())
+
+
+def test_evaluate_lists_each_significant_error(files: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
+    text = files[1].read_text() + "".join(f"{t},5,3,3,1.6,1\n" for t in range(20, 90))
+    files[1].write_text(text)
+    assert run(str(files[0].parent / "tracks.csv"), str(files[1]), "--frames", "0:89", "--gate", "0.3") == 0
+    assert "frame 20: missed: person 5: visible for 2.3 s and never tracked" in capsys.readouterr().out
+
+
+def test_evaluate_takes_the_folder_of_a_run(files: tuple[Path, Path]) -> None:
+    assert run(str(files[0].parent), str(files[1]), "--json") == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--gate", "-1"], "gate_m"),
+        (["--min-visible", "2"], "min_visible"),
+        (["--frames", "abc"], "--frames: expected FIRST:LAST"),
+        (["--frames", "9:3"], "FIRST not after LAST"),
+        (["--boxes"], "image boxes"),
+    ],
+)
+def test_evaluate_refuses_bad_options_in_one_sentence(
+    files: tuple[Path, Path], capsys: pytest.CaptureFixture[str], words: list[str], sentence: str
+) -> None:
+    assert run(str(files[0]), str(files[1]), *words) == 2
+    err = capsys.readouterr().err
+    assert sentence in err
+    assert "Traceback" not in err
+
+
+def test_evaluate_names_a_missing_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(str(tmp_path / "no.csv"), str(tmp_path / "no2.csv")) == 2
+    assert "no.csv" in capsys.readouterr().err

@@ -1,0 +1,206 @@
+"""CLEAR, IDF1 and HOTA on sequences small enough to count by hand."""
+
+import importlib
+import math
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planview.evaluation.clear import clear_scores
+from planview.evaluation.hota import hota_scores
+from planview.evaluation.identity import identity_scores
+from planview.evaluation.sequence import Sequence, box_similarity, build_sequence, floor_similarity
+from planview.trajectories.layouts import positions_table
+from planview.trajectories.table import Trajectories
+
+
+def table(rows: list[tuple[float, ...]]) -> Trajectories:
+    """Rows of frame, id, x, y."""
+    data = np.array(sorted(rows), dtype=np.float64).reshape(-1, 4)
+    return positions_table(data[:, 0].astype(np.int64), data[:, 1].astype(np.int64), data[:, 2:])
+
+
+def boxes(rows: list[tuple[float, ...]]) -> Trajectories:
+    """Rows of frame, id, left, top, width, height."""
+    data = np.array(rows, dtype=np.float64)
+    nowhere = np.full((len(data), 2), np.nan)
+    return positions_table(data[:, 0].astype(np.int64), data[:, 1].astype(np.int64), nowhere, box_px=data[:, 2:])
+
+
+def sequence(truth: list[tuple[float, ...]], tracks: list[tuple[float, ...]], gate_m: float = 0.5) -> Sequence:
+    return build_sequence(table(truth), table(tracks), floor_similarity(gate_m))
+
+
+def test_floor_similarity_is_half_at_the_gate_and_zero_at_twice_the_gate() -> None:
+    truth, tracks = table([(0, 1, 0, 0)]), table([(0, 1, 0, 0), (0, 2, 0.5, 0), (0, 3, 0, 1.0), (0, 4, 9, 9)])
+    similarity = floor_similarity(0.5)(truth, np.array([0]), tracks, np.arange(4))
+    np.testing.assert_allclose(similarity, [[1.0, 0.5, 0.0, 0.0]])
+
+
+def test_box_similarity_is_intersection_over_union() -> None:
+    truth, tracks = boxes([(0, 1, 0, 0, 10, 20)]), boxes([(0, 1, 5, 0, 10, 20), (0, 2, 20, 0, 10, 20)])
+    np.testing.assert_allclose(box_similarity(truth, np.array([0]), tracks, np.arange(2)), [[1 / 3, 0.0]])
+
+
+def test_clear_counts_a_perfect_sequence_as_one() -> None:
+    rows = [(t, i, 2.0 * i, 0.1 * t) for t in range(5) for i in (1, 2)]
+    scores = clear_scores(sequence(rows, rows))
+    assert (scores.mota, scores.misses, scores.false_positives, scores.switches) == (1.0, 0, 0, 0)
+    assert len(scores.matches) == 10
+
+
+def test_clear_counts_misses_false_positives_and_a_switch() -> None:
+    # Person 1 stands at x = 0: frames 0-1 track 7, frame 2 nobody, frames 3-4 track 8. Track 9 is far away once.
+    truth = [(t, 1, 0, 0) for t in range(5)]
+    tracks = [(0, 7, 0, 0), (1, 7, 0, 0), (2, 9, 5, 5), (3, 8, 0.2, 0), (4, 8, 0.2, 0)]
+    scores = clear_scores(sequence(truth, tracks))
+    assert (scores.misses, scores.false_positives, scores.switches) == (1, 1, 1)
+    assert scores.mota == pytest.approx(1 - 3 / 5)
+
+
+def test_clear_matches_at_the_gate_and_not_beyond() -> None:
+    at = clear_scores(sequence([(0, 1, 0, 0)], [(0, 1, 0.5, 0)]))
+    beyond = clear_scores(sequence([(0, 1, 0, 0)], [(0, 1, 0.501, 0)]))
+    assert (len(at.matches), len(beyond.matches)) == (1, 0)
+
+
+def test_clear_continues_a_pair_although_another_track_is_nearer() -> None:
+    truth = [(0, 1, 0, 0), (1, 1, 0, 0)]
+    tracks = [(0, 1, 0.0, 0), (1, 1, 0.4, 0), (1, 2, 0.0, 0)]
+    scores = clear_scores(sequence(truth, tracks))
+    assert (scores.switches, scores.false_positives) == (0, 1)
+
+
+def test_clear_counts_crossed_identities_as_two_switches() -> None:
+    truth = [(t, i, 3.0 * i, 0) for t in range(4) for i in (1, 2)]
+    tracks = [(t, i if t < 2 else 3 - i, 3.0 * i, 0) for t in range(4) for i in (1, 2)]
+    assert clear_scores(sequence(truth, tracks)).switches == 2
+
+
+def test_mota_is_unknown_without_truth() -> None:
+    scores = clear_scores(sequence([], [(0, 1, 0, 0)]))
+    assert scores.mota is None
+    assert scores.false_positives == 1
+
+
+def test_identity_gives_a_person_only_the_track_that_explains_most() -> None:
+    # Track 1 holds the person for 3 of 5 frames, track 2 for the other 2: idtp 3, idf1 = 2 * 3 / (5 + 5).
+    truth = [(t, 1, 0, 0) for t in range(5)]
+    tracks = [(t, 1 if t < 3 else 2, 0, 0) for t in range(5)]
+    scores = identity_scores(sequence(truth, tracks))
+    assert (scores.idtp, scores.idfn, scores.idfp) == (3, 2, 2)
+    assert scores.idf1 == pytest.approx(0.6)
+
+
+def test_identity_of_nothing_is_unknown() -> None:
+    assert identity_scores(sequence([], [])).idf1 is None
+
+
+def test_hota_of_a_perfect_sequence_is_one() -> None:
+    rows = [(t, i, 2.0 * i, 0.1 * t) for t in range(5) for i in (1, 2)]
+    assert hota_scores(sequence(rows, rows)).hota == pytest.approx(1.0)
+
+
+def test_hota_of_a_split_track_is_the_root_of_its_association() -> None:
+    # All detections perfect; each half holds 2 of 4 frames: A = 2 / (4 + 2 - 2) for every match.
+    truth = [(t, 1, 0, 0) for t in range(4)]
+    tracks = [(t, 1 if t < 2 else 2, 0, 0) for t in range(4)]
+    scores = hota_scores(sequence(truth, tracks))
+    assert scores.deta == pytest.approx(1.0)
+    assert scores.assa == pytest.approx(0.5)
+    assert scores.hota == pytest.approx(math.sqrt(0.5))
+
+
+def test_hota_counts_a_match_only_up_to_its_localisation() -> None:
+    # Distance 0.2 with gate 0.5 is a similarity of 0.8: 16 of 19 thresholds accept it.
+    scores = hota_scores(sequence([(0, 1, 0, 0)], [(0, 1, 0.2, 0)]))
+    assert scores.hota == pytest.approx(16 / 19)
+
+
+_rows = st.lists(
+    st.tuples(st.integers(0, 6), st.integers(1, 4), st.floats(-1, 1), st.floats(-1, 1)),
+    max_size=25,
+    unique_by=lambda row: row[:2],
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(_rows, _rows)
+def test_metrics_stay_in_range_whatever_the_rows(
+    truth: list[tuple[float, ...]], tracks: list[tuple[float, ...]]
+) -> None:
+    rows = sequence(truth, tracks)
+    clear, identity, hota = clear_scores(rows), identity_scores(rows), hota_scores(rows)
+    assert clear.misses + len(clear.matches) == len(truth)
+    assert clear.false_positives + len(clear.matches) == len(tracks)
+    assert len({tuple(pair) for pair in clear.matches}) == len(clear.matches)
+    for value in (identity.idf1, hota.hota, hota.deta, hota.assa):
+        assert value is None or 0.0 <= value <= 1.0 + 1e-12
+    if clear.mota is not None:
+        assert clear.mota <= 1.0
+
+
+def _wild_sequence(seed: int) -> Sequence:
+    """Six wanderers with noise, misses, clutter, exchanged and renewed ids, and empty frames."""
+    rng = np.random.default_rng(seed)
+    place, step = rng.uniform(-2, 2, (6, 2)), rng.normal(0, 0.05, (6, 2))
+    names, fresh = list(range(1, 7)), 7
+    truth: list[tuple[float, ...]] = []
+    tracks: list[tuple[float, ...]] = []
+    for t in range(60):
+        place += step
+        for i in range(6):
+            if 30 <= t < 33 or not 4 * i <= t < 60 - 2 * i:
+                continue
+            if not 20 <= t < 22:
+                truth.append((t, i + 1, *place[i]))
+            if rng.random() < 0.85 and not 40 <= t < 42:
+                tracks.append((t, names[i], *(place[i] + rng.normal(0, 0.2, 2))))
+        if rng.random() < 0.3:
+            tracks.append((t, 1000, *rng.uniform(-2, 2, 2)))
+        i, j = rng.integers(6, size=2)
+        if rng.random() < 0.15:
+            names[i], names[j] = names[j], names[i]
+        if rng.random() < 0.1:
+            names[i], fresh = fresh, fresh + 1
+    return sequence(truth, tracks)
+
+
+def _as_trackeval_wants_it(rows: Sequence) -> dict[str, object]:
+    return {
+        "num_gt_ids": rows.n_truth,
+        "num_tracker_ids": rows.n_tracks,
+        "num_gt_dets": rows.truth_rows,
+        "num_tracker_dets": rows.track_rows,
+        "num_timesteps": len(rows.frames),
+        "gt_ids": [frame.truth for frame in rows.frames],
+        "tracker_ids": [frame.tracks for frame in rows.frames],
+        "similarity_scores": [frame.similarity for frame in rows.frames],
+    }
+
+
+def test_metrics_agree_with_trackeval_on_wild_sequences(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, kind in (("float", float), ("int", int), ("bool", bool)):  # aliases that numpy 2 no longer has
+        if not hasattr(np, name):
+            monkeypatch.setattr(np, name, kind, raising=False)
+    try:
+        metrics = importlib.import_module("trackeval.metrics")
+    except ImportError:
+        pytest.skip("trackeval is not installed here (pip install --no-deps trackeval)")
+    finally:
+        sys.modules.pop("trackeval", None)
+    for seed in range(20):
+        rows = _wild_sequence(seed)
+        data = _as_trackeval_wants_it(rows)
+        clear = metrics.CLEAR({"PRINT_CONFIG": False}).eval_sequence(data)
+        identity = metrics.Identity({"PRINT_CONFIG": False}).eval_sequence(data)
+        hota = metrics.HOTA().eval_sequence(data)
+        ours, ours_identity, ours_hota = clear_scores(rows), identity_scores(rows), hota_scores(rows)
+        assert (ours.misses, ours.false_positives, ours.switches) == (clear["CLR_FN"], clear["CLR_FP"], clear["IDSW"])
+        assert ours.mota == pytest.approx(clear["MOTA"])
+        assert ours_identity.idf1 == pytest.approx(identity["IDF1"])
+        assert ours_hota.hota == pytest.approx(hota["HOTA"].mean())
+        assert ours_hota.assa == pytest.approx(hota["AssA"].mean())

@@ -1,0 +1,99 @@
+"""The foreground kernels against their plain numpy twin."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from reference import foreground as reference
+
+from planview.foreground import _mixture_kernels as kernels
+from planview.foreground._gaussian_kernels import N_FIELDS, Rates
+from planview.foreground.mixture import TURNS, Foreground, ForegroundParams
+
+SHAPE = (7, 31)  # more than one block, the last one not full
+N = SHAPE[0] * SHAPE[1]
+
+
+def _mixtures(foreground: Foreground) -> reference.Mixtures:
+    """The state of the kernels as the twin has it."""
+    k = foreground.params.gaussians
+    lead = foreground._lead.reshape(-1, kernels.N_LEAD, kernels.BLOCK).transpose(1, 0, 2).reshape(kernels.N_LEAD, -1)
+    rest = foreground._rest.reshape(N, k - 1, N_FIELDS).transpose(1, 2, 0)
+    both = np.concatenate([lead[None, :N_FIELDS, :N], rest])
+    both[1:, 0] *= 1 - both[0, 0]
+    names = reference.Mixtures.NUMBERS
+    return reference.Mixtures(
+        **{name: both[:, f] for f, name in enumerate(names)}, activity=lead[10, :N], last_y=lead[11, :N]
+    )
+
+
+def _frames(rng: np.random.Generator, colour: bool, depth: bool) -> tuple[np.ndarray, np.ndarray | None]:
+    """A background with noise, a blob of other colour and depth, clipped, dark and depthless pixels."""
+    base = np.linspace(0, 300, N).clip(0, 255)[:, None] + rng.normal(0, 3, (N, 3)) + rng.choice([0, 0, 0, -60, 80])
+    base[rng.integers(0, N) :][:40] += rng.normal(0, 60, 3)
+    disparity = np.full(N, 20.0) + rng.normal(0, 0.3, N) + rng.choice([0, 0, 0, 8, -8], N)
+    disparity[rng.random(N) < 0.3] = np.nan
+    image = base.clip(0, 255).astype(np.uint8)
+    return (image if colour else image[:, 0].copy()), (disparity.astype(np.float32) if depth else None)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    colour=st.booleans(),
+    depth=st.booleans(),
+    feedback=st.booleans(),
+    k=st.integers(2, 5),
+    shadows=st.booleans(),
+)
+def test_kernels_agree_with_numpy(seed: int, colour: bool, depth: bool, feedback: bool, k: int, shadows: bool) -> None:
+    rng = np.random.default_rng(seed)
+    params = ForegroundParams(gaussians=k, remove_colour_shadows=shadows, compensate_gain=False)
+    foreground = Foreground(params, SHAPE)
+    step = foreground._step()
+    image, disparity = _frames(rng, colour, depth)
+    none = np.zeros(0, np.float32)
+    kernels.start_blocks(
+        foreground._lead, foreground._rest, image.reshape(-1), none if disparity is None else disparity, N, step
+    )
+    twin = reference.start(reference.observe(image, disparity, step), k, step)
+    for frame in range(12):
+        image, disparity = _frames(rng, colour, depth)
+        opinion = rng.integers(0, 3, N).astype(np.uint8) if feedback else np.zeros(0, np.uint8)
+        rates = np.float32([0.1, 0.2, 0.3, 0.1] if frame % 3 else [0, 0, 0, 0])
+        args = image.reshape(-1), none if disparity is None else disparity, opinion, foreground._mask
+        kernels.update_blocks(
+            foreground._lead, foreground._rest, *args, 0, len(foreground._lead), step, np.tile(rates, (TURNS, 1))
+        )
+        seen = reference.observe(image, disparity, step)
+        expected = reference.update(twin, seen, opinion if feedback else np.zeros(N, np.uint8), step, Rates(*rates))
+        np.testing.assert_array_equal(foreground._mask, expected)
+        state = _mixtures(foreground)
+        for name in (*reference.Mixtures.NUMBERS, "activity", "last_y"):
+            got, want = getattr(state, name), getattr(twin, name)
+            np.testing.assert_allclose(got, want, rtol=2e-4, atol=2e-4, err_msg=f"frame {frame}: {name}")
+
+
+def test_blocks_learn_only_in_their_turn() -> None:
+    foreground = Foreground(ForegroundParams(clean=False), (1, 3 * kernels.BLOCK))
+    image = np.full((1, 3 * kernels.BLOCK), 100, np.uint8)
+    foreground.update(image, None, 0.0)
+    rates = np.zeros((TURNS, 4), np.float32)
+    rates[1] = 0.5
+    before = foreground._lead.copy()
+    empty = np.zeros(0, np.uint8)
+    kernels.update_blocks(
+        foreground._lead, foreground._rest, (image + 2).reshape(-1), np.zeros(0, np.float32), empty,
+        foreground._mask, 0, 3, foreground._step(), rates,
+    )  # fmt: skip
+    changed = (foreground._lead != before).any(axis=1)
+    assert changed.tolist() == [False, True, False]
+
+
+def test_rebase_brings_means_into_the_exposure_of_the_image() -> None:
+    foreground = Foreground(ForegroundParams(), SHAPE)
+    foreground.update(np.full(SHAPE, 100, np.uint8), None, 0.0)
+    kernels.rebase(foreground._lead, foreground._rest, 2.0, 5.0)
+    state = _mixtures(foreground)
+    assert state.y[0] == pytest.approx(205)
+    assert state.var_y[0] == pytest.approx(4 * 64)

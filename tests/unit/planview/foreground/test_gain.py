@@ -1,0 +1,96 @@
+"""The gain follower: kernels against their numpy twin, and what it survives."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from reference import gain as reference
+
+from planview.foreground import _gain_kernels as kernels
+from planview.foreground.mixture import Foreground, ForegroundParams
+
+CLIP, TOLERANCE = 250.0, 12.0
+
+
+def _lumas(seed: int, gain: float, offset: float, outliers: float) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    model = rng.uniform(10, 300, 2000).astype(np.float32)
+    seen = gain * model + offset + rng.normal(0, 2, 2000)
+    wrong = rng.random(2000) < outliers
+    seen[wrong] = 90 + rng.normal(0, 5, wrong.sum())
+    return model, seen.clip(0, 255).astype(np.float32)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    gain=st.floats(0.3, 3),
+    offset=st.floats(-40, 40),
+    outliers=st.floats(0, 0.4),
+    start=st.floats(0.3, 3),
+)
+def test_gain_kernels_agree_with_numpy(seed: int, gain: float, offset: float, outliers: float, start: float) -> None:
+    model, seen = _lumas(seed, gain, offset, outliers)
+    for step in (1, kernels.THINNING):
+        args = model, seen, start, offset, CLIP, TOLERANCE, step
+        # A pixel on the edge of the tolerance may fall on either side.
+        assert abs(kernels.count_inliers(*args) - reference.count_inliers(*args)) <= 2
+    ours = kernels.refine_gain(model, seen, start, offset, CLIP, TOLERANCE)
+    assert ours == pytest.approx(reference.refine_gain(model, seen, start, offset, CLIP, TOLERANCE), rel=1e-2, abs=0.1)
+    scale = kernels.likeliest_scale(model, seen, CLIP, TOLERANCE)
+    theirs = reference.likeliest_scale(model, seen, CLIP, TOLERANCE)
+    counts = [kernels.count_inliers(model, seen, g, 0.0, CLIP, TOLERANCE, kernels.THINNING) for g in (scale, theirs)]
+    assert abs(counts[0] - counts[1]) <= 2
+
+
+@pytest.mark.parametrize(("gain", "offset"), [(1.0, 0.0), (0.6, 20.0), (1.8, -40.0), (0.9, -80.0)])
+def test_line_is_found_from_nowhere_with_forty_percent_outliers(gain: float, offset: float) -> None:
+    model, seen = _lumas(3, gain, offset, 0.4)
+    found = kernels.likeliest_gain(model, seen, 1.0, 0.0, CLIP, TOLERANCE)
+    refined = kernels.refine_gain(model, seen, *found, CLIP, TOLERANCE)
+    levels = np.array([60.0, 150.0])
+    assert refined[0] * levels + refined[1] == pytest.approx(gain * levels + offset, abs=3)
+
+
+def test_scale_is_found_on_an_image_that_is_nearly_all_clipped() -> None:
+    rng = np.random.default_rng(0)
+    model = rng.uniform(100, 200, 2000).astype(np.float32)
+    seen = np.minimum(2.4 * model + rng.normal(0, 2, 2000), 255).astype(np.float32)
+    gain = kernels.likeliest_scale(model, seen, CLIP, TOLERANCE)
+    assert kernels.count_inliers(model, seen, gain, 0.0, CLIP, TOLERANCE, 1) > 1900
+
+
+def _follow(gains: list[float]) -> Foreground:
+    rng = np.random.default_rng(0)
+    wall = rng.uniform(40, 160, (60, 80))
+    foreground = Foreground(ForegroundParams(), wall.shape)
+    for i, gain in enumerate(gains):
+        image = (gain * wall + rng.normal(0, 2, wall.shape)).clip(0, 255).astype(np.uint8)
+        mask = foreground.update(image, None, i / 10)
+        assert (mask > 0).mean() < 0.02, f"frame {i}"
+    return foreground
+
+
+def test_gain_is_followed() -> None:
+    foreground = _follow([1.0] * 10 + [1.3])
+    assert foreground._gain.gain == pytest.approx(1.3, abs=0.03)
+
+
+def test_model_moves_to_the_exposure_of_the_image_when_that_is_far_away() -> None:
+    foreground = _follow([1.0] * 10 + [0.4, 0.4])
+    assert foreground._gain.gain == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_thousand_frames_of_drifting_light_do_not_run_away() -> None:
+    rng = np.random.default_rng(5)
+    drift = np.exp(np.cumsum(rng.normal(0, 0.02, 1000)))
+    foreground = _follow(list(np.clip(drift, 0.4, 1.5)))
+    assert 0.4 < foreground._gain.gain < 2.5
+
+
+def test_another_scene_is_no_gain() -> None:
+    rng = np.random.default_rng(0)
+    foreground = Foreground(ForegroundParams(), (60, 80))
+    for i in range(10):
+        foreground.update(rng.integers(0, 255, (60, 80), dtype=np.uint8), None, i / 10)
+    assert foreground._gain.gain == pytest.approx(1.0, abs=0.3)

@@ -1,0 +1,66 @@
+import numpy as np
+
+from calib.types import U8
+from planview.foreground.ghosts import GhostParams, find_ghosts
+from planview.foreground.mixture import Foreground, ForegroundParams
+from planview.pipeline.single_camera import SingleCamera, SingleCameraParams
+from stereo.recording import VideoFrame
+
+SHAPE = (60, 80)
+BODY = slice(20, 45), slice(30, 40)
+NOTHING = np.zeros(SHAPE, np.uint8)
+
+
+def scene(*bodies: tuple[slice, slice]) -> U8:
+    image = np.full(SHAPE, 150, np.uint8)
+    for body in bodies:
+        image[body] = 40
+    return image
+
+
+def mask_of(*bodies: tuple[slice, slice]) -> U8:
+    return np.where(scene(*bodies) == 40, 255, 0).astype(np.uint8)
+
+
+def test_blob_with_its_outline_in_the_background_is_a_ghost():
+    ghosts = find_ghosts(scene(), scene(BODY), mask_of(BODY), NOTHING, GhostParams())
+    np.testing.assert_array_equal(ghosts, mask_of(BODY))
+
+
+def test_somebody_standing_still_has_his_outline_in_the_image():
+    assert not find_ghosts(scene(BODY), scene(), mask_of(BODY), NOTHING, GhostParams()).any()
+
+
+def test_ghost_somebody_walks_past_waits_until_he_has_passed():
+    walker = slice(20, 45), slice(40, 50)
+    image, mask = scene(walker), mask_of(BODY, walker)
+    assert not find_ghosts(image, scene(BODY), mask, mask_of(walker), GhostParams()).any()
+
+
+def test_ghosts_are_told_apart_from_people_beside_them():
+    other = slice(20, 45), slice(55, 65)
+    ghosts = find_ghosts(scene(other), scene(BODY), mask_of(BODY, other), NOTHING, GhostParams())
+    np.testing.assert_array_equal(ghosts, mask_of(BODY))
+
+
+def test_empty_and_full_masks_have_no_ghosts():
+    assert not find_ghosts(scene(), scene(BODY), NOTHING, NOTHING, GhostParams()).any()
+    assert not find_ghosts(scene(), scene(BODY), np.full(SHAPE, 255, np.uint8), NOTHING, GhostParams()).any()
+
+
+def test_background_luma_is_what_was_seen():
+    foreground = Foreground(ForegroundParams(), SHAPE)
+    for k in range(5):
+        foreground.update(scene(BODY), None, k / 10)
+    np.testing.assert_allclose(foreground.background_luma(), scene(BODY), atol=1)
+
+
+def test_who_stood_there_at_the_start_leaves_no_ghost_even_if_a_tracker_believes_in_it():
+    camera = SingleCamera(SingleCameraParams(), SHAPE[::-1])
+    believed = np.ones(SHAPE, np.uint8)  # PERSON everywhere: nothing would be learned
+    masks = []
+    for k in range(60):
+        image = np.repeat(scene(BODY)[:, :, None] if k < 5 else scene()[:, :, None], 3, axis=2)
+        masks.append(camera.observe(VideoFrame(k, k / 10, image), believed if k >= 5 else None).foreground)
+    assert masks[5][BODY].mean() > 200
+    assert not any(mask[BODY].any() for mask in masks[15:])

@@ -1,0 +1,211 @@
+"""The particle filter, births and deaths, groups and size learning, on numbers that can be checked by hand."""
+
+import math
+
+import numpy as np
+import pytest
+
+from planview.tracking.ellipse_particle.fit.ellipses import SizePrior, paint_union
+from planview.tracking.ellipse_particle.groups import group, overlaps
+from planview.tracking.ellipse_particle.life import Life, birth, gone, observe
+from planview.tracking.ellipse_particle.params import FilterParams, LifeParams, SizeParams
+from planview.tracking.ellipse_particle.particles import ParticleFilter, ellipses_of, normalised, union_prefix
+from planview.tracking.ellipse_particle.size_learning import SizeLearner, line, regions
+
+PRIOR = SizePrior(12.0, 0.0, 0.4)
+SHAPE = (60, 120)
+HERE = np.array([40.0, 30, 12, 4.8, 0.0])
+
+
+def filter_with(*ellipses: np.ndarray, **params: object) -> ParticleFilter:
+    particles = ParticleFilter(FilterParams(**params), np.random.default_rng(0))
+    for ellipse in ellipses:
+        particles.add(ellipse, PRIOR, 14.0, np.zeros(2))
+    return particles
+
+
+def test_prediction_moves_particles_by_their_velocity():
+    particles = filter_with(HERE)
+    particles.particles[:, 0, 2:4] = [20.0, -10.0]
+    before = particles.means()[0, :2]
+    particles.predict(0.5, np.array([14.0]))
+    np.testing.assert_allclose(particles.means()[0, :2] - before, [10, -5], atol=0.5)
+
+
+def test_likelihood_is_largest_where_ellipses_cover_the_measurement():
+    particles = filter_with(HERE)
+    particles.particles[:] = [40.0, 30, 0, 0, 0, 0, 0]
+    particles.particles[0, 0, 0] = 44.0  # shifted along the row
+    particles.particles[1, 0, 0] = 80.0  # elsewhere
+    log_likelihood = particles.weigh(np.array([0]), union_prefix(HERE[None], SHAPE), PRIOR, math.pi * 12 * 4.8)
+    assert log_likelihood[2] > log_likelihood[0] > log_likelihood[1]
+    # Elsewhere all of the measurement is missed and all of the ellipse outside: two Gaussians of 1 / 0.12 deviations.
+    # Areas are right to 3 %, their squares to 6 %.
+    assert log_likelihood[1] == pytest.approx(-((1 / 0.12) ** 2), rel=0.06)
+
+
+def test_outside_weight_zero_is_the_equation_of_the_paper():
+    # One measurement, two objects: equation (8) lets the second be anywhere once the first explains all.
+    second = HERE + np.array([50.0, 0, 0, 0, 0])
+    args = (np.array([0, 1]), union_prefix(HERE[None], SHAPE), PRIOR, math.pi * 12 * 4.8)
+    papers = filter_with(HERE, second, outside_weight=0.0).weigh(*args)
+    ours = filter_with(HERE, second, outside_weight=1.0).weigh(*args)
+    assert papers.max() > -0.5
+    # One object's area outside, at a deviation of 0.12 sqrt(2) areas, is 17.4; small differences of size add to it.
+    assert -30 < np.median(ours) < -17
+
+
+@pytest.mark.parametrize("kind", ["systematic", "multinomial"])
+def test_resampling_copies_particles_in_proportion_to_their_weights(kind):
+    particles = filter_with(HERE, resampling=kind)
+    weights = np.full(1000, 1e-12)
+    weights[10], weights[20] = 0.75, 0.25
+    index = particles.resample(np.array([0]), np.log(weights))
+    assert set(index) == {10, 20}
+    assert (index == 10).mean() == pytest.approx(0.75, abs=0.05)
+
+
+def test_resampling_one_group_leaves_the_others():
+    particles = filter_with(HERE, HERE)
+    before = particles.particles[:, 1].copy()
+    particles.resample(np.array([0]), np.linspace(-50, 0, 1000))
+    np.testing.assert_array_equal(particles.particles[:, 1], before)
+
+
+def test_map_estimate_takes_a_mode_and_not_the_mean_of_two():
+    particles = filter_with(HERE)
+    particles.particles[:] = [40.0, 30, 0, 0, 0, 0, 0]
+    particles.particles[:400, 0, 0] = 60.0
+    likelihood = np.where(np.arange(1000) < 400, -0.1, 0.0)
+    state = particles.estimate(np.array([0]), likelihood, np.array([2.0]), normalised(likelihood))
+    assert state[0, 0] == pytest.approx(40.0)
+
+
+def test_partition_brings_each_object_of_a_group_to_its_own_measurement():
+    second = HERE + np.array([14.0, 0, 0, 0, 0])
+    particles = filter_with(HERE + np.array([-3.0, 0, 0, 0, 0]), second + np.array([3.0, 0, 0, 0, 0]))
+    particles.particles[..., :2] += np.random.default_rng(1).normal(0, 4, (1000, 2, 2))
+    members, measured = np.array([0, 1]), np.array([HERE, second])
+    particles.partition(members, measured, particles.means(), SHAPE, PRIOR, math.pi * 12 * 4.8)
+    np.testing.assert_allclose(particles.means()[:, 0], [40, 54], atol=1.5)
+
+
+def test_ellipses_of_states_follow_the_size_prior():
+    states = np.array([[10.0, 50, 0, 0, math.log(1.1), 0, 0.2]])
+    np.testing.assert_allclose(ellipses_of(states, SizePrior(2.0, 0.1, 0.5))[0], [10, 50, 7.7, 3.5, 0.2])
+
+
+def test_groups_join_objects_that_share_a_measurement():
+    objects = np.eye(3, dtype=bool)
+    measured = np.array([[True, False], [True, False], [False, True]])
+    found = group(objects, measured, joint=False)
+    assert [(m.tolist(), z.tolist()) for m, z in found] == [([0, 1], [0]), ([2], [1])]
+    assert [(m.tolist(), z.tolist()) for m, z in group(objects, measured, joint=True)] == [([0, 1, 2], [0, 1])]
+
+
+def test_overlaps_grow_with_the_margin():
+    far = HERE + np.array([20.0, 0, 0, 0, 0])
+    assert not overlaps(HERE[None], far[None], np.zeros((1, 2)))[0, 0]
+    assert overlaps(HERE[None], far[None], np.array([[15.0, 0]]))[0, 0]
+
+
+def seen(life: Life, times: int, seen: bool = True, own: bool = True, dt: float = 0.1) -> None:
+    for _ in range(times):
+        observe(life, seen, own, dt, LifeParams())
+
+
+def test_birth_is_believed_after_repeated_measurements():
+    life = birth(1, (0, 0), 0.5, 1, LifeParams())
+    assert life.probability == pytest.approx(0.1 / 0.3)  # one entry for two false alarms
+    seen(life, 1)
+    assert life.state == "tentative"
+    seen(life, 1)
+    # 0.5 (0.85 / 0.25)^2 = 5.8 to 1
+    assert life.state == "confirmed"
+
+
+def test_births_of_a_frame_full_of_measurements_are_doubted():
+    assert birth(1, (0, 0), 0.5, 14, LifeParams()).probability == pytest.approx(0.1 / 10.1)
+
+
+def test_birth_in_a_small_group_is_as_probable_as_alone():
+    alone, together = (birth(1, (0, 0), 0.5, n, LifeParams()).log_odds for n in (1, 4))
+    assert together == alone
+
+
+def test_fill_of_a_birth_counts_at_most_as_much_as_being_seen_again():
+    one_frame = math.log(0.85 / 0.25)
+    odds = [birth(1, (0, 0), fill, 1, LifeParams()).log_odds for fill in (0.0, 0.5, 0.575, 1.0)]
+    assert np.diff(odds) == pytest.approx([one_frame, one_frame / 2, one_frame / 2])
+
+
+def test_birth_that_is_not_seen_again_is_soon_gone():
+    life = birth(1, (0, 0), 0.5, 1, LifeParams())
+    seen(life, 1, seen=False, own=False)
+    assert gone(life, LifeParams()) > LifeParams().believe
+
+
+def test_death_follows_the_gamma_of_the_time_unseen():
+    life = birth(1, (0, 0), 0.5, 1, LifeParams())
+    seen(life, 4)
+    seen(life, 10, seen=False, own=False)  # 1 s, half the mean
+    assert life.state == "lost"
+    assert gone(life, LifeParams()) < 0.2
+    seen(life, 20, seen=False, own=False)  # 3 s
+    assert gone(life, LifeParams()) > 0.8
+
+
+def test_hidden_object_outlives_an_unseen_one():
+    hidden, unseen = (birth(i, (0, 0), 0.5, 1, LifeParams()) for i in (1, 2))
+    for life, visible in ((hidden, True), (unseen, False)):
+        seen(life, 4)
+        seen(life, 20, seen=visible, own=False)
+    assert gone(hidden, LifeParams()) < gone(unseen, LifeParams())
+
+
+def test_learned_size_follows_the_row_in_spite_of_specks_and_groups():
+    rng = np.random.default_rng(3)
+    learner = SizeLearner(SizeParams(least_samples=10))
+    prior = None
+    for frame in range(40):
+        people = []
+        for _ in range(2):
+            y = rng.uniform(25, 75)
+            people.append([rng.uniform(15, 145), y, 4 + 0.15 * y, 0.4 * (4 + 0.15 * y), 0.0])
+        mask = paint_union(np.array(people), (100, 160))
+        for x, y in rng.integers(2, 90, (15, 2)):
+            mask[y : y + 3, x : x + 3] = 1
+        prior = learner.update(mask.astype(np.float32), frame / 10)
+    assert prior is not None
+    for row in (30, 70):
+        assert prior.half_length(row) == pytest.approx(4 + 0.15 * row, rel=0.1)
+    # Painted ellipses are full, silhouettes fill theirs to three quarters.
+    assert prior.aspect == pytest.approx(0.4 / 0.75, rel=0.15)
+
+
+def test_size_learning_stops_after_its_time():
+    learner = SizeLearner(SizeParams(least_samples=4, learn_s=5))
+    small, large = (paint_union(np.array([[50.0, 50, a, 0.4 * a, 0]]), (100, 100)).astype(np.float32) for a in (10, 20))
+    for frame in range(11):
+        before = learner.update(small, frame)
+    for frame in range(11, 50):
+        assert learner.update(large, frame) == before
+
+
+def test_regions_leave_out_what_touches_the_border():
+    mask = np.zeros((50, 50), dtype=np.float32)
+    mask[10:30, 20:28] = 1
+    mask[0:20, 40:45] = 1
+    np.testing.assert_array_equal(regions(mask), [[19.5, 20, 8, 160]])
+
+
+def test_line_through_two_points_and_its_flat_twin():
+    assert line(np.array([0.0, 10]), np.array([2.0, 4]), np.ones(2), tilted=True) == pytest.approx((2.0, 0.2))
+    assert line(np.array([0.0, 10]), np.array([2.0, 4]), np.ones(2), tilted=False) == pytest.approx((3.0, 0.0))
+
+
+def test_poles_are_too_thin_to_teach_a_size():
+    mask = np.zeros((60, 80), np.float32)
+    mask[10:30, 10:12] = 1  # 20 long, 2 wide: a tenth
+    mask[20:40, 40:47] = 1  # 20 long, 7 wide: a person
+    np.testing.assert_array_equal(regions(mask), [[29.5, 20, 7, 140]])

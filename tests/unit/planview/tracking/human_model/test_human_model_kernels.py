@@ -1,0 +1,124 @@
+"""Compiled kernels of the human-model tracker against their plain numpy twins."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calib.ground_camera import GroundCamera
+from planview.foreground.blobs import find_blobs
+from planview.tracking.human_model import _kernels as kernels
+from planview.tracking.human_model import _measure_kernels as measuring
+from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
+from planview.tracking.human_model.params import MatchParams
+from planview.tracking.human_model.scene import COLOUR_LEVELS, COLOUR_PARTS, ModelScene
+from tests.reference import human_model as reference
+
+CAMERA = GroundCamera(96, 72, 70.0, 3.5, math.radians(62))
+MAP = build_model_map(CAMERA, params=HumanModelMapParams(step_px=4, min_height_px=8))
+RING = 0.5
+feet = st.tuples(st.floats(-20, 116), st.floats(10, 110), st.floats(0.7, 1.2))
+
+
+def _scene() -> ModelScene:
+    return ModelScene(MAP, MatchParams(ring=RING, claim=RING))
+
+
+def _noise(seed: int, high: int) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, high, (72, 96), dtype=np.uint8)
+
+
+@settings(max_examples=60, deadline=None)
+@given(feet)
+def test_painted_model_is_the_polygon(foot: tuple[float, float, float]) -> None:
+    image = np.zeros((72, 96), np.uint8)
+    _scene().paint(image, np.array(foot[:2]), foot[2], 1)
+    np.testing.assert_array_equal(image > 0, reference.model_mask(MAP, *foot))
+
+
+@settings(max_examples=40, deadline=None)
+@given(feet, st.integers(0, 99))
+def test_candidate_counts_equal_masks(foot: tuple[float, float, float], seed: int) -> None:
+    evidence, cover = _noise(seed, 3), _noise(seed + 1, 2)
+    scene = _scene()
+    scene.prepare_candidates(evidence, cover)
+    mask = reference.model_mask(MAP, *foot)
+    assert tuple(scene.score(np.array([foot]))[0]) == reference.counts(
+        mask, reference.model_rows(MAP, *foot), evidence, cover, RING
+    )
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(feet, min_size=1, max_size=3), st.integers(0, 99))
+def test_measurement_equals_masks(models: list[tuple[float, float, float]], seed: int) -> None:
+    evidence, motion = _noise(seed, 3), _noise(seed + 1, 2)
+    scene, at = _scene(), np.array(models)
+    scene.clear()
+    for u, v, scale in models:
+        scene.paint(scene.cover, np.array([u, v]), scale, 1)
+    found = scene.measure(evidence, motion, find_blobs(evidence), at[:, :2], at[:, 2])
+    masks = [reference.model_mask(MAP, *m) for m in models]
+    for row, mask in zip(found.counts, masks, strict=True):
+        assert tuple(row[:6]) == reference.measured(mask, evidence, motion, scene.cover)
+    wide = [reference.with_ring(k, reference.model_rows(MAP, *m), RING) for k, m in zip(masks, models, strict=True)]
+    claimed = np.any(wide, axis=0)
+    np.testing.assert_array_equal(scene.claimed > 0, claimed)
+
+
+def test_colours_equal_a_histogram_of_the_mask() -> None:
+    scene, foot = _scene(), (48.0, 50.0, 1.0)
+    image = np.random.default_rng(1).integers(0, 256, (72, 96, 3), dtype=np.uint8)
+    evidence = _noise(2, 3)
+    scene.clear()
+    scene.paint(scene.cover, np.array(foot[:2]), 1.0, 1)
+    level = np.minimum(COLOUR_LEVELS - 1, np.sqrt(np.arange(256) / 256) * COLOUR_LEVELS).astype(np.uint8)
+    mask = reference.model_mask(MAP, *foot)
+    expected = reference.histogram(mask, image, evidence, scene.cover, level, COLOUR_LEVELS, COLOUR_PARTS)
+    np.testing.assert_allclose(scene.colours(image, evidence, np.array(foot[:2]), 1.0), expected, atol=1e-6)
+
+
+def test_body_extent_counts_along_the_axis() -> None:
+    evidence, cover, bins = _noise(3, 3), np.zeros((72, 96), np.uint8), np.zeros(60, np.int64)
+    measuring.body_extent(evidence, cover, 48.0, 60.0, 3.0, -40.0, 6.0, bins)
+    expected = reference.along_axis(evidence, cover, np.array([48.0, 60.0]), np.array([3.0, -40.0]), 6.0, 60)
+    np.testing.assert_array_equal(bins, expected)
+
+
+def test_body_extent_ends_where_the_body_does() -> None:
+    evidence = np.zeros((72, 96), np.uint8)
+    evidence[20:61, 44:53] = 2
+    low, high = measuring.body_extent(
+        evidence, np.zeros_like(evidence), 48.0, 60.0, 0.0, -40.0, 6.0, np.zeros(60, np.int64)
+    )
+    assert low == pytest.approx(0.0, abs=0.04)
+    assert high == pytest.approx(1.0, abs=0.04)
+
+
+def test_gain_counts_free_foreground_twice_over_background() -> None:
+    # 100 px: 60 free foreground (evidence 120), 10 taken, so 30 background; 8 foreground in the ring (evidence 16).
+    assert kernels.gain(100, 120, 10, 16, 100.0, 0.3) == pytest.approx((60 + 4 - 30 - 3) / 100)
+
+
+def test_match_finds_two_planted_people_together() -> None:
+    scene = _scene()
+    true = np.array([[40.0, 52.0], [50.0, 58.0]])
+    evidence = np.zeros((72, 96), np.uint8)
+    for foot in true:
+        scene.paint(evidence, foot, 1.0, 1)
+    evidence = 2 * (evidence > 0).astype(np.uint8)
+    scene.clear()
+    start = true + np.array([[3.0, -2.0], [-3.0, 2.0]])
+    covariance = np.tile(16.0 * np.eye(2), (2, 1, 1))
+    found = scene.match(evidence, start, np.ones(2), covariance, np.arange(2))
+    assert np.abs(found - true).max() <= 1.5
+    assert scene.cover.max() >= 1
+
+
+def test_match_leaves_a_model_at_its_prediction_without_evidence() -> None:
+    scene = _scene()
+    scene.clear()
+    at = np.array([[45.0, 55.0]])
+    found = scene.match(np.zeros((72, 96), np.uint8), at, np.ones(1), 9.0 * np.eye(2)[None], np.arange(1))
+    assert np.abs(found - at).max() <= 9.0

@@ -1,0 +1,381 @@
+"""The human-model tracker on drawn people: silhouettes of known models walking on the floor of a known camera."""
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from calib.errors import InputError
+from calib.ground_camera import GroundCamera
+from planview.foreground.mixture import BACKGROUND, PERSON
+from planview.tracking.base import Observation
+from planview.tracking.human_model import HumanModelParams, HumanModelTracker
+from planview.tracking.human_model.identity import Mingling
+from planview.tracking.human_model.lifecycle import redundant, same_as_lost, why_remove
+from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
+from planview.tracking.human_model.params import BirthParams, LifeParams, StateParams
+from planview.tracking.human_model.scene import ModelScene
+from planview.tracking.human_model.seat import Seat
+from planview.tracking.human_model.target import FootprintKalman, Target
+from planview.trajectories.state import TrackState
+
+CAMERA = GroundCamera(160, 120, 120.0, 4.0, math.radians(62))
+PARAMS = HumanModelParams(map=HumanModelMapParams(min_height_px=12), birth=BirthParams(min_height_px=12))
+MAP = build_model_map(CAMERA, params=PARAMS.map)
+FPS = 10
+SEATED = PARAMS.posture.sitting
+RED, BLUE = (20, 20, 200), (200, 40, 20)
+
+Person = tuple[float, float, tuple[int, int, int]]
+
+
+class World:
+    """Draws people as their own models and remembers the last frame for motion."""
+
+    def __init__(self) -> None:
+        self._scene = ModelScene(MAP, PARAMS.match)
+        self._last: np.ndarray | None = None
+
+    def observe(
+        self,
+        k: int,
+        people: Iterable[Person],
+        hidden: slice | None = None,
+        heights: Iterable[float] | None = None,
+        slim: bool = False,
+    ) -> Observation:
+        image = np.full((120, 160, 3), 128, np.uint8)
+        mask = np.zeros((120, 160), np.uint8)
+        people = list(people)
+        tall = [1.0] * len(people) if heights is None else heights
+        for (x, y, colour), height in sorted(zip(people, tall, strict=True), key=lambda p: -p[0][1]):
+            one = np.zeros((120, 160), np.uint8)
+            self._scene.paint(one, CAMERA.project((x, y, 0.0)), height, 1)
+            if slim:
+                one = np.asarray(cv2.erode(one, np.ones((1, 5), np.uint8)), np.uint8)
+            image[one > 0] = colour
+            mask[one > 0] = 255
+        if hidden is not None:
+            image[:, hidden], mask[:, hidden] = 128, 0
+        last = image if self._last is None else self._last
+        motion = np.where((image != last).any(axis=2), 255, 0).astype(np.uint8)
+        self._last = image
+        return Observation(k, k / FPS, image, mask, motion)
+
+
+def _run(
+    path: Callable[[float], Iterable[Person]], seconds: float, hidden: slice | None = None
+) -> tuple[HumanModelTracker, list[tuple[TrackState, ...]], list[str]]:
+    tracker, world = HumanModelTracker(PARAMS, CAMERA, MAP), World()
+    states, kinds = [], []
+    for k in range(int(seconds * FPS)):
+        states.append(tracker.update(world.observe(k, path(k / FPS), hidden)))
+        kinds += [d.kind for d in tracker.decisions]
+    return tracker, states, kinds
+
+
+def _confirmed(states: tuple[TrackState, ...]) -> list[TrackState]:
+    return [s for s in states if s.state == "confirmed"]
+
+
+def _walker(t: float) -> list[Person]:
+    return [(-2.5 + 1.2 * t, 6.0, RED)]
+
+
+def test_walker_is_one_track_near_the_truth() -> None:
+    _, states, _ = _run(_walker, 3.5)
+    rows = [(k, s) for k, frame in enumerate(states) for s in _confirmed(frame)]
+    assert len(rows) > 20
+    assert len({s.track_id for _, s in rows}) == 1
+    errors = [math.hypot(s.x_m - _walker(k / FPS)[0][0], s.y_m - 6.0) for k, s in rows]
+    assert np.median(errors) < 0.15
+    assert rows[-1][1].vx_mps == pytest.approx(1.2, abs=0.3)
+    assert rows[-1][1].height_m == pytest.approx(1.76, abs=0.15)
+
+
+def test_box_is_the_amodal_model() -> None:
+    _, states, _ = _run(_walker, 2.0)
+    (state,) = _confirmed(states[-1])
+    left, top, width, height = state.box_px
+    head, foot = CAMERA.project((state.x_m, 6.0, 1.76)), CAMERA.project((state.x_m, 6.0, 0.0))
+    assert left < foot[0] < left + width
+    assert top == pytest.approx(head[1], abs=3)
+    assert top + height == pytest.approx(foot[1], abs=4)
+
+
+def test_two_who_enter_side_by_side_are_split() -> None:
+    def path(t: float) -> list[Person]:
+        return [(-2.5 + 1.2 * t, 6.0, RED), (-2.1 + 1.2 * t, 6.0, BLUE)]
+
+    _, states, kinds = _run(path, 3.0)
+    assert len(_confirmed(states[-1])) == 2
+    assert "split" in kinds or kinds.count("born") == 2
+
+
+def test_ids_survive_a_crossing() -> None:
+    def path(t: float) -> list[Person]:
+        return [(-2.5 + 1.2 * t, 6.0, RED), (2.5 - 1.2 * t, 6.6, BLUE)]
+
+    _, states, _ = _run(path, 4.0)
+    before = {s.track_id: s.x_m for s in _confirmed(states[12])}
+    after = {s.track_id: s.x_m for s in _confirmed(states[38])}
+    assert len(before) == len(after) == 2
+    assert all(after[i] * x < 0 for i, x in before.items())
+
+
+def test_walkers_hidden_by_one_another_do_not_sit_down() -> None:
+    tracker, world = HumanModelTracker(PARAMS, CAMERA, MAP), World()
+    for k in range(5 * FPS):
+        x = -2.5 + 1.0 * k / FPS
+        tracker.update(world.observe(k, [(x, 6.0, RED), (x + 0.25, 6.8, BLUE)]))
+        assert not any(target.seat for target in tracker.targets)
+
+
+def test_id_survives_a_column_in_front() -> None:
+    _, states, kinds = _run(_walker, 4.0, hidden=slice(68, 88))
+    assert len({s.track_id for frame in states for s in _confirmed(frame)}) == 1
+    assert any(s.state == "lost" for frame in states for s in frame) or "removed" not in kinds[:-1]
+
+
+def test_foreground_that_appears_and_stays_is_nobody() -> None:
+    tracker, states, _ = _run(lambda t: [(0.0, 6.0, RED)] if t >= 0.5 else [], 5.0)
+    assert not any(_confirmed(frame) for frame in states)
+    assert (tracker.feedback() == BACKGROUND).any()
+
+
+def test_video_without_foreground_gives_no_tracks() -> None:
+    _, states, kinds = _run(lambda t: [], 1.0)
+    assert not any(states)
+    assert not kinds
+
+
+def test_chair_that_was_pushed_and_stays_still_is_a_thing() -> None:
+    _, states, kinds = _run(lambda t: [(min(0.0, -1.2 + 1.2 * t), 6.0, RED)], 24.0)
+    assert _confirmed(states[40])
+    assert not states[-1]
+    assert kinds.count("removed") == 1
+
+
+def test_person_who_walked_in_stays_one_however_still() -> None:
+    _, states, kinds = _run(lambda t: [(min(0.0, -2.5 + 1.2 * t), 6.0, RED)], 26.0)
+    assert len(_confirmed(states[-1])) == 1
+    assert "removed" not in kinds
+
+
+def test_person_who_sits_down_stays_where_the_seat_is_and_gets_up_again() -> None:
+    def height(t: float) -> float:
+        """1 until 2.5 s, seated from 3.5 s to 8 s, up again at 9 s."""
+        return float(np.interp(t, (2.5, 3.5, 8.0, 9.0), (1.0, SEATED, SEATED, 1.0)))
+
+    def path(t: float) -> list[Person]:
+        return [(min(0.0, -2.5 + 1.2 * t) + max(0.0, t - 9.5), 6.0, RED)]
+
+    tracker, world = HumanModelTracker(PARAMS, CAMERA, MAP), World()
+    states, seated = [], []
+    for k in range(11 * FPS):
+        states.append(tracker.update(world.observe(k, path(k / FPS), heights=[height(k / FPS)])))
+        seated.append([target.seat is not None for target in tracker.targets])
+    assert seated[60] == [True]
+    assert seated[-1] == [False]
+    (sits,), (walks,) = _confirmed(states[60]), _confirmed(states[-1])
+    assert math.hypot(sits.x_m, sits.y_m - 6.0) < 0.4
+    assert walks.track_id == sits.track_id
+
+
+def test_slim_person_who_stands_is_not_seated() -> None:
+    tracker, world = HumanModelTracker(PARAMS, CAMERA, MAP), World()
+    for k in range(6 * FPS):
+        states = tracker.update(world.observe(k, [(min(0.0, -2.5 + 1.2 * k / FPS), 3.0, RED)], slim=True))
+        assert not any(target.seat for target in tracker.targets)
+    assert len(_confirmed(states)) == 1
+
+
+def test_passer_by_takes_nobody_off_a_seat() -> None:
+    def path(t: float) -> list[Person]:
+        """One sits from 3.5 s on; from 5 s on another walks past, half hiding the first."""
+        sits = (min(0.0, -2.5 + 1.2 * t), 6.0, RED)
+        return [sits, (-2.5 + 1.2 * (t - 5.0), 5.0, BLUE)] if t > 5.0 else [sits]
+
+    tracker, world = HumanModelTracker(PARAMS, CAMERA, MAP), World()
+    for k in range(9 * FPS):
+        t = k / FPS
+        heights = [float(np.interp(t, (2.5, 3.5), (1.0, SEATED))), 1.0][: len(path(t))]
+        states = tracker.update(world.observe(k, path(t), heights=heights))
+    seated, walker = tracker.targets
+    assert seated.seat is not None
+    assert walker.seat is None
+    (sits, walks) = _confirmed(states)
+    assert math.hypot(sits.x_m, sits.y_m - 6.0) < 0.4
+    assert math.hypot(walks.x_m - 2.18, walks.y_m - 5.0) < 0.4
+
+
+def test_seat_that_is_empty_gives_the_person_back_to_the_floor() -> None:
+    def path(t: float) -> list[Person]:
+        """Sits from 3.5 s on, and walks off at 6 s without being seen to rise."""
+        return [(min(0.0, -2.5 + 1.2 * t) + max(0.0, 1.2 * (t - 6.0)), 6.0, RED)]
+
+    tracker, world = HumanModelTracker(PARAMS, CAMERA, MAP), World()
+    said = []
+    for k in range(75):
+        t = k / FPS
+        height = 1.0 if t > 6.0 else float(np.interp(t, (2.5, 3.5), (1.0, SEATED)))
+        states = tracker.update(world.observe(k, path(t), heights=[height]))
+        said += [d.reason for d in tracker.decisions]
+    assert "sits down" in said
+    (walks,) = _confirmed(states)
+    assert walks.track_id == 1
+    assert math.hypot(walks.x_m - 1.68, walks.y_m - 6.0) < 0.5
+
+
+def test_person_who_leaves_the_view_is_removed() -> None:
+    _, states, kinds = _run(lambda t: [(1.5 * t, 6.0, RED)], 5.0)
+    assert not states[-1]
+    assert kinds[-1] == "removed"
+
+
+def test_states_appear_in_decisions_and_drawings() -> None:
+    tracker, _, kinds = _run(lambda t: [(min(0.0, -2.5 + 1.2 * t), 6.0, RED)], 4.0)
+    assert "state" in kinds
+    models = next(d for d in tracker.debug().drawings if d.name == "models")
+    assert "stationary" in models.labels[0]
+
+
+def test_feedback_protects_tracked_people() -> None:
+    tracker, _, _ = _run(_walker, 2.0)
+    u, v = CAMERA.project((-2.5 + 1.2 * 1.9, 6.0, 0.9))
+    assert tracker.feedback()[round(float(v)), round(float(u))] == PERSON
+
+
+def test_reset_gives_the_same_tracks_again() -> None:
+    tracker, states, _ = _run(_walker, 2.0)
+    tracker.reset()
+    world = World()
+    again = [tracker.update(world.observe(k, _walker(k / FPS))) for k in range(20)]
+    assert again == states
+
+
+def test_images_of_another_size_are_refused() -> None:
+    tracker = HumanModelTracker(PARAMS, CAMERA, MAP)
+    mask = np.zeros((60, 80), np.uint8)
+    with pytest.raises(InputError, match=r"expected images of 160x120 px.*found 80x60"):
+        tracker.update(Observation(0, 0.0, None, mask, mask))
+
+
+def test_missing_foreground_is_refused() -> None:
+    with pytest.raises(ValueError, match="foreground and motion"):
+        HumanModelTracker(PARAMS, CAMERA, MAP).update(Observation(0, 0.0))
+
+
+def test_map_of_another_camera_is_refused() -> None:
+    with pytest.raises(InputError, match="human model map"):
+        HumanModelTracker(PARAMS, replace(CAMERA, height_m=5.0), MAP)
+
+
+def test_grey_video_is_tracked_without_colours() -> None:
+    tracker, world = HumanModelTracker(PARAMS, CAMERA, MAP), World()
+    for k in range(20):
+        seen = world.observe(k, _walker(k / FPS))
+        states = tracker.update(replace(seen, image=seen.image[:, :, 2].copy()))  # type: ignore[index]
+    assert len(_confirmed(states)) == 1
+
+
+def _target(**changes: object) -> Target:
+    xy = np.zeros(2)
+    target = Target(1, FootprintKalman(xy, 0.01 * np.eye(2)), 0.0, 0.0, xy, xy, confirmed=True)
+    for name, value in changes.items():
+        setattr(target, name, value)
+    return target
+
+
+def _trail(target: Target, speed: float, internal: float, visible: Iterable[float]) -> Target:
+    for k, v in enumerate(visible):
+        target.kalman.state[0] = speed * k / FPS
+        target.remember(k / FPS, internal, v, 0.8)
+    return target
+
+
+@pytest.mark.parametrize(
+    ("speed", "internal", "state"), [(1.0, 0.3, "moving"), (0.0, 0.05, "stopped"), (0.0, 0.0, "stationary")]
+)
+def test_motion_state(speed: float, internal: float, state: str) -> None:
+    assert _trail(_target(), speed, internal, [1.0] * 10).next_motion(StateParams()) == state
+
+
+@pytest.mark.parametrize(
+    ("visible", "shared", "state"),
+    [
+        (np.linspace(0.2, 1.0, 9), 0.0, "appearing"),
+        (np.linspace(1.0, 0.2, 9), 0.0, "disappearing"),
+        ([0.8] * 9, 0.0, "stable"),
+        (np.linspace(1.0, 0.2, 9), 0.3, "occlusion"),
+    ],
+)
+def test_stability_state(visible: Iterable[float], shared: float, state: str) -> None:
+    assert _trail(_target(), 1.0, 0.1, visible).next_stability(shared, StateParams()) == state
+
+
+@pytest.mark.parametrize(
+    ("changes", "now_s", "reason"),
+    [
+        ({}, 1.0, ""),
+        ({"confirmed": False}, 3.0, "never walked"),
+        ({"still_since_s": 0.0}, 20.0, "a thing"),
+        ({"inside": 0.2}, 1.0, "left the view"),
+        ({"matched": False, "inside": 0.5}, 0.1, "no blob"),
+        ({"matched": False}, 2.0, ""),
+        ({"matched": False}, 3.5, "no blob"),
+    ],
+)
+def test_cleaning_depends_on_visibility(changes: dict[str, object], now_s: float, reason: str) -> None:
+    target = _trail(_target(**changes), 0.0, 0.1, [1.0])
+    found = why_remove(target, PARAMS, now_s)
+    assert (reason in found) if reason else not found
+
+
+@pytest.mark.parametrize(("now_s", "alike", "found"), [(1.0, True, True), (1.0, False, False), (5.0, True, False)])
+def test_who_has_just_sat_down_and_walks_on_is_the_same(now_s: float, alike: bool, found: bool) -> None:
+    seen = np.eye(2, dtype=np.float32)
+    target = _target()
+    target.colours = seen if alike else seen[::-1]
+    empty = np.zeros((0, 0), np.float32)
+    target.seat = Seat(np.zeros(2), 0.0, 0.7, (slice(0), slice(0)), empty > 0, empty)
+    same = same_as_lost([target], np.array([0.5, 0.0]), seen, PARAMS, now_s)
+    assert (same is target) == found
+
+
+def test_covered_walkers_merge_only_after_long() -> None:
+    first, second = (_target(track_id=k, moving_since_s=0.0) for k in (1, 2))
+    second.covered_since_s = 1.0
+    assert not redundant([first, second], LifeParams(), 2.5, lambda a, b: True)
+    assert redundant([first, second], LifeParams(), 3.1, lambda a, b: True) == [(second, first)]
+
+
+def test_covered_people_who_stand_do_not_merge() -> None:
+    first, second = _target(track_id=1), _target(track_id=2, moving_since_s=0.0, covered_since_s=0.0)
+    assert not redundant([first, second], LifeParams(), 9.0, lambda a, b: True)
+
+
+def test_colours_swap_identities_after_an_occlusion() -> None:
+    red, blue = np.zeros((2, 8), np.float32), np.zeros((2, 8), np.float32)
+    red[:, 0] = blue[:, 5] = 1.0
+    first, second = _target(track_id=1, colours=red), _target(track_id=2, colours=blue)
+    mingling = Mingling(LifeParams(looks=1))
+    mingling.close(first, second, 0.0)
+    assert mingling.busy(1)
+    mingling.see(first, blue)
+    mingling.see(second, red)
+    assert mingling.swapped([first, second], 1.0) == [(first, second, pytest.approx(1.0))]
+    assert not mingling.busy(1)
+    first.swap_with(second)
+    assert (first.track_id, second.track_id) == (2, 1)
+
+
+def test_footprint_filter_learns_velocity() -> None:
+    kalman = FootprintKalman(np.zeros(2), 0.01 * np.eye(2))
+    for k in range(1, 30):
+        kalman.predict(0.1, 2.0)
+        kalman.update(np.array([0.1 * k, -0.05 * k]), 0.01 * np.eye(2))
+    np.testing.assert_allclose(kalman.state, [2.9, -1.45, 1.0, -0.5], atol=0.05)
