@@ -11,7 +11,17 @@ from planview.maps.builder import PlanViewMaps
 from planview.trajectories.state import TrackState
 
 DecisionKind = Literal[
-    "born", "confirmed", "matched", "recentred", "lost", "reattached", "removed", "split", "merged", "state"
+    "spawned",
+    "confirmed",
+    "matched",
+    "recentred",
+    "lost",
+    "reacquired",
+    "pruned",
+    "split",
+    "merged",
+    "state",
+    "identity",
 ]
 
 

@@ -77,7 +77,7 @@ def test_events_name_the_crossing(folder: Path) -> None:
 def test_decisions_have_reasons_from_birth_on(folder: Path) -> None:
     with (folder / "decisions.csv").open() as file:
         decisions = list(csv.DictReader(file))
-    assert decisions[0]["kind"] == "born"
+    assert decisions[0]["kind"] == "spawned"
     assert all(decision["reason"] for decision in decisions)
     assert "confirmed" in {decision["kind"] for decision in decisions}
 

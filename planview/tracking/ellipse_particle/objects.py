@@ -131,7 +131,7 @@ class Objects:
         self._next_id += 1
         self.lives.append(life)
         self.states = np.concatenate([self.states, self.particles[:, -1].mean(axis=0)[None]])
-        self.say(life, "born", f"a measurement at {where} overlaps no object", life.probability)
+        self.say(life, "spawned", f"a measurement at {where} overlaps no object", life.probability)
 
     def find(self, n: int, ellipse: F64, prior: SizePrior, cells_per_m: float, away_m: float) -> None:
         """Object n is seen again, at a measured ellipse ``away_m`` from its prediction [m]."""
@@ -140,7 +140,7 @@ class Objects:
         life = self.lives[n]
         unseen = max(life.unseen_s, life.shared_s)
         life.seen, life.hidden, life.unseen_s, life.shared_s = True, False, 0.0, 0.0
-        self.say(life, "reattached", f"found {away_m:.2f} m from its prediction after {unseen:.1f} s", away_m)
+        self.say(life, "reacquired", f"found {away_m:.2f} m from its prediction after {unseen:.1f} s", away_m)
 
     def bury(self, shape: tuple[int, int], prior: SizePrior) -> None:
         """Remove objects that have left; at once those of which less than a quarter is inside the grid."""
@@ -151,12 +151,12 @@ class Objects:
             limit = self._params.leave if life.confirmed else self._params.believe
             if outside[n]:
                 keep[n] = False
-                self.say(life, "removed", "it has left the view")
+                self.say(life, "pruned", "it has left the view")
             elif probability > limit:
                 keep[n] = False
                 waited = max(life.unseen_s, life.shared_s)
                 why = f"unseen or shared for {waited:.1f} s, left with probability {probability:.2f}"
-                self.say(life, "removed", why, probability)
+                self.say(life, "pruned", why, probability)
         self.keep(keep)
 
     def _outside(self, shape: tuple[int, int], prior: SizePrior) -> Bool:
@@ -182,7 +182,7 @@ class Objects:
         own = measured_shares(everywhere, ellipses, shape)[:, 1]
         keep = ~changed | (own >= 1.0 - self._params.seen_overlap)
         for n in np.flatnonzero(~keep):
-            self.say(self.lives[n], "removed", "people here are larger than was believed: an older object has it")
+            self.say(self.lives[n], "pruned", "people here are larger than was believed: an older object has it")
         self.keep(keep)
 
     def keep(self, keep: Bool) -> None:

@@ -160,7 +160,7 @@ class EllipseParticleTracker:
         if view is None or self._view is None or view.mask.shape == self._view.mask.shape:
             return
         for life in self._objects.lives:
-            self._objects.say(life, "removed", f"the frame size changed to {view.mask.shape} cells")
+            self._objects.say(life, "pruned", f"the frame size changed to {view.mask.shape} cells")
         self._objects.keep(np.zeros(len(self._objects), dtype=np.bool_))
         self._learner = SizeLearner(self._params.size)
         self._prior = None

@@ -117,7 +117,7 @@ class HumanModelTracker:
         for target, e in zip(list(self.targets), entry, strict=True):
             if e < 0:
                 self.targets.remove(target)
-                self._decide(target, "removed", "predicted outside the view")
+                self._decide(target, "pruned", "predicted outside the view")
 
     def _believe(self) -> None:
         for target in self.targets:
@@ -154,12 +154,12 @@ class HumanModelTracker:
         lost = same_as_lost(self.targets, xy, colours, self.params, now)
         if lost is not None:
             lost.take_up(kalman, candidate.foot_px, candidate.scale, now)
-            self._decide(lost, "reattached", f"seen again with score {candidate.score:.2f}", candidate.score)
+            self._decide(lost, "reacquired", f"seen again with score {candidate.score:.2f}", candidate.score)
             return
         target = Target(next(self._ids), kalman, now, now, xy, candidate.foot_px, candidate.scale, colours=colours)
         target.remember(now, 0.0, candidate.precision, self.params.states.window_s)
         self.targets.append(target)
-        kind: DecisionKind = "split" if candidate.splits else "born"
+        kind: DecisionKind = "split" if candidate.splits else "spawned"
         self._decide(target, kind, f"score {candidate.score:.2f}", candidate.score)
 
     def _merge(self) -> None:
@@ -172,7 +172,7 @@ class HumanModelTracker:
             reason = why_remove(target, self.params, self._now_s)
             if reason:
                 self.targets.remove(target)
-                self._decide(target, "removed", reason)
+                self._decide(target, "pruned", reason)
 
     def _watch_still(self, frame: Frame, dt: float) -> None:
         still = (frame.evidence > 1) & (frame.motion == 0) & (self.scene.claimed == 0)

@@ -94,7 +94,7 @@ class TemplateTracker:
             if person.state == "lost":
                 person.state = "confirmed"
                 self._decide(
-                    person, "reattached", f"seen again where predicted, score {person.score:.2f}", person.score
+                    person, "reacquired", f"seen again where predicted, score {person.score:.2f}", person.score
                 )
             else:
                 self._decide(person, "matched", f"score {person.score:.2f}", person.score)
@@ -244,7 +244,7 @@ class TemplateTracker:
         self._people.append(person)
         self._settle(frame, person, candidate)
         seen = f"{candidate.height_m:.2f} m tall, {candidate.area_m2:.2f} m2 seen"
-        self._decide(person, "born", seen, candidate.area_m2)
+        self._decide(person, "spawned", seen, candidate.area_m2)
 
     def _reattach(self, frame: Frame, person: Person, candidate: Candidate) -> None:
         away = math.hypot(candidate.x_m - person.kalman.x_m, candidate.y_m - person.kalman.y_m)
@@ -253,7 +253,7 @@ class TemplateTracker:
         person.seen_s, person.matched = self._time_s, True
         person.state, person.height_m = "confirmed", candidate.height_m
         self._settle(frame, person, candidate)
-        self._decide(person, "reattached", f"found {away:.2f} m from the prediction after {gone:.1f} s", away)
+        self._decide(person, "reacquired", f"found {away:.2f} m from the prediction after {gone:.1f} s", away)
 
     def _settle(self, frame: Frame, person: Person, candidate: Candidate) -> None:
         """Templates and body axis at a candidate's place."""
@@ -272,12 +272,12 @@ class TemplateTracker:
             gone = self._time_s - person.seen_s
             left = gone > self.params.left_s and self._at_border(person, view)
             if person.state == "tentative" and not person.matched:
-                self._decide(person, "removed", "missed before he was confirmed")
+                self._decide(person, "pruned", "missed before he was confirmed")
             elif person.state == "tentative" and person.too_low:
-                self._decide(person, "removed", "too low for a person before he was confirmed")
+                self._decide(person, "pruned", "too low for a person before he was confirmed")
             elif person.state == "lost" and (left or gone > self.params.lost_s):
                 why = "left the view" if left else "lost"
-                self._decide(person, "removed", f"{why} for {gone:.1f} s", gone)
+                self._decide(person, "pruned", f"{why} for {gone:.1f} s", gone)
             else:
                 keep.append(person)
         self._people = keep

@@ -154,7 +154,7 @@ def test_doubles_are_forgotten_when_people_prove_larger():
     # Half lengths of 4 everywhere; then of 5 in row 20 and 17 in row 50, where two of them fall on one person.
     objects.resize(SizePrior(4.0, 0.0, 0.4), SizePrior(-3.0, 0.4, 0.4), 1.4, (60, 80))
     assert [life.track_id for life in objects.lives] == [1, 2, 4]
-    assert objects.decisions[-1].kind == "removed"
+    assert objects.decisions[-1].kind == "pruned"
 
 
 def test_density_of_lengths_is_largest_for_one_person_and_group_beats_speck():

@@ -77,7 +77,7 @@ def test_person_who_leaves_is_removed_with_a_reason():
         mask = foreground((80, 60)) if i < 20 else foreground()
         tracker.update(Observation(i, i / 10, foreground=mask))
         reasons += [(d.kind, d.reason) for d in tracker.decisions]
-    assert [kind for kind, _ in reasons] == ["born", "confirmed", "lost", "removed"]
+    assert [kind for kind, _ in reasons] == ["spawned", "confirmed", "lost", "pruned"]
     assert "left with probability" in reasons[-1][1]
 
 
@@ -185,7 +185,7 @@ def test_video_that_changes_size_starts_anew_and_says_so():
     tracker = EllipseParticleTracker(GIVEN)
     follow(tracker, [foreground((80, 60))] * 8)
     tracker.update(Observation(8, 0.8, foreground=np.zeros((60, 80), dtype=np.uint8)))
-    assert [d.kind for d in tracker.decisions] == ["removed"]
+    assert [d.kind for d in tracker.decisions] == ["pruned"]
     assert "size changed" in tracker.decisions[0].reason
 
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from tests.unit.planview.tracking.overhead import Person, observe
 
 from planview.tracking.ellipse_particle import EllipseParticleParams, EllipseParticleTracker
 from planview.tracking.ellipse_particle.fit.ellipses import SizePrior
 from planview.tracking.ellipse_particle.newcomers import Newcomers
 from planview.tracking.ellipse_particle.params import FilterParams, NewcomerParams
 from planview.tracking.ellipse_particle.particles import ParticleFilter
+from tests.unit.planview.tracking.overhead import Person, observe
 
 NEWCOMERS = Newcomers(NewcomerParams(), separation_m=0.42)
 NOBODY = np.zeros((0, 2))
@@ -67,7 +67,7 @@ def test_walker_is_believed_after_his_time_and_keeps_his_id():
 def test_chair_is_nobody():
     tracker, states = follow(*[[(0.0, 0.0, 0.9)]] * 10)
     assert not any(states)
-    assert not any(decision.kind == "born" for decision in tracker.decisions)
+    assert not any(decision.kind == "spawned" for decision in tracker.decisions)
 
 
 def test_two_who_pass_side_by_side_keep_their_ids():

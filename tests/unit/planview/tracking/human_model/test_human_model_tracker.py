@@ -112,7 +112,7 @@ def test_two_who_enter_side_by_side_are_split() -> None:
 
     _, states, kinds = _run(path, 3.0)
     assert len(_confirmed(states[-1])) == 2
-    assert "split" in kinds or kinds.count("born") == 2
+    assert "split" in kinds or kinds.count("spawned") == 2
 
 
 def test_ids_survive_a_crossing() -> None:
@@ -137,7 +137,7 @@ def test_walkers_hidden_by_one_another_do_not_sit_down() -> None:
 def test_id_survives_a_column_in_front() -> None:
     _, states, kinds = _run(_walker, 4.0, hidden=slice(68, 88))
     assert len({s.track_id for frame in states for s in _confirmed(frame)}) == 1
-    assert any(s.state == "lost" for frame in states for s in frame) or "removed" not in kinds[:-1]
+    assert any(s.state == "lost" for frame in states for s in frame) or "pruned" not in kinds[:-1]
 
 
 def test_foreground_that_appears_and_stays_is_nobody() -> None:
@@ -156,13 +156,13 @@ def test_chair_that_was_pushed_and_stays_still_is_a_thing() -> None:
     _, states, kinds = _run(lambda t: [(min(0.0, -1.2 + 1.2 * t), 6.0, RED)], 24.0)
     assert _confirmed(states[40])
     assert not states[-1]
-    assert kinds.count("removed") == 1
+    assert kinds.count("pruned") == 1
 
 
 def test_person_who_walked_in_stays_one_however_still() -> None:
     _, states, kinds = _run(lambda t: [(min(0.0, -2.5 + 1.2 * t), 6.0, RED)], 26.0)
     assert len(_confirmed(states[-1])) == 1
-    assert "removed" not in kinds
+    assert "pruned" not in kinds
 
 
 def test_person_who_sits_down_stays_where_the_seat_is_and_gets_up_again() -> None:
@@ -233,7 +233,7 @@ def test_seat_that_is_empty_gives_the_person_back_to_the_floor() -> None:
 def test_person_who_leaves_the_view_is_removed() -> None:
     _, states, kinds = _run(lambda t: [(1.5 * t, 6.0, RED)], 5.0)
     assert not states[-1]
-    assert kinds[-1] == "removed"
+    assert kinds[-1] == "pruned"
 
 
 def test_states_appear_in_decisions_and_drawings() -> None:

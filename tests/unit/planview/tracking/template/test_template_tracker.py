@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from tests.unit.planview.tracking.overhead import Person, observe
 
 from planview.maps.builder import FloorPoints
 from planview.tracking.base import Observation
@@ -8,6 +7,7 @@ from planview.tracking.body_axis import BodyAxis
 from planview.tracking.kalman import FloorKalman
 from planview.tracking.template import TemplateTracker
 from planview.trajectories.state import TrackState
+from tests.unit.planview.tracking.overhead import Person, observe
 
 
 def follow(tracker: TemplateTracker, frames: list[list[Person]], start: int = 0) -> list[tuple[TrackState, ...]]:
@@ -62,7 +62,7 @@ def test_lost_person_is_removed_after_four_seconds() -> None:
     results = follow(tracker, [[p] for p in walk(-0.4, 0.0, 0.0, 10)] + [[]] * 41)
     assert results[-2][0].state == "lost"
     assert results[-1] == ()
-    assert kinds(tracker) == {"removed"}
+    assert kinds(tracker) == {"pruned"}
 
 
 def test_newcomer_taller_than_the_lost_person_is_somebody_else() -> None:
@@ -96,7 +96,7 @@ def test_every_decision_has_a_reason() -> None:
         tracker.update(observe(i, people))
         told |= kinds(tracker)
         assert all(decision.reason for decision in tracker.decisions)
-    assert told == {"born", "matched", "confirmed", "lost", "removed"}
+    assert told == {"spawned", "matched", "confirmed", "lost", "pruned"}
 
 
 def test_ids_start_again_after_reset() -> None:

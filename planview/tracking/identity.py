@@ -1,0 +1,263 @@
+"""Who is who after contact: one identity layer beneath all trackers, by what is lasting about a person.
+
+Place tells people apart until they touch or vanish. What lasts is kept here: colours by body height, body height and
+breadth, learned only while a person is clear of others. After a contact the fresh measurements of everybody involved
+are compared with everything remembered, jointly, and an exchange is mended when the odds for it are high enough.
+The papers have no such model (Harville 2002, section 5: "no long-term person appearance models"); all of this is ours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydantic import Field
+from scipy.optimize import linear_sum_assignment
+
+from calib.params import Params
+from calib.types import F32, F64
+from planview.tracking.lifecycle import Existence
+
+
+class IdentityParams(Params):
+    """Identity by appearance; our choices."""
+
+    enabled: bool = True
+    """Compare appearance at all; off gives the papers' trackers."""
+    looks: int = Field(5, ge=1, le=100)
+    """Clear measurements needed on either side of a contact before it is judged: a third of a second at 15 Hz."""
+    confidence: float = Field(0.95, gt=0.5, lt=1.0)
+    """Probability that an exchange happened from which on it is mended: one mended wrongly in twenty."""
+    doubt_s: float = Field(15.0, gt=0, le=600)
+    """How long after a contact it may still be judged [s]; a conversation in a crowd lasts as long."""
+    colour_scatter: float = Field(0.12, gt=0, le=1)
+    """Deviation of a person's colours from their mean (Hellinger distance): turning round and half hidden legs change
+    a tenth to a sixth of a silhouette."""
+    height_std_m: float = Field(0.04, gt=0, le=0.5)
+    """Deviation of a standing person's measured height [m]: the bob of a step is 2 to 5 cm."""
+
+
+@dataclass(frozen=True, eq=False)
+class Appearance:
+    """What one clear measurement tells about a person; parts or values that are not known are zero or NaN.
+
+    Attributes:
+        colours: (parts, bins) float32, a histogram per part of the body; a part that is not visible is all zero.
+        height_m: body height, standing [m].
+    """
+
+    colours: F32
+    height_m: float = math.nan
+
+
+@dataclass(slots=True, eq=False)
+class Memory:
+    """Running mean of the clear measurements of one person.
+
+    Attributes:
+        colours: (parts, bins) float32 sum of histograms; counts: (parts,) how many went into each.
+        heights: recent standing heights [m].
+        looks: number of measurements.
+    """
+
+    colours: F32
+    counts: F32
+    heights: list[float] = field(default_factory=list)
+    looks: int = 0
+
+    @staticmethod
+    def empty(like: Appearance) -> Memory:
+        """Nothing remembered yet, with the shape of an appearance."""
+        return Memory(np.zeros_like(like.colours), np.zeros(len(like.colours), np.float32))
+
+    def learn(self, appearance: Appearance, horizon: float = 100.0) -> None:
+        """Add a measurement; older ones fade with a horizon of so many looks."""
+        total = appearance.colours.sum(axis=1)
+        visible = total > 0
+        fade = np.where(visible & (self.counts >= horizon), (horizon - 1) / horizon, 1.0).astype(np.float32)
+        self.colours *= fade[:, None]
+        self.counts *= fade
+        self.colours[visible] += appearance.colours[visible] / total[visible, None]
+        self.counts += visible
+        self.looks += 1
+        if not math.isnan(appearance.height_m):
+            self.heights = [*self.heights[-63:], appearance.height_m]
+
+    @property
+    def height_m(self) -> float:
+        """Body height [m]: the upper quartile, since stooping and hidden heads only lower it; NaN while unknown."""
+        return float(np.percentile(self.heights, 75)) if self.heights else math.nan
+
+
+def dissimilarity(one: Memory, other: Memory, params: IdentityParams) -> float:
+    """Half the squared difference of two memories in deviations of one person: a negative log-likelihood.
+
+    Colours by the Hellinger distance, averaged over the parts that both have; heights by their difference. NaN where
+    nothing can be compared.
+    """
+    both = (one.counts > 0) & (other.counts > 0)
+    terms = []
+    if both.any():
+        p, q = (m.colours[both] / m.counts[both, None] for m in (one, other))
+        squared = np.clip(1.0 - np.sqrt(p * q).sum(axis=1), 0.0, 1.0)
+        terms.append(float(squared.mean()) / (2 * params.colour_scatter**2))
+    gap = one.height_m - other.height_m
+    if not math.isnan(gap):
+        terms.append(gap**2 / (2 * 2 * params.height_std_m**2))
+    return sum(terms) if terms else math.nan
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """Identities to be moved: the person at ``places[i]`` is ``identities[i]``.
+
+    Attributes:
+        places: tracks as they are now.
+        identities: whose memory each place fits, in the same order; a permutation of ``places``.
+        confidence: probability that this is right and the present identities are not.
+    """
+
+    places: tuple[Existence, ...]
+    identities: tuple[Existence, ...]
+    confidence: float
+
+
+class IdentityLayer:
+    """Remembers people, notes who was in contact with whom, and finds exchanges.
+
+    Each frame: ``contact`` for everybody who touches another, ``learn`` for everybody who is clear of others, then
+    ``exchanges``.
+    """
+
+    def __init__(self, params: IdentityParams) -> None:
+        self.params = params
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everybody."""
+        self._memory: dict[int, Memory] = {}
+        self._fresh: dict[int, Memory] = {}
+        self._contacts: dict[tuple[int, int], float] = {}
+
+    def in_doubt(self, who: Existence) -> bool:
+        """Whether a contact of this person is still to be judged."""
+        return any(who.track_id in pair for pair in self._contacts)
+
+    def remembered(self, who: Existence) -> Memory | None:
+        """What is known of a person, None for nothing."""
+        return self._memory.get(who.track_id)
+
+    def contact(self, one: Existence, other: Existence, now_s: float) -> None:
+        """These two cannot be told apart by place now; what was measured since an earlier contact is void."""
+        if not self.params.enabled:
+            return
+        pair = (min(one.track_id, other.track_id), max(one.track_id, other.track_id))
+        self._contacts[pair] = now_s
+        for track_id in pair:
+            self._fresh.pop(track_id, None)
+
+    def learn(self, who: Existence, appearance: Appearance) -> None:
+        """A clear measurement: remembered, or kept aside while the identity is in doubt."""
+        if not self.params.enabled:
+            return
+        store = self._fresh if self.in_doubt(who) else self._memory
+        store.setdefault(who.track_id, Memory.empty(appearance)).learn(appearance)
+
+    def likeness(self, who: Existence, appearance: Appearance) -> float:
+        """How well a measurement fits a remembered person: 1 the same, 0 another; NaN where nothing is known."""
+        memory = self._memory.get(who.track_id)
+        if memory is None or not self.params.enabled:
+            return math.nan
+        fresh = Memory.empty(appearance)
+        fresh.learn(appearance)
+        return math.exp(-dissimilarity(memory, fresh, self.params))
+
+    def exchanges(self, people: Sequence[Existence], now_s: float) -> list[Exchange]:
+        """Judge every group in contact whose members have all been measured clearly since, or are lost.
+
+        Args:
+            people: everybody tracked, lost people too.
+        Returns:
+            What to mend; groups that were judged are settled either way.
+        """
+        known = {who.track_id: who for who in people}
+        self._expire(known, now_s)
+        found = []
+        for group in self._groups():
+            ready = [i for i in group if self._looks(i) >= self.params.looks]
+            if len(ready) == sum(known[i].observed for i in group) and ready:
+                exchange = self._judge([known[i] for i in group], [known[i] for i in ready])
+                self._settle(group, exchange)
+                found += [exchange] if exchange else []
+        return found
+
+    def _looks(self, track_id: int) -> int:
+        return self._fresh[track_id].looks if track_id in self._fresh else 0
+
+    def _expire(self, known: dict[int, Existence], now_s: float) -> None:
+        """Contacts with people who are gone, or too old to be judged, are settled as they are."""
+        for pair, last_s in list(self._contacts.items()):
+            if any(i not in known for i in pair) or now_s - last_s > self.params.doubt_s:
+                del self._contacts[pair]
+        for track_id in list(self._fresh):
+            if track_id not in known or not self.in_doubt(known[track_id]):
+                self._merge(track_id, self._fresh.pop(track_id))
+        for track_id in [i for i in self._memory if i not in known]:
+            del self._memory[track_id]
+
+    def _merge(self, track_id: int, fresh: Memory) -> None:
+        memory = self._memory.setdefault(track_id, Memory(np.zeros_like(fresh.colours), np.zeros_like(fresh.counts)))
+        memory.colours += fresh.colours
+        memory.counts += fresh.counts
+        memory.heights = (memory.heights + fresh.heights)[-64:]
+        memory.looks += fresh.looks
+
+    def _groups(self) -> list[list[int]]:
+        """Connected people: contacts are chained."""
+        groups: list[set[int]] = []
+        for pair in self._contacts:
+            touching = [g for g in groups if g & set(pair)]
+            merged = set(pair).union(*touching)
+            groups = [g for g in groups if g not in touching] + [merged]
+        return [sorted(g) for g in groups]
+
+    def _judge(self, group: list[Existence], ready: list[Existence]) -> Exchange | None:
+        """The likeliest assignment of the places measured to the identities of the group, if it is not today's."""
+        with_memory = [who for who in group if who.track_id in self._memory]
+        places = [who for who in ready if who in with_memory]
+        cost = self._costs(places, with_memory)
+        if len(places) == 0 or len(with_memory) < 2 or np.isnan(cost).any():
+            return None
+        rows, cols = linear_sum_assignment(cost)
+        today = [with_memory.index(who) for who in places]
+        if list(cols) == today:
+            return None
+        gain = float(cost[rows, today].sum() - cost[rows, cols].sum())
+        confidence = 1.0 / (1.0 + math.exp(-min(gain, 50.0)))
+        if confidence < self.params.confidence:
+            return None
+        chosen = [with_memory[c] for c in cols]
+        # Who is displaced by a place that was lost meanwhile takes the identity that became free.
+        free = [who for who in places if who not in chosen]
+        lost = [who for who in chosen if who not in places]
+        return Exchange(tuple(places + lost), tuple(chosen + free), confidence)
+
+    def _costs(self, places: list[Existence], identities: list[Existence]) -> F64:
+        rows = [
+            [dissimilarity(self._fresh[p.track_id], self._memory[i.track_id], self.params) for i in identities]
+            for p in places
+        ]
+        return np.array(rows, dtype=np.float64).reshape(len(places), len(identities))
+
+    def _settle(self, group: list[int], exchange: Exchange | None) -> None:
+        """Fresh measurements join the memory of whom they belong to."""
+        owner = {}
+        if exchange:
+            owner = {p.track_id: i.track_id for p, i in zip(exchange.places, exchange.identities, strict=True)}
+        self._contacts = {pair: t for pair, t in self._contacts.items() if not set(pair) & set(group)}
+        for track_id in group:
+            fresh = self._fresh.pop(track_id, None)
+            if fresh is not None:
+                self._merge(owner.get(track_id, track_id), fresh)

@@ -1,0 +1,123 @@
+"""One life cycle beneath all trackers: ids, states and the ledger of decisions.
+
+A track is spawned tentative, confirmed on evidence, lost while nothing matches it, reacquired when something does, and
+pruned (Harville 2002, section 4; Zhang et al. 2008, section 4; del-Blanco et al. 2012, section V). What counts as
+evidence is the tracker's own; when a state changes, what is written down about it and which id it has is decided here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from planview.tracking.base import Decision, DecisionKind
+from planview.trajectories.state import State
+
+
+@dataclass(slots=True, eq=False)
+class Existence:
+    """What is known of the existence of one tracked person.
+
+    Attributes:
+        track_id: positive, unique in a run.
+        spawned_s: time of the first observation [s].
+        observed_s: time of the last observation [s].
+        confirmed: the track has been confirmed, and stays so until it is pruned.
+        observed: the track is observed in the current frame.
+    """
+
+    track_id: int
+    spawned_s: float
+    observed_s: float
+    confirmed: bool = False
+    observed: bool = True
+
+    @property
+    def state(self) -> State:
+        """As reported in ``tracks.csv``."""
+        if not self.confirmed:
+            return "tentative"
+        return "confirmed" if self.observed else "lost"
+
+
+class LifeCycle:
+    """Spawns, confirms, loses, reacquires and prunes; every change of state is logged with its reason.
+
+    Attributes:
+        now_s: time of the current frame [s].
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all decisions; ids start again at 1."""
+        self._next_id = 1
+        self._log: list[Decision] = []
+        self.now_s = math.nan
+
+    def begin(self, now_s: float) -> None:
+        """Start a frame: decisions of the last one are forgotten."""
+        self.now_s = now_s
+        self._log = []
+
+    @property
+    def decisions(self) -> tuple[Decision, ...]:
+        """Decisions of the current frame."""
+        return tuple(self._log)
+
+    def log(self, who: Existence, kind: DecisionKind, reason: str, value: float = math.nan) -> None:
+        """Write down a decision that changes no state ("matched", "recentred", "identity")."""
+        self._log.append(Decision(who.track_id, kind, reason, value))
+
+    def spawn(self, reason: str, value: float = math.nan, kind: DecisionKind = "spawned") -> Existence:
+        """A new tentative track, observed now."""
+        who = Existence(self._next_id, self.now_s, self.now_s)
+        self._next_id += 1
+        self.log(who, kind, reason, value)
+        return who
+
+    def confirm(self, who: Existence, reason: str, value: float = math.nan) -> None:
+        """A tentative track is a person."""
+        if not who.confirmed:
+            who.confirmed = True
+            self.log(who, "confirmed", reason, value)
+
+    def observe(self, who: Existence, reason: str = "", value: float = math.nan) -> None:
+        """The track is observed in this frame; a lost one is thereby reacquired, for the reason given."""
+        if who.state == "lost":
+            self.log(who, "reacquired", reason, value)
+        elif reason:
+            self.log(who, "matched", reason, value)
+        who.observed, who.observed_s = True, self.now_s
+
+    def miss(self, who: Existence, reason: str, value: float = math.nan) -> None:
+        """The track is not observed in this frame; a confirmed one is lost from now on."""
+        if who.state == "confirmed":
+            self.log(who, "lost", reason, value)
+        who.observed = False
+
+    def prune(self, who: Existence, reason: str, value: float = math.nan, kind: DecisionKind = "pruned") -> None:
+        """The track ends; the tracker forgets it."""
+        self.log(who, kind, reason, value)
+
+    def reassign(self, places: Sequence[Existence], identities: Sequence[Existence], confidence: float) -> None:
+        """Mend identities: the track at ``places[i]`` is who ``identities[i]`` was; both hold the same tracks.
+
+        Ids, times of life and confirmation move; what is observed in this frame stays with the place.
+        """
+        old = [(who.track_id, who.spawned_s, who.confirmed) for who in identities]
+        before = [who.track_id for who in places]
+        for who, was, (track_id, spawned_s, confirmed) in zip(places, before, old, strict=True):
+            who.track_id, who.spawned_s, who.confirmed = track_id, spawned_s, confirmed
+            if track_id != was:
+                self.log(who, "identity", f"exchanged with {was}: appearance, confidence {confidence:.3f}", confidence)
+
+    def unobserved_s(self, who: Existence) -> float:
+        """Time since the last observation [s]."""
+        return self.now_s - who.observed_s
+
+    def age_s(self, who: Existence) -> float:
+        """Time since the track was spawned [s]."""
+        return self.now_s - who.spawned_s
