@@ -11,7 +11,7 @@ from calib.floor.world_file import load_world
 from calib.formats import load_rig
 from calib.pose import SE3
 from calib.types import F64
-from planview.analytics.geometry import Plane
+from planview.analytics.geometry import RulePlane
 from stereo.depth import RectifiedGeometry
 from stereo.rectify import RectifyParams
 from stereo.view import common_geometry
@@ -46,7 +46,7 @@ class StereoFloorCamera:
         return np.asarray(self._pose.translation[:2] + reach[:, None] * rays[:, :2])
 
 
-def stereo_plane(rig_path: Path, world_path: Path | None = None) -> Plane:
+def stereo_plane(rig_path: Path, world_path: Path | None = None) -> RulePlane:
     """The plane of a rig: its calibration, and world.toml beside it unless given.
 
     Raises:
@@ -59,4 +59,4 @@ def stereo_plane(rig_path: Path, world_path: Path | None = None) -> Plane:
         raise InputError(f"{world}: expected the pose of the rig (planview calibrate floor writes it), found no file")
     params = RectifyParams()
     geometry = common_geometry(rig, rig.rectifying_rotations()[0], params.working_px, params.field_quantile)
-    return Plane(StereoFloorCamera(geometry, load_world(world).world_SE3_left))
+    return RulePlane(StereoFloorCamera(geometry, load_world(world).world_SE3_left))

@@ -13,7 +13,7 @@ from planview.trajectories.table import Trajectories
 
 @dataclass(frozen=True)
 class Span:
-    """The time that was watched [s]; ``frame_s`` is the time per frame."""
+    """The time that the recording covers [s]; ``frame_s`` is the time per frame."""
 
     start_s: float
     end_s: float

@@ -17,7 +17,7 @@ from planview.trajectories.state import State, TrackState
 from planview.trajectories.table import Trajectories
 
 TRUTH_ZONE_HYSTERESIS_M = 0.05
-"""For true occupancy: a head sways by as much when somebody stands on the outline [m]; our choice."""
+"""For true occupancy: a head sways by as much when a person stands on the outline [m]; our choice."""
 
 
 def count_tracks(
@@ -37,7 +37,7 @@ def count_tracks(
     Raises:
         InputError: the tracks have no place in the plane of a rule.
     """
-    _refuse_placeless(tracks, rules)
+    _require_positions(tracks, rules)
     clock = clock or Clock(tracks, 30.0)
     analytics = Analytics(rules, params)
     events = [
@@ -51,16 +51,16 @@ def count_tracks(
 def count_truth(
     truth: Trajectories, rules: Rules, clock: Clock, params: AnalyticsParams | None = None, n_frames: int = 0
 ) -> Counts:
-    """The true counts: the same rules on true positions, every row at once and nobody continued by another.
+    """The true counts: the same rules on true positions, without a minimum age and without stitching of ids.
 
-    A crossing is the same thing for truth: whoever steps back within the hysteresis has not crossed, and somebody who
-    counts by hand says so too. The outline of a zone is taken as it is, but for sway.
+    A crossing means the same for truth: a person that steps back within the hysteresis has not crossed, which is also
+    how crossings are counted by hand. The outline of a zone is taken as it is, but for sway.
 
     Args:
         clock: that of the tracks, since truth carries no times.
         params: those of the tracks.
     """
-    params = (params or AnalyticsParams()).model_copy(update={"reborn_s": 0.0})
+    params = (params or AnalyticsParams()).model_copy(update={"stitch_s": 0.0})
     return count_tracks(truth, rules.of_truth(TRUTH_ZONE_HYSTERESIS_M), params, clock=clock, n_frames=n_frames)
 
 
@@ -83,7 +83,7 @@ def _state(tracks: Trajectories, row: int) -> TrackState:
     )
 
 
-def _refuse_placeless(tracks: Trajectories, rules: Rules) -> None:
+def _require_positions(tracks: Trajectories, rules: Rules) -> None:
     for rule in (*rules.tripwires, *rules.zones):
         places = tracks.box_px.sum(axis=1) if rule.plane == "image" else tracks.x_m + tracks.y_m
         if len(tracks) and not np.isfinite(places).any():

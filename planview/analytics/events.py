@@ -1,4 +1,4 @@
-"""``events.csv``: who crossed what, entered or left what, and when."""
+"""``events.csv``: crossings of tripwires, entries to and exits from zones, with their times."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Event:
         rule: name of the tripwire or zone.
         kind: "crossing" of a tripwire, "entry" or "exit" of a zone.
         track_id: the track that did it.
-        direction: of a crossing, seen along the line from its first to its second point; empty for zones.
+        direction: of a crossing, looking along the line from its first to its second point; empty for zones.
     """
 
     frame: int

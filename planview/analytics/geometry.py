@@ -25,7 +25,7 @@ class FloorCamera(Protocol):
     def back_project(self, pixels: F64) -> F64: ...
 
 
-class Plane:
+class RulePlane:
     """Where rules are applied: on the floor; in the image for rules in pixels of a camera that is not known.
 
     Args:
@@ -40,28 +40,28 @@ class Plane:
     def place(self, points: F64, *, in_pixels: bool, what: str) -> tuple[PlaneName, F64]:
         """The plane and the points in it: pixels go to the floor when the camera is known.
 
-        Pixels are taken as showing the floor; the line is straight on the floor between the two places seen there.
+        Pixels are taken as showing the floor; the line is straight on the floor between the two places shown there.
 
         Raises:
             InputError: outside the view, or above the horizon.
         """
         if self.camera is None:
             if in_pixels:
-                self._refuse_unseen(points, _along(points), what)
+                self._require_in_view(points, _along(points), what)
             return ("image" if in_pixels else "floor"), points
         if not in_pixels:
             outline = _along(points)
             pixels = self.camera.project(np.column_stack([outline, np.zeros(len(outline))]))
-            self._refuse_unseen(points, pixels, what, self.camera.back_project(self._raster()))
+            self._require_in_view(points, pixels, what, self.camera.back_project(self._raster()))
             return "floor", points
-        self._refuse_unseen(points, _along(points), what)
+        self._require_in_view(points, _along(points), what)
         on_floor = self.camera.back_project(points)
         if not np.isfinite(on_floor).all():
             bad = tuple(points[~np.isfinite(on_floor).all(axis=1)][0].tolist())
             raise InputError(f"{what}: expected pixels that show the floor, found {bad} above the horizon")
         return "floor", on_floor
 
-    def _refuse_unseen(self, points: F64, outline_px: F64, what: str, raster: F64 | None = None) -> None:
+    def _require_in_view(self, points: F64, outline_px: F64, what: str, raster: F64 | None = None) -> None:
         """Raise unless part of the outline is in the image, or a zone surrounds some of what the image shows."""
         if self.image_size is None:
             return
@@ -69,8 +69,8 @@ class Plane:
         u, v = outline_px.T
         if ((u >= -0.5) & (u <= width - 0.5) & (v >= -0.5) & (v <= height - 0.5)).any():
             return
-        seen = self._raster() if raster is None else raster[np.isfinite(raster).all(axis=1)]
-        if len(points) > 2 and any(depth_inside(points, x, y) > 0 for x, y in seen):
+        visible = self._raster() if raster is None else raster[np.isfinite(raster).all(axis=1)]
+        if len(points) > 2 and any(depth_inside(points, x, y) > 0 for x, y in visible):
             return
         raise InputError(f"{what}: expected a place inside the view of {width}x{height} pixels, found it outside")
 

@@ -1,4 +1,4 @@
-"""From track ids to people: who was seen where, and which new id continues an ended one."""
+"""From track ids to people: observed positions, and the stitching of a new id to an ended one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _VELOCITY_S = 0.5
 
 @dataclass(frozen=True)
 class Sighting:
-    """A person seen in one frame; NaN where a plane is not known.
+    """The observed position of a person in one frame; NaN where a plane is not known.
 
     Attributes:
         floor: (x, y) [m].
@@ -45,19 +45,19 @@ class Sighting:
 
 
 @dataclass(eq=False)
-class Person:
+class CountedPerson:
     """One or more track ids that are the same person.
 
     Attributes:
         track_id: the last id.
-        born_s: time of the first sighting [s].
+        start_s: time of the first sighting [s].
         confirmed: whether any of the ids was confirmed.
         present_s: time of the last row, predictions included [s].
         trail: the last sightings, newest last.
     """
 
     track_id: int
-    born_s: float
+    start_s: float
     confirmed: bool = False
     present_s: float = 0.0
     trail: deque[Sighting] = field(default_factory=deque)
@@ -66,7 +66,7 @@ class Person:
     def last(self) -> Sighting:
         return self.trail[-1]
 
-    def see(self, sighting: Sighting) -> None:
+    def observe(self, sighting: Sighting) -> None:
         self.trail.append(sighting)
         while len(self.trail) > 2 and sighting.timestamp_s - self.trail[1].timestamp_s >= _VELOCITY_S:
             self.trail.popleft()
@@ -79,35 +79,35 @@ class Person:
         return x1 + gain * (x1 - x0), y1 + gain * (y1 - y0)
 
 
-class People:
+class CountedPeople:
     """The people present, kept from their tracks frame by frame."""
 
     def __init__(self, params: AnalyticsParams) -> None:
         self._params = params
-        self._of_id: dict[int, Person] = {}
+        self._of_id: dict[int, CountedPerson] = {}
 
     def update(
         self, frame: int, timestamp_s: float, tracks: Iterable[TrackState]
-    ) -> tuple[list[tuple[Person, Sighting | None]], list[Person]]:
+    ) -> tuple[list[tuple[CountedPerson, Sighting | None]], list[CountedPerson]]:
         """Take one frame's tracks.
 
         Returns:
             The people of this frame with their sightings (None when only predicted), and those gone for good.
         """
         sightings = [(track, _sighting(frame, timestamp_s, track)) for track in tracks]
-        present: dict[int, tuple[Person, Sighting | None]] = {}
-        for track, sighting in sorted(sightings, key=self._turn):
+        present: dict[int, tuple[CountedPerson, Sighting | None]] = {}
+        for track, sighting in sorted(sightings, key=self._precedence):
             if sighting is None:
                 continue
             person = self._of_id.get(track.track_id)
             if person is None:
-                person = self._reborn(sighting, present)
+                person = self._stitched(sighting, present)
             if person is None or id(person) in present:
-                person = Person(track.track_id, timestamp_s)
+                person = CountedPerson(track.track_id, timestamp_s)
             self._of_id[track.track_id] = person
             person.track_id, person.present_s = track.track_id, timestamp_s
             person.confirmed |= track.state == "confirmed"
-            person.see(sighting)
+            person.observe(sighting)
             present[id(person)] = person, sighting
         for track, sighting in sightings:
             person = self._of_id.get(track.track_id)
@@ -116,27 +116,27 @@ class People:
                 present.setdefault(id(person), (person, None))
         return list(present.values()), self._gone(timestamp_s)
 
-    def _turn(self, seen: tuple[TrackState, Sighting | None]) -> tuple[int, int]:
-        """Order of the tracks: those that people went by last, other known ones, new ones.
+    def _precedence(self, observed: tuple[TrackState, Sighting | None]) -> tuple[int, int]:
+        """Order of the tracks: the current id of a person, other known ids, new ids.
 
-        So nobody who is seen now is taken for the past of a new id, and an old id that comes back after a new one took
-        over does not take the person back.
+        So a person observed in this frame is not stitched to a new id, and an old id that comes back after a new one
+        took over does not take the person back.
         """
-        track_id = seen[0].track_id
+        track_id = observed[0].track_id
         person = self._of_id.get(track_id)
         return (2 if person is None else int(person.track_id != track_id)), track_id
 
-    def all(self) -> list[Person]:
-        """Everybody not gone yet."""
+    def all(self) -> list[CountedPerson]:
+        """All people that are not gone yet."""
         return list({id(person): person for person in self._of_id.values()}.values())
 
-    def _reborn(self, sighting: Sighting, present: Container[int]) -> Person | None:
-        """The person, not seen now, who was heading for the place of a new track."""
+    def _stitched(self, sighting: Sighting, present: Container[int]) -> CountedPerson | None:
+        """The unobserved person predicted nearest to the place of a new track, within stitch_m and stitch_s."""
         x, y = sighting.metres()
-        best, nearest = None, self._params.reborn_m
+        best, nearest = None, self._params.stitch_m
         for person in self.all():
             gap = sighting.timestamp_s - person.last.timestamp_s
-            if id(person) in present or not 0 < gap <= self._params.reborn_s:
+            if id(person) in present or not 0 < gap <= self._params.stitch_s:
                 continue
             px, py = person.predicted(sighting.timestamp_s)
             distance = math.hypot(x - px, y - py)
@@ -144,8 +144,8 @@ class People:
                 best, nearest = person, distance
         return best
 
-    def _gone(self, timestamp_s: float) -> list[Person]:
-        limit = timestamp_s - self._params.reborn_s
+    def _gone(self, timestamp_s: float) -> list[CountedPerson]:
+        limit = timestamp_s - self._params.stitch_s
         gone = [person for person in self.all() if person.present_s < limit]
         if gone:
             names = {id(person) for person in gone}
@@ -154,7 +154,7 @@ class People:
 
 
 def _sighting(frame: int, timestamp_s: float, track: TrackState) -> Sighting | None:
-    """Where a track was seen; None for a prediction, or a track without any place."""
+    """Observed position of a track; None for a prediction, or a track without any place."""
     if track.state == "lost":
         return None
     left, top, width, height = track.box_px

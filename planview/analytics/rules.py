@@ -1,4 +1,4 @@
-"""``rules.toml``: the tripwires, zones and queues that somebody wants counted."""
+"""``rules.toml``: the tripwires, zones and queues to count."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from calib.errors import InputError
 from calib.types import F64
-from planview.analytics.geometry import Plane, PlaneName, crossing_edges
+from planview.analytics.geometry import PlaneName, RulePlane, crossing_edges
 
 Point = tuple[float, float]
 _Name = Annotated[str, Field(min_length=1, max_length=100)]
@@ -51,12 +51,12 @@ class Zone(_Table):
 
 
 class Queue(_Table):
-    """People who wait in a zone."""
+    """People waiting in a zone."""
 
     zone: _Name
     """Name of the zone."""
     min_wait_s: float = Field(5.0, ge=0, le=3600)
-    """Who stays in the zone for less passes through and does not wait [s]. Our choice: a zone of a queue's usual 4 m
+    """A shorter stay in the zone is passing through and not waiting [s]. Our choice: a zone of a queue's usual 4 m
     is crossed in 3 s at walking pace."""
 
 
@@ -99,7 +99,7 @@ class Rules:
         return replace(self, tripwires=wires, zones=zones)
 
 
-def load_rules(path: Path, plane: Plane | None = None) -> Rules:
+def load_rules(path: Path, plane: RulePlane | None = None) -> Rules:
     """Read ``rules.toml``.
 
     Args:
@@ -113,10 +113,10 @@ def load_rules(path: Path, plane: Plane | None = None) -> Rules:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"{path}: expected a rules.toml, found {error}") from error
-    return parse_rules(data, plane or Plane(), str(path))
+    return parse_rules(data, plane or RulePlane(), str(path))
 
 
-def parse_rules(data: dict[str, Any], plane: Plane, source: str) -> Rules:
+def parse_rules(data: dict[str, Any], plane: RulePlane, source: str) -> Rules:
     """Rules from the content of a rules.toml (same errors as ``load_rules``)."""
     if not data:
         raise InputError(f"{source}: expected at least one [[tripwire]] or [[zone]], found an empty file")
@@ -177,7 +177,7 @@ def _refuse_unknown_zones(file: _File, source: str) -> None:
             )
 
 
-def _wire_points(rule: Tripwire, plane: Plane, source: str) -> tuple[PlaneName, F64]:
+def _wire_points(rule: Tripwire, plane: RulePlane, source: str) -> tuple[PlaneName, F64]:
     metres, pixels = (rule.from_m, rule.to_m), (rule.from_px, rule.to_px)
     given = [pair for pair in (metres, pixels) if pair != (None, None)]
     if len(given) != 1 or None in given[0]:
@@ -194,7 +194,7 @@ def _wire_points(rule: Tripwire, plane: Plane, source: str) -> tuple[PlaneName, 
     return plane.place(points, in_pixels=given[0] is pixels, what=f"{source}: tripwire {rule.name!r}")
 
 
-def _zone_points(rule: Zone, plane: Plane, source: str) -> tuple[PlaneName, F64]:
+def _zone_points(rule: Zone, plane: RulePlane, source: str) -> tuple[PlaneName, F64]:
     if (rule.polygon_m is None) == (rule.polygon_px is None):
         found = "neither" if rule.polygon_m is None else "both"
         raise InputError(f"{source}: expected polygon_m or polygon_px in zone {rule.name!r}, found {found}")

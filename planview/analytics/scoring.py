@@ -92,7 +92,7 @@ def score_events(true: Sequence[Event], found: Counts, window_s: float) -> Count
 
 
 def crossing_scores(true: Sequence[Event], found: Sequence[Event], window_s: float) -> CrossingScores:
-    """Match crossings of one line one to one: as many as possible within the window, then the least time between."""
+    """Match crossings of one line one to one: most matches within the window, then the smallest time differences."""
     pairs = _match(true, found, window_s, same=True)
     rest_true = [event for i, event in enumerate(true) if i not in pairs[:, 0]]
     rest_found = [event for i, event in enumerate(found) if i not in pairs[:, 1]]

@@ -9,7 +9,7 @@ from calib.types import F64
 from planview.analytics.events import Event
 from planview.analytics.geometry import PlaneName
 from planview.analytics.params import AnalyticsParams
-from planview.analytics.people import People, Person, Sighting
+from planview.analytics.people import CountedPeople, CountedPerson, Sighting
 from planview.analytics.rules import Placed, Rules
 from planview.analytics.tripwire import Wire, WireState
 from planview.analytics.zone import Area, AreaState, Stay
@@ -45,8 +45,8 @@ class Analytics:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everybody and all stays."""
-        self._people = People(self.params)
+        """Forget all people and all stays."""
+        self._people = CountedPeople(self.params)
         self._memory: dict[int, _Memory] = {}
         self._inside: dict[str, int] = {area.name: 0 for area in self._areas}
         self.stays: dict[str, list[Stay]] = {area.name: [] for area in self._areas}
@@ -75,7 +75,7 @@ class Analytics:
             self._memory.pop(id(person), None)
         return tuple(sorted(events, key=lambda e: e.timestamp_s))
 
-    def _look(self, person: Person, sighting: Sighting, memory: _Memory) -> None:
+    def _look(self, person: CountedPerson, sighting: Sighting, memory: _Memory) -> None:
         for wire, at_wire in zip(self._wires, memory.wires, strict=True):
             crossing = at_wire.update(sighting)
             if crossing is not None:
@@ -90,11 +90,11 @@ class Analytics:
             if at_area.stay is not None and before is None:
                 memory.stays.append((area.name, at_area.stay))
 
-    def _release(self, person: Person, memory: _Memory, timestamp_s: float) -> list[Event]:
+    def _release(self, person: CountedPerson, memory: _Memory, timestamp_s: float) -> list[Event]:
         """Events of a person old enough for their rules; stays become counted at the same time."""
         if not person.confirmed:
             return []
-        age = timestamp_s - person.born_s
+        age = timestamp_s - person.start_s
         ready = {wire.name for wire in self._wires if age >= wire.min_age_s}
         ready |= {area.name for area in self._areas if age >= area.min_age_s}
         for name, stay in memory.stays:
@@ -106,7 +106,7 @@ class Analytics:
         memory.events = [event for event in memory.events if event.rule not in ready]
         return released
 
-    def _remember(self, person: Person) -> _Memory:
+    def _remember(self, person: CountedPerson) -> _Memory:
         memory = _Memory([WireState(wire) for wire in self._wires], [AreaState(area) for area in self._areas])
         self._memory[id(person)] = memory
         return memory

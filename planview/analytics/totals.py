@@ -23,7 +23,7 @@ class Counts:
     Attributes:
         events: by time.
         stays: of every zone, by their beginning.
-        span: the time watched.
+        span: the time that the recording covers.
         interval_s: length of the intervals of the totals [s].
     """
 
@@ -79,7 +79,7 @@ class Counts:
         }
 
     def _queue(self, queue: Queue) -> dict[str, Any]:
-        """Who stays for min_wait_s waits, from coming into the zone until going out."""
+        """A stay of at least min_wait_s is waiting, from entering the zone until leaving it."""
         waits = [stay for stay in self.stays[queue.zone] if stay.dwell_s >= queue.min_wait_s]
         length = occupancy_at(waits, self.span.frame_times(), self.span.frame_s)
         waited = [stay.dwell_s for stay in waits]
@@ -115,14 +115,14 @@ class Counts:
         return [(float(start), group) for start, group in zip(starts, groups, strict=True)]
 
     def _mean_within(self, stays: Sequence[Stay], start_s: float) -> float:
-        """Mean number of people over the interval from start_s (over its watched part if it is cut short)."""
+        """Mean number of people over the interval from start_s (over the recorded part of the last)."""
         end_s = min(start_s + self.interval_s, self.span.end_s)
         inside = sum(max(0.0, min(_end(stay, self.span.frame_s), end_s) - max(stay.start_s, start_s)) for stay in stays)
         return inside / (end_s - start_s) if end_s > start_s else 0.0
 
 
 def occupancy_at(stays: Sequence[Stay], times_s: F64, frame_s: float) -> I64:
-    """(N,) number of stays under way at times [s]; a stay whose end was not seen lasts to the end of its frame."""
+    """(N,) number of stays under way at times [s]; a stay whose end was not observed lasts to the end of its frame."""
     starts = np.sort([stay.start_s for stay in stays])
     ends = np.sort([_end(stay, frame_s) for stay in stays])
     slack = 1e-6  # timestamps in files have four decimals

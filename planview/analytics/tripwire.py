@@ -14,10 +14,10 @@ from planview.analytics.people import Sighting
 
 MAX_SPEED_MPS = 8.0
 JUMP_M = 1.0
-"""Nobody steps over a line faster [m/s], by more than noise [m]: a tracker has corrected itself (our choice: a sprint,
-and ten times the noise of a good tracker)."""
+"""A step over a line that is faster [m/s] and longer [m] is a correction by the tracker and not a movement (our choice:
+a sprint, and ten times the noise of a good tracker)."""
 PUT_BACK_S = 2.0
-"""Who jumps back so soon after a crossing was put back [s]; a jump at another time makes up for a crossing. Our
+"""A jump back within this time of a crossing undoes it [s]; a jump at another time stands for a crossing. Our
 choice."""
 
 
@@ -72,19 +72,19 @@ class WireState:
 
     def __init__(self, wire: Wire) -> None:
         self._wire = wire
-        self._side = 0  # 1 left, -1 right, 0 not decided: never seen far enough from the line
+        self._side = 0  # 1 left, -1 right, 0 not decided: not yet observed far enough from the line
         self._last: _At | None = None
         self._net = 0  # passages through the wire since the side was decided, 1 to the left, -1 to the right
         self._passed: tuple[int, float] = (0, 0.0)
         self._jumped = False  # whether the last passage was too fast for a person
-        self._put_back = 0  # side from which a jump took the person, who will walk there again
+        self._put_back = 0  # side from which a jump took the person; reaching it again is no crossing
         self._crossed_s = -math.inf
 
     def update(self, sighting: Sighting) -> Crossing | None:
         """A crossing once the person is far enough on the other side, dated to when the line was passed.
 
-        Who goes round the end of the line passes its extension, which counts nothing; whoever turns back within the
-        hysteresis has not crossed. Who is put back over the line in a jump crosses it again without counting again.
+        Going round the end of the line passes its extension, which does not count; turning back within the hysteresis
+        is no crossing. A person put back over the line in a jump crosses it again without counting again.
         """
         now = self._wire.locate(sighting)
         if now is None:

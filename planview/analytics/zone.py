@@ -16,7 +16,7 @@ _MARGIN_SHARE = 0.25
 
 @dataclass(eq=False)
 class Stay:
-    """One person inside, from ``start_s`` until ``end_s`` (the last time seen so far).
+    """One person inside, from ``start_s`` until ``end_s`` (the last observation so far).
 
     Attributes:
         entered: came in over the outline; false for a track that began inside.

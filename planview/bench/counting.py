@@ -13,7 +13,7 @@ from calib.errors import InputError
 from planview.analytics.clock import Clock
 from planview.analytics.count import count_tracks, count_truth
 from planview.analytics.events import Direction, Event
-from planview.analytics.geometry import Plane
+from planview.analytics.geometry import RulePlane
 from planview.analytics.rules import load_rules, parse_rules
 from planview.analytics.scoring import CountScores, CrossingScores, OccupancyGroup, score_counts, score_events
 from planview.analytics.totals import Counts
@@ -154,7 +154,7 @@ def score_view(
     engine = _open(recording, config, tracker, recording / "camera.toml")
     busiest = BusiestFrame(engine.tracker) if figures is not None else None
     _track(engine, out / name, tracker, busiest)
-    rules = load_rules(folder / f"{name}.rules.toml", Plane(engine.camera))
+    rules = load_rules(folder / f"{name}.rules.toml", RulePlane(engine.camera))
     tracks, truth = read_tracks(out / name / "tracks.csv"), read_truth(recording / "truth.csv")
     clock, n_frames = Clock(tracks, engine.recording.fps), options.frames or engine.recording.n_frames
     found = count_tracks(tracks, rules, clock=clock, n_frames=n_frames)
@@ -232,7 +232,7 @@ def passages(tracks: Trajectories) -> list[Event]:
 
 def _across(tracks: Trajectories) -> Counts:
     rules = {"tripwire": [{"name": "y = 0", "from_m": [-10.0, 0.0], "to_m": [10.0, 0.0]}]}
-    return count_tracks(tracks, parse_rules(rules, Plane(), "y = 0"))
+    return count_tracks(tracks, parse_rules(rules, RulePlane(), "y = 0"))
 
 
 def score_pavement(clip: Path, out: Path, config: Config, tracker: SingleTracker, camera: Path | None) -> CountingTable:
@@ -246,7 +246,7 @@ def score_pavement(clip: Path, out: Path, config: Config, tracker: SingleTracker
     engine = _open(clip, config, tracker, camera)
     _track(engine, out / "pavement", tracker, None)
     wire = {"name": "y = 200", "from_px": [0.0, 200.0], "to_px": [399.0, 200.0]}
-    plane = Plane(engine.camera, engine.recording.size)
+    plane = RulePlane(engine.camera, engine.recording.size)
     found = count_tracks(
         read_tracks(out / "pavement" / "tracks.csv"), parse_rules({"tripwire": [wire]}, plane, "y = 200")
     )

@@ -17,7 +17,7 @@ from calib.errors import InputError, WorkError
 from planview.analytics.clock import Clock
 from planview.analytics.count import count_tracks, count_truth
 from planview.analytics.events import read_events, write_event_header, write_event_rows
-from planview.analytics.geometry import Plane
+from planview.analytics.geometry import RulePlane
 from planview.analytics.params import AnalyticsParams
 from planview.analytics.rules import load_rules
 from planview.analytics.scoring import CountScores, score_counts, score_events
@@ -69,9 +69,9 @@ def count(
     interval
         Length of the intervals of the totals, in seconds.
     hysteresis
-        How far beyond a line people must be seen on both sides, in metres.
+        How far beyond a line people must be observed on both sides, in metres.
     zone_hysteresis
-        How deep inside or outside a zone people must be seen to come in or go out, in metres.
+        How deep inside or outside a zone people must be observed to enter or leave it, in metres.
     min_age
         Tracks younger than this count nothing yet, in seconds.
     fps
@@ -115,18 +115,18 @@ def _run_beside(path: Path) -> RunInfo | None:
     return read_run_info(info) if info.is_file() else None
 
 
-def _plane(camera: Path | None, rig: Path | None, info: RunInfo | None) -> Plane:
+def _plane(camera: Path | None, rig: Path | None, info: RunInfo | None) -> RulePlane:
     if camera is not None and rig is not None:
         raise InputError("expected --camera or --rig, found both")
     if camera is not None:
         from calib.ground_camera import load_ground_camera
 
-        return Plane(load_ground_camera(camera))
+        return RulePlane(load_ground_camera(camera))
     if rig is not None:
         from planview.analytics.cameras import stereo_plane
 
         return stereo_plane(rig)
-    return Plane(image_size=(info.rig.width, info.rig.height) if info and info.rig else None)
+    return RulePlane(image_size=(info.rig.width, info.rig.height) if info and info.rig else None)
 
 
 def _score(
@@ -149,7 +149,7 @@ def _is_events(path: Path) -> bool:
 
 
 def _folder(out: Path | None, tracks: Path) -> Path | None:
-    """Where results go: what was asked for, else beside our own tracks; never unasked into somebody's data."""
+    """Where results go: as asked for, else beside our own tracks; never into a folder of input data."""
     if out is not None:
         return out
     beside = tracks.parent
@@ -172,7 +172,7 @@ def _write(counts: Counts, result: dict[str, Any], folder: Path) -> None:
 
 def print_counts(result: dict[str, Any], console: Console) -> None:
     """A table of the totals, and of the scores where there are any."""
-    table = Table("rule", "kind", "counts", title=f"{result['duration_s']:.1f} s watched")
+    table = Table("rule", "kind", "counts", title=f"{result['duration_s']:.1f} s of recording")
     for name, values in result["rules"].items():
         table.add_row(name, values["kind"], ", ".join(_figures(values)))
     console.print(table)

@@ -95,9 +95,9 @@ def print_evaluation(result: Evaluation, console: Console) -> None:
     if result.alignment is not None:
         console.print("tracks laid over the truth:", values["alignment"])
     for error in result.significant:
-        who = [f"person {error.truth_id}"] if error.truth_id is not None else []
-        who += [f"track {error.track_id}"] if error.track_id is not None else []
-        console.print(f"frame {error.frame}: {error.kind}: {', '.join(who)}: {error.note}", highlight=False)
+        ids = [f"person {error.truth_id}"] if error.truth_id is not None else []
+        ids += [f"track {error.track_id}"] if error.track_id is not None else []
+        console.print(f"frame {error.frame}: {error.kind}: {', '.join(ids)}: {error.note}", highlight=False)
 
 
 def _figure(value: float | int | None) -> str:

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from calib.errors import InputError
-from planview.analytics.geometry import Plane
+from planview.analytics.geometry import RulePlane
 from planview.analytics.rules import load_rules
 from planview.analytics.stream import Analytics
 from planview.pipeline.config import load_config
@@ -93,13 +93,13 @@ def run(
         print(info.model_dump_json())
 
 
-def _plane(engine: Engine) -> Plane:
+def _plane(engine: Engine) -> RulePlane:
     """What rules in pixels refer to."""
     if isinstance(engine, Pipeline):
         from planview.analytics.cameras import StereoFloorCamera
 
-        return Plane(StereoFloorCamera(engine.setup.rectifier.geometry, engine.setup.floor.world_SE3_left))
-    return Plane(engine.camera, engine.recording.size)
+        return RulePlane(StereoFloorCamera(engine.setup.rectifier.geometry, engine.setup.floor.world_SE3_left))
+    return RulePlane(engine.camera, engine.recording.size)
 
 
 def _log(engine: Engine, out: Path, wanted: bool) -> RunLog:

@@ -1,4 +1,4 @@
-"""Everything known about a run once the truth is: one call, one result."""
+"""All scores of tracks against truth: one call, one result."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from planview.evaluation.hota import HotaScores, hota_scores
 from planview.evaluation.identity import IdentityScores, identity_scores
 from planview.evaluation.sequence import Similarity, box_similarity, build_sequence, floor_similarity
 from planview.evaluation.significant import (
-    NOBODY,
     PREDICTED,
+    UNMATCHED,
     ErrorKind,
     PersonHistory,
     SignificantError,
@@ -114,14 +114,14 @@ def evaluate_tracks(
 ) -> Evaluation:
     """Score tracks against truth.
 
-    Confirmed rows count. Tentative rows are not yet claimed and never count; lost rows are predictions, not sightings:
-    they match nothing and are no false positives, but a prediction within the gate keeps a hidden person from being
-    a significant loss.
+    Confirmed rows count. Tentative rows are not yet claimed and never count; lost rows are predictions: they
+    match nothing and are no false positives, but a prediction within the gate keeps a hidden person from being a
+    significant loss.
 
     Args:
         tracks, truth: as read from their files.
-        frames: first and last frame to score, both included; all by default. A frame without truth rows is one with
-            nobody in it, a frame without track rows one in which nobody was found.
+        frames: first and last frame to score, both included; all by default. A frame without truth rows is an
+            empty scene, a frame without track rows one without detections.
     Raises:
         InputError: no row has what the matching needs (floor positions, or boxes).
         WorkError: alignment was asked for and is not possible.
@@ -151,7 +151,7 @@ def _score(
 ) -> Evaluation:
     similarity = box_similarity if params.match_on == "boxes" else floor_similarity(params.gate_m)
     ignored = people.visible < params.min_visible
-    # Hidden people take their own tracks first, so that these are neither false nor given to somebody else.
+    # Hidden people take their own tracks first, so that these are neither false nor given to another person.
     joint = clear_scores(build_sequence(people, claimed, similarity)).matches
     excused = np.zeros(len(claimed), dtype=np.bool_)
     excused[joint[ignored[joint[:, 0]], 1]] = True
@@ -182,7 +182,7 @@ def _score(
 
 
 def _person_histories(truth: Trajectories, tracks: Trajectories, matches: I64, near: Bool) -> list[PersonHistory]:
-    holder = np.where(near, PREDICTED, NOBODY)
+    holder = np.where(near, PREDICTED, UNMATCHED)
     holder[matches[:, 0]] = tracks.track_id[matches[:, 1]]
     return [
         PersonHistory(int(i), truth.frame[truth.track_id == i], holder[truth.track_id == i])

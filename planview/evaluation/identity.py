@@ -12,7 +12,7 @@ from planview.evaluation.sequence import EPS, THRESHOLD, Sequence
 
 @dataclass(frozen=True)
 class IdentityScores:
-    """Rows explained (idtp) and not (idfn, idfp) by the best assignment of tracks to people.
+    """Rows matched (idtp) and not (idfn, idfp) by the best assignment of tracks to people.
 
     ``idf1`` is 2 idtp / (truth rows + track rows); None when there are neither.
     """
@@ -24,7 +24,7 @@ class IdentityScores:
 
 
 def identity_scores(sequence: Sequence, threshold: float = THRESHOLD) -> IdentityScores:
-    """Count common rows of every person and track, then assign one to one for the most rows explained.
+    """Count common rows of every person and track, then assign one to one for the most rows matched.
 
     Maximising the common rows minimises idfn + idfp, since their sum is truth rows + track rows - 2 idtp.
     """

@@ -1,7 +1,7 @@
 """The four significant errors of Harville 2002, section 5: lost, missed, swapped, tracking a non-person.
 
 The paper names them without numbers. The durations here are our choice, argued at each parameter; all are on frames in
-which the person counts (visible enough), so that nobody is lost for being hidden.
+which the person counts (visible enough), so that being hidden is no loss.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from calib.params import Params
 from calib.types import F64, I64, Bool
 
 ErrorKind = Literal["lost", "missed", "swapped", "false_track"]
-NOBODY = -1
+UNMATCHED = -1
 PREDICTED = -2
 """Values of ``PersonHistory.track_id`` beside real ids."""
 
@@ -30,14 +30,14 @@ class SignificantParams(Params):
     """A person tracked before is lost when visible but held by no track for longer [s]. Our choice: at walking pace a
     person covers more than the gate, so that a track resumed later is resumed by luck or by identity logic."""
     missed_s: float = Field(2.0, gt=0, le=60)
-    """A person visible for this long in a visit, and never tracked, is missed [s]. Our choice: people who only cut a
-    corner of the view are gone before a tracker that asks for consecutive sightings (the paper's does) may confirm."""
+    """A person visible for this long in a visit, and never tracked, is missed [s]. Our choice: people that only cut a
+    corner of the view are gone before a tracker that asks for consecutive detections (the paper's does) may confirm."""
     false_track_s: float = Field(1.0, gt=0, le=60)
-    """A confirmed track that follows nobody for this long tracks a non-person [s]. Our choice: one second of doubt is
-    what the real overhead recording is allowed, too."""
+    """A confirmed track that matches no person for this long tracks a non-person [s]. Our choice: one second of doubt
+    is what the real overhead recording is allowed, too."""
     persist_s: float = Field(0.5, gt=0, le=60)
-    """An identity held for less is a flicker between people who touch: it neither makes nor ends an error [s]. Our
-    choice: longer than two people need to pass within arm's length, shorter than anybody acts on an identity."""
+    """An identity held for less is a flicker between people that touch: it neither makes nor ends an error [s]. Our
+    choice: longer than two people need to pass within arm's length, shorter than any use made of an identity."""
     gone_s: float = Field(4.0, gt=0, le=600)
     """Not visible for longer ends a visit: afterwards a new id is right [s]. Harville 2002, section 4: people lost for
     longer are gone."""
@@ -59,12 +59,12 @@ class SignificantError:
 
 @dataclass(frozen=True, eq=False)
 class PersonHistory:
-    """The frames in which a person counts, and who held them.
+    """The frames in which a person counts, and the tracks matched there.
 
     Attributes:
         truth_id: the person.
         frame: (N,) int64, rising.
-        track_id: (N,) int64 id of the matched track, PREDICTED (a prediction is within the gate) or NOBODY.
+        track_id: (N,) int64 id of the matched track, PREDICTED (a prediction is within the gate) or UNMATCHED.
     """
 
     truth_id: int
@@ -74,7 +74,7 @@ class PersonHistory:
 
 @dataclass(frozen=True, eq=False)
 class TrackHistory:
-    """The confirmed rows of one track: ``stray`` (N,) bool where it is on nobody, not even somebody hidden."""
+    """The confirmed rows of one track: ``stray`` (N,) bool where it matches no person, not even a hidden one."""
 
     track_id: int
     frame: I64
@@ -106,12 +106,12 @@ def split_visits(person: PersonHistory, frame_s: float, gone_s: float) -> list[P
 
 
 def _visit_errors(visit: PersonHistory, frame_s: float, params: SignificantParams) -> Iterator[SignificantError]:
-    held = visit.track_id != NOBODY
+    held = visit.track_id != UNMATCHED
     if np.count_nonzero(held & (visit.track_id != PREDICTED)) * frame_s < min(params.persist_s, params.missed_s):
-        seen_s = len(visit.frame) * frame_s
-        if seen_s >= params.missed_s:
-            note = f"visible for {seen_s:.1f} s and never tracked"
-            yield SignificantError("missed", int(visit.frame[0]), visit.truth_id, None, seen_s, note)
+        visible_s = len(visit.frame) * frame_s
+        if visible_s >= params.missed_s:
+            note = f"visible for {visible_s:.1f} s and never tracked"
+            yield SignificantError("missed", int(visit.frame[0]), visit.truth_id, None, visible_s, note)
         return
     for start, stop in runs(~_without_blips(held, params.persist_s / frame_s)):
         alone_s = (stop - start) * frame_s
@@ -122,11 +122,11 @@ def _visit_errors(visit: PersonHistory, frame_s: float, params: SignificantParam
             yield SignificantError("lost", int(visit.frame[start]), visit.truth_id, track, alone_s, note)
 
 
-def _without_blips(held: Bool, least: float) -> Bool:
-    """Held, but for stretches shorter than ``least`` frames in the middle of being alone."""
+def _without_blips(held: Bool, min_frames: float) -> Bool:
+    """Held, but for stretches shorter than ``min_frames`` frames in the middle of being alone."""
     steady = held.copy()
     for start, stop in runs(held):
-        if stop - start < least and start > 0 and stop < len(held):
+        if stop - start < min_frames and start > 0 and stop < len(held):
             steady[start:stop] = False
     return steady
 
@@ -168,17 +168,17 @@ def _is_exchange(a: _Change, b: _Change, within: float) -> bool:
     return (a.old, a.new) == (b.new, b.old) and a.truth_id != b.truth_id and abs(a.frame - b.frame) <= within
 
 
-def _persistent(visit: PersonHistory, least: float) -> list[tuple[int, int, int]]:
-    """(track id, start, stop) of every identity held for at least ``least`` frames, gaps between its parts included.
+def _persistent(visit: PersonHistory, min_frames: float) -> list[tuple[int, int, int]]:
+    """(track id, start, stop) of every identity held for at least ``min_frames`` frames, gaps included.
 
-    Sightings by the same track count together unless another persistent identity comes between.
+    Matches with the same track count together unless another persistent identity comes between.
     """
     rows = np.flatnonzero(visit.track_id > 0)
     ids = visit.track_id[rows]
     parts = [(int(ids[a]), int(rows[a]), int(rows[b - 1]) + 1, b - a) for a, b in _equal_runs(ids)]
     joined: list[tuple[int, int, int]] = []
     for track, start, stop, count in parts:
-        if count < least:
+        if count < min_frames:
             continue
         if joined and joined[-1][0] == track:
             joined[-1] = (track, joined[-1][1], stop)
@@ -189,7 +189,7 @@ def _persistent(visit: PersonHistory, least: float) -> list[tuple[int, int, int]
 
 def _changes(visit: PersonHistory, held: list[tuple[int, int, int]], frame_s: float) -> Iterator[_Change]:
     for (old, _, stop), (new, start, _) in pairwise(held):
-        alone = int(np.count_nonzero(visit.track_id[stop:start] == NOBODY))
+        alone = int(np.count_nonzero(visit.track_id[stop:start] == UNMATCHED))
         yield _Change(int(visit.frame[start]), visit.truth_id, old, new, alone * frame_s)
 
 
@@ -198,7 +198,7 @@ def _stray_errors(track: TrackHistory, frame_s: float, params: SignificantParams
     longest = max(runs(steady), key=lambda run: run[1] - run[0], default=(0, 0))
     stray_s = (longest[1] - longest[0]) * frame_s
     if stray_s >= params.false_track_s:
-        note = f"on nobody for {stray_s:.1f} s"
+        note = f"on no person for {stray_s:.1f} s"
         yield SignificantError("false_track", int(track.frame[longest[0]]), None, track.track_id, stray_s, note)
 
 

@@ -1,4 +1,4 @@
-"""Truth as other people lay it out, beside our own ``truth.csv``."""
+"""Trajectories in the layouts of public benchmarks, beside our own ``truth.csv``."""
 
 from __future__ import annotations
 
@@ -87,8 +87,10 @@ def _sorted(path: Path, table: F64, frame: int, track_id: int) -> F64:
     order = np.lexsort((keys[:, 1], keys[:, 0]))
     twice = (np.diff(keys[order], axis=0) == 0).all(axis=1)
     if twice.any():
-        at, who = keys[order][int(np.flatnonzero(twice)[0])]
-        raise InputError(f"{path}: expected one row per frame and id, found two for frame {at:g}, id {who:g}")
+        frame_found, id_found = keys[order][int(np.flatnonzero(twice)[0])]
+        raise InputError(
+            f"{path}: expected one row per frame and id, found two for frame {frame_found:g}, id {id_found:g}"
+        )
     return np.asarray(table[order])
 
 

@@ -15,7 +15,7 @@ class TrackState:
 
     Attributes:
         track_id: positive, unique in a run, never reused.
-        state: tentative (not yet believed), confirmed, or lost (predicted only).
+        state: tentative (not yet confirmed), confirmed, or lost (predicted only).
         x_m, y_m: floor position of the head's vertical projection [m], world frame.
         vx_mps, vy_mps: velocity [m/s].
         height_m: height of the top of the head above the floor [m].

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from planview.analytics.count import count_tracks
-from planview.analytics.geometry import Plane
+from planview.analytics.geometry import RulePlane
 from planview.analytics.rules import parse_rules
 from planview.bench.counting import score_trajectories
 from planview.trajectories.layouts import load_tracks
@@ -19,7 +19,7 @@ EXACT = [("uo-050-180-180.txt", 61, 0), ("boa-300-frei.txt", 25, 25)]
 
 
 def counted(tracks: Trajectories) -> tuple[int, int]:
-    wire = count_tracks(tracks, parse_rules(RULES, Plane(), "rules")).to_json()["rules"]["y = 0"]
+    wire = count_tracks(tracks, parse_rules(RULES, RulePlane(), "rules")).to_json()["rules"]["y = 0"]
     return wire["left_to_right"], wire["right_to_left"]
 
 

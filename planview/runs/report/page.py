@@ -15,7 +15,7 @@ from calib.types import F64
 from planview.analytics.clock import Clock
 from planview.analytics.events import Event, read_events
 from planview.runs.info import RunInfo, read_run_info, write_whole
-from planview.runs.report import plots as plots
+from planview.runs.report import plots
 from planview.trajectories.table import Trajectories, read_tracks
 
 _UNITS = {"s": "s", "ms": "ms", "m": "m", "px": "px", "deg": "°", "mps": "m/s"}
@@ -23,7 +23,7 @@ PEOPLE_MAX = 200
 """Rows of the table of people; tracks.csv has them all."""
 
 
-class Row(NamedTuple):
+class NamedFigure(NamedTuple):
     """A name and its value, ready to print."""
 
     name: str
@@ -124,7 +124,7 @@ def _tiles(material: _Material) -> list[dict[str, str]]:
     info, tracks = material.info, material.tracks
     confirmed = np.unique(tracks.track_id[tracks.state == "confirmed"])
     tiles = [{"label": "people", "value": f"{len(confirmed)}"}]
-    tiles.append({"label": "seconds watched", "value": f"{_end_s(material):.1f}"})
+    tiles.append({"label": "seconds recorded", "value": f"{_end_s(material):.1f}"})
     if material.has_run:
         tiles.append({"label": "frames read", "value": f"{info.frames_read}"})
         tiles.append({"label": "frames skipped", "value": f"{info.frames_skipped}"})
@@ -155,14 +155,14 @@ def _rules(material: _Material) -> dict[str, Any]:
 def _pictures(material: _Material) -> list[Picture]:
     tracks, rules = material.tracks, _rules(material)
     shown = tracks.where((tracks.state != "tentative") & np.isfinite(tracks.x_m) & np.isfinite(tracks.y_m))
-    seen = shown.where(shown.state == "confirmed")
+    confirmed = shown.where(shown.state == "confirmed")
     pictures = []
     if len(shown):
         note = "Each person from the dot to the square; dotted where only predicted."
         pictures.append(_picture("Floor", plots.floor_plot(shown, material.info.rig, rules), note))
-    if len(seen):
+    if len(confirmed):
         note = f"Time that people spent in each cell of {plots.HEAT_CELL_M:.1f} m."
-        pictures.append(_picture("Heat map", plots.heat_plot(seen, material.clock.frame_s), note))
+        pictures.append(_picture("Heat map", plots.heat_plot(confirmed, material.clock.frame_s), note))
     if _n_frames(material):
         frames = np.arange(_n_frames(material), dtype=np.int64)
         pictures.append(_picture("People over time", plots.people_plot(tracks, material.clock.at(frames), frames)))
@@ -201,10 +201,14 @@ def _count_rows(rules: dict[str, Any]) -> list[dict[str, str]]:
     return rows
 
 
-def _evaluation_rows(evaluation: dict[str, Any]) -> list[Row]:
-    rows = [Row(_words(k), _figure(v)) for k, v in evaluation.items() if v is None or isinstance(v, int | float)]
+def _evaluation_rows(evaluation: dict[str, Any]) -> list[NamedFigure]:
+    rows = [
+        NamedFigure(_words(k), _figure(v)) for k, v in evaluation.items() if v is None or isinstance(v, int | float)
+    ]
     errors = evaluation.get("significant_errors") or {}
-    return rows + [Row(f"significant errors, {_words(kind)}", _figure(number)) for kind, number in errors.items()]
+    return rows + [
+        NamedFigure(f"significant errors, {_words(kind)}", _figure(number)) for kind, number in errors.items()
+    ]
 
 
 def _people(material: _Material) -> list[list[str]]:
@@ -234,24 +238,24 @@ def _way_m(xy: F64, times: F64) -> float:
     return float(np.hypot(*np.diff(picked, axis=0).T).sum())
 
 
-def _camera_rows(info: RunInfo) -> list[Row]:
+def _camera_rows(info: RunInfo) -> list[NamedFigure]:
     rows = []
     for part in (info.rig, info.floor):
         if part is None:
             continue
         for name, value in part.model_dump(exclude={"view_m", "world_SE3_left"}).items():
             if value is not None:
-                rows.append(Row(_words(name), _figure(value)))
+                rows.append(NamedFigure(_words(name), _figure(value)))
     return rows
 
 
 def _settings(config: dict[str, JsonValue]) -> list[dict[str, Any]]:
     """Tables of the configuration; values outside of any table come first, opened."""
-    single = [Row(key, _figure(value)) for key, value in config.items() if not isinstance(value, dict)]
+    single = [NamedFigure(key, _figure(value)) for key, value in config.items() if not isinstance(value, dict)]
     tables: list[dict[str, Any]] = [{"name": "general", "open": True, "rows": single}] if single else []
     for key, value in config.items():
         if isinstance(value, dict):
-            tables.append({"name": key, "open": False, "rows": [Row(k, _figure(v)) for k, v in value.items()]})
+            tables.append({"name": key, "open": False, "rows": [NamedFigure(k, _figure(v)) for k, v in value.items()]})
     return tables
 
 

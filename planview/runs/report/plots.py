@@ -49,10 +49,12 @@ def floor_plot(tracks: Trajectories, camera: CameraInfo | None, rules: dict[str,
 
 
 def _draw_track(axes: Axes, track: Trajectories, colour: str) -> None:
-    seen = track.state == "confirmed"
+    confirmed = track.state == "confirmed"
     x, y = (np.where(np.diff(track.frame, prepend=track.frame[0]) > 1, np.nan, v) for v in (track.x_m, track.y_m))
-    axes.plot(np.where(seen, x, np.nan), np.where(seen, y, np.nan), color=colour, linewidth=1.4)
-    axes.plot(np.where(seen, np.nan, x), np.where(seen, np.nan, y), color=colour, linewidth=0.9, linestyle=":")
+    axes.plot(np.where(confirmed, x, np.nan), np.where(confirmed, y, np.nan), color=colour, linewidth=1.4)
+    axes.plot(
+        np.where(confirmed, np.nan, x), np.where(confirmed, np.nan, y), color=colour, linewidth=0.9, linestyle=":"
+    )
     axes.plot(track.x_m[0], track.y_m[0], marker="o", markersize=4, color=colour)
     axes.plot(track.x_m[-1], track.y_m[-1], marker="s", markersize=4, color=colour)
     axes.annotate(
@@ -114,17 +116,13 @@ def people_plot(tracks: Trajectories, times_s: F64, frames: I64) -> bytes:
         times_s, frames: (N,) time and frame of every frame of the run.
     """
     figure, axes = _figure(7.0, 2.4)
-    shades = ((("confirmed", "lost"), "#c9d6ea", "only predicted"), (("confirmed",), "#1f4e9c", "seen"))
+    shades = ((("confirmed", "lost"), "#c9d6ea", "only predicted"), (("confirmed",), "#1f4e9c", "observed"))
     for states, colour, label in shades:
         rows = tracks.frame[np.isin(tracks.state, states)]
         count = np.searchsorted(rows, frames, side="right") - np.searchsorted(rows, frames)
         axes.fill_between(times_s, count, step="post", color=colour, label=label, linewidth=0)
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("people")
-    _whole_numbers(axes)
     axes.set_ylim(0, 1.1 * max(1.0, axes.get_ylim()[1]))
-    axes.margins(x=0)
-    _legend(axes)
+    _count_axes(axes, "people")
     return _png(figure)
 
 
@@ -160,11 +158,7 @@ def crossings_plot(crossings: Mapping[str, Sequence[tuple[float, str]]], end_s: 
                 color=COLOURS[number % len(COLOURS)],
                 label=_plain(f"{name}, {text}"),
             )
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("crossings")
-    _whole_numbers(axes)
-    axes.margins(x=0)
-    _legend(axes)
+    _count_axes(axes, "crossings")
     return _png(figure)
 
 
@@ -185,12 +179,8 @@ def occupancy_plot(series: dict[str, list[tuple[float, int]]], end_s: float) -> 
             color=COLOURS[number % len(COLOURS)],
             label=_plain(name),
         )
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("people")
-    _whole_numbers(axes)
     axes.set_ylim(0, 1.1 * max(1.0, axes.get_ylim()[1]))
-    axes.margins(x=0)
-    _legend(axes)
+    _count_axes(axes, "people")
     return _png(figure)
 
 
@@ -209,6 +199,15 @@ def _floor_axes(axes: Axes) -> None:
     axes.margins(0.05)
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
+
+
+def _count_axes(axes: Axes, label: str) -> None:
+    """A whole number over time."""
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel(label)
+    _whole_numbers(axes)
+    axes.margins(x=0)
+    _legend(axes)
 
 
 def _legend(axes: Axes) -> None:

@@ -9,7 +9,7 @@ import pytest
 from planview.analytics.clock import Clock
 from planview.analytics.count import count_tracks, count_truth
 from planview.analytics.events import Event
-from planview.analytics.geometry import Plane
+from planview.analytics.geometry import RulePlane
 from planview.analytics.params import AnalyticsParams
 from planview.analytics.rules import parse_rules
 from planview.analytics.stream import Analytics
@@ -23,7 +23,7 @@ Row = tuple[int, int, float, float, State]
 
 
 def analytics(**params: float) -> Analytics:
-    return Analytics(parse_rules({"tripwire": [WIRE], "zone": [ZONE]}, Plane(), "r"), AnalyticsParams(**params))
+    return Analytics(parse_rules({"tripwire": [WIRE], "zone": [ZONE]}, RulePlane(), "r"), AnalyticsParams(**params))
 
 
 def feed(counter: Analytics, rows: Sequence[Row]) -> list[Event]:
@@ -78,7 +78,7 @@ def test_jump_over_the_line_without_a_crossing_before_counts() -> None:
     assert crossings(way([1.0, 0.9, 0.8, 0.7, 0.6, 0.5, -0.8, -0.9, -1.0])) == [(1, "left_to_right")]
 
 
-def test_person_who_walks_back_soon_counts_both_ways() -> None:
+def test_person_walking_back_soon_counts_both_ways() -> None:
     ys = [0.6, 0.3, 0.0, -0.3, -0.5, -0.3, 0.0, 0.3, 0.6]
     assert crossings(way(ys)) == [(1, "left_to_right"), (1, "right_to_left")]
 
@@ -130,7 +130,7 @@ def test_new_id_on_the_line_does_not_count_a_second_time() -> None:
     assert crossings(crossed) == [(1, "left_to_right")]
 
 
-def test_person_who_comes_the_other_way_is_not_the_one_who_left() -> None:
+def test_person_coming_the_other_way_is_not_stitched_to_the_one_that_left() -> None:
     rows = [*way(DOWN), *way(DOWN, track_id=2, start=25)]
     assert crossings(rows) == [(1, "left_to_right"), (2, "left_to_right")]
 
@@ -178,7 +178,7 @@ def totals(rows: Sequence[Row], rules: dict[str, Any], **params: float) -> tuple
     data = np.array([[f, i, x, y] for f, i, x, y, _ in sorted(rows)])
     frame = data[:, 0].astype(np.int64)
     table = positions_table(frame, data[:, 1].astype(np.int64), data[:, 2:], timestamp_s=frame / 10)
-    counts = count_tracks(table, parse_rules(rules, Plane(), "r"), AnalyticsParams(**params))
+    counts = count_tracks(table, parse_rules(rules, RulePlane(), "r"), AnalyticsParams(**params))
     return counts, counts.to_json()["rules"]
 
 
@@ -198,7 +198,7 @@ def test_occupancy_over_time_follows_the_stays() -> None:
 
 
 def test_truth_counts_at_once_but_not_steps_back_within_the_hysteresis() -> None:
-    rules = parse_rules({"tripwire": [WIRE]}, Plane(), "r")
+    rules = parse_rules({"tripwire": [WIRE]}, RulePlane(), "r")
     y = np.array([0.5, -0.15, 0.08, -0.5])
     frame = np.arange(4)
     truth = positions_table(frame, np.ones(4, dtype=np.int64), np.column_stack([np.ones(4), y]))
@@ -217,7 +217,7 @@ def test_totals_per_interval_add_up() -> None:
     assert counts.span.duration_s == pytest.approx(11.1)
 
 
-def test_queue_counts_who_waits_and_not_who_passes() -> None:
+def test_queue_counts_people_waiting_and_not_people_passing() -> None:
     passer = way(np.linspace(-1, 5, 31), x=1.0, track_id=1)
     waiter = way([*np.linspace(-1, 2, 16), *np.full(80, 2.0), *np.linspace(2, 5, 16)], x=3.0, track_id=2)
     queue = {"name": "till", "zone": "room", "min_wait_s": 3.0}
@@ -228,7 +228,7 @@ def test_queue_counts_who_waits_and_not_who_passes() -> None:
 
 
 def test_lines_in_pixels_use_the_foot_of_the_box_and_its_height_as_a_metre() -> None:
-    rules = parse_rules({"tripwire": [{"name": "w", "from_px": [0, 100], "to_px": [200, 100]}]}, Plane(), "r")
+    rules = parse_rules({"tripwire": [{"name": "w", "from_px": [0, 100], "to_px": [200, 100]}]}, RulePlane(), "r")
 
     def events(bottoms: Sequence[float]) -> list[str]:
         counter = Analytics(rules, AnalyticsParams(hysteresis_m=0.25, min_age_s=0.0))

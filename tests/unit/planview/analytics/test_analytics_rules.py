@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
-from planview.analytics.geometry import Plane, crossing_edges, depth_inside, inner_radius
+from planview.analytics.geometry import RulePlane, crossing_edges, depth_inside, inner_radius
 from planview.analytics.rules import load_rules, parse_rules
 
 CAMERA = GroundCamera(640, 480, 500.0, 3.0, math.radians(60))
@@ -36,25 +36,25 @@ def test_rules_keep_metres_as_they_are(tmp_path: Path) -> None:
 
 def test_closed_polygon_loses_its_repeated_point() -> None:
     zone = {"name": "z", "polygon_m": [[0, 0], [2, 0], [2, 2], [0, 2], [0, 0]]}
-    assert len(parse_rules({"zone": [zone]}, Plane(), "r").zones[0].points) == 4
+    assert len(parse_rules({"zone": [zone]}, RulePlane(), "r").zones[0].points) == 4
 
 
 def test_pixels_go_to_the_floor_of_a_known_camera() -> None:
     wire = {"name": "w", "from_px": [100, 300], "to_px": [500, 300]}
-    placed = parse_rules({"tripwire": [wire]}, Plane(CAMERA), "r").tripwires[0]
+    placed = parse_rules({"tripwire": [wire]}, RulePlane(CAMERA), "r").tripwires[0]
     assert placed.plane == "floor"
-    seen = CAMERA.project(np.column_stack([placed.points, np.zeros(2)]))
-    np.testing.assert_allclose(seen, [[100, 300], [500, 300]], atol=1e-6)
+    pixels = CAMERA.project(np.column_stack([placed.points, np.zeros(2)]))
+    np.testing.assert_allclose(pixels, [[100, 300], [500, 300]], atol=1e-6)
 
 
 def test_pixels_stay_pixels_without_a_camera() -> None:
     wire = {"name": "w", "from_px": [0, 200], "to_px": [400, 200]}
-    assert parse_rules({"tripwire": [wire]}, Plane(image_size=(400, 400)), "r").tripwires[0].plane == "image"
+    assert parse_rules({"tripwire": [wire]}, RulePlane(image_size=(400, 400)), "r").tripwires[0].plane == "image"
 
 
 def test_zone_around_the_whole_view_is_inside_the_view() -> None:
     zone = {"name": "all", "polygon_m": [[-500, -500], [500, -500], [500, 500], [-500, 500]]}
-    assert parse_rules({"zone": [zone]}, Plane(GroundCamera(640, 480, 500.0, 3.0, 0.0)), "r").zones
+    assert parse_rules({"zone": [zone]}, RulePlane(GroundCamera(640, 480, 500.0, 3.0, 0.0)), "r").zones
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ def test_bad_rules_get_one_sentence_that_names_the_file(tmp_path: Path, text: st
 def test_line_outside_the_view_is_refused(rule: dict[str, list[float]], sentence: str) -> None:
     camera = GroundCamera(640, 480, 500.0, 3.0, math.radians(80))
     with pytest.raises(InputError, match=sentence):
-        parse_rules({"tripwire": [{"name": "w", **rule}]}, Plane(camera), "r")
+        parse_rules({"tripwire": [{"name": "w", **rule}]}, RulePlane(camera), "r")
 
 
 def test_missing_file_is_named(tmp_path: Path) -> None:
@@ -144,7 +144,7 @@ _json = st.recursive(
 @given(st.dictionaries(st.sampled_from(["tripwire", "zone", "queue", "x"]), _json, max_size=3))
 def test_wild_rules_are_accepted_or_refused(data: dict[str, object]) -> None:
     try:
-        rules = parse_rules(data, Plane(), "r")
+        rules = parse_rules(data, RulePlane(), "r")
     except InputError as error:
         assert str(error).startswith("r")  # noqa: PT017
     else:

@@ -20,7 +20,7 @@ KEYS = (
 
 
 def walk(n: int = 100, track_id: int = 1, x_m: float = 0.0, height_m: float = 1.7, start: int = 0) -> Trajectories:
-    """Somebody walking along y at x_m, 30 frames per second."""
+    """A person walking along y at x_m, 30 frames per second."""
     frame = start + np.arange(n)
     xy = np.column_stack([np.full(n, x_m), 0.03 * frame])
     return positions_table(frame, np.full(n, track_id), xy, np.full(n, height_m), frame / 30)

@@ -53,7 +53,7 @@ def test_clear_counts_a_perfect_sequence_as_one() -> None:
 
 
 def test_clear_counts_misses_false_positives_and_a_switch() -> None:
-    # Person 1 stands at x = 0: frames 0-1 track 7, frame 2 nobody, frames 3-4 track 8. Track 9 is far away once.
+    # Person 1 stands at x = 0: frames 0-1 track 7, frame 2 none, frames 3-4 track 8. Track 9 is far away once.
     truth = [(t, 1, 0, 0) for t in range(5)]
     tracks = [(0, 7, 0, 0), (1, 7, 0, 0), (2, 9, 5, 5), (3, 8, 0.2, 0), (4, 8, 0.2, 0)]
     scores = clear_scores(sequence(truth, tracks))

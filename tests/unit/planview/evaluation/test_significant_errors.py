@@ -3,8 +3,8 @@
 import numpy as np
 
 from planview.evaluation.significant import (
-    NOBODY,
     PREDICTED,
+    UNMATCHED,
     PersonHistory,
     SignificantError,
     SignificantParams,
@@ -37,26 +37,26 @@ def test_person_held_throughout_is_no_error() -> None:
 
 
 def test_person_never_tracked_is_missed_once_visible_long_enough() -> None:
-    assert kinds([person(1, (NOBODY, 20))]) == [("missed", 0)]
-    assert kinds([person(1, (NOBODY, 19))]) == []
+    assert kinds([person(1, (UNMATCHED, 20))]) == [("missed", 0)]
+    assert kinds([person(1, (UNMATCHED, 19))]) == []
 
 
 def test_late_detection_is_no_significant_error() -> None:
-    assert kinds([person(1, (NOBODY, 30), (5, 50))]) == []
+    assert kinds([person(1, (UNMATCHED, 30), (5, 50))]) == []
 
 
-def test_brush_with_somebody_elses_track_does_not_make_a_person_tracked() -> None:
-    assert kinds([person(1, (NOBODY, 20), (9, 4), (NOBODY, 20))]) == [("missed", 0)]
+def test_brush_with_another_persons_track_does_not_make_a_person_tracked() -> None:
+    assert kinds([person(1, (UNMATCHED, 20), (9, 4), (UNMATCHED, 20))]) == [("missed", 0)]
 
 
 def test_person_alone_for_more_than_a_second_is_lost_where_it_began() -> None:
-    (error,) = found([person(1, (5, 30), (NOBODY, 11), (5, 30))])
+    (error,) = found([person(1, (5, 30), (UNMATCHED, 11), (5, 30))])
     assert (error.kind, error.frame, error.truth_id, error.track_id) == ("lost", 30, 1, 5)
-    assert kinds([person(1, (5, 30), (NOBODY, 10), (5, 30))]) == []
+    assert kinds([person(1, (5, 30), (UNMATCHED, 10), (5, 30))]) == []
 
 
 def test_loss_until_the_end_counts_once() -> None:
-    assert kinds([person(1, (5, 30), (NOBODY, 15), (8, 2), (NOBODY, 15))]) == [("lost", 30)]
+    assert kinds([person(1, (5, 30), (UNMATCHED, 15), (8, 2), (UNMATCHED, 15))]) == [("lost", 30)]
 
 
 def test_prediction_near_a_person_keeps_hold() -> None:
@@ -76,7 +76,7 @@ def test_person_back_after_a_short_absence_with_a_new_id_was_lost() -> None:
 
 
 def test_long_loss_that_ends_in_a_new_id_is_one_error() -> None:
-    assert kinds([person(1, (5, 30), (NOBODY, 20), (6, 30))]) == [("lost", 30)]
+    assert kinds([person(1, (5, 30), (UNMATCHED, 20), (6, 30))]) == [("lost", 30)]
 
 
 def test_exchange_of_identities_is_one_swap() -> None:
@@ -101,13 +101,13 @@ def test_taking_over_another_persons_track_is_a_swap() -> None:
     assert (error.kind, error.truth_id, error.track_id) == ("swapped", 2, 5)
 
 
-def test_track_on_nobody_for_a_second_is_false_once() -> None:
+def test_track_on_no_person_for_a_second_is_false_once() -> None:
     stray = np.array([True] * 10 + [False] * 10 + [True] * 30)
     (error,) = found([], [TrackHistory(9, 100 + np.arange(50), stray)])
     assert (error.kind, error.frame, error.truth_id, error.track_id) == ("false_track", 120, None, 9)
 
 
-def test_track_on_nobody_for_less_is_no_error() -> None:
+def test_track_on_no_person_for_less_is_no_error() -> None:
     assert found([], [TrackHistory(9, np.arange(9), np.ones(9, dtype=bool))]) == []
 
 
@@ -117,7 +117,7 @@ def test_moment_near_a_person_does_not_excuse_a_false_track() -> None:
 
 
 def test_errors_come_in_the_order_of_frames() -> None:
-    people = [person(1, (5, 50), (NOBODY, 20)), person(2, (NOBODY, 30), start=10)]
+    people = [person(1, (5, 50), (UNMATCHED, 20)), person(2, (UNMATCHED, 30), start=10)]
     assert kinds(people) == [("missed", 10), ("lost", 50)]
 
 
