@@ -73,6 +73,35 @@ def write_rows(file: IO[str], frame: int, timestamp_s: float, tracks: Sequence[T
         file.write(",".join(cells) + "\n")
 
 
+class TrajectoryCollector:
+    """Gathers tracks in memory, with the values that ``write_rows`` and ``read_tracks`` would give."""
+
+    def __init__(self) -> None:
+        self._rows: list[tuple[int, float, TrackState]] = []
+
+    def add(self, frame: int, timestamp_s: float, tracks: Sequence[TrackState]) -> None:
+        """Take one frame's tracks; every (frame, id) once."""
+        self._rows += [(frame, timestamp_s, track) for track in tracks]
+
+    def trajectories(self) -> Trajectories:
+        """Everything gathered so far, rounded as in ``tracks.csv``: 0.1 mm, 0.1 ms, 0.1 px."""
+        rows = sorted(self._rows, key=lambda row: (row[0], row[2].track_id))
+        tracks = [track for _, _, track in rows]
+        place = _rounded([(t.x_m, t.y_m, t.height_m, t.vx_mps, t.vy_mps) for t in tracks], 5, 4)
+        return Trajectories(
+            frame=np.array([frame for frame, _, _ in rows], dtype=np.int64),
+            track_id=np.array([track.track_id for track in tracks], dtype=np.int64),
+            timestamp_s=_rounded([(time,) for _, time, _ in rows], 1, 4)[:, 0],
+            x_m=place[:, 0],
+            y_m=place[:, 1],
+            height_m=place[:, 2],
+            state=np.array([track.state for track in tracks], dtype=np.str_),
+            visible=np.ones(len(rows)),
+            box_px=_rounded([track.box_px for track in tracks], 4, 1),
+            velocity_mps=place[:, 3:],
+        )
+
+
 def read_tracks(path: Path) -> Trajectories:
     """Read ``tracks.csv``.
 
@@ -89,6 +118,12 @@ def read_truth(path: Path) -> Trajectories:
 
 def _cell(value: float, digits: int) -> str:
     return "" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def _rounded(rows: Sequence[Sequence[float]], columns: int, digits: int) -> F64:
+    """(N, columns) values with as many digits as the file has; NaN where its cell is empty."""
+    values = [[float(_cell(value, digits) or "nan") for value in row] for row in rows]
+    return np.array(values, dtype=np.float64).reshape(-1, columns)
 
 
 def _read(path: Path, required: tuple[str, ...], what: str) -> Trajectories:
