@@ -166,7 +166,7 @@ class Camera:
         return pixels - uv, by_xy
 
     def scaled(self, width: int, height: int) -> Camera:
-        """The same lens seen at another resolution of the same field of view."""
+        """The same lens at another resolution of the same field of view."""
         sx, sy = width / self.width, height / self.height
         return Camera(
             width,

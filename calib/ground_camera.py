@@ -27,7 +27,7 @@ LENS_K_320: dict[str, float] = {
 class GroundCamera:
     """Camera at (0, 0, height_m) looking down along +Y, principal point at the image centre.
 
-    World frame: Z up, floor at Z = 0, X right, Y forward (the canonical frame of the design).
+    World frame: Z up, floor at Z = 0, X right, Y forward (as ``calib.rig.world_from_plane`` defines it).
 
     Attributes:
         width, height: image size [px].
@@ -35,8 +35,8 @@ class GroundCamera:
         height_m: height of the camera above the floor [m].
         tilt_rad: angle of the optical axis from straight down (0: overhead) [rad].
         lens: class of table 2; its K is scaled to this image's width.
-        roll_rad: the image's rotation about its centre, clockwise as seen, against an upright camera's [rad]. The paper
-            assumes none (section 2, assumption 3); at 25 m, 3 degrees move a floor position by a metre.
+        roll_rad: the image's rotation about its centre, clockwise on a screen, against an upright camera's [rad]. The
+            paper assumes none (section 3, assumption 3); at 25 m, 3 degrees move a floor position by a metre.
     Raises:
         ValueError: a parameter out of its range.
     """
@@ -74,7 +74,7 @@ class GroundCamera:
         return LENS_K_320[self.lens] * 320.0 / self.width
 
     def project(self, points_world: ArrayLike) -> F64:
-        """Pixels of world points (notes, section 3).
+        """Pixels of world points (Zhang et al. 2008, section 3.2).
 
         Args:
             points_world: (..., 3) [m]; a point behind the camera gives NaN.

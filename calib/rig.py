@@ -187,7 +187,7 @@ class Floor:
         inlier_fraction: share of valid depth that lies on the floor; NaN when given by hand.
         residual_m: rms distance of the inliers from the plane; NaN when given by hand.
         covariance: (3, 3) float64 of (height [m], tilt [rad], roll [rad]); None when unknown.
-        extent_m: (x_min, y_min, x_max, y_max) of the floor seen, world frame [m]; None when unknown.
+        extent_m: (x_min, y_min, x_max, y_max) of the visible floor, world frame [m]; None when unknown.
     """
 
     world_SE3_left: SE3
@@ -210,7 +210,7 @@ class Floor:
 
 
 def world_from_plane(normal: np.ndarray[Any, np.dtype[np.float64]], offset_m: float) -> SE3:
-    """Canonical world frame (design: origin below the left camera, Z up, X along the camera's x axis).
+    """Canonical world frame: origin on the floor below the left camera, Z up, X along the camera's x axis.
 
     Args:
         normal: (3,) the floor's upward normal in the rectified left camera frame; need not be unit.

@@ -76,8 +76,8 @@ def disparity_range(
 ) -> DisparityRange:
     """Disparities that people and the floor can have.
 
-    Without a floor: from infinity to ``nearest_m``. With one: from the lowest point seen to the nearest place where a
-    raised hand meets the image, so that an overhead camera does not search what only a cellar could have.
+    Without a floor: from infinity to ``nearest_m``. With one: from the lowest visible point to the nearest place where
+    a raised hand meets the image, so that an overhead camera does not search what only a cellar could have.
     """
     params = params or RangeParams()
     nearest, farthest = params.nearest_m, math.inf

@@ -121,7 +121,7 @@ def match_corners(
 
 
 def fit_affine(matches: F64, slopes: bool = True) -> VerticalModel:
-    """Least absolute-like fit of the row offsets, by iteratively reweighted least squares (Huber).
+    """Robust fit of the row offsets, by iteratively reweighted least squares (Huber).
 
     Args:
         matches: (N, 4) as from ``match_corners``.

@@ -77,9 +77,9 @@ def _candidates(path: Path, form: Format) -> list[Source]:
     around = [path.parent]
     if path.parent.name.lower() in {"cam0", "cam1", "left", "right"}:
         around.append(path.parent.parent)
-    seen = {p.resolve(): p for folder in around for p in _files(folder)}
-    seen.pop(path.resolve(), None)
-    return [source for source in _readable(seen.values()) if form.part(source)]
+    files = {p.resolve(): p for folder in around for p in _files(folder)}
+    files.pop(path.resolve(), None)
+    return [source for source in _readable(files.values()) if form.part(source)]
 
 
 def _belongs(one: Source, other: Source) -> bool:

@@ -77,9 +77,9 @@ def calibrate_from_people(
 ) -> HumanCalibration:
     """Search the camera whose projected people fit the samples best, from coarse to fine.
 
-    The paper's E_bb and weights are lost; as in our notes E_bb = 1 - IoU of the boxes, w_hf = D_hf / D_bb (head to
-    foot over the diagonal of the box), w_bb = 1 - w_hf. The person stands where head and foot together are seen
-    nearest to the sample's (the paper is silent; our choice).
+    The paper's E_bb and weights are illegible in the copy at hand; our choice is E_bb = 1 - IoU of the boxes,
+    w_hf = D_hf / D_bb (head to foot over the diagonal of the box), w_bb = 1 - w_hf. The person stands where head and
+    foot together project nearest to the sample's (the paper is silent; our choice).
 
     Args:
         samples: at least 3 people of the model's height at different places.

@@ -16,7 +16,7 @@ from calib.human.model import HumanModel
 from calib.types import F64
 
 POINT_PX = 2.0
-"""Deviation of a point or edge drawn by hand [px] (issue: noisy samples of 2 px)."""
+"""Deviation of a point or edge marked by hand [px] (our choice: what people reach on a screen)."""
 BODY_SHARE = 0.02
 """Arms and steps move the edges of a box by this share of its diagonal [1]: some 4 cm of 1.8 m (our choice)."""
 ROBUST_FROM = 2.0

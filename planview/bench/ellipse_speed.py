@@ -13,7 +13,7 @@ from planview.tracking.base import Observation
 from planview.tracking.ellipse_particle import EllipseParticleTracker
 
 SIZE = (480, 360)
-"""Width and height of the frames [px], those of issue and paper."""
+"""Width and height of the frames [px] (our choice: between a QVGA and a VGA camera)."""
 PEOPLE = 8
 SETTLED = 80
 """Frames before anything is timed: backgrounds and sizes are learned, kernels compiled."""

@@ -18,7 +18,7 @@ from planview.tracking.human_model.tracker import HumanModelTracker
 from stereo.recording import VideoFrame
 
 CAMERA = GroundCamera(320, 240, 260.0, 3.5, math.radians(60))
-"""320x240 as in issue and paper; it sees the floor from 2 to 10 m."""
+"""320x240 as in Zhang et al. 2008, section 5; its view covers the floor from 2 to 10 m."""
 PEOPLE = 5
 FPS = 15.0
 SETTLED = 60

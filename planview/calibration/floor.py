@@ -86,7 +86,7 @@ class FloorView:
 
     def picture(self, floor: Floor) -> U8:
         """The left image with a metric grid on the floor."""
-        return draw_grid(self.image, projector(self.geometry, floor), floor.extent_m or (-5.0, -5.0, 5.0, 5.0))
+        return draw_grid(self.image, WorldProjector(self.geometry, floor), floor.extent_m or (-5.0, -5.0, 5.0, 5.0))
 
 
 def ray(geometry: RectifiedGeometry, u: float, v: float) -> F64:
@@ -94,7 +94,7 @@ def ray(geometry: RectifiedGeometry, u: float, v: float) -> F64:
     return np.array([(u - geometry.cu_px) / geometry.focal_u_px, (v - geometry.cv_px) / geometry.focal_v_px, 1.0])
 
 
-class projector:  # noqa: N801 - reads as a function
+class WorldProjector:
     """World points to pixels of the rectified left camera."""
 
     def __init__(self, geometry: RectifiedGeometry, floor: Floor) -> None:

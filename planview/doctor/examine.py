@@ -34,7 +34,7 @@ class Diagnosis:
         return all(check.ok for check in self.checks)
 
     def to_json(self) -> dict[str, Any]:
-        """``ok`` and ``checks``, as the design promises them."""
+        """The ``--json`` object of ``planview doctor``: ``ok`` and ``checks``."""
         return {"ok": self.ok, "checks": [check.to_json() for check in self.checks]}
 
 

@@ -81,7 +81,7 @@ class Evaluation:
     alignment: FloorAlignment | None
 
     def to_json(self) -> dict[str, Any]:
-        """The ``--json`` object of the design; a score that the data cannot give is null."""
+        """The ``--json`` object of ``planview evaluate``; a score that the data cannot give is null."""
         by_kind = Counter(error.kind for error in self.significant)
         return {
             "truth_rows": self.truth_rows,

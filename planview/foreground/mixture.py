@@ -16,7 +16,7 @@ from planview.foreground import _mixture_kernels as kernels
 from planview.foreground._gaussian_kernels import N_FIELDS, Step, Y
 from planview.foreground.gain import GainFollower
 
-NO_OPINION, PERSON, BACKGROUND = 0, 1, 2
+NO_FEEDBACK, PERSON, BACKGROUND = 0, 1, 2
 """Values of a feedback mask: what a tracker knows about each pixel."""
 
 FOREGROUND = 255

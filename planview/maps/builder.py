@@ -20,23 +20,21 @@ class MapParams(GridParams):
     """Plan-view maps."""
 
     height_max_m: float = Field(2.4, gt=0.5, le=5.0)
-    """H_max [m]: how high a very tall person reaches standing on his toes (Harville 2002, section 3); 2.4 m is the
+    """H_max [m]: how high a very tall person reaches standing on tiptoe (Harville 2002, section 3); 2.4 m is the
     95th percentile of men's vertical grip reach plus toes (our choice)."""
     height_min_m: float = Field(0.15, ge=0.0, le=1.0)
     """Foreground lower than this is the floor under another light, or a shoe [m], and left out of the maps: three
-    deviations of the floor's depth seen from 2.7 m above (our choice)."""
+    deviations of the floor's depth measured from 2.7 m above (our choice)."""
     smoothing_m: float = Field(0.04, ge=0.0, le=0.2)
     """Standard deviation of the Gaussian that smooths both maps [m]. Harville 2002, section 3: 1-4 cm."""
     occupancy_min: float = Field(0.25, ge=0.0)
-    """theta_occ as visible surface per floor area [m^2/m^2]: height counts only where more is seen. A head seen from
-    the side or from above gives about 1, stray matches are far below (our choice; the paper gives no value)."""
+    """theta_occ as visible surface per floor area [m^2/m^2]: height counts only where there is more. A head viewed
+    from the side or from above gives about 1, stray matches are far below (our choice; the paper gives no value)."""
     depth_std_max_m: float = Field(0.40, gt=0.0)
     """Points whose predicted depth deviation is larger [m] are left out: beyond it a body smears over more than the
     2 W_avg of a template (Harville 2002, section 4; our choice)."""
     distance_max_m: float = Field(15.0, gt=0.5, le=100.0)
     """Farthest horizontal distance covered by the grid [m], where the depth allows it (our choice)."""
-    confidence: bool = False
-    """Also build the map of confidence per cell from the predicted depth deviation (ours; off as in the paper)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +53,8 @@ class FloorPoints:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
-    """From where the maps were seen.
+class Viewpoint:
+    """The camera above the maps.
 
     Attributes:
         camera_m: (3,) float64, centre of the rectified left camera [m].
@@ -106,8 +104,7 @@ class PlanViewMaps:
         occupancy: smoothed occupancy O_sm [m^2].
         occupancy_min: theta_occ of this grid [m^2 per cell].
         points: the points that the maps were made of.
-        view: from where they were seen.
-        confidence: 0..1 per cell from the predicted depth deviation, None unless asked for.
+        view: the camera that measured them.
     """
 
     grid: Grid
@@ -117,8 +114,7 @@ class PlanViewMaps:
     occupancy: F32
     occupancy_min: float
     points: FloorPoints
-    view: View
-    confidence: F32 | None = None
+    view: Viewpoint
 
 
 class MapBuilder:
@@ -146,7 +142,7 @@ class MapBuilder:
         self.world_SE3_left = world_SE3_left
         self.grid = floor_in_view(geometry, world_SE3_left, self.params)
         projection = geometry.matrix @ world_SE3_left.inverse().matrix[:3]
-        self.view = View(world_SE3_left.translation, geometry.depth_std_m(1.0), projection, geometry.size)
+        self.view = Viewpoint(world_SE3_left.translation, geometry.depth_std_m(1.0), projection, geometry.size)
         self.shape = (-(-geometry.height // reduction), -(-geometry.width // reduction))
         self._occupancy_min = self.params.occupancy_min * self.grid.cell_m**2
         n = self.shape[0] * self.shape[1]
@@ -172,9 +168,8 @@ class MapBuilder:
         points = self._back_project(disparity, mask)
         height_raw, occupancy_raw = self._accumulate(points.xyz, points.area)
         height, occupancy = self._smooth(height_raw, occupancy_raw)
-        confidence = self._confidence(points) if self.params.confidence else None
         return PlanViewMaps(
-            self.grid, height_raw, occupancy_raw, height, occupancy, self._occupancy_min, points, self.view, confidence
+            self.grid, height_raw, occupancy_raw, height, occupancy, self._occupancy_min, points, self.view
         )
 
     def _back_project(self, disparity: F32, mask: U8) -> FloorPoints:
@@ -196,7 +191,7 @@ class MapBuilder:
         """H_masked and O_sm. The height is smoothed over occupied cells only, or edges would sink."""
         height, occupancy = np.zeros_like(height_raw), np.zeros_like(occupancy_raw)
         sigma = self.params.smoothing_m / self.grid.cell_m
-        # Most of the floor is empty: only the part around what was seen is worth smoothing.
+        # Most of the floor is empty: only the part around occupied cells is worth smoothing.
         part = _occupied_part(occupancy_raw, 2 * math.ceil(3 * sigma))
         raw = height_raw[part]
         if sigma > 0.0:
@@ -207,14 +202,6 @@ class MapBuilder:
             occupancy[part], smooth = occupancy_raw[part], raw
         np.copyto(height[part], smooth, where=occupancy[part] >= np.float32(self._occupancy_min))
         return height, occupancy
-
-    def _confidence(self, points: FloorPoints) -> F32:
-        """Mean of 1 / (1 + (sigma_z / cell)^2) over a cell's points: 1 where depth is exact, 0 where it is unknown."""
-        depth = np.sqrt(points.area * np.float32(self._intrinsics[0] * self._intrinsics[1]))
-        ratio = self.geometry.depth_std_m(depth) / np.float32(self.grid.cell_m)
-        _, total = self._accumulate(points.xyz, (points.area / (1.0 + ratio**2)).astype(np.float32))
-        _, area = self._accumulate(points.xyz, points.area)
-        return np.divide(total, area, out=np.zeros_like(total), where=area > 0)
 
 
 def floor_in_view(geometry: RectifiedGeometry, world_SE3_left: SE3, params: MapParams) -> Grid:
@@ -232,9 +219,9 @@ def floor_in_view(geometry: RectifiedGeometry, world_SE3_left: SE3, params: MapP
     inside &= np.hypot(points[..., 0], points[..., 1]) <= params.distance_max_m
     if not inside.any():
         raise ValueError("expected a camera that sees the space between floor and H_max, got none of it in view")
-    seen = points[inside]
+    visible = points[inside]
     margin = 0.5
-    (x0, y0), (x1, y1) = seen[:, :2].min(axis=0) - margin, seen[:, :2].max(axis=0) + margin
+    (x0, y0), (x1, y1) = visible[:, :2].min(axis=0) - margin, visible[:, :2].max(axis=0) + margin
     return Grid.covering(float(x0), float(y0), float(x1), float(y1), params.cell_m)
 
 
@@ -244,9 +231,9 @@ def _reach_m(geometry: RectifiedGeometry, params: MapParams) -> float:
 
 
 def _occupied_part(occupancy: F32, margin: int) -> tuple[slice, slice]:
-    """The bounding rectangle of what is not zero, wider by a margin."""
-    seen = occupancy > 0.0
-    rows, cols = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+    """Bounding rectangle of the cells that are not zero, wider by a margin [cells]."""
+    occupied = occupancy > 0.0
+    rows, cols = np.flatnonzero(occupied.any(axis=1)), np.flatnonzero(occupied.any(axis=0))
     if len(rows) == 0:
         return slice(0, 0), slice(0, 0)
     return (

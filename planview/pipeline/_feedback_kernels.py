@@ -9,9 +9,10 @@ from calib.types import F32, F64, I32, U8
 def paint(  # type: ignore[no-untyped-def]
     xyz: F32, pixels: I32, people: F64, body_m: float, ground_m: float, persons: U8, ground: U8
 ):
-    """Set pixels of points near walkers in ``persons``, and those of low points near nobody in ``ground``.
+    """Set pixels of points near walkers in ``persons``, and those of low points far from every person in ``ground``.
 
-    ``people`` (K, 3) is x, y and whether he has walked; ``persons`` and ``ground`` are flat images.
+    ``people`` (K, 3) is x [m], y [m] and 1 for a confirmed track that has walked; ``persons`` and ``ground`` are flat
+    images.
     """
     for i in range(len(xyz)):
         near = False

@@ -1,4 +1,4 @@
-"""What the tracker knows about pixels, for the foreground model (Harville 2002, ECCV; notes, section 2)."""
+"""Feedback of the tracker to the foreground model (Harville 2002, ECCV: A Framework for High-Level Feedback)."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from planview.trajectories.state import TrackState
 
 
 class FeedbackParams(Params):
-    """Feedback from tracker to foreground; our choices, the sequel to the paper gives only the idea."""
+    """Feedback from tracker to foreground; our choices, the paper gives only the idea."""
 
     enabled: bool = True
     """Give feedback at all."""
     body_m: float = Field(0.6, gt=0.0)
-    """Foreground this near to a person's axis on the floor is his [m]: an arm's length."""
+    """Foreground this near to a person's axis on the floor belongs to the person [m]: an arm's length."""
     travelled_m: float = Field(0.5, ge=0.0)
-    """Only who has moved this far since he appeared is protected from being learned [m]: furniture that was mistaken
-    for a person does not walk, and must fade into the background."""
+    """Only a track that has moved this far since its start is protected from being learned [m]: furniture that was
+    mistaken for a person does not walk, and must fade into the background."""
     ground_m: float = Field(0.12, ge=0.0)
-    """Foreground lower than this and away from everybody is floor under a new light [m]: a shoe's height."""
+    """Foreground lower than this and away from every person is floor under a new light [m]: a shoe's height."""
     spread_px: int = Field(5, ge=0, le=50)
     """A person's pixels are widened by so much for the next frame [px]."""
 
 
 class Feedback:
-    """Remembers who has walked, and paints the mask for the next frame."""
+    """Remembers which tracks have walked, and paints the mask for the next frame."""
 
     def __init__(self, params: FeedbackParams) -> None:
         self.params = params
@@ -41,7 +41,7 @@ class Feedback:
         self._walked: set[int] = set()
 
     def reset(self) -> None:
-        """Forget everybody."""
+        """Forget all tracks."""
         self._origin.clear()
         self._walked.clear()
 
@@ -52,7 +52,7 @@ class Feedback:
             points: foreground points of this frame; their pixels index an image of ``shape``.
             tracks: people after this frame.
         Returns:
-            (H, W) uint8 of NO_OPINION, PERSON and BACKGROUND; None when feedback is off.
+            (H, W) uint8 of NO_FEEDBACK, PERSON and BACKGROUND; None when feedback is off.
         """
         p = self.params
         if not p.enabled:
@@ -66,7 +66,7 @@ class Feedback:
         if persons.any():
             side = 2 * p.spread_px + 1
             persons = np.asarray(cv2.dilate(persons, np.ones((side, side), dtype=np.uint8)), dtype=np.uint8)
-        # Who is a person wins over what is ground.
+        # A person's pixel is no ground.
         return np.where(persons > 0, np.uint8(PERSON), ground * np.uint8(BACKGROUND))
 
     def _remember(self, tracks: Sequence[TrackState]) -> None:

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from calib.params import Params
 from calib.types import F32, Bool
-from planview.maps.builder import PlanViewMaps, View
+from planview.maps.builder import PlanViewMaps, Viewpoint
 from planview.tracking.body_axis import BodyAxis
 
 _MAX_CANDIDATES = 20
@@ -167,7 +167,7 @@ def free_cells(maps: PlanViewMaps, occupancy: F32, xyz: F32) -> Bool:
     return np.asarray(occupancy[rows, cols] > 0)
 
 
-def inseparable(view: View, one_m: tuple[float, float], other_m: tuple[float, float], distance_m: float) -> bool:
+def inseparable(view: Viewpoint, one_m: tuple[float, float], other_m: tuple[float, float], distance_m: float) -> bool:
     """Whether two floor positions may be one body: within a distance, stretched along the ray by depth noise.
 
     Matching favours whole disparities, so a far body may fall into two clumps one disparity step apart: four of its

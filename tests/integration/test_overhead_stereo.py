@@ -38,7 +38,7 @@ class Walker:
 
 @pytest.fixture(scope="module")
 def walkers(shared_data: Path) -> list[Walker]:
-    """Everybody who was confirmed, in the order of their appearance."""
+    """Confirmed ids in the order of their appearance."""
     pipeline = Pipeline.from_recording(shared_data / "overhead-stereo")
     rows: dict[int, list[tuple[float, ...]]] = defaultdict(list)
     for result in pipeline:

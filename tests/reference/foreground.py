@@ -112,7 +112,7 @@ def _other_light(m: Mixtures, k: int, o: Seen, chroma: np.ndarray, darkest: floa
 
 
 def _match_kind(m: Mixtures, k: int, o: Seen, s: Step) -> np.ndarray:
-    """0 no match, 1 by colour, 2 other light where depth agrees (notes, section 2)."""
+    """0 no match, 1 by colour, 2 other light where depth agrees."""
     dy, du, dv, dd = o.y - _shown(m, k, s), o.u - m.u[k], o.v - m.v[k], o.d - m.d[k]
     chroma = _chroma(m, k, o, s)
     far = dy * dy / np.abs(m.var_y[k])
@@ -133,7 +133,7 @@ def _uncovered(m: Mixtures, o: Seen, s: Step) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _classify(m: Mixtures, found: np.ndarray, unclipped: np.ndarray, o: Seen, s: Step) -> np.ndarray:
-    """The background set: leading weight up to T, and the deepest Gaussian above T_D (notes, section 2)."""
+    """The background set: leading weight up to T, and the deepest Gaussian above T_D (Harville et al. 2001)."""
     before = np.cumsum(m.weight, axis=0) - m.weight
     leading = before <= s.background_weight
     leading[0] = True

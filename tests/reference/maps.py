@@ -1,4 +1,4 @@
-"""Plain numpy twins of planview/_map_kernels.py; they define what the compiled loops compute."""
+"""Plain numpy twins of planview/maps/_kernels.py; they define what the compiled loops compute."""
 
 import numpy as np
 

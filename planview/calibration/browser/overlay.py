@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.types import F64
 from planview.calibration.browser.session import CalibrationSession
-from planview.calibration.floor import projector
+from planview.calibration.floor import WorldProjector
 from planview.calibration.pictures import crowd, grid_lines
 
 GIVEN, COMPUTED, CROWD, GRID, FLOOR = "#0a84ff", "#ff2fd0", "#b06cff", "#4cd964", "#ffcc00"
@@ -20,7 +20,7 @@ def overlay(session: CalibrationSession) -> str:
 def _grid(session: CalibrationSession) -> str:
     if session.floor is not None and session.view is not None:
         reach = 2.0 * session.floor.height_m + 2.0
-        project = projector(session.view.geometry, session.floor)
+        project = WorldProjector(session.view.geometry, session.floor)
         lines = grid_lines(project, (-reach, -reach, reach, 2 * reach), session.size)
     elif session.found is not None:
         camera = session.found.camera

@@ -52,7 +52,7 @@ def _eye(engine: Pipeline, direction: tuple[float, float, float]) -> rrb.EyeCont
 
 
 def shown_floor(engine: Pipeline) -> tuple[float, float, float, float]:
-    """Bounds of the floor that was seen, else of the grid; the place below the camera included [m]."""
+    """Bounds of the visible floor, else of the grid; the place below the camera included [m]."""
     grid = engine.maps.grid
     x_min, y_min, x_max, y_max = engine.setup.floor.extent_m or (grid.x_min_m, grid.y_min_m, grid.x_max_m, grid.y_max_m)
     return min(x_min, 0.0), min(y_min, 0.0), max(x_max, 0.0), max(y_max, 0.0)

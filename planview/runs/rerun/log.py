@@ -26,11 +26,10 @@ TRAIL_FRAMES = 150
 """Length of the trails behind people."""
 BODY_M = 0.5
 """Width of the boxes around people [m]."""
-CLOUD_POINTS = 20_000
-"""Most foreground points shown in a frame."""
-FREE_LEAST = 64 * 2**20
-"""Room that the disk must have for the next frames [bytes]: rerun writes behind our back, and waits for ever when it
-meets a full disk."""
+CLOUD_POINTS_MAX = 20_000
+"""Foreground points logged per frame at most."""
+FREE_BYTES_MIN = 64 * 2**20
+"""Free disk space for the next frames [bytes]: rerun writes in a thread of its own, which hangs on a full disk."""
 
 
 class RerunLog:
@@ -77,9 +76,9 @@ class RerunLog:
 
     def _check_room(self) -> None:
         free = shutil.disk_usage(self._path.parent).free
-        if free < FREE_LEAST:
+        if free < FREE_BYTES_MIN:
             raise WorkError(
-                f"{self._path}: expected at least {FREE_LEAST >> 20} MB of free disk, found {free >> 20}: "
+                f"{self._path}: expected at least {FREE_BYTES_MIN >> 20} MB of free disk, found {free >> 20}: "
                 "the disk is full; earlier frames are kept"
             )
 
@@ -126,7 +125,7 @@ class RerunLog:
         maps, image = result.observation.maps, result.observation.image
         if maps is None or image is None:
             return
-        step = max(1, len(maps.points.xyz) // CLOUD_POINTS)
+        step = max(1, len(maps.points.xyz) // CLOUD_POINTS_MAX)
         xyz, pixels = maps.points.xyz[::step], maps.points.pixels[::step]
         rows, cols = np.divmod(pixels, engine.maps.shape[1])
         colours = _rgb(image)[rows * engine.reduction, cols * engine.reduction]

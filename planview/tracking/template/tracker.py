@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from calib.types import F32
-from planview.maps.builder import PlanViewMaps, View
+from planview.maps.builder import PlanViewMaps, Viewpoint
 from planview.maps.grid import Grid
 from planview.tracking.base import Decision, DecisionKind, Drawing, Observation, TrackerDebug
 from planview.tracking.body_axis import AxisMeasurement, BodyAxis
@@ -266,7 +266,7 @@ class TemplateTracker:
         p = self.params
         return FloorKalman.at(candidate.x_m, candidate.y_m, p.position_std_m, p.speed_std_mps)
 
-    def _retire(self, view: View) -> None:
+    def _retire(self, view: Viewpoint) -> None:
         keep = []
         for person in self._people:
             gone = self._time_s - person.seen_s
@@ -282,7 +282,7 @@ class TemplateTracker:
                 keep.append(person)
         self._people = keep
 
-    def _at_border(self, person: Person, view: View) -> bool:
+    def _at_border(self, person: Person, view: Viewpoint) -> bool:
         """Predicted head, give or take a torso, outside of the image."""
         r = self.params.width_m
         x, y, z = person.kalman.x_m, person.kalman.y_m, person.height_m

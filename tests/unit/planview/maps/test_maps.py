@@ -54,7 +54,7 @@ def test_maps_leave_out_what_is_above_h_max_or_on_the_ground() -> None:
     assert builder()(flat(2.95), mask).height_raw.max() == 0.0
 
 
-def test_height_is_masked_where_little_is_seen() -> None:
+def test_height_is_masked_where_occupancy_is_low() -> None:
     mask = np.zeros((48, 64), dtype=np.uint8)
     mask[20, 30] = 255
     lone = builder(smoothing_m=0.04, occupancy_min=2.0)(flat(2.0), mask)
@@ -68,13 +68,6 @@ def test_reduced_maps_show_the_same_area() -> None:
     half = MapBuilder(GEOMETRY, OVERHEAD, MapParams(smoothing_m=0.0, occupancy_min=0.0), reduction=2)
     maps = half(flat(2.0)[::2, ::2], mask[::2, ::2])
     assert maps.occupancy_raw.sum() == pytest.approx((20 * 2.0 / 50) ** 2, rel=1e-4)
-
-
-def test_confidence_falls_with_distance() -> None:
-    mask = np.full((48, 64), 255, dtype=np.uint8)
-    near, far = (builder(confidence=True)(flat(depth), mask).confidence for depth in (1.2, 2.8))
-    assert near is not None and far is not None
-    assert near.max() > far.max() > 0.0
 
 
 def test_map_builder_refuses_images_of_another_size() -> None:

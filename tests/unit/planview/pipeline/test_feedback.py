@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from planview.foreground.mixture import BACKGROUND, NO_OPINION, PERSON
+from planview.foreground.mixture import BACKGROUND, NO_FEEDBACK, PERSON
 from planview.maps.builder import FloorPoints
 from planview.pipeline.feedback import Feedback, FeedbackParams
 from planview.trajectories.state import State, TrackState
@@ -19,7 +19,7 @@ def person(x_m: float, state: State = "confirmed", track_id: int = 1) -> TrackSt
     return TrackState(track_id, state, x_m, 0.0, 0.0, 0.0, 1.7)
 
 
-def opinion(feedback: Feedback, points: FloorPoints, *tracks: TrackState) -> list[int]:
+def mask_after(feedback: Feedback, points: FloorPoints, *tracks: TrackState) -> list[int]:
     mask = feedback(points, tracks, SHAPE)
     assert mask is not None
     return [int(v) for v in mask[0]]
@@ -27,51 +27,51 @@ def opinion(feedback: Feedback, points: FloorPoints, *tracks: TrackState) -> lis
 
 def walked(spread_px: int = 2) -> Feedback:
     feedback = Feedback(FeedbackParams(spread_px=spread_px))
-    opinion(feedback, point(0.0, 1.0, 20), person(0.0))
+    mask_after(feedback, point(0.0, 1.0, 20), person(0.0))
     return feedback
 
 
 def test_the_body_of_who_has_walked_is_protected_and_widened() -> None:
-    mask = opinion(walked(), point(1.0, 1.0, 20), person(1.0))
+    mask = mask_after(walked(), point(1.0, 1.0, 20), person(1.0))
     assert mask[18:23] == [PERSON] * 5
     assert mask.count(PERSON) == 5
-    assert mask.count(NO_OPINION) == 35
+    assert mask.count(NO_FEEDBACK) == 35
 
 
 def test_who_has_not_moved_is_not_protected() -> None:
-    assert PERSON not in opinion(walked(), point(0.2, 1.0, 20), person(0.2))
+    assert PERSON not in mask_after(walked(), point(0.2, 1.0, 20), person(0.2))
 
 
 def test_who_is_lost_is_not_protected() -> None:
-    assert PERSON not in opinion(walked(), point(1.0, 1.0, 20), person(1.0, "lost"))
+    assert PERSON not in mask_after(walked(), point(1.0, 1.0, 20), person(1.0, "lost"))
 
 
 def test_low_foreground_away_from_everybody_is_background() -> None:
-    mask = opinion(walked(), point(3.0, 0.05, 30), person(1.0))
+    mask = mask_after(walked(), point(3.0, 0.05, 30), person(1.0))
     assert mask[30] == BACKGROUND
     assert mask.count(BACKGROUND) == 1
 
 
 def test_high_foreground_away_from_everybody_is_left_to_the_model() -> None:
-    assert set(opinion(walked(), point(3.0, 1.0, 30), person(1.0))) == {NO_OPINION}
+    assert set(mask_after(walked(), point(3.0, 1.0, 30), person(1.0))) == {NO_FEEDBACK}
 
 
 def test_feet_of_a_person_are_not_background() -> None:
-    assert opinion(walked(), point(1.0, 0.05, 20), person(1.0))[20] == PERSON
+    assert mask_after(walked(), point(1.0, 0.05, 20), person(1.0))[20] == PERSON
 
 
 def test_who_comes_back_under_his_id_must_walk_again() -> None:
     feedback = walked()
-    opinion(feedback, point(1.0, 1.0, 20), person(1.0))
-    opinion(feedback, point(1.0, 1.0, 20))
-    assert PERSON not in opinion(feedback, point(1.0, 1.0, 20), person(1.0))
+    mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
+    mask_after(feedback, point(1.0, 1.0, 20))
+    assert PERSON not in mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
 
 
 def test_reset_forgets_who_has_walked() -> None:
     feedback = walked()
-    opinion(feedback, point(1.0, 1.0, 20), person(1.0))
+    mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
     feedback.reset()
-    assert PERSON not in opinion(feedback, point(1.0, 1.0, 20), person(1.0))
+    assert PERSON not in mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
 
 
 def test_no_opinion_at_all_when_feedback_is_off() -> None:
