@@ -14,7 +14,7 @@ from planview.analytics.rules import Rules
 from planview.analytics.stream import Analytics
 from planview.analytics.totals import Counts
 from planview.trajectories.state import State, TrackState
-from planview.trajectories.table import Trajectories
+from planview.trajectories.table import IGNORED, Trajectories
 
 TRUTH_ZONE_HYSTERESIS_M = 0.05
 """For true occupancy: a head sways by as much when a person stands on the outline [m]; our choice."""
@@ -61,7 +61,13 @@ def count_truth(
         params: those of the tracks.
     """
     params = (params or AnalyticsParams()).model_copy(update={"stitch_s": 0.0})
-    return count_tracks(truth, rules.of_truth(TRUTH_ZONE_HYSTERESIS_M), params, clock=clock, n_frames=n_frames)
+    return count_tracks(
+        truth.where(truth.visible != IGNORED),
+        rules.of_truth(TRUTH_ZONE_HYSTERESIS_M),
+        params,
+        clock=clock,
+        n_frames=n_frames,
+    )
 
 
 def frames_of(tracks: Trajectories, clock: Clock) -> Iterator[tuple[int, float, list[TrackState]]]:

@@ -12,7 +12,8 @@ from typing import IO
 import numpy as np
 
 from calib.errors import InputError
-from calib.types import F64, I64
+from calib.types import F64, I64, Bool
+from planview.trajectories.rows import require_unique
 from planview.trajectories.state import TrackState
 
 TRACK_COLUMNS = (
@@ -21,6 +22,9 @@ TRACK_COLUMNS = (
 )  # fmt: skip
 TRUTH_COLUMNS = ("frame", "id", "x_m", "y_m", "height_m")
 STATES = ("tentative", "confirmed", "lost")
+StateColumn = np.ndarray[tuple[int], np.dtype[np.str_]]
+IGNORED = -1.0
+"""``visible`` of a truth row that never counts: a distractor of a benchmark."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +35,7 @@ class Trajectories:
         frame, track_id: int64.
         timestamp_s, x_m, y_m, height_m: float64, NaN where unknown.
         state: (N,) of "tentative", "confirmed" or "lost"; "confirmed" throughout for truth.
-        visible: unoccluded fraction 0..1 of a truth row; 1 for tracks.
+        visible: unoccluded fraction 0..1 of a truth row, or IGNORED; 1 for tracks.
         box_px: (N, 4) float64 left, top, width, height; NaN where unknown.
         velocity_mps: (N, 2) float64; NaN where unknown.
     """
@@ -42,7 +46,7 @@ class Trajectories:
     x_m: F64
     y_m: F64
     height_m: F64
-    state: np.ndarray[tuple[int], np.dtype[np.str_]]
+    state: StateColumn
     visible: F64
     box_px: F64
     velocity_mps: F64
@@ -50,9 +54,42 @@ class Trajectories:
     def __len__(self) -> int:
         return len(self.frame)
 
-    def where(self, keep: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Trajectories:
-        """The rows where a (N,) mask is true."""
+    def where(self, keep: Bool | I64) -> Trajectories:
+        """The rows where a (N,) mask is true, or those of (M,) indices in that order."""
         return Trajectories(**{name: getattr(self, name)[keep] for name in self.__dataclass_fields__})
+
+
+def positions_table(
+    frame: I64,
+    track_id: I64,
+    xy_m: F64,
+    height_m: F64 | None = None,
+    timestamp_s: F64 | None = None,
+    box_px: F64 | None = None,
+    visible: F64 | None = None,
+) -> Trajectories:
+    """A table of confirmed rows from arrays of length N (sorted by frame, then id); what is not given is NaN."""
+    n = len(frame)
+    unknown = np.full(n, np.nan)
+    return Trajectories(
+        frame=frame,
+        track_id=track_id,
+        timestamp_s=unknown if timestamp_s is None else timestamp_s,
+        x_m=xy_m[:, 0],
+        y_m=xy_m[:, 1],
+        height_m=unknown if height_m is None else height_m,
+        state=np.full(n, "confirmed"),
+        visible=np.ones(n) if visible is None else visible,
+        box_px=np.full((n, 4), np.nan) if box_px is None else box_px,
+        velocity_mps=np.full((n, 2), np.nan),
+    )
+
+
+def concatenated(tables: Sequence[Trajectories]) -> Trajectories:
+    """The rows of at least one table together, sorted by frame, then id."""
+    names = Trajectories.__dataclass_fields__
+    table = Trajectories(**{name: np.concatenate([getattr(t, name) for t in tables]) for name in names})
+    return table.where(np.lexsort((table.track_id, table.frame)))
 
 
 def write_header(file: IO[str]) -> None:
@@ -127,57 +164,76 @@ def _rounded(rows: Sequence[Sequence[float]], columns: int, digits: int) -> F64:
 
 
 def _read(path: Path, required: tuple[str, ...], what: str) -> Trajectories:
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file)
-            names = reader.fieldnames or []
-            missing = [name for name in required if name not in names]
-            if missing:
-                raise InputError(f"{path}: expected a {what} file with the column {missing[0]!r}, found {list(names)}")
-            rows = list(reader)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: expected a {what} file, found {error}") from error
+    columns = _Columns(path, required, what)
+    table = Trajectories(
+        frame=columns.integers("frame"),
+        track_id=columns.integers("id"),
+        timestamp_s=columns.numbers("timestamp_s", np.nan),
+        x_m=columns.numbers("x_m", np.nan),
+        y_m=columns.numbers("y_m", np.nan),
+        height_m=columns.numbers("height_m", np.nan),
+        state=columns.states(),
+        visible=columns.numbers("visible", 1.0),
+        box_px=np.column_stack([columns.numbers(n, np.nan) for n in ("left_px", "top_px", "width_px", "height_px")]),
+        velocity_mps=np.column_stack([columns.numbers(n, np.nan) for n in ("vx_mps", "vy_mps")]),
+    )
+    ordered = table.where(np.lexsort((table.track_id, table.frame)))
+    require_unique(path, ordered.frame, ordered.track_id)
+    return ordered
 
-    def column(name: str, default: float) -> F64:
-        if name not in names:
-            return np.full(len(rows), default)
-        values = np.full(len(rows), default)
-        for i, row in enumerate(rows):
+
+class _Columns:
+    """The text of a CSV file by column, converted on request with errors that name file, line and column."""
+
+    def __init__(self, path: Path, required: tuple[str, ...], what: str) -> None:
+        self._path = path
+        try:
+            with path.open(newline="", encoding="utf-8") as file:
+                reader = csv.DictReader(file)
+                self._names = list(reader.fieldnames or [])
+                self._rows = list(reader)
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            raise InputError(f"{path}: expected a {what} file, found {error}") from error
+        missing = [name for name in required if name not in self._names]
+        if missing:
+            raise InputError(f"{path}: expected a {what} file with the column {missing[0]!r}, found {self._names}")
+
+    def numbers(self, name: str, default: float) -> F64:
+        """(N,) values; ``default`` where the cell is empty or the column missing."""
+        values = np.full(len(self._rows), default)
+        if name not in self._names:
+            return values
+        for i, row in enumerate(self._rows):
             text = row[name]
             if text is None:
-                raise InputError(f"{path}: expected {len(names)} cells in line {i + 2}, found fewer")
+                raise InputError(f"{self._path}: expected {len(self._names)} cells in line {i + 2}, found fewer")
             if text.strip():
-                try:
-                    values[i] = float(text)
-                except ValueError:
-                    raise InputError(f"{path}: expected a number in {name!r}, line {i + 2}, found {text!r}") from None
+                values[i] = self._number(text, name, i)
         return values
 
-    def integers(name: str) -> I64:
-        values = column(name, np.nan)
-        bad = ~np.isfinite(values) | (values != np.floor(np.nan_to_num(values)))
-        if bad.any():
-            i = int(np.flatnonzero(bad)[0])
-            raise InputError(f"{path}: expected a whole number in {name!r}, line {i + 2}, found {rows[i][name]!r}")
+    def _number(self, text: str, name: str, row: int) -> float:
+        try:
+            return float(text)
+        except ValueError:
+            raise InputError(f"{self._path}: expected a number in {name!r}, line {row + 2}, found {text!r}") from None
+
+    def integers(self, name: str) -> I64:
+        """(N,) int64; an empty cell is refused."""
+        values = self.numbers(name, np.nan)
+        bad = np.flatnonzero(~np.isfinite(values) | (values != np.floor(np.nan_to_num(values))))
+        if len(bad):
+            i = int(bad[0])
+            raise InputError(
+                f"{self._path}: expected a whole number in {name!r}, line {i + 2}, found {self._rows[i][name]!r}"
+            )
         return values.astype(np.int64)
 
-    states = np.array([row.get("state") or "confirmed" for row in rows], dtype=np.str_)
-    for i, state in enumerate(states):
-        if state not in STATES:
-            raise InputError(f"{path}: expected a state of {', '.join(STATES)} in line {i + 2}, found {str(state)!r}")
-    box = np.column_stack([column(n, np.nan) for n in ("left_px", "top_px", "width_px", "height_px")])
-    velocity = np.column_stack([column(n, np.nan) for n in ("vx_mps", "vy_mps")])
-    table = Trajectories(
-        integers("frame"), integers("id"), column("timestamp_s", np.nan), column("x_m", np.nan),
-        column("y_m", np.nan), column("height_m", np.nan), states, column("visible", 1.0), box, velocity,
-    )  # fmt: skip
-    order = np.lexsort((table.track_id, table.frame))
-    ordered = Trajectories(**{name: getattr(table, name)[order] for name in table.__dataclass_fields__})
-    same = (np.diff(ordered.frame) == 0) & (np.diff(ordered.track_id) == 0)
-    if same.any():
-        i = int(np.flatnonzero(same)[0])
-        raise InputError(
-            f"{path}: expected one row per frame and id, "
-            f"found two for frame {ordered.frame[i]}, id {ordered.track_id[i]}"
-        )
-    return ordered
+    def states(self) -> StateColumn:
+        """(N,) states; "confirmed" where the cell is empty or the column missing."""
+        states = np.array([row.get("state") or "confirmed" for row in self._rows], dtype=np.str_)
+        for i, state in enumerate(states):
+            if state not in STATES:
+                raise InputError(
+                    f"{self._path}: expected a state of {', '.join(STATES)} in line {i + 2}, found {str(state)!r}"
+                )
+        return states

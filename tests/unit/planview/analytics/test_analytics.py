@@ -14,8 +14,8 @@ from planview.analytics.params import AnalyticsParams
 from planview.analytics.rules import parse_rules
 from planview.analytics.stream import Analytics
 from planview.analytics.totals import Counts
-from planview.trajectories.layouts import positions_table
 from planview.trajectories.state import State, TrackState
+from planview.trajectories.table import positions_table
 
 WIRE = {"name": "door", "from_m": [0, 0], "to_m": [2, 0]}  # from left to right: its left side is y > 0
 ZONE = {"name": "room", "polygon_m": [[0, 0], [4, 0], [4, 4], [0, 4]]}

@@ -11,7 +11,7 @@ from planview.analytics.scoring import CountScores, OccupancyGroup, crossing_sco
 from planview.bench.commands.bench_counting import print_counting
 from planview.bench.counting import passages, pavement_truth, scene_names, table_of
 from planview.cli import main
-from planview.trajectories.layouts import positions_table
+from planview.trajectories.table import positions_table
 
 
 def test_every_scene_with_rules_is_scored_unless_named() -> None:

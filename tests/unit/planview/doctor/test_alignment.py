@@ -7,8 +7,7 @@ import pytest
 
 from calib.errors import WorkError
 from planview.evaluation.align import FloorAlignment, align_tracks, fit_rigid, moved
-from planview.trajectories.layouts import positions_table
-from planview.trajectories.table import Trajectories
+from planview.trajectories.table import Trajectories, positions_table
 
 MOTION = FloorAlignment(math.radians(120), 3.0, -2.0, 0.0, 0)
 

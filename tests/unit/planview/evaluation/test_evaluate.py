@@ -10,8 +10,7 @@ import pytest
 from calib.errors import InputError
 from planview.cli import main
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
-from planview.trajectories.layouts import positions_table
-from planview.trajectories.table import Trajectories
+from planview.trajectories.table import Trajectories, concatenated, positions_table
 
 KEYS = (
     "truth_rows", "mota", "motp_m", "idf1", "hota", "switches", "misses", "false_positives", "position_error_mean_m",
@@ -24,13 +23,6 @@ def walk(n: int = 100, track_id: int = 1, x_m: float = 0.0, height_m: float = 1.
     frame = start + np.arange(n)
     xy = np.column_stack([np.full(n, x_m), 0.03 * frame])
     return positions_table(frame, np.full(n, track_id), xy, np.full(n, height_m), frame / 30)
-
-
-def together(*tables: Trajectories) -> Trajectories:
-    names = Trajectories.__dataclass_fields__
-    table = Trajectories(**{name: np.concatenate([getattr(t, name) for t in tables]) for name in names})
-    order = np.lexsort((table.track_id, table.frame))
-    return Trajectories(**{name: getattr(table, name)[order] for name in names})
 
 
 def test_evaluation_measures_position_and_height_of_matches() -> None:
@@ -70,14 +62,14 @@ def test_hidden_person_is_neither_missed_nor_a_reason_for_false_positives() -> N
 
 def test_hidden_person_does_not_excuse_a_second_track() -> None:
     truth = replace(walk(), visible=np.full(100, 0.1))
-    twice = together(walk(track_id=1), walk(track_id=2, x_m=0.2))
+    twice = concatenated([walk(track_id=1), walk(track_id=2, x_m=0.2)])
     assert evaluate_tracks(twice, truth).clear.false_positives == 100
 
 
 def test_hidden_person_keeps_their_own_track_beside_a_visible_one() -> None:
     # The track on the hidden person must not be handed to the untracked neighbour within the gate.
     hidden = replace(walk(track_id=1), visible=np.full(100, 0.1))
-    truth = together(hidden, walk(track_id=2, x_m=0.4))
+    truth = concatenated([hidden, walk(track_id=2, x_m=0.4)])
     result = evaluate_tracks(walk(track_id=7), truth)
     assert (result.clear.misses, result.clear.false_positives) == (100, 0)
 

@@ -13,8 +13,7 @@ from planview.evaluation.clear import clear_scores
 from planview.evaluation.hota import hota_scores
 from planview.evaluation.identity import identity_scores
 from planview.evaluation.sequence import Sequence, box_similarity, build_sequence, floor_similarity
-from planview.trajectories.layouts import positions_table
-from planview.trajectories.table import Trajectories
+from planview.trajectories.table import Trajectories, positions_table
 
 
 def table(rows: list[tuple[float, ...]]) -> Trajectories:

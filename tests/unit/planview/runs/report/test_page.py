@@ -13,7 +13,7 @@ from planview.cli import main
 from planview.runs.info import CameraInfo, FloorInfo, RunInfo, SkippedFrame, read_run_info, write_run_info
 from planview.runs.report.page import write_report
 from planview.runs.report.plots import heat_map
-from planview.trajectories.layouts import positions_table
+from planview.trajectories.table import positions_table
 
 HEADER = "frame,timestamp_s,id,x_m,y_m,height_m,state\n"
 
