@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,17 @@ FEWEST_INLIERS = 0.3
 BETTER = 1.1
 """A new gain must explain so many times the pixels of the last one: a large person is no gain step."""
 LARGEST_GAIN = 32.0
+
+
+class Exposure(NamedTuple):
+    """Image luma = gain * reference luma + offset [levels of 255]."""
+
+    gain: float = 1.0
+    offset: float = 0.0
+
+    def after(self, step: Exposure) -> Exposure:
+        """This exposure, and then another step on top of it."""
+        return Exposure(step.gain * self.gain, step.gain * self.offset + step.offset)
 
 
 class GainFollower:

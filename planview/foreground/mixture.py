@@ -14,7 +14,7 @@ from calib.params import Params
 from calib.types import F32, U8
 from planview.foreground import _mixture_kernels as kernels
 from planview.foreground._gaussian_kernels import N_FIELDS, Step, Y
-from planview.foreground.gain import GainFollower
+from planview.foreground.gain import Exposure, GainFollower
 
 NO_FEEDBACK, PERSON, BACKGROUND = 0, 1, 2
 """Values of a feedback mask: what a tracker knows about each pixel."""
@@ -131,6 +131,7 @@ class Foreground:
         self._turns = _Turns(self.params)
         self._size = 0
         self._gain.reset()
+        self._rebased = Exposure()
 
     def update(self, image: U8, disparity: F32 | None, timestamp_s: float, feedback: U8 | None = None) -> U8:
         """Learn from one frame and say what is foreground.
@@ -176,10 +177,16 @@ class Foreground:
             raise ValueError(f"expected a {self.shape} uint8 image, grey or BGR, got {image.shape} {image.dtype}")
         return np.ascontiguousarray(image).reshape(-1)
 
+    @property
+    def exposure(self) -> Exposure:
+        """The camera's exposure in the last frame, relative to the first."""
+        return self._rebased.after(Exposure(self._gain.gain, self._gain.offset))
+
     def _follow_gain(self, image: U8) -> None:
         self._gain.update(self._lead, image)
         if not 1 / REBASE_GAIN < self._gain.gain < REBASE_GAIN or abs(self._gain.offset) > REBASE_OFFSET:
             kernels.rebase(self._lead, self._rest, self._gain.gain, self._gain.offset)
+            self._rebased = self.exposure
             self._gain.reset()
 
     def _run(self, image: U8, disparity: F32, opinion: U8, step: Step, rates: F32) -> None:

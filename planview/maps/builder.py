@@ -11,9 +11,13 @@ from pydantic import Field
 
 from calib.pose import SE3
 from calib.types import F32, F64, I32, U8
+from planview.foreground.gain import Exposure
 from planview.maps._kernels import accumulate, back_project
+from planview.maps.colour import colour_codes
 from planview.maps.grid import Grid, GridParams
 from stereo.depth import RectifiedGeometry
+
+REFERENCE = Exposure()
 
 
 class MapParams(GridParams):
@@ -45,11 +49,13 @@ class FloorPoints:
         xyz: (N, 3) float32 [m].
         area: (N,) float32, surface that the pixel subtends, Z^2/(fu fv) [m^2].
         pixels: (N,) int32, row * width + column in the foreground mask.
+        colours: (N,) uint8 colour codes (``planview.maps.colour``), None where no image was given.
     """
 
     xyz: F32
     area: F32
     pixels: I32
+    colours: U8 | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,30 +160,36 @@ class MapBuilder:
         self._pose = np.ascontiguousarray(world_SE3_left.matrix[:3])
         self._disparity_min = geometry.disparity_at(_reach_m(geometry, self.params))
 
-    def __call__(self, disparity: F32, mask: U8) -> PlanViewMaps:
+    def __call__(
+        self, disparity: F32, mask: U8, image: U8 | None = None, exposure: Exposure = REFERENCE
+    ) -> PlanViewMaps:
         """Build the maps of one frame.
 
         Args:
             disparity: (H, W) float32 [px], NaN where invalid.
             mask: (H, W) uint8, non-zero where foreground.
+            image: (H, W[, 3]) uint8 grey or BGR, for the points' colours.
+            exposure: of the image, relative to the recording's first.
         Raises:
             ValueError: the arrays do not have the size of the geometry.
         """
         if disparity.shape != self.shape or mask.shape != self.shape:
             raise ValueError(f"expected disparity and mask of {self.shape}, got {disparity.shape} and {mask.shape}")
-        points = self._back_project(disparity, mask)
+        points = self._back_project(disparity, mask, image, exposure)
         height_raw, occupancy_raw = self._accumulate(points.xyz, points.area)
         height, occupancy = self._smooth(height_raw, occupancy_raw)
         return PlanViewMaps(
             self.grid, height_raw, occupancy_raw, height, occupancy, self._occupancy_min, points, self.view
         )
 
-    def _back_project(self, disparity: F32, mask: U8) -> FloorPoints:
+    def _back_project(self, disparity: F32, mask: U8, image: U8 | None, exposure: Exposure) -> FloorPoints:
         n = back_project(
             disparity, mask, self._disparity_min, self.geometry.disparity_metre,
             self._intrinsics, self._pose, self.params.height_max_m, self._points, self._area, self._pixels,
         )  # fmt: skip
-        return FloorPoints(self._points[:n].copy(), self._area[:n].copy(), self._pixels[:n].copy())
+        pixels = self._pixels[:n].copy()
+        colours = None if image is None else colour_codes(image, pixels, exposure)
+        return FloorPoints(self._points[:n].copy(), self._area[:n].copy(), pixels, colours)
 
     def _accumulate(self, xyz: F32, weight: F32) -> tuple[F32, F32]:
         height = np.empty(self.grid.shape, dtype=np.float32)

@@ -123,7 +123,7 @@ class Pipeline:
             disparity = np.ascontiguousarray(matched.disparity[:: self.reduction, :: self.reduction])
             mask = self.foreground.update(image, disparity, matched.timestamp_s, opinion)
             clock.lap("foreground")
-            maps = self.maps(disparity, mask)
+            maps = self.maps(disparity, mask, image, self.foreground.exposure)
             clock.lap("maps")
             seen = Observation(matched.index, matched.timestamp_s, matched.image, mask, None, maps)
             tracks = tuple(self._boxes(track) for track in self.tracker.update(seen))

@@ -1,0 +1,56 @@
+"""Colours of foreground points as small codes: enough to tell clothes apart, too little to make a picture of.
+
+A code is a cell of luma and chroma (YUV). People are compared by histograms of codes, smoothed over neighbouring cells
+so that a slightly other light moves little mass (our choice; the cells are as wide as a sensor's noise and the
+difference of light within a room leave room for).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.types import F32, I32, U8
+from planview.foreground.gain import Exposure
+
+LUMA_CELLS = 8
+CHROMA_EDGES = (-24.0, -8.0, 8.0, 24.0)
+"""Edges of the cells of U and V around grey [levels of 255]; noise of grey clothes is below 8."""
+CHROMA_CELLS = len(CHROMA_EDGES) + 1
+CODES = LUMA_CELLS * CHROMA_CELLS**2
+LUMA_SPREAD, CHROMA_SPREAD = 0.75, 0.4
+"""Deviation of the smoothing, in cells: light differs by a fifth within a room, chroma hardly."""
+
+
+def colour_codes(image: U8, pixels: I32, exposure: Exposure) -> U8:
+    """Codes of some pixels.
+
+    Args:
+        image: (H, W) grey or (H, W, 3) BGR.
+        pixels: (N,) int32, row * W + column.
+        exposure: of the image; codes are those of the reference exposure.
+    Returns:
+        (N,) uint8, luma cell * CHROMA_CELLS^2 + U cell * CHROMA_CELLS + V cell.
+    """
+    gain, offset = exposure
+    if image.ndim == 2:
+        luma = image.reshape(-1)[pixels].astype(np.float32)
+        u = v = np.zeros_like(luma)
+    else:
+        b, g, r = image.reshape(-1, 3)[pixels].astype(np.float32).T
+        luma = 0.114 * b + 0.587 * g + 0.299 * r
+        u, v = 0.492 * (b - luma) / gain, 0.877 * (r - luma) / gain
+    level = np.clip((luma - offset) / gain * (LUMA_CELLS / 256.0), 0, LUMA_CELLS - 1).astype(np.int32)
+    cells = (level * CHROMA_CELLS + np.searchsorted(CHROMA_EDGES, u)) * CHROMA_CELLS + np.searchsorted(CHROMA_EDGES, v)
+    return np.asarray(cells, dtype=np.uint8)
+
+
+def smoothing() -> F32:
+    """(CODES, CODES) float32 matrix that spreads a histogram of codes over neighbouring cells; rows sum to 1."""
+
+    def spread(n: int, deviation: float) -> F32:
+        steps = np.arange(n)
+        kernel = np.exp(-0.5 * ((steps[:, None] - steps[None, :]) / deviation) ** 2)
+        return np.asarray(kernel / kernel.sum(axis=1, keepdims=True), dtype=np.float32)
+
+    chroma = spread(CHROMA_CELLS, CHROMA_SPREAD)
+    return np.kron(spread(LUMA_CELLS, LUMA_SPREAD), np.kron(chroma, chroma))
