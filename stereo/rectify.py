@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from calib.camera import Camera
+from calib.images import as_grey
 from calib.params import Params
 from calib.pose import SE3
 from calib.rig import StereoRig
@@ -90,7 +91,7 @@ class Rectifier:
         if left.shape[:2] != size or right.shape[:2] != size:
             raise ValueError(f"expected images of shape {size}, got {left.shape} and {right.shape}")
         rectified = self._warp(left, self._left_maps)
-        return RectifiedPair(rectified, grey(rectified), self._warp(grey(right), self._right_maps))
+        return RectifiedPair(rectified, as_grey(rectified), self._warp(as_grey(right), self._right_maps))
 
     def _maps(self, camera: Camera, rotation: F64, pixel_to_ray: F64) -> tuple[Maps, U8]:
         pixels = source_pixels(camera, rotation, pixel_to_ray, self.geometry.size)
@@ -123,11 +124,6 @@ def aligned_rectifier(
     pairs = (plain(frame.left, frame.right) for frame in frames)
     fit = measure_vertical(((p.left_grey, p.right_grey) for p in pairs), searched.first_px + searched.count)
     return (plain if fit.model == VerticalModel() else Rectifier(rig, params, fit.model)), fit
-
-
-def grey(image: U8) -> U8:
-    """(H, W) of an image; itself when it is grey."""
-    return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
 
 
 def _reduced_size(size: tuple[int, int], working_px: int) -> tuple[int, int]:

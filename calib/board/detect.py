@@ -12,6 +12,7 @@ import numpy as np
 
 from calib.board.model import Corners
 from calib.errors import InputError
+from calib.images import as_grey
 from calib.length import parse_length
 from calib.types import F64, U8
 
@@ -211,11 +212,6 @@ def same_order(board: Board, left: Corners, right: Corners) -> Corners:
     centred = left.pixels - left.pixels.mean(axis=0)
     away = [np.linalg.norm(t.reshape(-1, 2) - grid.mean(axis=(0, 1)) - centred) for t in turns]
     return Corners(right.ids, np.ascontiguousarray(turns[int(np.argmin(away))].reshape(-1, 2)))
-
-
-def as_grey(image: U8) -> U8:
-    """(H, W) uint8."""
-    return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
 
 
 def find_counts(images: Iterable[U8]) -> tuple[int, int] | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from calib.errors import InputError
+from calib.params import Location, dotted, first_problem
 from calib.types import F64
 from planview.analytics.geometry import PlaneName, RulePlane, crossing_edges
 
@@ -120,10 +122,13 @@ def parse_rules(data: dict[str, Any], plane: RulePlane, source: str) -> Rules:
     """Rules from the content of a rules.toml (same errors as ``load_rules``)."""
     if not data:
         raise InputError(f"{source}: expected at least one [[tripwire]] or [[zone]], found an empty file")
+    unknown = set(data) - set(_File.model_fields)
+    if unknown:
+        raise InputError(f"{source}: expected tables named tripwire, zone or queue, found {min(unknown)!r}")
     try:
         file = _File.model_validate(data)
     except ValidationError as error:
-        raise InputError(f"{source}: {_first_problem(error, data)}") from error
+        raise InputError(f"{source}: {first_problem(error, partial(_name_of, data))}") from error
     if not file.tripwire and not file.zone:
         raise InputError(f"{source}: expected at least one [[tripwire]] or [[zone]], found none")
     _refuse_duplicates([rule.name for rule in (*file.tripwire, *file.zone, *file.queue)], source)
@@ -140,25 +145,17 @@ def _placed(rule: Tripwire | Zone, plane: PlaneName, points: F64) -> Placed:
     return Placed(rule.name, plane, points, rule.hysteresis_m, rule.min_age_s)
 
 
-def _first_problem(error: ValidationError, data: dict[str, Any]) -> str:
-    first = error.errors()[0]
-    where = [str(part) for part in first["loc"]]
-    if first["type"] == "extra_forbidden" and len(where) == 1:
-        return f"expected tables named tripwire, zone or queue, found {where[0]!r}"
-    rule = _name_of(data, first["loc"])
-    if first["type"] == "extra_forbidden":
-        return f"expected only known keys in {rule}, found {where[-1]!r}"
-    if first["type"] == "missing":
-        return f"expected {where[-1]!r} in {rule}, found none"
-    return f"expected a valid {'.'.join(where[2:]) or where[0]} in {rule}, found {first['input']!r} ({first['msg']})"
-
-
-def _name_of(data: dict[str, Any], loc: tuple[int | str, ...]) -> str:
-    table = loc[0]
+def _name_of(data: dict[str, Any], location: Location) -> str:
+    """``from_m in tripwire 'door'`` for a value of a rule; a rule without a name is counted from 1."""
+    table, *rest = location
+    if not rest:
+        return str(table)
+    number, *keys = rest
     try:
-        return f"{table} {data[str(table)][int(loc[1])]['name']!r}"
+        rule = f"{table} {data[str(table)][int(number)]['name']!r}"
     except (LookupError, TypeError, ValueError):
-        return f"{table} number {int(loc[1]) + 1}" if len(loc) > 1 and isinstance(loc[1], int) else str(table)
+        rule = f"{table} number {int(number) + 1}" if isinstance(number, int) else str(table)
+    return f"{dotted(tuple(keys))} in {rule}" if keys else rule
 
 
 def _refuse_duplicates(names: list[str], source: str) -> None:

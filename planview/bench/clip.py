@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError, WorkError
+from calib.images import as_grey
 from calib.types import F32, U8, AnyArray
 from planview.pipeline.config import Config
 from planview.pipeline.pipeline import FrameResult, Pipeline
@@ -115,8 +116,8 @@ class PlainOpenCV:
     def __call__(self, left: U8, right: U8, grey: bool) -> AnyArray:
         """(H, W) int16 disparity in sixteenths; grey: convert before matching."""
         images = self.remap(left, right)
-        if grey and images[0].ndim == 3:
-            images = (cv2.cvtColor(images[0], cv2.COLOR_BGR2GRAY), cv2.cvtColor(images[1], cv2.COLOR_BGR2GRAY))
+        if grey:
+            images = as_grey(images[0]), as_grey(images[1])
         return self.sgbm.compute(*images)
 
 

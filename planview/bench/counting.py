@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from calib.errors import InputError
+from calib.images import write_image
 from planview.analytics.clock import Clock
 from planview.analytics.count import count_tracks, count_truth
 from planview.analytics.events import Direction, Event
@@ -18,7 +19,7 @@ from planview.analytics.rules import load_rules, parse_rules
 from planview.analytics.scoring import CountScores, CrossingScores, OccupancyGroup, score_counts, score_events
 from planview.analytics.totals import Counts
 from planview.bench.accuracy import RenderOptions, rendered
-from planview.bench.counting_figures import BusiestFrame, write_models, write_occupancy
+from planview.bench.counting_figures import JPEG_QUALITY, BusiestFrame, write_occupancy
 from planview.bench.frame_counts import FrameCounts, count_frames
 from planview.pipeline.config import Config
 from planview.pipeline.factory import open_engine
@@ -168,7 +169,7 @@ def score_view(
 def _draw(folder: Path, name: str, busiest: BusiestFrame, true: Counts, found: Counts) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     if busiest.picture is not None:
-        write_models(folder / f"{name}-models.jpg", busiest.picture)
+        write_image(folder / f"{name}-models.jpg", busiest.picture, JPEG_QUALITY)
     times = found.span.frame_times()
     for zone in found.rules.zones:
         series = true.occupancy(zone.name, times), found.occupancy(zone.name, times)

@@ -61,13 +61,6 @@ def models_over_frame(image: U8, debug: TrackerDebug) -> U8:
     return np.asarray(picture, dtype=np.uint8)
 
 
-def write_models(path: Path, picture: U8) -> None:
-    """Write a (H, W, 3) picture as JPEG."""
-    ok, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    if ok:
-        path.write_bytes(data.tobytes())
-
-
 def write_occupancy(path: Path, zone: str, times_s: F64, true: I64, found: I64) -> None:
     """Plot (N,) true and found numbers of people in a zone over time [s] as PNG."""
     from matplotlib.figure import Figure

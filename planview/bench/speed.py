@@ -15,6 +15,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from calib.images import as_grey
 from planview.bench.clip import Clip, PlainOpenCV
 from planview.bench.ellipse_speed import ellipse_to_mog2
 from planview.bench.one_core import one_core
@@ -143,7 +144,7 @@ def after_disparity_to_sgbm(clip: Clip, speed: Speed) -> None:
     images, disparities = clip.reduced_images(), clip.disparities()
     opinion, people, spent, sgbm = None, [], [], []
     for i, pair in enumerate(clip.pairs):
-        grey = [cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in plain.remap(pair.left, pair.right)]
+        grey = [as_grey(image) for image in plain.remap(pair.left, pair.right)]
         sgbm.append(_seconds(plain.sgbm.compute, *grey))
         start = time.perf_counter()
         tracks, opinion = clip.follow(i, images[i], disparities[i], opinion)

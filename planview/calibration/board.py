@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.board.detect import Board, Detector, as_grey, better_counts, complete_charuco, find_counts, same_order
+from calib.board.detect import Board, Detector, better_counts, complete_charuco, find_counts, same_order
 from calib.board.model import View
 from calib.board.select import MAX_VIEWS, select_views, sharpness
 from calib.board.solve import BoardCalibration, RejectedView, solve_board
 from calib.camera import LensModel
 from calib.errors import InputError
+from calib.images import as_grey
 from calib.types import U8
 from planview.calibration.board_images import BoardImages, BoardPair
 

@@ -14,6 +14,7 @@ import numpy as np
 from calib.board.lens import FOLDS
 from calib.board.model import SIDES, Side, coefficient_names, rms
 from calib.board.solve import BoardCalibration
+from calib.images import as_colour, encode_image
 from calib.types import F64, U8
 from planview.calibration.board_images import BoardImages
 from stereo.rectify import Rectifier, RectifyParams
@@ -48,7 +49,7 @@ def write_report(result: BoardCalibration, images: Path, path: Path) -> Path:
         size=f"{result.rig.left.width}x{result.rig.left.height}",
         figures=_figures(result),
         pair_name=name,
-        rectified=_jpeg(picture),
+        rectified=base64.b64encode(encode_image(picture)).decode("ascii"),
         errors=_png(_error_figure(result)),
         coverage=_png(_coverage_figure(result)),
         rejected=result.rejected,
@@ -102,7 +103,7 @@ def _rectified_pair(result: BoardCalibration, images: Path) -> tuple[str, U8]:
         raise ValueError(f"expected {name} to be readable as before")
     rectified = Rectifier(result.rig, RectifyParams(working_px=_PAIR_WIDTH))(pair.left, pair.right)
     both = np.hstack([rectified.left_grey, rectified.right_grey])
-    colour = np.asarray(cv2.cvtColor(both, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    colour = as_colour(both)
     for row in np.linspace(0, colour.shape[0] - 1, _LINES + 2).astype(int)[1:-1]:
         cv2.line(colour, (0, int(row)), (colour.shape[1] - 1, int(row)), (60, 200, 60), 1)
     return name, colour
@@ -181,10 +182,3 @@ def _png(figure: Figure) -> str:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     return base64.b64encode(buffer.getvalue()).decode("ascii")
-
-
-def _jpeg(image: U8) -> str:
-    done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])
-    if not done:
-        raise ValueError("expected an image that can be encoded")
-    return base64.b64encode(data.tobytes()).decode("ascii")

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from calib.ground_camera import GroundCamera
 from calib.human.model import HumanModel
 from calib.human.samples import HumanSample
+from calib.images import as_colour
 from calib.types import F64, U8
 
 Project = Callable[[ArrayLike], F64]
@@ -19,11 +20,6 @@ GIVEN = (255, 140, 0)
 COMPUTED = (200, 60, 255)
 GRID = (90, 220, 90)
 AXIS = (60, 200, 255)
-
-
-def as_colour(image: U8) -> U8:
-    """(H, W, 3) copy to draw on."""
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8) if image.ndim == 2 else image.copy()
 
 
 def grid_lines(
@@ -58,7 +54,7 @@ def _visible(pixels: F64, size: tuple[int, int]) -> list[F64]:
 
 def draw_grid(image: U8, project: Project, extent_m: tuple[float, float, float, float]) -> U8:
     """A floor grid with lines every metre and the axes from below the camera, drawn on a copy."""
-    canvas = as_colour(image)
+    canvas = as_colour(image).copy()
     size = (canvas.shape[1], canvas.shape[0])
     for line in grid_lines(project, extent_m, size):
         _polyline(canvas, line, GRID)
@@ -73,7 +69,7 @@ def draw_grid(image: U8, project: Project, extent_m: tuple[float, float, float, 
 
 def draw_samples(image: U8, camera: GroundCamera, model: HumanModel, samples: Sequence[HumanSample]) -> U8:
     """What was given (blue) and what was computed (pink) of each sample (figure 6a), drawn on a copy."""
-    canvas = as_colour(image)
+    canvas = as_colour(image).copy()
     for sample in samples:
         left, top, width, height = sample.box_px
         corners = np.array([[left, top], [left + width, top], [left + width, top + height], [left, top + height]])

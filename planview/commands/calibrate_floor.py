@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-import cv2
 from cyclopts import Parameter
 from rich.console import Console
 
 from calib.errors import InputError
 from calib.floor.points import parse_points
 from calib.floor.world_file import load_world, save_world
+from calib.images import write_image
 from calib.rig import Floor
 from planview.calibration.floor import FloorView, floor_from_tracks, given_floor, view_floor
 from planview.pipeline.config import load_config
@@ -93,11 +93,9 @@ def _write(floor: Floor, view: FloorView, target: Path, image: Path) -> None:
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         save_world(floor, target)
-        written = cv2.imwrite(str(image), view.picture(floor))
-    except (OSError, cv2.error) as error:
+        write_image(image, view.picture(floor))
+    except OSError as error:
         raise InputError(f"{target}: expected a place to write to, found {error}") from error
-    if not written:
-        raise InputError(f"{image}: expected a picture name that can be written, e.g. floor.png")
 
 
 def _refined(recording: StereoRecording, view: FloorView, tracks: Path) -> Floor:

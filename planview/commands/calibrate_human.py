@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-import cv2
 import numpy as np
 from cyclopts import Parameter
 from rich.console import Console
@@ -20,6 +19,7 @@ from calib.ground_camera import LENS_K_320, save_ground_camera
 from calib.human.calibration import HumanCalibration, calibrate_from_people
 from calib.human.model import HumanModel
 from calib.human.samples import HumanSample, check_samples, read_samples, write_samples
+from calib.images import as_colour, write_image
 from calib.types import U8
 from planview.calibration.human import collect_samples
 from planview.calibration.pictures import COMPUTED, crowd, draw_grid, draw_person, draw_samples
@@ -87,7 +87,7 @@ def calibrate_human(
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         save_ground_camera(camera, out)
-        cv2.imwrite(str(picture), _picture(found, taken, video))
+        write_image(picture, _picture(found, taken, video))
         save_model_map(build_model_map(camera, model), model_map)
         if auto:
             write_samples(taken, collected)
@@ -151,9 +151,9 @@ def _background(size: tuple[int, int], samples: Sequence[HumanSample], video: Vi
         return canvas
     wanted = {s.frame: s for s in samples if s.frame >= 0}
     for frame in video:
-        image = cv2.cvtColor(frame.image, cv2.COLOR_GRAY2BGR) if frame.image.ndim == 2 else frame.image
+        image = as_colour(frame.image)
         if frame.index == 0:
-            canvas = np.asarray(image, dtype=np.uint8).copy()
+            canvas = image.copy()
         sample = wanted.get(frame.index)
         if sample is not None:
             left, top, width, height = (round(v) for v in sample.box_px)

@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.errors import InputError, WorkError
+from calib.params import first_problem
 from planview.analytics.clock import Clock
 from planview.analytics.count import count_tracks, count_truth
 from planview.analytics.events import read_events, write_event_header, write_event_rows
@@ -106,8 +107,7 @@ def _params(**values: float) -> AnalyticsParams:
     try:
         return AnalyticsParams(**values)
     except ValidationError as error:
-        first = error.errors()[0]
-        raise InputError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}, found {first['input']!r}") from error
+        raise InputError(first_problem(error)) from error
 
 
 def _run_beside(path: Path) -> RunInfo | None:

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.errors import InputError
+from calib.params import first_problem
 from planview.evaluation.evaluate import KINDS, Evaluation, EvaluationParams, evaluate_tracks
 from planview.trajectories.layouts import load_tracks, load_truth
 from planview.trajectories.table import Trajectories
@@ -130,7 +131,4 @@ def _note_frames_beyond(tracks: Trajectories, truth: Trajectories) -> None:
 def _option_error(error: ValueError) -> str:
     from pydantic import ValidationError
 
-    if not isinstance(error, ValidationError):
-        return str(error)
-    first = error.errors()[0]
-    return f"{'.'.join(map(str, first['loc']))}: {first['msg']}, found {first['input']!r}"
+    return first_problem(error) if isinstance(error, ValidationError) else str(error)

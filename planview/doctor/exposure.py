@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.images import as_grey
 from calib.types import U8
 from planview.doctor.check import Check, at_least, at_most
 from planview.doctor.evidence import Evidence
-from stereo.rectify import grey
 
 SATURATED_LEVEL = 250
 """Grey levels from here on hold no texture (as in the matcher)."""
@@ -21,8 +21,8 @@ MISMATCH_MOST = 2.0
 
 def light_checks(evidence: Evidence) -> list[Check]:
     """Over-exposure, under-exposure and brightness of left against right."""
-    left = [grey(f.left) for f in evidence.spread]
-    right = [grey(f.right) for f in evidence.spread]
+    left = [as_grey(f.left) for f in evidence.spread]
+    right = [as_grey(f.right) for f in evidence.spread]
     over = max(float(np.median([_saturated(i) for i in side])) for side in (left, right))
     bright = min(float(np.median([np.percentile(i[::2, ::2], 90) for i in side])) for side in (left, right))
     levels = [float(np.median([np.mean(i[::4, ::4]) for i in side])) + 1.0 for side in (left, right)]

@@ -11,6 +11,7 @@ from calib.pose import SE3
 from calib.types import F32, F64
 from planview.doctor.check import Check, between
 from planview.doctor.evidence import Evidence
+from planview.foreground.blobs import find_blobs
 from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project
 
 PLAUSIBLE_M = (0.4, 2.3)
@@ -65,14 +66,14 @@ def _things(disparity: F32, background: F32, geometry: RectifiedGeometry, world_
     above = back_project(depth, geometry) @ z + np.float32(world_SE3_left.translation[2])
     stands_out = (disparity - background > NEARER_PX) & (above > ABOVE_FLOOR_M)
     mask = cv2.morphologyEx(stands_out.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
+    blobs = find_blobs(np.asarray(mask, dtype=np.uint8))
     surface = depth * depth
     least, most = (share * mask.size for share in SHARE_OF_IMAGE)
     found = []
-    for label in range(1, count):
-        if stats[label, cv2.CC_STAT_TOP] <= 2:
+    for label in range(1, len(blobs)):
+        if blobs.box_px[label, 1] <= 2:
             continue  # its head may be outside
-        if least <= stats[label, cv2.CC_STAT_AREA] <= most:
-            of_it = (labels == label) & np.isfinite(above)
+        if least <= blobs.area_px[label] <= most:
+            of_it = (blobs.labels == label) & np.isfinite(above)
             found.append((float(np.percentile(above[of_it], TALLEST_PERCENTILE)), float(surface[of_it].sum())))
     return np.array(found, dtype=np.float64).reshape(-1, 2)

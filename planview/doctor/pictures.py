@@ -7,11 +7,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from calib.images import as_colour, as_grey, write_image
 from calib.types import F32, U8
 from planview.doctor.evidence import Evidence
 from planview.doctor.exposure import SATURATED_LEVEL
 from stereo.depth import DepthFromDisparity, back_project
-from stereo.rectify import grey
 
 LINE_STEP_PX = 25
 FLOOR_BAND_M = 0.10
@@ -32,16 +32,16 @@ def write_pictures(evidence: Evidence, folder: Path) -> list[Path]:
         "rows.png": rows_picture(pair.left_grey, pair.right_grey),
         "disparity.png": disparity_picture(disparity, evidence.searched.first_px + evidence.searched.count),
         "floor.png": floor_picture(evidence, pair.left_grey, disparity),
-        "exposure.png": np.hstack([exposure_picture(grey(frame.left)), exposure_picture(grey(frame.right))]),
+        "exposure.png": np.hstack([exposure_picture(as_grey(frame.left)), exposure_picture(as_grey(frame.right))]),
     }
     for name, picture in pictures.items():
-        cv2.imwrite(str(folder / name), picture)
+        write_image(folder / name, picture)
     return [folder / name for name in pictures]
 
 
 def rows_picture(left: U8, right: U8) -> U8:
     """Both rectified images side by side with lines along the rows, which the same points must touch."""
-    both = np.asarray(cv2.cvtColor(np.hstack([left, right]), cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    both = as_colour(np.hstack([left, right]))
     both[LINE_STEP_PX // 2 :: LINE_STEP_PX] = (0, 220, 0)
     return both
 
@@ -57,7 +57,7 @@ def disparity_picture(disparity: F32, largest_px: int) -> U8:
 
 def floor_picture(evidence: Evidence, left: U8, disparity: F32) -> U8:
     """The left image with what lies on the floor tinted green and what stands above it red."""
-    picture = np.asarray(cv2.cvtColor(left, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    picture = as_colour(left)
     if evidence.floor is None:
         return picture
     geometry = evidence.rectifier.geometry
@@ -72,6 +72,6 @@ def floor_picture(evidence: Evidence, left: U8, disparity: F32) -> U8:
 
 def exposure_picture(image: U8) -> U8:
     """The recorded image with saturated pixels in magenta."""
-    picture = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    picture = as_colour(image)
     picture[image >= SATURATED_LEVEL] = (255, 0, 255)
     return picture

@@ -12,7 +12,8 @@ import numpy as np
 from pydantic import Field
 
 from calib.params import Params
-from calib.types import F32, I64, U8
+from calib.types import F32, U8
+from planview.foreground.blobs import find_blobs
 
 _STEP_GAIN = 4.0
 """Response of the 3x3 Sobel operator to a step of one level."""
@@ -45,7 +46,8 @@ def find_ghosts(luma: U8, background: U8, mask: U8, motion: U8, params: GhostPar
     Returns:
         (H, W) uint8, 255 in ghosts.
     """
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    blobs = find_blobs(mask)
+    count, labels = len(blobs), blobs.labels
     if count < 2:
         return np.zeros(mask.shape, np.uint8)
     rim = (mask > 0) & (cv2.erode(mask, np.ones((3, 3), np.uint8)) == 0)
@@ -53,15 +55,11 @@ def find_ghosts(luma: U8, background: U8, mask: U8, motion: U8, params: GhostPar
     length = np.maximum(1, np.bincount(which, minlength=count))
     inside = _edges(luma)[rim], _edges(background)[rim]
     here, before = (np.bincount(which, values, minlength=count) / length for values in inside)
-    moving = np.bincount(labels[motion > 0], minlength=count) / np.maximum(1, _areas(stats))
+    moving = np.bincount(labels[motion > 0], minlength=count) / np.maximum(1, blobs.area_px)
     ghost = (before >= params.edge_levels) & (before >= params.edge_ratio * here) & (moving <= params.motion)
-    ghost &= _areas(stats) >= params.area_px
+    ghost &= blobs.area_px >= params.area_px
     ghost[0] = False
     return np.asarray(np.where(ghost[labels], 255, 0), dtype=np.uint8)
-
-
-def _areas(stats: np.ndarray) -> I64:
-    return np.asarray(stats[:, cv2.CC_STAT_AREA], dtype=np.int64)
 
 
 def _edges(luma: U8) -> F32:

@@ -11,7 +11,7 @@ from pydantic import Field, ValidationError
 
 from calib.errors import InputError
 from calib.floor.find import FloorParams
-from calib.params import Params
+from calib.params import Params, first_problem
 from planview.foreground.mixture import ForegroundParams
 from planview.maps.builder import MapParams
 from planview.pipeline.feedback import FeedbackParams
@@ -99,9 +99,4 @@ def _validate(tables: dict[str, Any], source: str) -> Config:
     try:
         return Config.model_validate(_over(Config().model_dump(), tables))
     except ValidationError as error:
-        first = error.errors()[0]
-        name = ".".join(str(part) for part in first["loc"])
-        if first["type"] == "extra_forbidden":
-            raise InputError(f"{source}: expected a known parameter, found {name!r}") from error
-        message = first["msg"][0].lower() + first["msg"][1:]
-        raise InputError(f"{source}: {name}: {message}, found {first['input']!r:.80}") from error
+        raise InputError(f"{source}: {first_problem(error)}") from error

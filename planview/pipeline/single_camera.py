@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from calib.errors import InputError
+from calib.images import as_grey
 from calib.params import Params
 from calib.types import U8
 from planview.foreground.ghosts import GhostParams, find_ghosts
@@ -71,12 +72,12 @@ class SingleCamera:
         if (width, height) != self.size:
             raise InputError(f"frame {frame.index}: expected {self.size[0]}x{self.size[1]} px, found {width}x{height}")
         mask = self._foreground.update(frame.image, None, frame.timestamp_s, self._opinion(feedback))
-        grey = cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY) if frame.image.ndim == 3 else frame.image
-        motion = self._motion(frame.timestamp_s, np.asarray(grey, dtype=np.uint8))
+        grey = as_grey(frame.image)
+        motion = self._motion(frame.timestamp_s, grey)
         if frame.timestamp_s - self._looked_s >= self.params.ghosts.interval_s - 5e-4:
             self._looked_s = frame.timestamp_s
             background = self._foreground.background_luma()
-            self._ghosts = find_ghosts(np.asarray(grey, np.uint8), background, mask, motion, self.params.ghosts)
+            self._ghosts = find_ghosts(grey, background, mask, motion, self.params.ghosts)
         mask[self._ghosts > 0] = 0
         return Observation(frame.index, frame.timestamp_s, frame.image, mask, motion, shadow=self._foreground.shadow)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
 from calib.errors import InputError, WorkError
+from calib.params import first_problem
 
 
 class _Part(BaseModel):
@@ -121,8 +122,6 @@ def read_run_info(path: Path) -> RunInfo:
     try:
         return RunInfo.model_validate_json(path.read_text(encoding="utf-8"))
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "the file"
-        raise InputError(f"{path}: expected a run.json, found in {where}: {first['msg']}") from error
+        raise InputError(f"{path}: expected a run.json: {first_problem(error)}") from error
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: expected a run.json, found {error}") from error

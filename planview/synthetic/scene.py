@@ -10,7 +10,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from calib.errors import InputError
 from calib.ground_camera import LENS_K_320
-from calib.params import Params
+from calib.params import Params, first_problem
 from planview.synthetic.persons import Person
 from planview.synthetic.setting import Colour, Furniture, Keyframes, Pair, Room, Triple
 
@@ -179,7 +179,4 @@ def parse_scene(text: str, source: str) -> Scene:
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{source}: expected a scene in TOML, found {error}") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(p) for p in first["loc"]) or "the scene"
-        found = "" if first["type"] == "value_error" else f", found {first['input']!r}"
-        raise InputError(f"{source}: {where}: {first['msg']}{found}") from error
+        raise InputError(f"{source}: {first_problem(error)}") from error

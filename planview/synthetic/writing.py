@@ -13,6 +13,7 @@ import cv2
 from calib.errors import InputError, WorkError
 from calib.floor.world_file import save_world
 from calib.ground_camera import save_ground_camera
+from calib.images import as_colour, write_image
 from calib.rig import Floor, save_rig
 from calib.types import U8
 from planview.synthetic.rendering import SceneRenderer
@@ -110,12 +111,7 @@ class _Images:
         self._folder, self._ending, self._next = folder, ending, 0
 
     def write(self, image: U8) -> None:
-        path = self._folder / f"{self._next:06d}.{self._ending}"
-        setting = [cv2.IMWRITE_PNG_COMPRESSION, 1] if self._ending == "png" else [cv2.IMWRITE_JPEG_QUALITY, 95]
-        ok, data = cv2.imencode(path.suffix, image, setting)
-        if not ok:
-            raise OSError(f"{path.name} could not be encoded")
-        path.write_bytes(data.tobytes())
+        write_image(self._folder / f"{self._next:06d}.{self._ending}", image, quality=95)
         self._next += 1
 
     def close(self) -> None:
@@ -131,7 +127,7 @@ class _Video:
             raise OSError(f"{path.name}: this OpenCV cannot write the video")
 
     def write(self, image: U8) -> None:
-        self._writer.write(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image)
+        self._writer.write(as_colour(image))
 
     def close(self) -> None:
         self._writer.release()

@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError
+from calib.images import as_colour, as_grey
 from calib.types import U8
-from stereo.readers.source import Decoded, as_colour, as_grey, is_grey
+from stereo.readers.source import Decoded, is_grey
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
 _END_MARKERS = {b"\xff\xd8\xff": b"\xff\xd9", b"\x89PNG": b"IEND"}

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.images import as_colour
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64
 from stereo.readers.prefetch import prefetch
-from stereo.readers.source import Decoded, FrameSource, as_colour
+from stereo.readers.source import Decoded, FrameSource
 from stereo.recording import Skipped, StereoFrame
 
 DEFAULT_FPS = 30.0

@@ -62,13 +62,3 @@ def is_grey(image: U8) -> bool:
     green = image[..., 1]
     difference = max(int(cv2.absdiff(image[..., c], green).max()) for c in (0, 2))
     return int(np.ptp(green)) > 4 * GREY_TOLERANCE and difference <= GREY_TOLERANCE
-
-
-def as_grey(image: U8) -> U8:
-    """(H, W) of an image."""
-    return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
-
-
-def as_colour(image: U8) -> U8:
-    """(H, W, 3) of an image."""
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8) if image.ndim == 2 else image

@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError
+from calib.images import as_grey
 from calib.types import U8
-from stereo.readers.source import Decoded, as_grey, is_grey
+from stereo.readers.source import Decoded, is_grey
 
 SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg"})
 MAX_BROKEN_RUN = 25

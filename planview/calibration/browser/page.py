@@ -7,11 +7,11 @@ import base64
 from pathlib import Path
 from typing import Any
 
-import cv2
 from nicegui import events, run, ui
 
 from calib.errors import InputError
 from calib.ground_camera import LENS_K_320
+from calib.images import encode_image
 from calib.types import U8
 from planview.calibration.browser.overlay import overlay
 from planview.calibration.browser.session import CalibrationSession
@@ -117,5 +117,4 @@ def serve(session: CalibrationSession, folder: Path, port: int) -> None:
 
 
 def _source(frame: U8) -> str:
-    _, coded = cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, 90])
-    return "data:image/jpeg;base64," + base64.b64encode(coded.tobytes()).decode("ascii")
+    return "data:image/jpeg;base64," + base64.b64encode(encode_image(frame)).decode("ascii")

@@ -14,6 +14,7 @@ import numpy as np
 import rerun as rr
 
 from calib.errors import WorkError
+from calib.images import encode_image
 from calib.types import F32, U8
 from planview.pipeline.factory import Engine
 from planview.pipeline.pipeline import FrameResult, Pipeline
@@ -105,7 +106,7 @@ class RerunLog:
     def _log_image(self, result: FrameResult) -> None:
         image, foreground = result.observation.image, result.observation.foreground
         if image is not None:
-            encoded = _jpeg(image)
+            encoded = encode_image(image, quality=JPEG_QUALITY)
             self._stream.log("image/left", rr.EncodedImage(contents=encoded, media_type="image/jpeg"))
         if image is not None and foreground is not None:
             size = image.shape[1], image.shape[0]
@@ -242,13 +243,6 @@ def _grey_tile(tile: F32 | U8) -> U8:
     if tile.dtype == np.uint8:
         return np.asarray(tile, dtype=np.uint8)
     return np.clip(tile / max(float(tile.max()), 1e-9) * 255, 0, 255).astype(np.uint8)[::-1]
-
-
-def _jpeg(image: U8) -> bytes:
-    done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    if not done:
-        raise ValueError(f"expected an image that can be encoded, got shape {image.shape}")
-    return data.tobytes()
 
 
 def _rgb(image: U8) -> U8:

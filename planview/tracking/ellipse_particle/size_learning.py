@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-import cv2
 import numpy as np
 
 from calib.types import F32, F64
+from planview.foreground.blobs import find_blobs
 from planview.tracking.ellipse_particle.fit.ellipses import SizePrior
 from planview.tracking.ellipse_particle.params import SizeParams
 
@@ -142,9 +142,9 @@ def weights(samples: F64) -> F64:
 def regions(mask: F32) -> F64:
     """(N, 4) float64 row of the centre, length, width, area of the isolated regions of a mask [cells]."""
     n_rows, n_cols = mask.shape
-    binary = (mask >= 0.5).astype(np.uint8)
-    _, _, stats, _ = cv2.connectedComponentsWithStats(binary, connectivity=8)
-    left, top, width, height, area = stats[1:].T
+    blobs = find_blobs((mask >= 0.5).astype(np.uint8))
+    left, top, width, height = blobs.box_px[1:].T
+    area = blobs.area_px[1:]
     inner = (left > 0) & (top > 0) & (left + width < n_cols) & (top + height < n_rows)
     fits = (area >= 12) & (height <= n_rows / 2) & (width <= n_cols / 2)
     fits &= area >= THINNEST * FILLED * math.pi / 4 * height**2

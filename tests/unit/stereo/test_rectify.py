@@ -3,10 +3,11 @@ import pytest
 from toy_stereo import ToyWorld, toy_rig, walking
 
 from calib.camera import Camera
+from calib.images import as_grey
 from calib.pose import SE3
 from calib.rig import StereoRig
 from stereo.recording import StereoFrame
-from stereo.rectify import Rectifier, RectifyParams, aligned_rectifier, grey
+from stereo.rectify import Rectifier, RectifyParams, aligned_rectifier
 from stereo.vertical import VerticalModel, VerticalParams, match_corners
 from stereo.view import common_geometry, fold_radius, source_pixels
 
@@ -157,4 +158,4 @@ def test_colour_left_stays_colour_and_right_becomes_grey() -> None:
     image[..., 2] = 200
     pair = Rectifier(toy_rig())(image, image)
     assert pair.left.shape == (240, 320, 3)
-    assert pair.left_grey[100, 100] == pair.right_grey[100, 100] == grey(image)[0, 0]
+    assert pair.left_grey[100, 100] == pair.right_grey[100, 100] == as_grey(image)[0, 0]

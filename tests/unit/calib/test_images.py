@@ -1,0 +1,42 @@
+"""Images as grey, colour and file content."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from calib.errors import InputError
+from calib.images import as_colour, as_grey, encode_image, write_image
+
+BLUE = np.full((2, 3, 3), (255, 0, 0), np.uint8)
+GREY = np.arange(6, dtype=np.uint8).reshape(2, 3)
+
+
+def test_blue_is_dark_grey() -> None:
+    np.testing.assert_array_equal(as_grey(BLUE), np.full((2, 3), 29))
+
+
+def test_grey_image_stays_itself_as_grey() -> None:
+    assert as_grey(GREY) is GREY
+
+
+def test_grey_image_gets_three_equal_channels_as_colour() -> None:
+    np.testing.assert_array_equal(as_colour(GREY), np.dstack([GREY] * 3))
+
+
+def test_png_holds_the_image_exactly(tmp_path: Path) -> None:
+    write_image(tmp_path / "a.png", BLUE)
+    np.testing.assert_array_equal(cv2.imread(str(tmp_path / "a.png")), BLUE)
+
+
+def test_jpeg_of_lower_quality_is_smaller() -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (64, 64), dtype=np.uint8)
+    assert len(encode_image(noise, quality=50)) < len(encode_image(noise, quality=95))
+
+
+@pytest.mark.parametrize("name", ["floor.toml", "floor"])
+def test_picture_of_no_known_format_is_refused_by_name(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match=rf"e\.g\. floor\.png, found '{name}'"):
+        write_image(tmp_path / name, BLUE)
+    assert not (tmp_path / name).exists()
