@@ -1,4 +1,4 @@
-"""Least squares on head, foot and box after the search of ``human_calibration``; our addition to the paper.
+"""Robust least squares on head, foot and box after the search of ``calib.human.calibration``; our addition.
 
 The paper's error sums distances, and a box as a ratio of areas; its minimum scatters two to three times as much as
 least squares on the same pixels. The search finds the right valley, this finds the bottom, and how flat it is.
@@ -10,10 +10,11 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from calib.ground_camera import GroundCamera
 from calib.human.model import HumanModel
-from calib.types import F64
+from calib.types import F64, Bool
 
 POINT_PX = 2.0
 """Deviation of a point or edge marked by hand [px] (our choice: what people reach on a screen)."""
@@ -21,14 +22,17 @@ BODY_SHARE = 0.02
 """Arms and steps move the edges of a box by this share of its diagonal [1]: some 4 cm of 1.8 m (our choice)."""
 ROBUST_FROM = 2.0
 """Residuals beyond this many deviations count by their size instead of its square (our choice)."""
-MAX_ITERATIONS = 100
+MAX_EVALUATIONS = 100
 FAR = 1e4
-"""Residual of what a camera cannot see."""
+"""Residual of what is behind a camera."""
+FOCAL, HEIGHT, TILT, GIRTH, ROLL = range(5)
+"""Order of the shared unknowns: log focal length, log height, tilt, log girth, roll; two per person follow."""
+N_SHARED = 5
 
 
 @dataclass(frozen=True)
-class Trust:
-    """What is believed before the samples are seen.
+class CameraPrior:
+    """What is known before any sample; each becomes a residual of its own.
 
     Attributes:
         girth_std: deviation of the log of a person's width against the model's [1]: clothes and build.
@@ -43,12 +47,12 @@ class Trust:
     point_px: float
 
 
-DRAWN = Trust(girth_std=0.03, focal_std=1.0, roll_std_rad=math.radians(2.0), point_px=POINT_PX)
-"""For box, head and foot drawn one by one: they show the focal length and the roll. From straight above only the
+MARKED = CameraPrior(girth_std=0.03, focal_std=1.0, roll_std_rad=math.radians(2.0), point_px=POINT_PX)
+"""For box, head and foot marked one by one: they show the focal length and the roll. From straight above only the
 model's own width, which the paper fixes, tells height from focal length, so it is trusted (our choice)."""
-BOXES = Trust(girth_std=0.5, focal_std=0.34, roll_std_rad=math.radians(2.0), point_px=1e6)
+BOXES = CameraPrior(girth_std=0.5, focal_std=0.34, roll_std_rad=math.radians(2.0), point_px=1e6)
 """For boxes alone. They take in arms and strides. They hardly show the focal length, which scales the floor along the
-view, so its lens class decides (0.34: as uniform within 20-60 degrees). And left unseen a roll of 2 degrees would turn
+view, so its lens class decides (0.34: as uniform within 20-60 degrees). And an unnoticed roll of 2 degrees would turn
 up as a focal length twice too long (our choice)."""
 FIELDS_DEG: dict[str, tuple[float, float]] = {
     "pinhole": (20.0, 60.0),
@@ -86,102 +90,67 @@ def refine(camera: GroundCamera, rows: F64, model: HumanModel) -> Refined:
         rows: (n, 8) left, top, right, bottom, head u, v, foot u, v [px].
         model: the person; its height is what gives the scale.
     """
-    problem = _Problem(camera, rows, model)
-    state = problem.state(np.append(_values(camera), [0.0, camera.roll_rad]), _stand(camera, rows, model))
-    damping = 1e-3
-    for _ in range(MAX_ITERATIONS):
-        shared, places, information = problem.step(state, damping)
-        trial = problem.state(state.shared + shared, state.places + places)
-        if trial.cost < state.cost:
-            done = state.cost - trial.cost < 1e-7 * state.cost
-            state, damping = trial, max(damping / 5.0, 1e-9)
-            if done:
-                break
-        else:
-            damping *= 5.0
-            if damping > 1e6:
-                break
-    _, _, information = problem.step(state, 0.0)
-    shared = state.shared
-    return Refined(_camera(shared, camera), state.cost, _deviations(information), math.exp(shared[3]))
+    residuals = _Residuals(camera, rows, model)
+    shared = np.array([math.log(camera.focal_px), math.log(camera.height_m), camera.tilt_rad, 0.0, camera.roll_rad])
+    start = np.append(shared, _stand(camera, rows, model))
+    found = least_squares(
+        residuals, start, residuals.jacobian, loss=residuals.loss, x_scale="jac", ftol=1e-7, max_nfev=MAX_EVALUATIONS
+    )
+    shared = found.x[:N_SHARED]
+    return Refined(_camera(shared, camera), float(found.cost), _deviations(found.jac), math.exp(shared[GIRTH]))
 
 
-@dataclass(frozen=True, eq=False)
-class _State:
-    """Shared values (log focal, log height, tilt, log girth, roll), (n, 2) places, (n, 8) residuals and the cost."""
-
-    shared: F64
-    places: F64
-    residuals: F64
-    cost: float
-
-
-class _Problem:
-    """Robust least squares with few shared values and two per person, which are eliminated (Schur complement)."""
+class _Residuals:
+    """Residuals of the samples, 8 per person, and then those of the prior; in deviations [1]."""
 
     def __init__(self, camera: GroundCamera, rows: F64, model: HumanModel) -> None:
         self.camera, self.rows, self.model = camera, rows, model
+        prior = BOXES if only_boxes(rows) else MARKED
         diagonal = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])[:, None]
         self.sigma = np.hypot(POINT_PX, BODY_SHARE * diagonal) * np.ones((1, 8))
-        trust = BOXES if only_boxes(rows) else DRAWN
-        self.sigma[:, 4:] = trust.point_px
-        usual = math.log(usual_focal_px(camera.lens, camera.width))
-        self.expected = np.array([usual, 0.0, 0.0, 0.0, 0.0])
-        self.certainty = np.array([trust.focal_std**-2, 0.0, 0.0, trust.girth_std**-2, trust.roll_std_rad**-2])
+        self.sigma[:, 4:] = prior.point_px
+        self.expected = np.array([math.log(usual_focal_px(camera.lens, camera.width)), 0.0, 0.0, 0.0, 0.0])
+        self.certainty = np.array([1.0 / prior.focal_std, 0.0, 0.0, 1.0 / prior.girth_std, 1.0 / prior.roll_std_rad])
 
-    def state(self, shared: F64, places: F64) -> _State:
-        off = self._residuals(shared, places)
-        loss = 2.0 * (np.sqrt(1.0 + (off / ROBUST_FROM) ** 2) - 1.0) * ROBUST_FROM**2
-        prior = self.certainty * (shared - self.expected) ** 2
-        return _State(shared, places, off, 0.5 * float(loss.sum() + prior.sum()))
+    def __call__(self, values: F64) -> F64:
+        shared = values[:N_SHARED]
+        return np.append(self._of_samples(values), self.certainty * (shared - self.expected))
 
-    def step(self, state: _State, damping: float) -> tuple[F64, F64, F64]:
-        """Levenberg-Marquardt step of shared values and places, and the (5, 5) information on the shared values."""
-        weights = 1.0 / np.sqrt(1.0 + (state.residuals / ROBUST_FROM) ** 2)
-        by_shared = self._by_shared(state)
-        by_place = self._by_place(state)
-        a = np.einsum("nri,nr,nrj->ij", by_shared, weights, by_shared) + np.diag(self.certainty)
-        b = np.einsum("nri,nr,nrk->nik", by_shared, weights, by_place)
-        c = np.einsum("nrk,nr,nrl->nkl", by_place, weights, by_place)
-        down = np.einsum("nri,nr,nr->i", by_shared, weights, state.residuals)
-        down += self.certainty * (state.shared - self.expected)
-        down_place = np.einsum("nrk,nr,nr->nk", by_place, weights, state.residuals)
-        a += damping * np.diag(np.diag(a))
-        c += (damping * np.einsum("nkk->nk", c) + 1e-12)[:, :, None] * np.eye(2)
-        # A person whom a trial camera does not see leaves nothing to invert.
-        inverse = np.linalg.pinv(c, rcond=1e-12, hermitian=True)
-        information = a - np.einsum("nik,nkl,njl->ij", b, inverse, b)
-        shared = -np.linalg.lstsq(information, down - np.einsum("nik,nkl,nl->i", b, inverse, down_place))[0]
-        places = -np.einsum("nkl,nl->nk", inverse, down_place + np.einsum("nik,i->nk", b, shared))
-        return shared, places, information
+    def jacobian(self, values: F64, step: float = 1e-6) -> F64:
+        """(8 n + 5, 5 + 2 n) derivatives; a person's place moves only that person's rows."""
+        n = len(self.rows)
+        jacobian = np.zeros((8 * n + N_SHARED, len(values)))
+        for k in range(N_SHARED):
+            jacobian[: 8 * n, k] = self._slope(values, np.arange(len(values)) == k, step).ravel()
+        people = np.arange(n)
+        blocks = jacobian[: 8 * n].reshape(n, 8, len(values))
+        for k in range(2):
+            moved = np.arange(len(values)) >= N_SHARED
+            moved[N_SHARED + 1 - k :: 2] = False
+            blocks[people, :, N_SHARED + 2 * people + k] = self._slope(values, moved, step)
+        jacobian[8 * n :, :N_SHARED] = np.diag(self.certainty)
+        return jacobian
 
-    def _residuals(self, shared: F64, places: F64) -> F64:
-        if not (abs(shared[2]) < math.pi / 2 - 1e-3 and abs(shared[4]) < 0.5 and np.abs(shared).max() < 12.0):
-            return np.full(self.rows.shape, FAR)
-        seen = _predict(shared, places, self.camera, self.model)
-        return np.clip(np.nan_to_num((seen - self.rows) / self.sigma, nan=FAR, posinf=FAR, neginf=-FAR), -FAR, FAR)
+    def loss(self, squares: F64) -> F64:
+        """(3, m) robust loss of squared residuals and its two derivatives: soft L1 for samples, none for the prior."""
+        loss = np.stack([squares, np.ones_like(squares), np.zeros_like(squares)])
+        n, scale = 8 * len(self.rows), ROBUST_FROM**2
+        root = np.sqrt(1.0 + squares[:n] / scale)
+        # Without its second derivative the step is that of reweighted least squares, which far residuals keep definite.
+        loss[0, :n], loss[1, :n] = 2.0 * scale * (root - 1.0), 1.0 / root
+        return loss
 
-    def _by_shared(self, state: _State, step: float = 1e-6) -> F64:
-        """(n, 8, 5) derivatives of the residuals."""
-        return np.stack(
-            [
-                (self._residuals(state.shared + d, state.places) - self._residuals(state.shared - d, state.places))
-                / (2 * step)
-                for d in step * np.eye(5)
-            ],
-            axis=-1,
-        )
+    def _of_samples(self, values: F64) -> F64:
+        shared, places = values[:N_SHARED], values[N_SHARED:].reshape(-1, 2)
+        if not (abs(shared[TILT]) < math.pi / 2 - 1e-3 and abs(shared[ROLL]) < 0.5 and np.abs(shared).max() < 12.0):
+            return np.full(self.rows.size, FAR)
+        off = (_predict(shared, places, self.camera, self.model) - self.rows) / self.sigma
+        return np.clip(np.nan_to_num(off, nan=FAR, posinf=FAR, neginf=-FAR), -FAR, FAR).ravel()
 
-    def _by_place(self, state: _State, step: float = 1e-6) -> F64:
-        """(n, 8, 2) derivatives of the residuals of each person by its own place."""
-        return np.stack(
-            [
-                (self._residuals(state.shared, state.places + d) - self._residuals(state.shared, state.places - d))
-                / (2 * step)
-                for d in step * np.eye(2)
-            ],
-            axis=-1,
-        )
+    def _slope(self, values: F64, moved: Bool, step: float) -> F64:
+        """(n, 8) derivative by all the unknowns marked in ``moved`` at once."""
+        ahead, behind = self._of_samples(values + step * moved), self._of_samples(values - step * moved)
+        return ((ahead - behind) / (2 * step)).reshape(-1, 8)
 
 
 def only_boxes(rows: F64) -> bool:
@@ -200,19 +169,15 @@ def usual_focal_px(lens: str, width: int) -> float:
     return math.sqrt(narrow * wide)
 
 
-def _values(camera: GroundCamera) -> F64:
-    return np.array([math.log(camera.focal_px), math.log(camera.height_m), camera.tilt_rad])
+def _camera(shared: F64, like: GroundCamera) -> GroundCamera:
+    focal, height = (float(v) for v in np.exp(shared[[FOCAL, HEIGHT]]))
+    return replace(like, focal_px=focal, height_m=height, tilt_rad=float(shared[TILT]), roll_rad=float(shared[ROLL]))
 
 
-def _camera(values: F64, like: GroundCamera) -> GroundCamera:
-    focal, height = (float(v) for v in np.exp(values[:2]))
-    return replace(like, focal_px=focal, height_m=height, tilt_rad=float(values[2]), roll_rad=float(values[4]))
-
-
-def _predict(values: F64, places: F64, like: GroundCamera, model: HumanModel) -> F64:
-    """(n, 8) rows that the camera would see of people at (n, 2) places."""
-    camera = _camera(values, like)
-    girth = math.exp(values[3])
+def _predict(shared: F64, places: F64, like: GroundCamera, model: HumanModel) -> F64:
+    """(n, 8) rows that the camera would give of people at (n, 2) places."""
+    camera = _camera(shared, like)
+    girth = math.exp(shared[GIRTH])
     wide = replace(
         model,
         head_radius_m=model.head_radius_m * girth,
@@ -231,12 +196,11 @@ def _stand(camera: GroundCamera, rows: F64, model: HumanModel) -> F64:
     return np.nan_to_num(np.where(np.isfinite(feet), feet, heads))
 
 
-def _deviations(information: F64) -> tuple[float, float, float]:
-    """Of (log height, tilt, log focal)."""
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-30))
-    normed = information / np.outer(scale, scale)
-    if not np.isfinite(normed).all() or np.linalg.cond(normed) > 1e13:
+def _deviations(jacobian: F64) -> tuple[float, float, float]:
+    """Of (log height, tilt, log focal length), from the robustly weighted Jacobian at the minimum."""
+    scale = np.sqrt(np.maximum((jacobian**2).sum(axis=0), 1e-30))
+    _, singular, axes = np.linalg.svd(jacobian / scale, full_matrices=False)
+    if not np.isfinite(singular).all() or singular[-1] < 1e-6 * singular[0]:
         return math.inf, math.inf, math.inf
-    variance = np.diag(np.linalg.inv(normed)) / scale**2
-    focal, height, tilt = np.sqrt(np.maximum(variance[:3], 0.0))
-    return float(height), float(tilt), float(focal)
+    std = np.sqrt(((axes.T / singular) ** 2).sum(axis=1)) / scale
+    return float(std[HEIGHT]), float(std[TILT]), float(std[FOCAL])
