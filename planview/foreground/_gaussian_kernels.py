@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-# Numbers of a Gaussian: weight, fraction of observations with depth, means, variances. A negative luma variance marks
-# a mean that was learned from clipped pixels: the surface is at least so bright.
-WEIGHT, SEEN, Y, U, V, D, VAR_Y, VAR_U, VAR_V, VAR_D = range(10)
+# Fields of a Gaussian: weight, fraction of observations with depth, means, variances. A negative luma variance marks
+# a mean learned from clipped pixels, which is a lower bound of the surface's luma.
+WEIGHT, DEPTH_FRACTION, Y, U, V, D, VAR_Y, VAR_U, VAR_V, VAR_D = range(10)
 N_FIELDS = 10
 
 NO_MATCH, SAME, OTHER_LIGHT = 0, 1, 2
@@ -25,12 +25,12 @@ F = np.float32
 ZERO, ONE = F(0), F(1)
 
 
-class Step(NamedTuple):
-    """Numbers of one update, all float32; colour in the exposure of the model."""
+class UpdateConstants(NamedTuple):
+    """What is the same for all pixels of one update, all float32; colour in the exposure of the model."""
 
     beta: Real  # squared normalised distance of a match
     beta_relaxed: Real  # the same for colour where depth agrees
-    min_seen: Real  # fraction of observations with depth that makes depth reliable
+    min_depth_fraction: Real  # fraction of observations with depth that makes depth reliable
     dark: Real  # luma below which chroma is noise
     clip: Real  # luma at which the sensor saturates
     black: Real  # luma that the image shows as 0
@@ -44,12 +44,11 @@ class Step(NamedTuple):
     init_uv: Real
     init_d: Real
     active: Real  # mean |dY| above which a pixel is active
-    slow_active: Real  # factors on the rates of active pixels and of pixels under a person
-    slow_person: Real
+    slow_active: Real  # factor on the rates of active pixels
     background_weight: Real
     deepest_weight: Real
     shadow_ratio: Real
-    colour_shadow_ratio: Real  # darkest shadow told by colour alone, 0: none are
+    colour_shadow_ratio: Real  # darkest shadow recognised by colour alone, 0: none
 
 
 class Rates(NamedTuple):
@@ -61,7 +60,7 @@ class Rates(NamedTuple):
     activity: Real
 
 
-class Colour(NamedTuple):
+class Pixel(NamedTuple):
     """Luma, chroma and disparity of an observation (NaN: none), and 1 where its chroma is usable; float32."""
 
     y: Real
@@ -74,7 +73,7 @@ class Colour(NamedTuple):
 class Gaussian(NamedTuple):
     """All but the weight of a Gaussian, float32."""
 
-    seen: Real
+    depth_fraction: Real
     y: Real
     u: Real
     v: Real
@@ -86,19 +85,19 @@ class Gaussian(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def shown_luma(g: Gaussian, s: Step) -> Real:
+def shown_luma(g: Gaussian, s: UpdateConstants) -> Real:
     """The mean luma as the camera can show it now."""
     return max(min(g.y, s.clip), s.black)
 
 
 @njit(cache=True, nogil=True)
-def chroma_counts(g: Gaussian, o: Colour, s: Step) -> Real:
-    """Chroma is compared unless one side is dark or clipped (notes, section 2: dark pixels)."""
+def chroma_counts(g: Gaussian, o: Pixel, s: UpdateConstants) -> Real:
+    """Chroma is compared unless one side is dark or clipped (Harville, Gordon, Woodfill 2001: dark pixels)."""
     return (o.chroma > ZERO) & (min(shown_luma(g, s), o.y) > s.dark) & (g.var_y > ZERO)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def is_other_light(g: Gaussian, o: Colour, chroma: bool, darkest: Real, s: Step) -> Real:
+def is_other_light(g: Gaussian, o: Pixel, chroma: bool, darkest: Real, s: UpdateConstants) -> Real:
     """The same surface under a shadow or a patch of light: luma off by a plausible ratio, chroma scaled alike."""
     ratio = (o.y - s.black) / max(shown_luma(g, s) - s.black, ONE)
     du, dv = o.u - ratio * g.u, o.v - ratio * g.v
@@ -107,12 +106,12 @@ def is_other_light(g: Gaussian, o: Colour, chroma: bool, darkest: Real, s: Step)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def match_kind(g: Gaussian, o: Colour, s: Step) -> int:
-    """NO_MATCH, SAME or OTHER_LIGHT: depth rules colour where both have it (notes, section 2)."""
+def match_kind(g: Gaussian, o: Pixel, s: UpdateConstants) -> int:
+    """NO_MATCH, SAME or OTHER_LIGHT: depth overrules colour where both have it (Harville et al. 2001)."""
     dy, du, dv, dd = o.y - shown_luma(g, s), o.u - g.u, o.v - g.v, o.d - g.d
     chroma = chroma_counts(g, o, s)
     far = dy * dy / abs(g.var_y) + (du * du / g.var_u + dv * dv / g.var_v if chroma else ZERO)
-    both = (o.d == o.d) & (g.seen >= s.min_seen)
+    both = (o.d == o.d) & (g.depth_fraction >= s.min_depth_fraction)
     agree = both & (dd * dd < s.beta * g.var_d)
     same = far < (s.beta_relaxed if agree else s.beta)
     kind = SAME if same else (OTHER_LIGHT if agree & is_other_light(g, o, chroma, s.shadow_ratio, s) else NO_MATCH)
@@ -120,7 +119,7 @@ def match_kind(g: Gaussian, o: Colour, s: Step) -> int:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def learned(g: Gaussian, o: Colour, kind: int, rate: Real, s: Step) -> Gaussian:
+def learned(g: Gaussian, o: Pixel, kind: int, rate: Real, s: UpdateConstants) -> Gaussian:
     """The Gaussian after a match of some kind; other light moves the means but says nothing of the noise."""
     rate = rate if kind != NO_MATCH else ZERO
     rate_var = rate if kind == SAME else ZERO
@@ -137,13 +136,13 @@ def learned(g: Gaussian, o: Colour, kind: int, rate: Real, s: Step) -> Gaussian:
 
     # The mean of the valid disparities only: an exponential mean of d over one of validity.
     has_depth = o.d == o.d
-    seen = g.seen + rate * ((ONE if has_depth else ZERO) - g.seen)
+    depth_fraction = g.depth_fraction + rate * ((ONE if has_depth else ZERO) - g.depth_fraction)
     learns_d = has_depth & (rate > ZERO)
-    rate_d = rate / max(seen, rate) if learns_d else ZERO
+    rate_d = rate / max(depth_fraction, rate) if learns_d else ZERO
     dd = o.d - g.d if has_depth else ZERO
     var_d = max(g.var_d + rate_d * (dd * dd - g.var_d), s.floor_d)
     return Gaussian(
-        seen,
+        depth_fraction,
         max(g.y, s.clip) if raised else g.y + rate * dy,
         g.u + rate_c * du,
         g.v + rate_c * dv,
@@ -151,12 +150,12 @@ def learned(g: Gaussian, o: Colour, kind: int, rate: Real, s: Step) -> Gaussian:
         -var_y if still_bound else var_y,
         max(g.var_u + rate_cv * (du * du - g.var_u), s.floor_uv),
         max(g.var_v + rate_cv * (dv * dv - g.var_v), s.floor_uv),
-        s.init_d if learns_d & (g.seen <= ZERO) else var_d,
+        s.init_d if learns_d & (g.depth_fraction <= ZERO) else var_d,
     )
 
 
 @njit(cache=True, nogil=True)
-def started(o: Colour, s: Step) -> Gaussian:
+def started(o: Pixel, s: UpdateConstants) -> Gaussian:
     """A new Gaussian at an observation."""
     has_depth = o.d == o.d
     return Gaussian(

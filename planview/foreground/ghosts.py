@@ -1,8 +1,8 @@
-"""Ghosts: foreground where somebody stood when the background was learned, and has left since.
+"""Ghosts: foreground where a person stood when the background was learned, and has left since.
 
 A person or a thing has an outline in the image that the background lacks; a ghost has it in the background. So the
-stronger edges along the boundary of a blob tell what it is (the idea of Cucchiara et al. 2003 of telling ghosts from
-objects, with edges in place of optical flow; our choice).
+stronger edges along the boundary of a blob decide between the two (Cucchiara et al. 2003 separate ghosts from objects
+by optical flow; edges in its place are our choice).
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ class GhostParams(Params):
     """When foreground that does not move is a ghost; our choices."""
 
     interval_s: float = Field(0.5, gt=0, le=10)
-    """Time between two looks [s]."""
+    """Time between two searches for ghosts [s]."""
     edge_ratio: float = Field(1.5, ge=1, le=10)
     """Edges along a ghost's boundary are so many times stronger in the background than in the image. Edges of the
     scene behind are in both and pull the ratio towards 1."""
     edge_levels: float = Field(5.0, gt=0, le=100)
-    """Least mean step along that boundary in the background [levels of 255]: more than noise makes."""
+    """Smallest mean step along that boundary in the background [levels of 255]: more than noise makes."""
     area_px: int = Field(20, ge=1, le=100_000)
-    """Smaller blobs have no boundary to speak of [px]."""
+    """Smallest area of a ghost [px]: smaller blobs have too short a boundary to compare."""
     motion: float = Field(0.02, ge=0, le=1)
-    """A ghost moves nowhere: largest moving share of its pixels, for noise. Somebody passing by makes one blob with it,
-    which is looked at again when he has passed."""
+    """Largest moving share of a ghost's pixels, for noise. A passer-by merges with it into one blob, which is examined
+    again when the person has passed."""
 
 
 def find_ghosts(luma: U8, background: U8, mask: U8, motion: U8, params: GhostParams) -> U8:

@@ -13,14 +13,10 @@ from pydantic import Field
 from calib.params import Params
 from calib.types import F32, U8
 from planview.foreground import _mixture_kernels as kernels
-from planview.foreground._gaussian_kernels import N_FIELDS, Step, Y
+from planview.foreground._block_kernels import BLOCK, N_LEAD
+from planview.foreground._gaussian_kernels import N_FIELDS, UpdateConstants, Y
 from planview.foreground.gain import Exposure, GainFollower
-
-NO_FEEDBACK, PERSON, BACKGROUND = 0, 1, 2
-"""Values of a feedback mask: what a tracker knows about each pixel."""
-
-FOREGROUND = 255
-"""Value of foreground pixels in a mask; background is 0."""
+from planview.foreground.masks import SHADOW
 
 REBASE_GAIN = 2.0
 """The model moves to the exposure of the image when that differs by this factor: noise stays comparable."""
@@ -32,14 +28,14 @@ BANDS = 4
 """Bands of the image that two threads share out between them."""
 
 TURNS = 4
-"""Most turns in which pixels learn."""
+"""Turns in which pixels learn, at most."""
 
 TURN_S = 0.13
 """Each pixel learns about so often [s]: video at 30 frames per second teaches no more than at 7, and costs a fraction
 where only every fourth frame is written back to memory."""
 
 MAX_STEP_S = 1.0
-"""A gap in time counts as at most this much learning [s]: what happened in it was not seen."""
+"""A gap in time counts as at most this much learning [s]: what happened in it was not observed."""
 
 
 class ForegroundParams(Params):
@@ -82,8 +78,6 @@ class ForegroundParams(Params):
     """Mean |Y_t - Y_(t-1)| above which a pixel is active (levels of 255). Our choice: noise of 3 levels gives 3.4."""
     activity_slowdown: float = Field(5.0, ge=1, le=100)
     """Active pixels learn so many times slower. Harville 2001: about 5."""
-    person_learning: float = Field(0.0, ge=0, le=1)
-    """Factor on the rates at pixels that the tracker calls a person. Harville 2002 (ECCV): slowly or not at all."""
     background_weight: float = Field(0.4, gt=0, lt=1)
     """The leading Gaussians up to this weight are background (T). Harville 2001: about 0.4."""
     deepest_weight: float = Field(0.2, gt=0, lt=1)
@@ -92,21 +86,14 @@ class ForegroundParams(Params):
     """Darkest shadow, as a fraction of the lit luma; inverted, where depth agrees, the brightest patch of light. Our
     choice: shade outdoors keeps a third of the image level after the camera's tone curve."""
     remove_colour_shadows: bool = False
-    """Remove shadows by the ratio of luma at equal chroma where there is no depth (for one camera without depth)."""
-    colour_shadow_ratio: float = Field(0.5, gt=0, le=1)
-    """Darkest shadow that is told by colour alone, as a fraction of the lit luma; darker is clothing. Prati et al. 2003
-    (and OpenCV's MOG2): 0.5."""
-    compensate_gain: bool = True
-    """Follow steps of the camera's gain and exposure, and lights that change everywhere at once."""
-    clean: bool = True
-    """Remove single pixels and fill single holes with a 3x3 median."""
+    """Remove shadows by that ratio at equal chroma where there is no depth (for one camera without depth)."""
 
 
 class Foreground:
     """What is not background, learned while watching; a fixed camera is assumed.
 
-    Feedback (optional) is an (H, W) uint8 mask of what a tracker knows of the *current* image: 0 no opinion,
-    1 a tracked person (learns at person_learning), 2 background (learns within settle_s).
+    Feedback (optional) is an (H, W) uint8 mask of what a tracker knows of the *current* image: NO_FEEDBACK, PERSON
+    (learns nothing) or BACKGROUND (learns within settle_s); Harville 2002, ECCV.
     """
 
     def __init__(self, params: ForegroundParams, shape: tuple[int, int]) -> None:
@@ -116,8 +103,8 @@ class Foreground:
         self.params = params
         self.shape = shape
         n = shape[0] * shape[1]
-        n_blocks = -(-n // kernels.BLOCK)
-        self._lead = np.zeros((n_blocks, kernels.N_LEAD * kernels.BLOCK), np.float32)
+        n_blocks = -(-n // BLOCK)
+        self._lead = np.zeros((n_blocks, N_LEAD * BLOCK), np.float32)
         self._rest = np.zeros(n * (params.gaussians - 1) * N_FIELDS, np.float32)
         self._mask = np.zeros(n, np.uint8)
         self._gain = GainFollower(shape, params.clip_level, 3 * params.luma_noise)
@@ -134,7 +121,7 @@ class Foreground:
         self._rebased = Exposure()
 
     def update(self, image: U8, disparity: F32 | None, timestamp_s: float, feedback: U8 | None = None) -> U8:
-        """Learn from one frame and say what is foreground.
+        """Learn from one frame and separate its foreground.
 
         Args:
             image: (H, W) grey or (H, W, 3) BGR uint8; the same kind all the time.
@@ -151,24 +138,23 @@ class Foreground:
             raise ValueError(f"expected images of one kind, grey or BGR, got {image.shape} after another kind")
         self._size = flat.size
         disp = _flat(disparity, self.shape, np.float32, "disparity")
-        opinion = _flat(feedback, self.shape, np.uint8, "feedback")
+        known = _flat(feedback, self.shape, np.uint8, "feedback")
         if self._turns.is_new:
             self._turns.start(timestamp_s)
-            kernels.start_blocks(self._lead, self._rest, flat, disp, self._mask.size, self._step())
+            kernels.start_blocks(self._lead, self._rest, flat, disp, self._mask.size, self._constants())
             return np.zeros(self.shape, np.uint8)
-        if self.params.compensate_gain:
-            self._follow_gain(flat)
-        self._run(flat, disp, opinion, self._step(), self._turns.rates(timestamp_s))
-        mask = self._mask.reshape(self.shape)
-        mask = np.asarray(cv2.medianBlur(mask, 3)) if self.params.clean else mask.copy()
+        self._follow_gain(flat)
+        self._run(flat, disp, known, self._constants(), self._turns.rates(timestamp_s))
+        # Single pixels are noise, and single holes too.
+        mask = np.asarray(cv2.medianBlur(self._mask.reshape(self.shape), 3), dtype=np.uint8)
         if self.params.remove_colour_shadows:
-            self.shadow = np.asarray(cv2.inRange(mask, kernels.SHADOW, kernels.SHADOW), dtype=np.uint8)
+            self.shadow = np.asarray(cv2.inRange(mask, SHADOW, SHADOW), dtype=np.uint8)
             mask[self.shadow > 0] = 0
         return mask
 
     def background_luma(self) -> U8:
         """(H, W) uint8 luma of the most common background, as the current exposure shows it; zeros before an update."""
-        lead = self._lead.reshape(-1, kernels.N_LEAD, kernels.BLOCK)[:, Y].reshape(-1)[: self._mask.size]
+        lead = self._lead.reshape(-1, N_LEAD, BLOCK)[:, Y].reshape(-1)[: self._mask.size]
         luma = lead * np.float32(self._gain.gain) + np.float32(self._gain.offset)
         return np.clip(np.round(luma), 0, 255).astype(np.uint8).reshape(self.shape)
 
@@ -189,7 +175,7 @@ class Foreground:
             self._rebased = self.exposure
             self._gain.reset()
 
-    def _run(self, image: U8, disparity: F32, opinion: U8, step: Step, rates: F32) -> None:
+    def _run(self, image: U8, disparity: F32, feedback: U8, constants: UpdateConstants, rates: F32) -> None:
         """Update all blocks: this thread and a helper take bands until none is left; a late helper is not awaited."""
         limits = np.linspace(0, len(self._lead), BANDS + 1).astype(int).tolist()
         bands = iter(list(pairwise(limits)))
@@ -197,7 +183,7 @@ class Foreground:
         def work() -> None:
             for first, last in bands:
                 kernels.update_blocks(
-                    self._lead, self._rest, image, disparity, opinion, self._mask, first, last, step, rates
+                    self._lead, self._rest, image, disparity, feedback, self._mask, first, last, constants, rates
                 )
 
         helper = self._worker.submit(work)
@@ -205,13 +191,13 @@ class Foreground:
         if not helper.cancel():
             helper.result()
 
-    def _step(self) -> Step:
+    def _constants(self) -> UpdateConstants:
         p = self.params
         gain, offset = self._gain.gain, self._gain.offset
-        values = Step(
+        values = UpdateConstants(
             beta=p.beta,
             beta_relaxed=p.beta * p.depth_relaxation,
-            min_seen=p.min_depth_fraction,
+            min_depth_fraction=p.min_depth_fraction,
             dark=(p.dark_level - offset) / gain,
             clip=(p.clip_level - offset) / gain,
             black=-offset / gain,
@@ -226,13 +212,12 @@ class Foreground:
             init_d=(2 * p.disparity_noise_px) ** 2,
             active=p.activity_level / gain,
             slow_active=1.0 / p.activity_slowdown,
-            slow_person=p.person_learning,
             background_weight=p.background_weight,
             deepest_weight=p.deepest_weight,
             shadow_ratio=p.shadow_ratio,
-            colour_shadow_ratio=p.colour_shadow_ratio if p.remove_colour_shadows else 0.0,
+            colour_shadow_ratio=p.shadow_ratio if p.remove_colour_shadows else 0.0,
         )
-        return Step._make(np.float32(value) for value in values)
+        return UpdateConstants._make(np.float32(value) for value in values)
 
 
 class _Turns:
@@ -246,7 +231,7 @@ class _Turns:
 
     @property
     def is_new(self) -> bool:
-        """Whether no frame was seen yet."""
+        """Whether there was no frame yet."""
         return math.isnan(self._first_s)
 
     def start(self, timestamp_s: float) -> None:

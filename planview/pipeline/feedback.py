@@ -10,7 +10,7 @@ from pydantic import Field
 
 from calib.params import Params
 from calib.types import U8
-from planview.foreground.mixture import BACKGROUND, PERSON
+from planview.foreground.masks import BACKGROUND, PERSON
 from planview.maps.builder import FloorPoints
 from planview.pipeline._feedback_kernels import paint
 from planview.trajectories.state import TrackState

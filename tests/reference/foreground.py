@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planview.foreground._gaussian_kernels import Rates, Step
+from planview.foreground._gaussian_kernels import Rates, UpdateConstants
+from planview.foreground.masks import BACKGROUND, FOREGROUND, PERSON, SHADOW
 
 F32 = np.float32
 
@@ -19,7 +20,7 @@ class Mixtures:
     """Mixtures of N pixels in order of rank; arrays are (K, N) float32, activity and last_y (N,)."""
 
     weight: np.ndarray
-    seen: np.ndarray
+    depth_fraction: np.ndarray
     y: np.ndarray
     u: np.ndarray
     v: np.ndarray
@@ -31,11 +32,11 @@ class Mixtures:
     activity: np.ndarray
     last_y: np.ndarray
 
-    NUMBERS = ("weight", "seen", "y", "u", "v", "d", "var_y", "var_u", "var_v", "var_d")
+    NUMBERS = ("weight", "depth_fraction", "y", "u", "v", "d", "var_y", "var_u", "var_v", "var_d")
 
 
 @dataclass
-class Seen:
+class Pixels:
     """Observations of N pixels, (N,) each; d is NaN where there is none."""
 
     y: np.ndarray
@@ -45,21 +46,21 @@ class Seen:
     chroma: np.ndarray
 
 
-def observe(image: np.ndarray, disparity: np.ndarray | None, s: Step) -> Seen:
+def observe(image: np.ndarray, disparity: np.ndarray | None, s: UpdateConstants) -> Pixels:
     """Y, U, V in the exposure of the model, and whether chroma is usable, from (N,) grey or (N, 3) BGR uint8."""
     none = np.full(len(image), np.nan, F32) if disparity is None else disparity
     inv_gain = F32(1) / s.gain
     zero = np.zeros(len(image), F32)
     if image.ndim == 1:
-        return Seen(np.minimum((image.astype(F32) - s.offset) * inv_gain, s.clip), zero, zero, none, zero > 0)
+        return Pixels(np.minimum((image.astype(F32) - s.offset) * inv_gain, s.clip), zero, zero, none, zero > 0)
     b, g, r = image.astype(F32).T
     luma = F32(0.299) * r + F32(0.587) * g + F32(0.114) * b
     clipped = (image.max(axis=1) >= s.clip_image) & (luma >= F32(0.75) * s.clip_image)
     y = np.minimum((luma - s.offset) * inv_gain, s.clip)
-    return Seen(y, F32(0.492) * (b - luma) * inv_gain, F32(0.877) * (r - luma) * inv_gain, none, ~clipped)
+    return Pixels(y, F32(0.492) * (b - luma) * inv_gain, F32(0.877) * (r - luma) * inv_gain, none, ~clipped)
 
 
-def start(o: Seen, k: int, s: Step) -> Mixtures:
+def start(o: Pixels, k: int, s: UpdateConstants) -> Mixtures:
     """The first frame: one Gaussian with all the weight."""
     n = len(o.y)
     ones = {name: np.ones((k, n), F32) for name in Mixtures.NUMBERS}
@@ -69,15 +70,15 @@ def start(o: Seen, k: int, s: Step) -> Mixtures:
     return m
 
 
-def update(m: Mixtures, o: Seen, opinion: np.ndarray, s: Step, rates: Rates) -> np.ndarray:
-    """One frame: changes the mixtures, returns the mask (N,) of 0, 127 (shadow by colour) and 255."""
+def update(m: Mixtures, o: Pixels, feedback: np.ndarray, s: UpdateConstants, rates: Rates) -> np.ndarray:
+    """One frame: changes the mixtures, returns the mask (N,) of 0, SHADOW (by colour) and FOREGROUND."""
     learns = rates.weight > 0
     if learns:
         m.activity += rates.activity * (np.abs(o.y - m.last_y) - m.activity)
         m.last_y = o.y.copy()
-    slow = np.where(opinion == 1, s.slow_person, np.where(m.activity > s.active, s.slow_active, F32(1)))
-    rate_w = np.where(opinion == 2, rates.fast, rates.weight * slow)
-    rate_m = np.where(opinion == 2, rates.fast, rates.mean * slow)
+    slow = np.where(feedback == PERSON, F32(0), np.where(m.activity > s.active, s.slow_active, F32(1)))
+    rate_w = np.where(feedback == BACKGROUND, rates.fast, rates.weight * slow)
+    rate_m = np.where(feedback == BACKGROUND, rates.fast, rates.mean * slow)
 
     kinds = np.stack([_match_kind(m, k, o, s) for k in range(len(m.weight))])
     matched = (kinds > 0) & (m.weight > 0)
@@ -96,59 +97,65 @@ def update(m: Mixtures, o: Seen, opinion: np.ndarray, s: Step, rates: Rates) -> 
     return mask
 
 
-def _shown(m: Mixtures, k: int, s: Step) -> np.ndarray:
+def _shown(m: Mixtures, k: int, s: UpdateConstants) -> np.ndarray:
     return np.maximum(np.minimum(m.y[k], s.clip), s.black)
 
 
-def _chroma(m: Mixtures, k: int, o: Seen, s: Step) -> np.ndarray:
+def _chroma(m: Mixtures, k: int, o: Pixels, s: UpdateConstants) -> np.ndarray:
     return o.chroma & (np.minimum(_shown(m, k, s), o.y) > s.dark) & (m.var_y[k] > 0)
 
 
-def _other_light(m: Mixtures, k: int, o: Seen, chroma: np.ndarray, darkest: float, s: Step) -> np.ndarray:
+def _other_light(m: Mixtures, k: int, o: Pixels, chroma: np.ndarray, darkest: float, s: UpdateConstants) -> np.ndarray:
     ratio = (o.y - s.black) / np.maximum(_shown(m, k, s) - s.black, F32(1))
     du, dv = o.u - ratio * m.u[k], o.v - ratio * m.v[k]
     like = (du * du / m.var_u[k] + dv * dv / m.var_v[k] < s.beta) | ~chroma
     return like & (ratio >= darkest) & (ratio * darkest <= 1)
 
 
-def _match_kind(m: Mixtures, k: int, o: Seen, s: Step) -> np.ndarray:
+def _match_kind(m: Mixtures, k: int, o: Pixels, s: UpdateConstants) -> np.ndarray:
     """0 no match, 1 by colour, 2 other light where depth agrees."""
     dy, du, dv, dd = o.y - _shown(m, k, s), o.u - m.u[k], o.v - m.v[k], o.d - m.d[k]
     chroma = _chroma(m, k, o, s)
     far = dy * dy / np.abs(m.var_y[k])
     far = far + np.where(chroma, du * du / m.var_u[k] + dv * dv / m.var_v[k], F32(0))
-    both = ~np.isnan(o.d) & (m.seen[k] >= s.min_seen)
+    both = ~np.isnan(o.d) & (m.depth_fraction[k] >= s.min_depth_fraction)
     agree = both & (dd * dd < s.beta * m.var_d[k])
     same = far < np.where(agree, s.beta_relaxed, s.beta)
     kind = np.where(same, 1, np.where(agree & _other_light(m, k, o, chroma, s.shadow_ratio, s), 2, 0))
     return np.where(both & ~agree, 0, kind)
 
 
-def _uncovered(m: Mixtures, o: Seen, s: Step) -> tuple[np.ndarray, np.ndarray]:
+def _uncovered(m: Mixtures, o: Pixels, s: UpdateConstants) -> tuple[np.ndarray, np.ndarray]:
     dd = o.d - m.d[0]
-    both = ~np.isnan(o.d) & (m.seen[0] >= s.min_seen)
+    both = ~np.isnan(o.d) & (m.depth_fraction[0] >= s.min_depth_fraction)
     agree = dd * dd < s.beta * m.var_d[0]
     unclipped = (m.var_y[0] < 0) & (o.y > m.y[0]) & (agree | ~both)
     return unclipped, both & ~agree & (dd < 0)
 
 
-def _classify(m: Mixtures, found: np.ndarray, unclipped: np.ndarray, o: Seen, s: Step) -> np.ndarray:
+def _classify(m: Mixtures, found: np.ndarray, unclipped: np.ndarray, o: Pixels, s: UpdateConstants) -> np.ndarray:
     """The background set: leading weight up to T, and the deepest Gaussian above T_D (Harville et al. 2001)."""
     before = np.cumsum(m.weight, axis=0) - m.weight
     leading = before <= s.background_weight
     leading[0] = True
-    reliable = (m.weight > s.deepest_weight) & (m.seen >= s.min_seen)
+    reliable = (m.weight > s.deepest_weight) & (m.depth_fraction >= s.min_depth_fraction)
     deepest = np.where(reliable, m.d, np.inf).min(axis=0)
     background = leading | (reliable & (m.d <= deepest))
     pixels = np.arange(len(found))
-    explained = (found >= 0) & background[np.maximum(found, 0), pixels] | unclipped & (found != 0)
+    known = (found >= 0) & background[np.maximum(found, 0), pixels] | unclipped & (found != 0)
     darkest = s.colour_shadow_ratio
     shadow = (darkest > 0) & np.isnan(o.d) & (o.y < m.y[0]) & _other_light(m, 0, o, o.chroma, darkest, s)
-    return np.where(explained, 0, np.where(shadow, 127, 255)).astype(np.uint8)
+    return np.where(known, 0, np.where(shadow, SHADOW, FOREGROUND)).astype(np.uint8)
 
 
 def _learn(
-    m: Mixtures, found: np.ndarray, kind: np.ndarray, o: Seen, rate_w: np.ndarray, rate_m: np.ndarray, s: Step
+    m: Mixtures,
+    found: np.ndarray,
+    kind: np.ndarray,
+    o: Pixels,
+    rate_w: np.ndarray,
+    rate_m: np.ndarray,
+    s: UpdateConstants,
 ) -> None:
     frozen = (found != 0) & (rate_w <= 0)
     m.weight *= np.where(frozen, F32(1), F32(1) - rate_w)
@@ -165,7 +172,7 @@ def _learn(
 
 
 def _learn_gaussian(
-    m: Mixtures, k: int, chosen: np.ndarray, kind: np.ndarray, o: Seen, rate: np.ndarray, s: Step
+    m: Mixtures, k: int, chosen: np.ndarray, kind: np.ndarray, o: Pixels, rate: np.ndarray, s: UpdateConstants
 ) -> None:
     rate_var = np.where(kind == 1, rate, F32(0))
     bound, clipped, same = m.var_y[k] < 0, o.y >= s.clip, kind == 1
@@ -173,18 +180,18 @@ def _learn_gaussian(
     dy, du, dv = o.y - _shown(m, k, s), o.u - m.u[k], o.v - m.v[k]
     chroma = _chroma(m, k, o, s)
     has_depth = ~np.isnan(o.d)
-    seen = m.seen[k] + rate * (has_depth.astype(F32) - m.seen[k])
+    depth_fraction = m.depth_fraction[k] + rate * (has_depth.astype(F32) - m.depth_fraction[k])
     learns_d = has_depth & (rate > 0)
-    rate_d = np.where(learns_d, rate / np.maximum(seen, np.maximum(rate, F32(1e-30))), F32(0))
+    rate_d = np.where(learns_d, rate / np.maximum(depth_fraction, np.maximum(rate, F32(1e-30))), F32(0))
     dd = np.where(has_depth, o.d - m.d[k], F32(0))
     var_y = np.maximum(np.abs(m.var_y[k]) + rate_var * (dy * dy - np.abs(m.var_y[k])), s.floor_y)
     var_d = np.maximum(m.var_d[k] + rate_d * (dd * dd - m.var_d[k]), s.floor_d)
     new = {
         "var_y": np.where(still, -var_y, var_y),
-        "var_d": np.where(learns_d & (m.seen[k] <= 0), s.init_d, var_d),
+        "var_d": np.where(learns_d & (m.depth_fraction[k] <= 0), s.init_d, var_d),
         "y": np.where(still & same, np.maximum(m.y[k], s.clip), m.y[k] + rate * dy),
         "d": m.d[k] + rate_d * dd,
-        "seen": seen,
+        "depth_fraction": depth_fraction,
     }
     for mean, var, change in (("u", "var_u", du), ("v", "var_v", dv)):
         old, old_var = getattr(m, mean)[k], getattr(m, var)[k]
@@ -196,10 +203,10 @@ def _learn_gaussian(
         array[k] = np.where(chosen, values, array[k])
 
 
-def _start_gaussians(m: Mixtures, k: np.ndarray, chosen: np.ndarray, o: Seen, s: Step) -> None:
+def _start_gaussians(m: Mixtures, k: np.ndarray, chosen: np.ndarray, o: Pixels, s: UpdateConstants) -> None:
     has_depth = ~np.isnan(o.d)
     values = {
-        "seen": has_depth.astype(F32), "y": o.y, "u": o.u, "v": o.v, "d": np.where(has_depth, o.d, F32(0)),
+        "depth_fraction": has_depth.astype(F32), "y": o.y, "u": o.u, "v": o.v, "d": np.where(has_depth, o.d, F32(0)),
         "var_y": np.where(o.y >= s.clip, -s.init_y, s.init_y), "var_u": s.init_uv, "var_v": s.init_uv,
         "var_d": s.init_d,
     }  # fmt: skip

@@ -8,35 +8,35 @@ from planview.foreground import _gain_kernels as kernels
 
 
 def count_inliers(
-    model: np.ndarray, seen: np.ndarray, gain: float, offset: float, clip: float, tolerance: float, step: int
+    model: np.ndarray, luma: np.ndarray, gain: float, offset: float, clip: float, tolerance: float, step: int
 ) -> int:
-    """Pixels, of every step-th, whose luma the line explains; both ends of the range clip."""
+    """Pixels, of every step-th, whose luma is within the tolerance of the line, which clips at both ends."""
     expected = np.clip(gain * model[::step].astype(float) + offset, 0, clip)
-    return int((np.abs(np.minimum(seen[::step], clip) - expected) <= tolerance).sum())
+    return int((np.abs(np.minimum(luma[::step], clip) - expected) <= tolerance).sum())
 
 
-def likeliest_scale(model: np.ndarray, seen: np.ndarray, clip: float, tolerance: float) -> float:
+def consensus_scale(model: np.ndarray, luma: np.ndarray, clip: float, tolerance: float) -> float:
     """The smallest gain of the ladder with most inliers."""
     gains = np.exp(kernels.LADDER_STEP * np.arange(-kernels.LADDER_STEPS, kernels.LADDER_STEPS + 1))
-    counts = [count_inliers(model, seen, gain, 0.0, clip, tolerance, kernels.THINNING) for gain in gains]
+    counts = [count_inliers(model, luma, gain, 0.0, clip, tolerance, kernels.THINNING) for gain in gains]
     return float(gains[int(np.argmax(counts))]) if max(counts) else 1.0
 
 
 def refine_gain(
-    model: np.ndarray, seen: np.ndarray, gain: float, offset: float, clip: float, tolerance: float
+    model: np.ndarray, luma: np.ndarray, gain: float, offset: float, clip: float, tolerance: float
 ) -> tuple[float, float]:
     """Least squares over the inliers, with a tolerance of three mean deviations, again and again."""
     reach = tolerance
     for _ in range(kernels.ROUNDS):
         expected = gain * model.astype(float) + offset
-        inside = (expected > tolerance) & (expected < clip - tolerance) & (np.abs(seen - expected) <= reach)
-        m, y, n = model[inside].astype(float), seen[inside].astype(float), int(inside.sum())
-        if n < kernels.FEWEST:
+        inside = (expected > tolerance) & (expected < clip - tolerance) & (np.abs(luma - expected) <= reach)
+        m, y, n = model[inside].astype(float), luma[inside].astype(float), int(inside.sum())
+        if n < kernels.PIXELS_MIN:
             break
         a = np.array([[(m * m).sum(), m.sum()], [m.sum(), n * (1 + kernels.OFFSET_PRIOR)]])
         if np.linalg.det(a) <= 0:
             break
         rest = np.abs(y - expected[inside]).mean()
         gain, offset = np.linalg.solve(a, [(m * y).sum(), y.sum()])
-        reach = min(max(3 * rest, kernels.NARROWEST), tolerance)
+        reach = min(max(3 * rest, kernels.TOLERANCE_MIN), tolerance)
     return float(gain), float(offset)

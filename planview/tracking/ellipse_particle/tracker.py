@@ -7,7 +7,7 @@ import numpy as np
 
 from calib.ground_camera import GroundCamera
 from calib.types import F32, F64, U8, Bool
-from planview.foreground.mixture import PERSON
+from planview.foreground.masks import PERSON
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.ellipse_particle.drawing import draw, outline
 from planview.tracking.ellipse_particle.explain import measured_shares, reachable, unexplained

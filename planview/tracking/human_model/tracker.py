@@ -11,7 +11,7 @@ from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.human.model import HumanModel
 from calib.types import U8
-from planview.foreground.mixture import BACKGROUND, PERSON
+from planview.foreground.masks import BACKGROUND, PERSON
 from planview.tracking.base import Decision, DecisionKind, Observation, TrackerDebug
 from planview.tracking.human_model.births import Candidate, find_candidates
 from planview.tracking.human_model.drawing import draw

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from planview.foreground.mixture import BACKGROUND, PERSON, Foreground, ForegroundParams
+from planview.foreground.masks import BACKGROUND, PERSON
+from planview.foreground.mixture import Foreground, ForegroundParams
 
 SHAPE = (24, 32)
 BLOB = np.s_[6:18, 10:22]
@@ -112,7 +113,7 @@ def test_chroma_of_dark_pixels_is_not_compared() -> None:
     assert share(scene.frame([(BLOB, (4.0, 14.0, 14.0), 10.0)], depth=False)) < 0.05
 
 
-def test_whoever_was_there_at_the_start_leaves_no_ghost() -> None:
+def test_person_there_at_the_start_leaves_no_ghost() -> None:
     scene = Scene()
     scene.watch(5, PERSON_THERE)
     mask = scene.watch(2)
@@ -120,7 +121,7 @@ def test_whoever_was_there_at_the_start_leaves_no_ghost() -> None:
     assert share(scene.frame([(BLOB, (200.0, 90.0, 20.0), 14.0)])) > 0.9
 
 
-def test_feedback_keeps_a_person_who_stands_for_ten_minutes() -> None:
+def test_feedback_keeps_a_person_standing_for_ten_minutes() -> None:
     scene = Scene(fps=2)
     scene.watch(3)
     feedback = np.zeros(SHAPE, np.uint8)
@@ -218,7 +219,7 @@ def test_flickering_disparity_does_not_flood_the_mask() -> None:
     assert max(shares) < 0.01
 
 
-def test_rarely_seen_depth_does_not_decide() -> None:
+def test_rarely_measured_depth_does_not_decide() -> None:
     scene = Scene()
     scene.watch(4, invalid=0.95)
     assert share(scene.frame([(BLOB, 1.0, 16.0)], invalid=0)) < 0.4
@@ -242,7 +243,7 @@ def test_same_input_gives_the_same_masks() -> None:
 
 
 def test_single_pixels_are_cleaned_away() -> None:
-    scene = Scene(clean=True)
+    scene = Scene()
     scene.watch(3)
     assert not scene.frame([(np.s_[10:11, 10:11], (0.0, 0.0, 255.0), 16.0)], invalid=0).any()
 

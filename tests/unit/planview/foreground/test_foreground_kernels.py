@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from reference import foreground as reference
 
 from planview.foreground import _mixture_kernels as kernels
+from planview.foreground._block_kernels import BLOCK, N_LEAD
 from planview.foreground._gaussian_kernels import N_FIELDS, Rates
 from planview.foreground.mixture import TURNS, Foreground, ForegroundParams
 
@@ -17,7 +18,7 @@ N = SHAPE[0] * SHAPE[1]
 def _mixtures(foreground: Foreground) -> reference.Mixtures:
     """The state of the kernels as the twin has it."""
     k = foreground.params.gaussians
-    lead = foreground._lead.reshape(-1, kernels.N_LEAD, kernels.BLOCK).transpose(1, 0, 2).reshape(kernels.N_LEAD, -1)
+    lead = foreground._lead.reshape(-1, N_LEAD, BLOCK).transpose(1, 0, 2).reshape(N_LEAD, -1)
     rest = foreground._rest.reshape(N, k - 1, N_FIELDS).transpose(1, 2, 0)
     both = np.concatenate([lead[None, :N_FIELDS, :N], rest])
     both[1:, 0] *= 1 - both[0, 0]
@@ -48,25 +49,27 @@ def _frames(rng: np.random.Generator, colour: bool, depth: bool) -> tuple[np.nda
 )
 def test_kernels_agree_with_numpy(seed: int, colour: bool, depth: bool, feedback: bool, k: int, shadows: bool) -> None:
     rng = np.random.default_rng(seed)
-    params = ForegroundParams(gaussians=k, remove_colour_shadows=shadows, compensate_gain=False)
+    params = ForegroundParams(gaussians=k, remove_colour_shadows=shadows)
     foreground = Foreground(params, SHAPE)
-    step = foreground._step()
+    constants = foreground._constants()
     image, disparity = _frames(rng, colour, depth)
     none = np.zeros(0, np.float32)
     kernels.start_blocks(
-        foreground._lead, foreground._rest, image.reshape(-1), none if disparity is None else disparity, N, step
+        foreground._lead, foreground._rest, image.reshape(-1), none if disparity is None else disparity, N, constants
     )
-    twin = reference.start(reference.observe(image, disparity, step), k, step)
+    twin = reference.start(reference.observe(image, disparity, constants), k, constants)
     for frame in range(12):
         image, disparity = _frames(rng, colour, depth)
-        opinion = rng.integers(0, 3, N).astype(np.uint8) if feedback else np.zeros(0, np.uint8)
+        known = rng.integers(0, 3, N).astype(np.uint8) if feedback else np.zeros(0, np.uint8)
         rates = np.float32([0.1, 0.2, 0.3, 0.1] if frame % 3 else [0, 0, 0, 0])
-        args = image.reshape(-1), none if disparity is None else disparity, opinion, foreground._mask
+        args = image.reshape(-1), none if disparity is None else disparity, known, foreground._mask
         kernels.update_blocks(
-            foreground._lead, foreground._rest, *args, 0, len(foreground._lead), step, np.tile(rates, (TURNS, 1))
+            foreground._lead, foreground._rest, *args, 0, len(foreground._lead), constants, np.tile(rates, (TURNS, 1))
         )
-        seen = reference.observe(image, disparity, step)
-        expected = reference.update(twin, seen, opinion if feedback else np.zeros(N, np.uint8), step, Rates(*rates))
+        pixels = reference.observe(image, disparity, constants)
+        expected = reference.update(
+            twin, pixels, known if feedback else np.zeros(N, np.uint8), constants, Rates(*rates)
+        )
         np.testing.assert_array_equal(foreground._mask, expected)
         state = _mixtures(foreground)
         for name in (*reference.Mixtures.NUMBERS, "activity", "last_y"):
@@ -75,8 +78,8 @@ def test_kernels_agree_with_numpy(seed: int, colour: bool, depth: bool, feedback
 
 
 def test_blocks_learn_only_in_their_turn() -> None:
-    foreground = Foreground(ForegroundParams(clean=False), (1, 3 * kernels.BLOCK))
-    image = np.full((1, 3 * kernels.BLOCK), 100, np.uint8)
+    foreground = Foreground(ForegroundParams(), (1, 3 * BLOCK))
+    image = np.full((1, 3 * BLOCK), 100, np.uint8)
     foreground.update(image, None, 0.0)
     rates = np.zeros((TURNS, 4), np.float32)
     rates[1] = 0.5
@@ -84,7 +87,7 @@ def test_blocks_learn_only_in_their_turn() -> None:
     empty = np.zeros(0, np.uint8)
     kernels.update_blocks(
         foreground._lead, foreground._rest, (image + 2).reshape(-1), np.zeros(0, np.float32), empty,
-        foreground._mask, 0, 3, foreground._step(), rates,
+        foreground._mask, 0, 3, foreground._constants(), rates,
     )  # fmt: skip
     changed = (foreground._lead != before).any(axis=1)
     assert changed.tolist() == [False, True, False]

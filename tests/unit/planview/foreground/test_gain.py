@@ -15,10 +15,10 @@ CLIP, TOLERANCE = 250.0, 12.0
 def _lumas(seed: int, gain: float, offset: float, outliers: float) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
     model = rng.uniform(10, 300, 2000).astype(np.float32)
-    seen = gain * model + offset + rng.normal(0, 2, 2000)
+    luma = gain * model + offset + rng.normal(0, 2, 2000)
     wrong = rng.random(2000) < outliers
-    seen[wrong] = 90 + rng.normal(0, 5, wrong.sum())
-    return model, seen.clip(0, 255).astype(np.float32)
+    luma[wrong] = 90 + rng.normal(0, 5, wrong.sum())
+    return model, luma.clip(0, 255).astype(np.float32)
 
 
 @settings(max_examples=30, deadline=None)
@@ -30,24 +30,24 @@ def _lumas(seed: int, gain: float, offset: float, outliers: float) -> tuple[np.n
     start=st.floats(0.3, 3),
 )
 def test_gain_kernels_agree_with_numpy(seed: int, gain: float, offset: float, outliers: float, start: float) -> None:
-    model, seen = _lumas(seed, gain, offset, outliers)
+    model, luma = _lumas(seed, gain, offset, outliers)
     for step in (1, kernels.THINNING):
-        args = model, seen, start, offset, CLIP, TOLERANCE, step
+        args = model, luma, start, offset, CLIP, TOLERANCE, step
         # A pixel on the edge of the tolerance may fall on either side.
         assert abs(kernels.count_inliers(*args) - reference.count_inliers(*args)) <= 2
-    ours = kernels.refine_gain(model, seen, start, offset, CLIP, TOLERANCE)
-    assert ours == pytest.approx(reference.refine_gain(model, seen, start, offset, CLIP, TOLERANCE), rel=1e-2, abs=0.1)
-    scale = kernels.likeliest_scale(model, seen, CLIP, TOLERANCE)
-    theirs = reference.likeliest_scale(model, seen, CLIP, TOLERANCE)
-    counts = [kernels.count_inliers(model, seen, g, 0.0, CLIP, TOLERANCE, kernels.THINNING) for g in (scale, theirs)]
+    ours = kernels.refine_gain(model, luma, start, offset, CLIP, TOLERANCE)
+    assert ours == pytest.approx(reference.refine_gain(model, luma, start, offset, CLIP, TOLERANCE), rel=1e-2, abs=0.1)
+    scale = kernels.consensus_scale(model, luma, CLIP, TOLERANCE)
+    theirs = reference.consensus_scale(model, luma, CLIP, TOLERANCE)
+    counts = [kernels.count_inliers(model, luma, g, 0.0, CLIP, TOLERANCE, kernels.THINNING) for g in (scale, theirs)]
     assert abs(counts[0] - counts[1]) <= 2
 
 
 @pytest.mark.parametrize(("gain", "offset"), [(1.0, 0.0), (0.6, 20.0), (1.8, -40.0), (0.9, -80.0)])
 def test_line_is_found_from_nowhere_with_forty_percent_outliers(gain: float, offset: float) -> None:
-    model, seen = _lumas(3, gain, offset, 0.4)
-    found = kernels.likeliest_gain(model, seen, 1.0, 0.0, CLIP, TOLERANCE)
-    refined = kernels.refine_gain(model, seen, *found, CLIP, TOLERANCE)
+    model, luma = _lumas(3, gain, offset, 0.4)
+    found = kernels.consensus_line(model, luma, 1.0, 0.0, CLIP, TOLERANCE)
+    refined = kernels.refine_gain(model, luma, *found, CLIP, TOLERANCE)
     levels = np.array([60.0, 150.0])
     assert refined[0] * levels + refined[1] == pytest.approx(gain * levels + offset, abs=3)
 
@@ -55,9 +55,9 @@ def test_line_is_found_from_nowhere_with_forty_percent_outliers(gain: float, off
 def test_scale_is_found_on_an_image_that_is_nearly_all_clipped() -> None:
     rng = np.random.default_rng(0)
     model = rng.uniform(100, 200, 2000).astype(np.float32)
-    seen = np.minimum(2.4 * model + rng.normal(0, 2, 2000), 255).astype(np.float32)
-    gain = kernels.likeliest_scale(model, seen, CLIP, TOLERANCE)
-    assert kernels.count_inliers(model, seen, gain, 0.0, CLIP, TOLERANCE, 1) > 1900
+    luma = np.minimum(2.4 * model + rng.normal(0, 2, 2000), 255).astype(np.float32)
+    gain = kernels.consensus_scale(model, luma, CLIP, TOLERANCE)
+    assert kernels.count_inliers(model, luma, gain, 0.0, CLIP, TOLERANCE, 1) > 1900
 
 
 def _follow(gains: list[float]) -> Foreground:

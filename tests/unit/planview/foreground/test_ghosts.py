@@ -27,11 +27,11 @@ def test_blob_with_its_outline_in_the_background_is_a_ghost():
     np.testing.assert_array_equal(ghosts, mask_of(BODY))
 
 
-def test_somebody_standing_still_has_his_outline_in_the_image():
+def test_person_standing_still_has_the_outline_in_the_image():
     assert not find_ghosts(scene(BODY), scene(), mask_of(BODY), NOTHING, GhostParams()).any()
 
 
-def test_ghost_somebody_walks_past_waits_until_he_has_passed():
+def test_ghost_with_a_walker_in_front_waits_until_the_walker_has_passed():
     walker = slice(20, 45), slice(40, 50)
     image, mask = scene(walker), mask_of(BODY, walker)
     assert not find_ghosts(image, scene(BODY), mask, mask_of(walker), GhostParams()).any()
@@ -48,19 +48,19 @@ def test_empty_and_full_masks_have_no_ghosts():
     assert not find_ghosts(scene(), scene(BODY), np.full(SHAPE, 255, np.uint8), NOTHING, GhostParams()).any()
 
 
-def test_background_luma_is_what_was_seen():
+def test_background_luma_is_the_luma_of_the_first_images():
     foreground = Foreground(ForegroundParams(), SHAPE)
     for k in range(5):
         foreground.update(scene(BODY), None, k / 10)
     np.testing.assert_allclose(foreground.background_luma(), scene(BODY), atol=1)
 
 
-def test_who_stood_there_at_the_start_leaves_no_ghost_even_if_a_tracker_believes_in_it():
+def test_person_there_at_the_start_leaves_no_ghost_even_if_a_tracker_protects_it():
     camera = SingleCamera(SingleCameraParams(), SHAPE[::-1])
-    believed = np.ones(SHAPE, np.uint8)  # PERSON everywhere: nothing would be learned
+    protected = np.ones(SHAPE, np.uint8)  # PERSON everywhere: nothing would be learned
     masks = []
     for k in range(60):
         image = np.repeat(scene(BODY)[:, :, None] if k < 5 else scene()[:, :, None], 3, axis=2)
-        masks.append(camera.observe(VideoFrame(k, k / 10, image), believed if k >= 5 else None).foreground)
+        masks.append(camera.observe(VideoFrame(k, k / 10, image), protected if k >= 5 else None).foreground)
     assert masks[5][BODY].mean() > 200
     assert not any(mask[BODY].any() for mask in masks[15:])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from planview.foreground.mixture import BACKGROUND, NO_FEEDBACK, PERSON
+from planview.foreground.masks import BACKGROUND, NO_FEEDBACK, PERSON
 from planview.maps.builder import FloorPoints
 from planview.pipeline.feedback import Feedback, FeedbackParams
 from planview.trajectories.state import State, TrackState

@@ -10,7 +10,7 @@ import pytest
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
-from planview.foreground.mixture import BACKGROUND, PERSON
+from planview.foreground.masks import BACKGROUND, PERSON
 from planview.tracking.base import Observation
 from planview.tracking.human_model import HumanModelParams, HumanModelTracker
 from planview.tracking.human_model.identity import Mingling

@@ -1,0 +1,9 @@
+"""Values of the masks that go into and come out of the foreground model."""
+
+from __future__ import annotations
+
+NO_FEEDBACK, PERSON, BACKGROUND = 0, 1, 2
+"""Values of a feedback mask: what a tracker knows about each pixel."""
+
+FOREGROUND, SHADOW = 255, 127
+"""Values of the kernels' mask; background is 0. A shadow is one that its colour alone gives away."""
