@@ -1,1 +1,92 @@
-"""People: foreground, plan-view maps, trackers, analytics and evaluation."""
+"""Stereo plan-view people tracking; the public API, imported on first use.
+
+```python
+import planview
+
+for result in planview.Pipeline.from_recording("data/synthetic/demo"):
+    for person in result.tracks:
+        print(result.timestamp_s, person.track_id, person.x_m, person.y_m)
+```
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from planview.evaluation.evaluate import evaluate_tracks
+    from planview.foreground.mixture import Foreground
+    from planview.maps.builder import MapBuilder
+    from planview.pipeline.config import Config, load_config
+    from planview.pipeline.engine import Engine, FrameResult
+    from planview.pipeline.factory import open_engine
+    from planview.pipeline.pipeline import Pipeline, SingleCameraPipeline
+    from planview.runs.run import run
+    from planview.tracking.base import Observation
+    from planview.tracking.ellipse_particle.tracker import EllipseParticleTracker
+    from planview.tracking.human_model.tracker import HumanModelTracker
+    from planview.tracking.template import TemplateTracker
+    from planview.trajectories.state import TrackState
+    from planview.trajectories.table import Trajectories, TrajectoryCollector, read_tracks, read_truth
+    from stereo.matcher import SgbmMatcher
+    from stereo.readers import open_recording, open_video
+    from stereo.rectify import Rectifier
+
+_HOMES = {
+    "planview.evaluation.evaluate": ("evaluate_tracks",),
+    "planview.foreground.mixture": ("Foreground",),
+    "planview.maps.builder": ("MapBuilder",),
+    "planview.pipeline.config": ("Config", "load_config"),
+    "planview.pipeline.engine": ("Engine", "FrameResult"),
+    "planview.pipeline.factory": ("open_engine",),
+    "planview.pipeline.pipeline": ("Pipeline", "SingleCameraPipeline"),
+    "planview.runs.run": ("run",),
+    "planview.tracking.base": ("Observation",),
+    "planview.tracking.ellipse_particle.tracker": ("EllipseParticleTracker",),
+    "planview.tracking.human_model.tracker": ("HumanModelTracker",),
+    "planview.tracking.template": ("TemplateTracker",),
+    "planview.trajectories.state": ("TrackState",),
+    "planview.trajectories.table": ("Trajectories", "TrajectoryCollector", "read_tracks", "read_truth"),
+    "stereo.matcher": ("SgbmMatcher",),
+    "stereo.readers": ("open_recording", "open_video"),
+    "stereo.rectify": ("Rectifier",),
+}
+_MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "Config",
+    "EllipseParticleTracker",
+    "Engine",
+    "Foreground",
+    "FrameResult",
+    "HumanModelTracker",
+    "MapBuilder",
+    "Observation",
+    "Pipeline",
+    "Rectifier",
+    "SgbmMatcher",
+    "SingleCameraPipeline",
+    "TemplateTracker",
+    "TrackState",
+    "Trajectories",
+    "TrajectoryCollector",
+    "evaluate_tracks",
+    "load_config",
+    "open_engine",
+    "open_recording",
+    "open_video",
+    "read_tracks",
+    "read_truth",
+    "run",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(_MODULE_OF[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -77,8 +77,10 @@ def main(argv: list[str] | None = None) -> None:
     """Run a command; exit status 0 done, 1 the work failed, 2 wrong usage or bad input, 130 interrupted."""
     from calib.errors import InputError, WorkError
 
+    words = sys.argv[1:] if argv is None else argv
     try:
-        make_app(sys.argv[1:] if argv is None else argv)(argv, exit_on_error=False, print_error=False)
+        _refuse_empty(words)
+        make_app(words)(words, exit_on_error=False, print_error=False)
     except InputError as error:
         _fail(str(error), 2)
     except WorkError as error:
@@ -86,7 +88,7 @@ def main(argv: list[str] | None = None) -> None:
     except KeyboardInterrupt:
         _fail("interrupted", 130)
     except OSError as error:
-        # What nobody foresaw: a folder that may not be read, a disk that went away.
+        # What no command expects: a folder that may not be read, a disk that went away.
         _fail(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error), 1)
     except Exception as error:
         from cyclopts import CycloptsError
@@ -94,6 +96,16 @@ def main(argv: list[str] | None = None) -> None:
         if not isinstance(error, CycloptsError):
             raise
         _fail(" ".join(str(error).split()), 2)
+
+
+def _refuse_empty(words: Sequence[str]) -> None:
+    """An empty path would mean the current folder."""
+    from calib.errors import InputError
+
+    for before, word in zip(["planview", *words], words, strict=False):
+        option, equals, value = word.partition("=")
+        if not word or (word.startswith("--") and equals and not value):
+            raise InputError(f"{option or before}: expected a value, found an empty one")
 
 
 def _fail(message: str, status: int) -> None:

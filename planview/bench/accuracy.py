@@ -9,14 +9,15 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from calib.errors import InputError, WorkError
 from planview.evaluation.evaluate import Evaluation, evaluate_tracks
 from planview.pipeline.config import Config
-from planview.pipeline.factory import open_engine
+from planview.pipeline.engine import Engine, FrameResult
+from planview.pipeline.factory import FloorTrackerName, open_engine
 from planview.runs.folder import prepare_folder
 from planview.runs.run import RunOptions
 from planview.runs.run import run as run_engine
@@ -25,12 +26,11 @@ from planview.synthetic.rendering import RENDERER_VERSION, SceneRenderer
 from planview.synthetic.scene import Scene, load_scene
 from planview.synthetic.varying import varied
 from planview.synthetic.writing import write_recording
-from planview.trajectories.table import read_tracks, read_truth
+from planview.trajectories.table import Trajectories, TrajectoryCollector, read_truth
 
 LIMITS = {"significant_errors": 1, "position_error_m": 0.10, "height_error_m": 0.06}
 """What all scenes together must keep (the paper: one significant error in ten minutes, 18 cm)."""
 
-StereoTracker = Literal["template", "ellipse-particle"]
 Tell = Callable[[str], None]
 
 
@@ -50,16 +50,21 @@ class SceneScore:
     Attributes:
         name, seed: which recording.
         evaluation: from ``evaluate_tracks``.
-        folder: where tracks.csv and run.json are.
+        folder: where tracks.csv and run.json are; None when they were not kept.
     """
 
     name: str
     seed: int
     evaluation: Evaluation
-    folder: Path
+    folder: Path | None
 
     def to_json(self) -> dict[str, Any]:
-        return {"scene": self.name, "seed": self.seed, "out": str(self.folder), **self.evaluation.to_json()}
+        return {
+            "scene": self.name,
+            "seed": self.seed,
+            "out": str(self.folder) if self.folder else None,
+            **self.evaluation.to_json(),
+        }
 
 
 @dataclass(frozen=True)
@@ -133,10 +138,10 @@ def score_scene(
     path: Path,
     seed: int,
     options: RenderOptions,
-    out: Path,
+    out: Path | None,
     config: Config,
     tell: Tell,
-    tracker: StereoTracker = "template",
+    tracker: FloorTrackerName = "template",
 ) -> SceneScore:
     """Render, track and score one scene.
 
@@ -144,7 +149,7 @@ def score_scene(
         path: a stereo scene.
         seed: 0 for the scene itself, else a variation (``planview.synthetic.varying``).
         options: of rendering.
-        out: folder that gets a folder with the run.
+        out: folder that gets a folder with the run; None to keep nothing.
         config: of the pipeline.
         tell: takes messages of progress.
     Raises:
@@ -156,11 +161,24 @@ def score_scene(
     name = path.stem if seed == 0 else f"{path.stem}-{seed}"
     recording = rendered(varied(scene, seed), name, options, tell)
     tell(f"tracking {name}")
-    folder = out / name
-    prepare_folder(folder, overwrite=True)
-    run_engine(open_engine(recording, tracker, config), folder, RunOptions(tracker=tracker))
-    evaluation = evaluate_tracks(read_tracks(folder / "tracks.csv"), read_truth(recording / "truth.csv"))
-    return SceneScore(path.stem, seed, evaluation, folder)
+    folder = out / name if out else None
+    tracks = _track(open_engine(recording, tracker, config), folder, tracker)
+    return SceneScore(path.stem, seed, evaluate_tracks(tracks, read_truth(recording / "truth.csv")), folder)
+
+
+def _track(engine: Engine, folder: Path | None, tracker: FloorTrackerName) -> Trajectories:
+    tracks = TrajectoryCollector()
+
+    def collect(result: FrameResult) -> None:
+        tracks.add(result.frame, result.timestamp_s, result.tracks)
+
+    if folder is None:
+        for result in engine:
+            collect(result)
+    else:
+        prepare_folder(folder, overwrite=True)
+        run_engine(engine, folder, RunOptions(tracker=tracker), watch=collect)
+    return tracks.trajectories()
 
 
 def totals(scores: Sequence[SceneScore]) -> Totals:

@@ -3,34 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
 import cv2
-import numpy as np
 
 from calib.errors import InputError, WorkError
 from calib.images import as_grey
-from calib.types import F32, U8, AnyArray
+from calib.types import U8, AnyArray
 from planview.pipeline.config import Config
-from planview.pipeline.pipeline import FrameResult, Pipeline
+from planview.pipeline.engine import FrameResult
+from planview.pipeline.pipeline import MatchedFrame, Pipeline
 from planview.pipeline.setup import set_up
 from planview.synthetic.committed import DEMO
-from planview.tracking.base import Observation
-from planview.trajectories.state import TrackState
 from stereo.matcher import make_sgbm
 from stereo.readers import open_recording
-from stereo.recording import Recording
-
-
-@dataclass(frozen=True, eq=False)
-class Pair:
-    """One recorded pair with its time [s]; images (h, w[, 3]) uint8."""
-
-    timestamp_s: float
-    left: U8
-    right: U8
+from stereo.recording import Recording, StereoFrame
 
 
 class Clip:
@@ -38,14 +26,16 @@ class Clip:
 
     Attributes:
         recording, pipeline: ready to run.
-        pairs: the first frames as recorded, decoded.
+        frames: the first pairs as recorded, decoded.
     """
 
-    def __init__(self, path: Path | None, n_frames: int, width_px: int = 640, pairs: list[Pair] | None = None) -> None:
+    def __init__(
+        self, path: Path | None, n_frames: int, width_px: int = 640, frames: list[StereoFrame] | None = None
+    ) -> None:
         """Open a recording (the committed clip when None) and set the engine up on images of ``width_px``.
 
         Args:
-            pairs: its decoded frames where another clip has them already.
+            frames: its decoded frames where another clip has them already.
         Raises:
             InputError: no such recording, or too few frames.
         """
@@ -56,40 +46,18 @@ class Clip:
         rectify = {"working_px": width_px}
         self.config = Config.model_validate({"rectify": rectify, "analysis": {"width_px": min(width_px, 400)}})
         self.pipeline = Pipeline(self.recording, set_up(self.recording, self.config), self.config)
-        self.pairs = pairs or [Pair(f.timestamp_s, f.left, f.right) for f in islice(self.recording, n_frames)]
-        if len(self.pairs) < 2:
-            raise WorkError(f"{path}: expected at least 2 frames, found {len(self.pairs)}")
+        self.frames = frames or list(islice(self.recording, n_frames))
+        if len(self.frames) < 2:
+            raise WorkError(f"{path}: expected at least 2 frames, found {len(self.frames)}")
 
     def looped(self) -> Generator[FrameResult, None, None]:
         """The engine's results for ever: the recording starts again when it ends."""
         while True:
             yield from self.pipeline
 
-    def follow(
-        self, frame: int, image: U8, disparity: F32, opinion: U8 | None
-    ) -> tuple[tuple[TrackState, ...], U8 | None]:
-        """What the engine does after disparity with frame ``frame`` of ``pairs``: tracks, and feedback for the next."""
-        engine, timestamp_s = self.pipeline, self.pairs[frame].timestamp_s
-        mask = engine.foreground.update(image, disparity, timestamp_s, opinion)
-        maps = engine.maps(disparity, mask)
-        tracks = engine.tracker.update(Observation(frame, timestamp_s, image, mask, None, maps))
-        return tracks, engine.feedback(maps.points, tracks, engine.maps.shape)
-
-    def disparities(self) -> list[F32]:
-        """(H, W) float32 of every pair in memory, at the size that foreground and maps use."""
-        step = self.pipeline.reduction
-        found = []
-        for pair in self.pairs:
-            images = self.pipeline.setup.rectifier(pair.left, pair.right)
-            disparity = self.pipeline.matcher(images.left_grey, images.right_grey)
-            found.append(np.ascontiguousarray(disparity[::step, ::step]))
-        return found
-
-    def reduced_images(self) -> list[U8]:
-        """The rectified left images at the size that foreground and maps use."""
-        size = self.pipeline.maps.shape[::-1]
-        rectified = (self.pipeline.setup.rectifier(pair.left, pair.right).left for pair in self.pairs)
-        return [np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8) for image in rectified]
+    def matched(self) -> list[MatchedFrame]:
+        """Every frame in memory, rectified and matched by the engine."""
+        return [self.pipeline.match(frame) for frame in self.frames]
 
 
 class PlainOpenCV:

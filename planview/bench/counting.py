@@ -22,8 +22,8 @@ from planview.bench.accuracy import RenderOptions, rendered
 from planview.bench.counting_figures import JPEG_QUALITY, BusiestFrame, write_occupancy
 from planview.bench.frame_counts import FrameCounts, count_frames
 from planview.pipeline.config import Config
+from planview.pipeline.engine import Engine, FrameResult
 from planview.pipeline.factory import open_engine
-from planview.pipeline.pipeline import FrameResult, SingleCameraPipeline
 from planview.runs.folder import prepare_folder
 from planview.runs.run import RunOptions
 from planview.runs.run import run as run_engine
@@ -176,16 +176,14 @@ def _draw(folder: Path, name: str, busiest: BusiestFrame, true: Counts, found: C
         write_occupancy(folder / f"{name}-{zone.name}.png", zone.name, times, *series)
 
 
-def _open(recording: Path, config: Config, tracker: SingleTracker, camera: Path | None) -> SingleCameraPipeline:
+def _open(recording: Path, config: Config, tracker: SingleTracker, camera: Path | None) -> Engine:
     engine = open_engine(recording, tracker, config, camera)
-    if not isinstance(engine, SingleCameraPipeline):
+    if engine.stereo is not None:
         raise InputError(f"{recording}: expected the recording of a single camera, found a stereo pair")
     return engine
 
 
-def _track(
-    engine: SingleCameraPipeline, place: Path, tracker: SingleTracker, watch: Callable[[FrameResult], None] | None
-) -> None:
+def _track(engine: Engine, place: Path, tracker: SingleTracker, watch: Callable[[FrameResult], None] | None) -> None:
     """Run a single-camera tracker into a folder."""
     prepare_folder(place, overwrite=True)
     run_engine(engine, place, RunOptions(tracker=tracker), watch=watch)
@@ -247,7 +245,7 @@ def score_pavement(clip: Path, out: Path, config: Config, tracker: SingleTracker
     engine = _open(clip, config, tracker, camera)
     _track(engine, out / "pavement", tracker, None)
     wire = {"name": "y = 200", "from_px": [0.0, 200.0], "to_px": [399.0, 200.0]}
-    plane = RulePlane(engine.camera, engine.recording.size)
+    plane = RulePlane(engine.camera, engine.size)
     found = count_tracks(
         read_tracks(out / "pavement" / "tracks.csv"), parse_rules({"tripwire": [wire]}, plane, "y = 200")
     )

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from calib.types import F64, I64, U8
-from planview.pipeline.pipeline import FrameResult
-from planview.tracking.base import ImageTracker, TrackerDebug
+from planview.pipeline.engine import FrameResult
+from planview.tracking.base import Tracker, TrackerDebug
 
 JPEG_QUALITY = 80
 ENLARGED = 2
@@ -26,7 +26,7 @@ class BusiestFrame:
         picture: (H, W, 3) uint8, None before somebody was seen.
     """
 
-    def __init__(self, tracker: ImageTracker) -> None:
+    def __init__(self, tracker: Tracker) -> None:
         self._tracker = tracker
         self.people = 0
         self.picture: U8 | None = None

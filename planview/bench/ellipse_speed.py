@@ -2,52 +2,34 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import cv2
 import numpy as np
 
 from calib.types import U8
-from planview.tracking.base import Observation
+from planview.bench.beside_mog2 import PaintedVideo, beside_mog2
+from planview.pipeline.pipeline import SingleCameraPipeline
 from planview.tracking.ellipse_particle import EllipseParticleTracker
 
 SIZE = (480, 360)
 """Width and height of the frames [px] (our choice: between a QVGA and a VGA camera)."""
+FPS = 10.0
 PEOPLE = 8
 SETTLED = 80
 """Frames before anything is timed: backgrounds and sizes are learned, kernels compiled."""
 
 
 def ellipse_to_mog2(n_frames: int = 200) -> tuple[float, dict[str, float]]:
-    """Processor time of ``EllipseParticleTracker.update`` over MOG2's, in turns on each frame of a painted clip.
+    """Processor time of the ellipse-particle tracker, detection included, over MOG2's (see ``beside_mog2``).
 
     Eight people walk to and fro before a textured scene with pixel noise and cross one another; 1,000 particles.
 
     Args:
         n_frames: medians over so many frames.
-    Returns:
-        the ratio of the medians; and times of both and the number of people tracked, medians.
     """
-    alone = cv2.createBackgroundSubtractorMOG2()
-    tracker = EllipseParticleTracker()
-    ours: list[float] = []
-    theirs: list[float] = []
-    people: list[int] = []
-    for i, image in enumerate(painted_clip(SETTLED + n_frames)):
-        theirs.append(_seconds(lambda frame: alone.apply(frame), image))
-        seen = Observation(i, i / 10, image=image)
-        start = time.process_time()
-        tracks = tracker.update(seen)
-        ours.append(time.process_time() - start)
-        people.append(sum(track.state == "confirmed" for track in tracks))
-    medians = [1e3 * float(np.median(spent[SETTLED:])) for spent in (ours, theirs)]
-    details = {
-        "ellipse_particle_ms": round(medians[0], 3),
-        "ellipse_particle_mog2_ms": round(medians[1], 3),
-        "ellipse_particle_people": float(np.median(people[SETTLED:])),
-    }
-    return medians[0] / medians[1], details
+    video = PaintedVideo(painted_clip, SETTLED + n_frames, SIZE, FPS)
+    return beside_mog2(SingleCameraPipeline(video, EllipseParticleTracker()), SETTLED, "ellipse_particle")
 
 
 def painted_clip(n_frames: int) -> Iterator[U8]:
@@ -79,9 +61,3 @@ def paint_person(frame: np.ndarray, x: float, foot: float, colour: np.ndarray) -
     for side in (-1, 1):
         hip, toe = (round(x), round(foot - 0.45 * length)), (round(x + side * 0.1 * length), round(foot))
         cv2.line(frame, hip, toe, bgr, round(0.1 * length))
-
-
-def _seconds(run: Callable[[U8], object], image: U8) -> float:
-    start = time.process_time()
-    run(image)
-    return time.process_time() - start

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import io
 import math
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from planview.evaluation.evaluate import Evaluation, EvaluationParams, evaluate_
 from planview.pipeline.config import Config
 from planview.pipeline.factory import TrackerName, open_engine
 from planview.trajectories.layouts import load_truth
-from planview.trajectories.table import Trajectories, read_tracks, write_header, write_rows
+from planview.trajectories.table import Trajectories, TrajectoryCollector
 
 FPS = 7.0
 """Nominal frame rate of the sequence."""
@@ -133,16 +132,8 @@ def _track(
     tracker: TrackerName, video: Path, camera: Path | None, frames: int | None, done: Callable[[int], None], seed: int
 ) -> tuple[Trajectories, int]:
     """Tracks of the video as ``planview run`` would write them, and the number of frames."""
-    text = io.StringIO()
-    write_header(text)
-    n = 0
-    for result in open_engine(video, tracker, Config(seed=seed), camera):
-        if frames is not None and n >= frames:
-            break
-        write_rows(text, result.frame, result.timestamp_s, result.tracks)
-        n += 1
+    tracks, n = TrajectoryCollector(), 0
+    for n, result in enumerate(islice(open_engine(video, tracker, Config(seed=seed), camera), frames), 1):
+        tracks.add(result.frame, result.timestamp_s, result.tracks)
         done(n)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "tracks.csv"
-        path.write_text(text.getvalue(), encoding="utf-8")
-        return read_tracks(path), n
+    return tracks.trajectories(), n

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
 
 import cv2
@@ -12,43 +11,28 @@ import numpy as np
 from calib.ground_camera import GroundCamera
 from calib.human.model import HumanModel
 from calib.types import U8
-from planview.pipeline.single_camera import SingleCamera, SingleCameraParams
+from planview.bench.beside_mog2 import PaintedVideo, beside_mog2
+from planview.pipeline.pipeline import SingleCameraPipeline
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.tracker import HumanModelTracker
-from stereo.recording import VideoFrame
 
 CAMERA = GroundCamera(320, 240, 260.0, 3.5, math.radians(60))
 """320x240 as in Zhang et al. 2008, section 5; its view covers the floor from 2 to 10 m."""
 PEOPLE = 5
 FPS = 15.0
 SETTLED = 60
-"""Frames before anything is timed: the background is learned, people are believed, kernels compiled."""
+"""Frames before anything is timed: the background is learned, people are confirmed, kernels compiled."""
 
 
 def human_model_to_mog2(n_frames: int = 200) -> tuple[float, dict[str, float]]:
-    """Processor time of foreground and human-model tracker over that of MOG2 alone, in turns on each frame.
+    """Processor time of foreground and human-model tracker over that of MOG2 alone (see ``beside_mog2``).
 
     Args:
         n_frames: medians over so many frames.
-    Returns:
-        the ratio of the medians; and times of both and the number of people tracked, medians.
     """
-    mog2 = cv2.createBackgroundSubtractorMOG2()
-    source, tracker = SingleCamera(SingleCameraParams(), CAMERA.size), HumanModelTracker(HumanModelParams(), CAMERA)
-    ours, theirs, people = [], [], []
-    for i, image in enumerate(walking_people(SETTLED + n_frames)):
-        start = time.process_time()
-        mog2.apply(image)
-        theirs.append(time.process_time() - start)
-        start = time.process_time()
-        tracks = tracker.update(source.observe(VideoFrame(i, i / FPS, image), tracker.feedback()))
-        ours.append(time.process_time() - start)
-        people.append(sum(track.state == "confirmed" for track in tracks))
-    ours_ms, mog2_ms = (float(np.median(times[SETTLED:])) * 1e3 for times in (ours, theirs))
-    seen = float(np.median(people[SETTLED:]))
-    return ours_ms / mog2_ms, {
-        "human_model_ms": ours_ms, "human_model_mog2_ms": mog2_ms, "human_model_people": seen,
-    }  # fmt: skip
+    video = PaintedVideo(walking_people, SETTLED + n_frames, CAMERA.size, FPS)
+    engine = SingleCameraPipeline(video, HumanModelTracker(HumanModelParams(), CAMERA), camera=CAMERA)
+    return beside_mog2(engine, SETTLED, "human_model")
 
 
 def walking_people(n_frames: int) -> Iterator[U8]:

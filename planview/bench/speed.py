@@ -21,7 +21,7 @@ from planview.bench.ellipse_speed import ellipse_to_mog2
 from planview.bench.one_core import one_core
 from planview.bench.single_speed import human_model_to_mog2
 from planview.foreground.mixture import Foreground, ForegroundParams
-from planview.pipeline.pipeline import STAGES
+from planview.pipeline.engine import STAGES
 
 BLOCK = 10
 """Frames per block where whole runs take turns."""
@@ -74,7 +74,7 @@ def measure(recording: Path | None, n_frames: int, progress: Callable[[str], Non
     progress("foreground beside MOG2")
     foreground_to_mog2(clip, n_frames, speed)
     progress("everything after disparity at 320x240 beside SGBM")
-    after_disparity_to_sgbm(Clip(recording, 0, width_px=320, pairs=clip.pairs), speed)
+    after_disparity_to_sgbm(Clip(recording, 0, width_px=320, frames=clip.frames), speed)
     for name, ratio in (("human_model", human_model_to_mog2), ("ellipse_particle", ellipse_to_mog2)):
         progress(f"{name.replace('_', '-')} tracker beside MOG2 on one core")
         with one_core():
@@ -106,7 +106,7 @@ def engine_to_opencv(clip: Clip, n_frames: int, speed: Speed) -> None:
         intervals += [(time.perf_counter() - start) / BLOCK] * BLOCK
         time.sleep(4 * intervals[-1])  # lets the reader fill its queue and rest
         for k in range(2 * BLOCK):
-            pair = clip.pairs[turn % len(clip.pairs)]
+            pair = clip.frames[turn % len(clip.frames)]
             turn += 1
             bare[k % 2 == 0].append(_seconds(plain, pair.left, pair.right, k % 2 == 0))
     engine.close()
@@ -119,15 +119,13 @@ def engine_to_opencv(clip: Clip, n_frames: int, speed: Speed) -> None:
 
 def foreground_to_mog2(clip: Clip, n_frames: int, speed: Speed) -> None:
     """Foreground in colour and depth beside OpenCV's MOG2 on the rectified colour frames, frame by frame."""
-    rectifier, matcher = clip.pipeline.setup.rectifier, clip.pipeline.matcher
     mog2 = cv2.createBackgroundSubtractorMOG2()
-    ours = Foreground(ForegroundParams(), rectifier.mask.shape)
+    ours = Foreground(ForegroundParams(), clip.pipeline.size[::-1])
     times: tuple[list[float], list[float]] = [], []
-    for pair in clip.pairs[: SETTLED + n_frames]:
-        images = rectifier(pair.left, pair.right)
-        disparity = matcher(images.left_grey, images.right_grey)
-        times[0].append(_seconds(mog2.apply, images.left))
-        times[1].append(_seconds(ours.update, images.left, disparity, pair.timestamp_s))
+    for frame in clip.frames[: SETTLED + n_frames]:
+        matched = clip.pipeline.match(frame)
+        times[0].append(_seconds(mog2.apply, matched.image))
+        times[1].append(_seconds(ours.update, matched.image, matched.disparity, matched.timestamp_s))
     mog2_ms, ours_ms = _ms(times[0][SETTLED:]), _ms(times[1][SETTLED:])
     speed.details |= {"mog2_ms": mog2_ms, "foreground_ms": ours_ms}
     speed.ratios["foreground_to_mog2"] = ours_ms / mog2_ms
@@ -139,17 +137,15 @@ def after_disparity_to_sgbm(clip: Clip, speed: Speed) -> None:
     Frames with four people count; where there are none, those with most people.
     """
     plain, pipeline = PlainOpenCV(clip), clip.pipeline
-    pipeline.tracker.reset()
-    pipeline.foreground.reset()
-    images, disparities = clip.reduced_images(), clip.disparities()
-    opinion, people, spent, sgbm = None, [], [], []
-    for i, pair in enumerate(clip.pairs):
-        grey = [as_grey(image) for image in plain.remap(pair.left, pair.right)]
+    pipeline.reset()
+    people, spent, sgbm = [], [], []
+    for frame, matched in zip(clip.frames, clip.matched(), strict=True):
+        grey = [as_grey(image) for image in plain.remap(frame.left, frame.right)]
         sgbm.append(_seconds(plain.sgbm.compute, *grey))
         start = time.perf_counter()
-        tracks, opinion = clip.follow(i, images[i], disparities[i], opinion)
+        result = pipeline.track(matched)
         spent.append(time.perf_counter() - start)
-        people.append(sum(track.state != "lost" for track in tracks))
+        people.append(sum(track.state != "lost" for track in result.tracks))
     n = np.array(people[SETTLED:])
     after, match = np.array(spent[SETTLED:]), _ms(sgbm[SETTLED:])
     counted = n == 4 if (n == 4).sum() >= 10 else n == n.max()

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -15,17 +15,18 @@ from calib.errors import InputError, WorkError
 from calib.ground_camera import GroundCamera
 from planview.evaluation.evaluate import Evaluation, EvaluationParams, evaluate_tracks
 from planview.pipeline.config import Config
-from planview.pipeline.pipeline import FrameResult, Pipeline, SingleCameraPipeline
+from planview.pipeline.engine import Engine
+from planview.pipeline.factory import FloorTrackerName, floor_tracker, image_tracker
+from planview.pipeline.pipeline import Pipeline, SingleCameraPipeline
 from planview.pipeline.setup import Setup, set_up
-from planview.tracking.base import ImageTracker
-from planview.tracking.ellipse_particle import EllipseParticleTracker
-from planview.tracking.human_model.tracker import HumanModelTracker
-from planview.trajectories.table import Trajectories, read_tracks, write_header, write_rows
+from planview.trajectories.table import Trajectories, TrajectoryCollector
 from stereo.recording import Recording, Skipped, VideoFrame
 
 Tell = Callable[[str], None]
 
-WAYS = {
+Way = Literal["template", "ellipse-particle, floor", "human-model", "ellipse-particle, image"]
+
+WAYS: dict[Way, str] = {
     "template": "stereo pair, calibration",
     "ellipse-particle, floor": "stereo pair, calibration",
     "human-model": "one camera, camera.toml",
@@ -46,7 +47,7 @@ class TrackerScore:
         frames_per_s: from reading to tracks.
     """
 
-    way: str
+    way: Way
     recording: str
     evaluation: Evaluation
     track_ms: float
@@ -103,38 +104,27 @@ def compare(recording: Recording, name: str, truth: Trajectories, config: Config
     return scores
 
 
-def _engine(
-    way: str, recording: Recording, setup: Setup, camera: GroundCamera, config: Config
-) -> Pipeline | SingleCameraPipeline:
-    particles = config.ellipse_particle.model_copy(update={"seed": config.seed})
-    if way == "template":
-        return Pipeline(recording, setup, config)
-    if way == "ellipse-particle, floor":
-        tracker = EllipseParticleTracker(particles.model_copy(update={"plane": "floor"}))
-        return Pipeline(recording, setup, config, tracker)
-    image_tracker: ImageTracker = (
-        HumanModelTracker(config.human_model, camera)
-        if way == "human-model"
-        else EllipseParticleTracker(particles.model_copy(update={"plane": "image"}), camera)
-    )
-    return SingleCameraPipeline(LeftCamera(recording, setup), image_tracker, config, camera)
+def _engine(way: Way, recording: Recording, setup: Setup, camera: GroundCamera, config: Config) -> Engine:
+    if way == "human-model":
+        tracker = image_tracker("human-model", config, camera)
+    elif way == "ellipse-particle, image":
+        tracker = image_tracker("ellipse-particle", config, camera)
+    else:
+        name: FloorTrackerName = "template" if way == "template" else "ellipse-particle"
+        return Pipeline(recording, setup, config, floor_tracker(name, config))
+    return SingleCameraPipeline(LeftCamera(recording, setup), tracker, config, camera)
 
 
-def _follow(results: Iterable[FrameResult]) -> tuple[Trajectories, float, float, int]:
+def _follow(engine: Engine) -> tuple[Trajectories, float, float, int]:
     """Tracks, median time of the tracker [ms], seconds in all, frames."""
     spent: list[float] = []
-    start = time.perf_counter()
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "tracks.csv"
-        with path.open("w", encoding="utf-8") as file:
-            write_header(file)
-            for result in results:
-                write_rows(file, result.frame, result.timestamp_s, result.tracks)
-                stages = result.stages_ms
-                single = result.observation.maps is None
-                spent.append(stages["track"] + (stages["foreground"] if single else 0.0))
-        seconds = time.perf_counter() - start
-        return read_tracks(path), float(np.median(spent)) if spent else math.nan, seconds, len(spent)
+    tracks, start = TrajectoryCollector(), time.perf_counter()
+    for result in engine:
+        tracks.add(result.frame, result.timestamp_s, result.tracks)
+        stages = result.stages_ms
+        spent.append(stages["track"] + (stages["foreground"] if engine.stereo is None else 0.0))
+    seconds = time.perf_counter() - start
+    return tracks.trajectories(), float(np.median(spent)) if spent else math.nan, seconds, len(spent)
 
 
 def page(scores: list[TrackerScore], command: str) -> str:

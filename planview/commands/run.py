@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Parameter
 from rich.console import Console
@@ -14,8 +14,8 @@ from planview.analytics.geometry import RulePlane
 from planview.analytics.rules import load_rules
 from planview.analytics.stream import Analytics
 from planview.pipeline.config import load_config
-from planview.pipeline.factory import Engine, open_engine
-from planview.pipeline.pipeline import Pipeline
+from planview.pipeline.engine import Engine
+from planview.pipeline.factory import TrackerName, open_engine
 from planview.runs.folder import check_folder, prepare_folder
 from planview.runs.log import NoLog, RunLog
 from planview.runs.progress import FrameProgress, summary
@@ -28,7 +28,7 @@ def run(
     recording: Path,
     *,
     out: Path,
-    tracker: Literal["template", "human-model", "ellipse-particle"] = "template",
+    tracker: TrackerName = "template",
     camera: Path | None = None,
     calibration: Path | None = None,
     rules: Path | None = None,
@@ -53,7 +53,7 @@ def run(
     out
         Folder for the results; made if need be.
     tracker
-        Who follows people: plan-view templates (stereo), a human model (one camera), or ellipses and particles.
+        Plan-view templates (stereo), a human model (one camera), or ellipses and particles (either).
     camera
         camera.toml of a single camera (planview calibrate human writes it).
     calibration
@@ -82,7 +82,7 @@ def run(
     console = Console(stderr=True, markup=False)
     with console.status("opening the recording, aligning rows, finding the floor"):
         engine = open_engine(recording, tracker, settings, camera, calibration)
-    analytics = Analytics(load_rules(rules, _plane(engine))) if rules else None
+    analytics = Analytics(load_rules(rules, RulePlane(engine.camera, engine.size))) if rules else None
     prepare_folder(out, overwrite)
     options = RunOptions(tracker=tracker, analytics=analytics, debug=debug, max_frames=frames)
     with FrameProgress(console, min(frames or engine.recording.n_frames, engine.recording.n_frames)) as progress:
@@ -91,15 +91,6 @@ def run(
     summary(console, info, out)
     if json_output:
         print(info.model_dump_json())
-
-
-def _plane(engine: Engine) -> RulePlane:
-    """What rules in pixels refer to."""
-    if isinstance(engine, Pipeline):
-        from planview.analytics.cameras import StereoFloorCamera
-
-        return RulePlane(StereoFloorCamera(engine.setup.rectifier.geometry, engine.setup.floor.world_SE3_left))
-    return RulePlane(engine.camera, engine.recording.size)
 
 
 def _log(engine: Engine, out: Path, wanted: bool) -> RunLog:

@@ -1,4 +1,4 @@
-"""From names on the command line to a pipeline with a tracker."""
+"""From names on the command line to an engine with a tracker."""
 
 from __future__ import annotations
 
@@ -8,17 +8,18 @@ from typing import Literal, get_args
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera
 from planview.pipeline.config import Config
+from planview.pipeline.engine import Engine
 from planview.pipeline.pipeline import Pipeline, SingleCameraPipeline
-from planview.pipeline.setup import set_up
-from planview.tracking.base import ImageTracker
+from planview.tracking.base import ImageTracker, Tracker
 from planview.tracking.ellipse_particle.tracker import EllipseParticleTracker
 from planview.tracking.human_model.tracker import HumanModelTracker
-from stereo.readers import open_recording, open_video
+from planview.tracking.template import TemplateTracker
+from stereo.readers import open_video
 from stereo.recording import Video
 
 TrackerName = Literal["template", "human-model", "ellipse-particle"]
-
-Engine = Pipeline | SingleCameraPipeline
+FloorTrackerName = Literal["template", "ellipse-particle"]
+ImageTrackerName = Literal["human-model", "ellipse-particle"]
 
 
 def open_engine(
@@ -41,10 +42,10 @@ def open_engine(
         raise InputError(f"--tracker: expected one of {', '.join(get_args(TrackerName))}, found {tracker!r}")
     config = config or Config()
     if tracker == "template" or (tracker == "ellipse-particle" and is_stereo(path, calibration)):
-        return _stereo(path, tracker, config, calibration)
+        return Pipeline.from_recording(path, config, calibration, floor_tracker(tracker, config))
     video = open_video(path)
     ground_camera = _camera_for(video, camera) if camera else None
-    return SingleCameraPipeline(video, _image_tracker(tracker, config, ground_camera), config, ground_camera)
+    return SingleCameraPipeline(video, image_tracker(tracker, config, ground_camera), config, ground_camera)
 
 
 def is_stereo(path: Path, calibration: Path | None = None) -> bool:
@@ -52,16 +53,19 @@ def is_stereo(path: Path, calibration: Path | None = None) -> bool:
     return calibration is not None or (path.is_dir() and any(path.glob("left*")) and any(path.glob("right*")))
 
 
-def _stereo(path: Path, tracker: TrackerName, config: Config, calibration: Path | None) -> Pipeline:
-    recording = open_recording(path, calibration)
-    setup = set_up(recording, config)
+def floor_tracker(tracker: FloorTrackerName, config: Config) -> Tracker:
+    """A tracker of plan-view maps with its parameters."""
     if tracker == "template":
-        return Pipeline(recording, setup, config)
-    params = config.ellipse_particle.model_copy(update={"plane": "floor", "seed": config.seed})
-    return Pipeline(recording, setup, config, EllipseParticleTracker(params))
+        return TemplateTracker(config.template, config.maps.height_max_m)
+    return EllipseParticleTracker(config.ellipse_particle.model_copy(update={"plane": "floor", "seed": config.seed}))
 
 
-def _image_tracker(tracker: TrackerName, config: Config, camera: GroundCamera | None) -> ImageTracker:
+def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamera | None) -> ImageTracker:
+    """A tracker of one camera's images with its parameters.
+
+    Raises:
+        InputError: the human-model tracker without a camera.
+    """
     if tracker == "ellipse-particle":
         params = config.ellipse_particle.model_copy(update={"plane": "image", "seed": config.seed})
         return EllipseParticleTracker(params, camera)

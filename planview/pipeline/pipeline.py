@@ -1,11 +1,10 @@
-"""The whole engine, top to bottom: a recorded stereo pair in, people in metres out."""
+"""The whole engine, top to bottom: recorded images in, people in metres out."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
 
 import cv2
 import numpy as np
@@ -16,47 +15,36 @@ from planview.foreground.mixture import Foreground
 from planview.maps.builder import MapBuilder
 from planview.pipeline.boxes import BodyBoxes
 from planview.pipeline.config import Config
+from planview.pipeline.describe import ground_camera_info, ground_floor_info, stereo_camera_info, stereo_floor_info
+from planview.pipeline.engine import FrameResult, StageClock, StereoView
 from planview.pipeline.feedback import Feedback
+from planview.pipeline.info import CameraInfo, FloorInfo
 from planview.pipeline.setup import Setup, set_up
 from planview.pipeline.single_camera import SingleCamera
-from planview.tracking.base import Decision, ImageTracker, Observation, Tracker
+from planview.tracking.base import ImageTracker, Observation, Tracker
 from planview.tracking.template import TemplateTracker
-from planview.trajectories.state import TrackState
+from stereo.floor_camera import StereoFloorCamera
 from stereo.matcher import Matcher, SgbmMatcher
 from stereo.readers import open_recording
 from stereo.readers.prefetch import prefetch
-from stereo.recording import Recording, Video, VideoFrame
+from stereo.recording import Recording, StereoFrame, Video, VideoFrame
 
-STAGES = ("read", "rectify", "match", "foreground", "maps", "track")
-"""Stages timed, in order."""
+AHEAD = 2
+"""Frames matched ahead of the tracker."""
 
 
 @dataclass(frozen=True, eq=False)
-class FrameResult:
-    """Everything about one frame.
+class MatchedFrame:
+    """A rectified and matched pair.
 
     Attributes:
-        frame: index in the recording, from 0.
-        timestamp_s: seconds since the first frame.
-        tracks: people, tentative and lost ones included.
-        decisions: why the tracker did what it did.
-        observation: what the tracker saw (image, foreground, maps).
-        disparity: (H, W) float32 [px], NaN invalid; None for a single camera.
-        stages_ms: time of every stage; reading and matching run ahead in other threads.
+        frame, timestamp_s: as in the recording.
+        image: (H, W[, 3]) uint8, the rectified left image.
+        disparity: (H, W) float32 [px], NaN invalid.
+        stages_ms: time of the stages so far.
     """
 
     frame: int
-    timestamp_s: float
-    tracks: tuple[TrackState, ...]
-    decisions: tuple[Decision, ...]
-    observation: Observation
-    disparity: F32 | None
-    stages_ms: dict[str, float]
-
-
-@dataclass(frozen=True, eq=False)
-class _Matched:
-    index: int
     timestamp_s: float
     image: U8
     disparity: F32
@@ -64,12 +52,12 @@ class _Matched:
 
 
 class Pipeline:
-    """Read, rectify, match, separate foreground, build maps, track; iterate it for a FrameResult per frame.
+    """Rectify, match, separate foreground, build maps, track: an ``Engine`` for stereo recordings.
 
     Attributes:
-        recording: what is read.
         setup: rectification, floor and disparity range.
-        tracker: who follows people.
+        matcher, foreground, maps, feedback: the stages between reading and tracking.
+        recording, config, tracker, stereo: see ``Engine``.
     """
 
     def __init__(
@@ -88,19 +76,30 @@ class Pipeline:
         """
         self.config = c = config or Config()
         self.recording, self.setup = recording, setup
-        geometry, pose = setup.rectifier.geometry, setup.floor.world_SE3_left
-        self.reduction = -(-geometry.width // c.analysis.width_px)
+        geometry, floor = setup.rectifier.geometry, setup.floor
         self.matcher = matcher or SgbmMatcher(
             geometry, c.sgbm, setup.disparities, setup.rectifier.mask, setup.rectifier.right_mask
         )
-        self.maps = MapBuilder(geometry, pose, c.maps, self.reduction)
+        reduction = -(-geometry.width // c.analysis.width_px)
+        self.maps = MapBuilder(geometry, floor.world_SE3_left, c.maps, reduction)
         self.foreground = Foreground(c.foreground, self.maps.shape)
         self.feedback = Feedback(c.feedback)
         self.tracker = tracker or TemplateTracker(c.template, c.maps.height_max_m)
-        self._boxes = BodyBoxes(geometry, pose)
+        self.stereo = StereoView(
+            geometry, floor, setup.floor_source, recording.rig.source, setup.vertical.after_px, setup.disparities,
+            self.maps.grid, reduction,
+        )  # fmt: skip
+        self._boxes = BodyBoxes(geometry, floor.world_SE3_left)
+        self._feedback: U8 | None = None
 
     @staticmethod
-    def from_recording(path: Path | str, config: Config | None = None, calibration: Path | None = None) -> Pipeline:
+    def from_recording(
+        path: Path | str,
+        config: Config | None = None,
+        calibration: Path | None = None,
+        tracker: Tracker | None = None,
+        matcher: Matcher | None = None,
+    ) -> Pipeline:
         """Open a recording, find its floor and get ready.
 
         Raises:
@@ -109,58 +108,101 @@ class Pipeline:
         """
         config = config or Config()
         recording = open_recording(Path(path), calibration)
-        return Pipeline(recording, set_up(recording, config), config)
+        return Pipeline(recording, set_up(recording, config), config, tracker, matcher)
 
-    def __iter__(self) -> Iterator[FrameResult]:
-        """Track the recording from its first frame; each iteration starts anew."""
+    @property
+    def camera(self) -> StereoFloorCamera:
+        """The rectified left camera above the floor."""
+        return self.stereo.camera
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the rectified images [px]."""
+        return self.stereo.geometry.size
+
+    def camera_info(self) -> CameraInfo:
+        """See ``Engine``."""
+        return stereo_camera_info(self.stereo)
+
+    def floor_info(self) -> FloorInfo:
+        """See ``Engine``."""
+        return stereo_floor_info(self.stereo)
+
+    def reset(self) -> None:
+        """Forget people, background and feedback."""
         self.tracker.reset()
         self.foreground.reset()
         self.feedback.reset()
-        opinion: U8 | None = None
-        for matched in prefetch(self._matched(), 2):
-            clock = _Clock(matched.stages_ms)
-            image = self._reduced_image(matched.image)
-            disparity = np.ascontiguousarray(matched.disparity[:: self.reduction, :: self.reduction])
-            mask = self.foreground.update(image, disparity, matched.timestamp_s, opinion)
-            clock.lap("foreground")
-            maps = self.maps(disparity, mask, image, self.foreground.exposure)
-            clock.lap("maps")
-            seen = Observation(matched.index, matched.timestamp_s, matched.image, mask, None, maps)
-            tracks = tuple(self._boxes(track) for track in self.tracker.update(seen))
-            opinion = self.feedback(maps.points, tracks, self.maps.shape)
-            clock.lap("track")
-            yield FrameResult(
-                matched.index, matched.timestamp_s, tracks, self.tracker.decisions, seen,
-                matched.disparity, clock.stages_ms,
-            )  # fmt: skip
+        self._feedback = None
 
-    def _matched(self) -> Iterator[_Matched]:
-        """Read, rectify and match; runs ahead in its own thread while earlier frames are tracked."""
-        clock = _Clock({})
+    def step(self, frame: StereoFrame) -> FrameResult:
+        """Track the next pair.
+
+        Raises:
+            ValueError: images of another size than the calibration's.
+        """
+        return self.track(self.match(frame))
+
+    def __iter__(self) -> Iterator[FrameResult]:
+        """``step`` over the recording from its first frame, but reading and matching run ahead in their own thread."""
+        self.reset()
+        for matched in prefetch(self._matched(), AHEAD):
+            yield self.track(matched)
+
+    def match(self, frame: StereoFrame, clock: StageClock | None = None) -> MatchedFrame:
+        """Rectify and match a pair; depends on no other frame.
+
+        Args:
+            clock: with the times of earlier stages.
+        """
+        clock = clock or StageClock()
+        pair = self.setup.rectifier(frame.left, frame.right)
+        clock.record("rectify")
+        disparity = self.matcher(pair.left_grey, pair.right_grey)
+        clock.record("match")
+        return MatchedFrame(frame.index, frame.timestamp_s, pair.left, disparity, clock.stages_ms)
+
+    def track(self, matched: MatchedFrame) -> FrameResult:
+        """Foreground, maps and people of the next pair."""
+        clock, reduction = StageClock(matched.stages_ms), self.stereo.reduction
+        image = self._reduced_image(matched.image)
+        disparity = np.ascontiguousarray(matched.disparity[::reduction, ::reduction])
+        mask = self.foreground.update(image, disparity, matched.timestamp_s, self._feedback)
+        clock.record("foreground")
+        maps = self.maps(disparity, mask, image, self.foreground.exposure)
+        clock.record("maps")
+        observation = Observation(matched.frame, matched.timestamp_s, matched.image, mask, None, maps)
+        tracks = tuple(self._boxes(track) for track in self.tracker.update(observation))
+        self._feedback = self.feedback(maps.points, tracks, self.maps.shape)
+        clock.record("track")
+        return FrameResult(
+            matched.frame, matched.timestamp_s, tracks, self.tracker.decisions, observation,
+            matched.disparity, clock.stages_ms,
+        )  # fmt: skip
+
+    def _matched(self) -> Iterator[MatchedFrame]:
+        clock = StageClock()
         for frame in self.recording:
-            clock.lap("read")
-            pair = self.setup.rectifier(frame.left, frame.right)
-            clock.lap("rectify")
-            disparity = self.matcher(pair.left_grey, pair.right_grey)
-            clock.lap("match")
-            yield _Matched(frame.index, frame.timestamp_s, pair.left, disparity, clock.stages_ms)
-            clock = _Clock({})
+            clock.record("read")
+            yield self.match(frame, clock)
+            clock = StageClock()
 
     def _reduced_image(self, image: U8) -> U8:
-        if self.reduction == 1:
+        if self.stereo.reduction == 1:
             return image
         size = self.maps.shape[::-1]
         return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 class SingleCameraPipeline:
-    """Read, separate foreground, track with one camera; iterate it for a FrameResult per frame.
+    """Separate foreground and track with one camera: an ``Engine`` for videos.
 
     Attributes:
-        recording: what is read.
-        tracker: who follows people.
         camera: calibration above the floor, None where the tracker needs none.
+        recording, config, tracker: see ``Engine``.
     """
+
+    stereo = None
 
     def __init__(
         self,
@@ -171,41 +213,47 @@ class SingleCameraPipeline:
     ) -> None:
         self.recording, self.tracker, self.camera = recording, tracker, camera
         self.config = config or Config()
+        self.size = recording.size
         self._source = SingleCamera(self.config.single_camera, recording.size)
 
-    def __iter__(self) -> Iterator[FrameResult]:
-        """Track the recording from its first frame; each iteration starts anew."""
+    def camera_info(self) -> CameraInfo | None:
+        """See ``Engine``."""
+        return ground_camera_info(self.camera) if self.camera else None
+
+    def floor_info(self) -> FloorInfo | None:
+        """See ``Engine``."""
+        return ground_floor_info(self.camera) if self.camera else None
+
+    def reset(self) -> None:
+        """Forget people and background."""
         self.tracker.reset()
         self._source.reset()
-        for frame, read_ms in self._read():
-            clock = _Clock({"read": read_ms})
-            if self.tracker.needs_foreground:
-                seen = self._source.observe(frame, self.tracker.feedback())
-            else:
-                seen = Observation(frame.index, frame.timestamp_s, frame.image)
-            clock.lap("foreground")
-            tracks = self.tracker.update(seen)
-            clock.lap("track")
-            yield FrameResult(
-                frame.index, frame.timestamp_s, tracks, self.tracker.decisions, seen, None, clock.stages_ms
-            )
 
-    def _read(self) -> Iterator[tuple[VideoFrame, float]]:
-        clock = _Clock({})
+    def step(self, frame: VideoFrame) -> FrameResult:
+        """Track the next frame.
+
+        Raises:
+            InputError: a frame of another size.
+        """
+        return self._track(frame, StageClock())
+
+    def __iter__(self) -> Iterator[FrameResult]:
+        """``step`` over the recording from its first frame."""
+        self.reset()
+        clock = StageClock()
         for frame in self.recording:
-            clock.lap("read")
-            yield frame, clock.stages_ms["read"]
-            clock = _Clock({})
+            clock.record("read")
+            yield self._track(frame, clock)
+            clock = StageClock()
 
-
-class _Clock:
-    """Laps in milliseconds, added to a frame's stage times."""
-
-    def __init__(self, stages_ms: dict[str, float]) -> None:
-        self.stages_ms = dict(stages_ms)
-        self._since = perf_counter()
-
-    def lap(self, stage: str) -> None:
-        now = perf_counter()
-        self.stages_ms[stage] = 1e3 * (now - self._since)
-        self._since = now
+    def _track(self, frame: VideoFrame, clock: StageClock) -> FrameResult:
+        if self.tracker.needs_foreground:
+            observation = self._source.observe(frame, self.tracker.feedback())
+        else:
+            observation = Observation(frame.index, frame.timestamp_s, frame.image)
+        clock.record("foreground")
+        tracks = self.tracker.update(observation)
+        clock.record("track")
+        return FrameResult(
+            frame.index, frame.timestamp_s, tracks, self.tracker.decisions, observation, None, clock.stages_ms
+        )

@@ -32,7 +32,7 @@ class SingleCameraParams(Params):
     (as OpenCV's MOG2 has it), since dark clothes are like deeper shadows. The least noise is that of the sensor alone:
     where colours are all there is, clothes like the wall behind must be told from it, and noise above is learned."""
     ghosts: GhostParams = GhostParams()
-    """What of the foreground is nobody, but where somebody was at the start."""
+    """Foreground without a person: where a person of the first frames, learned as background, has left."""
     motion_level: float = Field(default=10.0, gt=0, le=255)
     """Change of luma, averaged over 3x3 pixels, between two frames that is motion (levels of 255). Our choice: 8-bit
     video has a noise of 3 to 4 levels, 1.3 in the average and 1.9 between two frames; five times that."""
@@ -51,44 +51,44 @@ class SingleCamera:
         self._foreground = Foreground(params.foreground, (size[1], size[0]))
         self._past: deque[tuple[float, U8]] = deque()
         self._ghosts: U8 = np.zeros((size[1], size[0]), np.uint8)
-        self._looked_s = -math.inf
+        self._searched_s = -math.inf
 
     def reset(self) -> None:
         """Forget the background."""
         self._foreground.reset()
         self._past.clear()
         self._ghosts[:] = 0
-        self._looked_s = -math.inf
+        self._searched_s = -math.inf
 
     def observe(self, frame: VideoFrame, feedback: U8 | None = None) -> Observation:
         """Foreground and motion of one frame.
 
         Args:
             frame: the next frame.
-            feedback: (H, W) uint8, what a tracker knows (see ``Foreground``), or None.
+            feedback: (H, W) uint8, a tracker's labels of pixels (see ``Foreground``), or None.
         Raises:
             InputError: a frame of another size.
         """
         height, width = frame.image.shape[:2]
         if (width, height) != self.size:
             raise InputError(f"frame {frame.index}: expected {self.size[0]}x{self.size[1]} px, found {width}x{height}")
-        mask = self._foreground.update(frame.image, None, frame.timestamp_s, self._opinion(feedback))
+        mask = self._foreground.update(frame.image, None, frame.timestamp_s, self._without_ghosts(feedback))
         grey = as_grey(frame.image)
         motion = self._motion(frame.timestamp_s, grey)
-        if frame.timestamp_s - self._looked_s >= self.params.ghosts.interval_s - 5e-4:
-            self._looked_s = frame.timestamp_s
+        if frame.timestamp_s - self._searched_s >= self.params.ghosts.interval_s - 5e-4:
+            self._searched_s = frame.timestamp_s
             background = self._foreground.background_luma()
             self._ghosts = find_ghosts(grey, background, mask, motion, self.params.ghosts)
         mask[self._ghosts > 0] = 0
         return Observation(frame.index, frame.timestamp_s, frame.image, mask, motion, shadow=self._foreground.shadow)
 
-    def _opinion(self, feedback: U8 | None) -> U8 | None:
-        """What the tracker knows, but ghosts are background whoever is thought to be there."""
+    def _without_ghosts(self, feedback: U8 | None) -> U8 | None:
+        """The tracker's feedback, but ghosts are background even where it tracks a person."""
         if not self._ghosts.any():
             return feedback
-        opinion = np.zeros(self._ghosts.shape, np.uint8) if feedback is None else feedback.copy()
-        opinion[self._ghosts > 0] = BACKGROUND
-        return opinion
+        corrected = np.zeros(self._ghosts.shape, np.uint8) if feedback is None else feedback.copy()
+        corrected[self._ghosts > 0] = BACKGROUND
+        return corrected
 
     def _motion(self, now_s: float, grey: U8) -> U8:
         """(H, W) uint8, 255 where the smoothed luma differs from that of motion_interval_s ago."""

@@ -5,19 +5,14 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
+from pydantic import Field, JsonValue, ValidationError
 
 from calib.errors import InputError, WorkError
 from calib.params import first_problem
+from planview.pipeline.info import CameraInfo, FloorInfo, InfoPart
 
 
-class _Part(BaseModel):
-    """Part of run.json; unknown keys are kept out by their writer, and ignored by an older reader."""
-
-    model_config = ConfigDict(extra="ignore", use_attribute_docstrings=True, ser_json_inf_nan="null")
-
-
-class SkippedFrame(_Part):
+class SkippedFrame(InfoPart):
     """A frame that could not be used."""
 
     index: int
@@ -25,43 +20,7 @@ class SkippedFrame(_Part):
     why: str
 
 
-class FloorInfo(_Part):
-    """The floor that was found, or given by world.toml."""
-
-    height_m: float
-    """Height of the left camera above the floor [m]."""
-    tilt_deg: float
-    """Angle of the optical axis from straight down [degrees]."""
-    roll_deg: float
-    """Angle of the image's x axis to the floor [degrees]."""
-    inlier_fraction: float | None = None
-    """Share of the floor's points within tolerance; None when the floor was given."""
-    residual_m: float | None = None
-    """Root mean square distance of the inliers [m]."""
-    world_SE3_left: list[list[float]] | None = None
-    """Pose of the rectified left camera, (4, 4), for a stereo recording."""
-    source: str = "found"
-    """"found" in the recording, or the file that gave it."""
-
-
-class CameraInfo(_Part):
-    """The (rectified left) camera, enough to draw its view on the floor."""
-
-    width: int
-    height: int
-    """Image size [px]."""
-    focal_px: float | None = None
-    baseline_m: float | None = None
-    """Between left and right camera; None for one camera."""
-    calibration: str | None = None
-    """File or folder the calibration came from."""
-    vertical_residual_px: float | None = None
-    """Mean vertical offset left after rectification, as measured and corrected [px]."""
-    view_m: list[tuple[float, float]] = Field(default_factory=list)
-    """Outline of the view on the floor, world frame (x, y) [m], when known."""
-
-
-class RunInfo(_Part):
+class RunInfo(InfoPart):
     """All of run.json. Every field has a default, so that a page can be made of what there is."""
 
     input: str = ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from planview.pipeline.pipeline import FrameResult
+from planview.pipeline.engine import FrameResult
 
 
 class RunLog(Protocol):

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from planview.pipeline.pipeline import FrameResult
+from planview.pipeline.engine import FrameResult
 from planview.runs.info import RunInfo
 
 

@@ -22,9 +22,7 @@ from planview.analytics.clock import Span
 from planview.analytics.events import Event, write_event_header, write_event_rows
 from planview.analytics.stream import Analytics
 from planview.analytics.totals import Counts
-from planview.pipeline.factory import Engine
-from planview.pipeline.pipeline import FrameResult
-from planview.runs.describe import camera_info, floor_info
+from planview.pipeline.engine import Engine, FrameResult
 from planview.runs.folder import FrameFile
 from planview.runs.info import RunInfo, SkippedFrame, write_run_info, write_whole
 from planview.runs.log import NoLog, RunLog
@@ -56,7 +54,7 @@ class RunOptions:
 
 @dataclass
 class _Progress:
-    """What a run has seen so far."""
+    """What a run has counted so far."""
 
     frames: int = 0
     tracks: int = 0
@@ -98,7 +96,7 @@ def run(
     says ``finished: false`` and every file is valid up to the last finished frame.
 
     Args:
-        engine: from ``open_engine``, or a ``Pipeline``.
+        engine: from ``open_engine``, or composed by hand.
         watch: called after every frame, e.g. to show progress.
     Raises:
         WorkError: the disk is full, or no frame can be used.
@@ -182,8 +180,8 @@ def _start(engine: Engine, options: RunOptions) -> RunInfo:
         started_at=datetime.now(UTC).astimezone().isoformat(timespec="seconds"),
         versions={"python": platform.python_version(), **_versions()},
         config=engine.config.model_dump(mode="json"),
-        rig=camera_info(engine),
-        floor=floor_info(engine),
+        rig=engine.camera_info(),
+        floor=engine.floor_info(),
     )
 
 

@@ -9,7 +9,6 @@ from toy_stereo import ToyWorld, toy_rig, walking, write_toy_recording
 
 from planview.cli import main
 from planview.pipeline.config import load_config
-from planview.pipeline.factory import open_engine
 from planview.pipeline.pipeline import Pipeline
 
 
@@ -28,9 +27,7 @@ def recording(pairs: list[Pair], tmp_path_factory: pytest.TempPathFactory) -> Pa
 @pytest.fixture(scope="session")
 def engine(recording: Path) -> Pipeline:
     """Floor found once; iterating it anew gives the same frames."""
-    engine = open_engine(recording, config=load_config(None, [FEW]))
-    assert isinstance(engine, Pipeline)
-    return engine
+    return Pipeline.from_recording(recording, load_config(None, [FEW]))
 
 
 @pytest.fixture

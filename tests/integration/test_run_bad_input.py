@@ -12,7 +12,8 @@ from toy_stereo import ToyWorld, toy_rig, write_toy_recording
 
 from calib.errors import WorkError
 from calib.rig import StereoRig, save_rig
-from planview.pipeline.pipeline import FrameResult, Pipeline
+from planview.pipeline.engine import FrameResult
+from planview.pipeline.pipeline import Pipeline
 from planview.runs.info import read_run_info
 from planview.runs.run import run
 from planview.trajectories.table import read_tracks

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -19,7 +18,6 @@ from planview.bench.accuracy import (
     LIMITS,
     RenderOptions,
     SceneScore,
-    StereoTracker,
     Totals,
     cache_folder,
     scene_files,
@@ -27,6 +25,7 @@ from planview.bench.accuracy import (
     totals,
 )
 from planview.pipeline.config import load_config
+from planview.pipeline.factory import FloorTrackerName
 from planview.synthetic.committed import SCENES
 
 
@@ -34,7 +33,7 @@ def bench_accuracy(
     *,
     scene: Annotated[Sequence[str], Parameter(negative="")] = (),
     seeds: int = 1,
-    tracker: StereoTracker = "template",
+    tracker: FloorTrackerName = "template",
     frames: int | None = None,
     scale: float = 1.0,
     scenes: Path = SCENES,
@@ -57,7 +56,7 @@ def bench_accuracy(
     seeds
         Seed 0 is the scene as committed; every further one a variation of it.
     tracker
-        Who follows people.
+        Which tracker to score.
     frames
         Only the first frames of every scene.
     scale
@@ -67,7 +66,7 @@ def bench_accuracy(
     cache
         Folder for rendered recordings; the user's cache by default.
     out
-        Folder that keeps the runs (tracks.csv, run.json); a temporary one by default.
+        Folder that keeps the runs (tracks.csv, run.json); nothing is kept by default.
     config
         TOML file with parameters of the pipeline.
     set_
@@ -78,11 +77,10 @@ def bench_accuracy(
     if seeds < 1 or (frames is not None and frames < 1) or not 0.05 <= scale <= 4:
         raise InputError(f"expected --seeds and --frames from 1, --scale 0.05 to 4, found {seeds}, {frames}, {scale:g}")
     settings, messages = load_config(config, set_), Console(stderr=True, markup=False)
-    with tempfile.TemporaryDirectory() as temporary, messages.status("...") as status:
+    with messages.status("...") as status:
         tasks = [(path, seed) for path in scene_files(scene, scenes) for seed in range(seeds)]
-        place, runs = cache or cache_folder(), out or Path(temporary)
-        options = RenderOptions(place, scale, frames)
-        scores = [score_scene(path, seed, options, runs, settings, status.update, tracker) for path, seed in tasks]
+        options = RenderOptions(cache or cache_folder(), scale, frames)
+        scores = [score_scene(path, seed, options, out, settings, status.update, tracker) for path, seed in tasks]
     together = totals(scores)
     if json_output:
         print(json.dumps(_json(scores, together), indent=2))

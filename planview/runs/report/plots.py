@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.types import F64, I64
 from planview.maps.grid import Grid
-from planview.runs.info import CameraInfo
+from planview.pipeline.info import CameraInfo
 from planview.trajectories.table import Trajectories
 
 if TYPE_CHECKING:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import rerun.blueprint as rrb
 
-from planview.pipeline.factory import Engine
-from planview.pipeline.pipeline import Pipeline
+from planview.pipeline.engine import Engine, StereoView
 
 
 def blueprint(engine: Engine) -> rrb.Blueprint:
@@ -15,17 +14,18 @@ def blueprint(engine: Engine) -> rrb.Blueprint:
     decisions = rrb.TextLogView(origin="decisions", name="decisions")
     counts = rrb.TimeSeriesView(origin="people", name="people")
     times = rrb.TimeSeriesView(origin="time_ms", name="stage times [ms]")
-    if not isinstance(engine, Pipeline):
+    stereo = engine.stereo
+    if stereo is None:
         below = rrb.Horizontal(decisions, rrb.Tabs(counts, times))
         return rrb.Blueprint(rrb.Vertical(image, below, row_shares=[3, 1]), collapse_panels=True)
     series = rrb.Tabs(rrb.TimeSeriesView(origin="score", name="match score"), counts, times, decisions)
     world = rrb.Spatial3DView(
-        origin="world", name="3D", eye_controls=_eye(engine, (0.0, -0.75, 0.55)), line_grid=False,
+        origin="world", name="3D", eye_controls=_eye(stereo, (0.0, -0.75, 0.55)), line_grid=False,
     )  # fmt: skip
     height, occupancy = (
         rrb.Spatial3DView(
             origin="plan", contents=[f"plan/{name}", "plan/people", "plan/search", "plan/template", "plan/ellipses"],
-            name=f"{name} from above", eye_controls=_eye(engine, (0.0, -0.001, 0.9)), line_grid=False,
+            name=f"{name} from above", eye_controls=_eye(stereo, (0.0, -0.001, 0.9)), line_grid=False,
         )
         for name in ("height", "occupancy")
     )  # fmt: skip
@@ -40,9 +40,9 @@ def blueprint(engine: Engine) -> rrb.Blueprint:
     )
 
 
-def _eye(engine: Pipeline, direction: tuple[float, float, float]) -> rrb.EyeControls3D:
+def _eye(stereo: StereoView, direction: tuple[float, float, float]) -> rrb.EyeControls3D:
     """Looking at the middle of the floor in view, from a direction, the way the camera looks upwards."""
-    x_min, y_min, x_max, y_max = shown_floor(engine)
+    x_min, y_min, x_max, y_max = shown_floor(stereo)
     centre = np.array([(x_min + x_max) / 2, (y_min + y_max) / 2, 0.0])
     distance = max(x_max - x_min, 1.6 * (y_max - y_min))
     return rrb.EyeControls3D(
@@ -51,8 +51,8 @@ def _eye(engine: Pipeline, direction: tuple[float, float, float]) -> rrb.EyeCont
     )  # fmt: skip
 
 
-def shown_floor(engine: Pipeline) -> tuple[float, float, float, float]:
+def shown_floor(stereo: StereoView) -> tuple[float, float, float, float]:
     """Bounds of the visible floor, else of the grid; the place below the camera included [m]."""
-    grid = engine.maps.grid
-    x_min, y_min, x_max, y_max = engine.setup.floor.extent_m or (grid.x_min_m, grid.y_min_m, grid.x_max_m, grid.y_max_m)
+    grid = stereo.grid
+    x_min, y_min, x_max, y_max = stereo.floor.extent_m or (grid.x_min_m, grid.y_min_m, grid.x_max_m, grid.y_max_m)
     return min(x_min, 0.0), min(y_min, 0.0), max(x_max, 0.0), max(y_max, 0.0)

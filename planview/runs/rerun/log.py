@@ -16,8 +16,7 @@ import rerun as rr
 from calib.errors import WorkError
 from calib.images import encode_image
 from calib.types import F32, U8
-from planview.pipeline.factory import Engine
-from planview.pipeline.pipeline import FrameResult, Pipeline
+from planview.pipeline.engine import Engine, FrameResult, StereoView
 from planview.runs.rerun.blueprint import blueprint, shown_floor
 from planview.tracking.base import Drawing
 from planview.trajectories.state import TrackState
@@ -46,7 +45,7 @@ class RerunLog:
     def __init__(self, engine: Engine, path: Path) -> None:
         self._engine, self._path = engine, path
         self._check_room()
-        self._stereo = engine if isinstance(engine, Pipeline) else None
+        self._stereo = engine.stereo
         self._trails: dict[int, deque[tuple[float, float]]] = {}
         self._shown: set[str] = set()
         self._stream = rr.RecordingStream("planview", recording_id=f"planview-{path.parent.name}")
@@ -89,7 +88,7 @@ class RerunLog:
         self._stream.log("image", rr.AnnotationContext(labels), static=True)
         if self._stereo is None:
             return
-        pose, geometry = self._stereo.setup.floor.world_SE3_left, self._stereo.setup.rectifier.geometry
+        pose, geometry = self._stereo.floor.world_SE3_left, self._stereo.geometry
         self._stream.log(
             "world/camera", rr.Transform3D(translation=pose.translation, mat3x3=pose.rotation), static=True
         )
@@ -113,12 +112,12 @@ class RerunLog:
             full = np.asarray(cv2.resize(foreground, size, interpolation=cv2.INTER_NEAREST), dtype=np.uint8)
             self._stream.log("image/foreground", rr.SegmentationImage(full, opacity=0.4))
 
-    def _log_depth(self, engine: Pipeline, result: FrameResult) -> None:
+    def _log_depth(self, stereo: StereoView, result: FrameResult) -> None:
         """Disparity in sixteenths of a pixel at the analysis size, and the foreground cloud in colour."""
         if result.disparity is not None:
-            reduced = result.disparity[:: engine.reduction, :: engine.reduction]
+            reduced = result.disparity[:: stereo.reduction, :: stereo.reduction]
             sixteenths = np.nan_to_num(reduced * 16.0).astype(np.uint16)
-            searched = engine.setup.disparities
+            searched = stereo.disparities
             lowest, highest = 16.0 * searched.first_px, 16.0 * (searched.first_px + searched.count)
             colormap = rr.components.Colormap.Turbo
             shown = rr.DepthImage(sixteenths, meter=16.0, colormap=colormap, depth_range=(lowest, highest))
@@ -128,15 +127,15 @@ class RerunLog:
             return
         step = max(1, len(maps.points.xyz) // CLOUD_POINTS_MAX)
         xyz, pixels = maps.points.xyz[::step], maps.points.pixels[::step]
-        rows, cols = np.divmod(pixels, engine.maps.shape[1])
-        colours = _rgb(image)[rows * engine.reduction, cols * engine.reduction]
+        rows, cols = np.divmod(pixels, stereo.shape[1])
+        colours = _rgb(image)[rows * stereo.reduction, cols * stereo.reduction]
         self._stream.log("world/foreground", rr.Points3D(xyz, colors=colours, radii=0.012))
 
     def _log_maps(self, result: FrameResult) -> None:
         maps = result.observation.maps
         if maps is None or self._stereo is None:
             return
-        height_max = self._stereo.config.maps.height_max_m
+        height_max = self._engine.config.maps.height_max_m
         density = maps.occupancy / maps.grid.cell_m**2
         for name, values, largest in (("height", maps.height, height_max), ("occupancy", density, 4.0)):
             levels = np.clip(values * (255.0 / largest), 0, 255).astype(np.uint8)
@@ -250,8 +249,8 @@ def _rgb(image: U8) -> U8:
     return np.asarray(cv2.cvtColor(image, code), dtype=np.uint8)
 
 
-def _floor_grid(engine: Pipeline) -> F32:
+def _floor_grid(stereo: StereoView) -> F32:
     """Outline of the floor in view."""
-    x_min, y_min, x_max, y_max = shown_floor(engine)
+    x_min, y_min, x_max, y_max = shown_floor(stereo)
     corners = [(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max), (x_min, y_min)]
     return np.array([(*corner, 0.0) for corner in corners], dtype=np.float32)

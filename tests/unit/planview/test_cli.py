@@ -49,6 +49,16 @@ def test_wrong_usage_is_refused_in_one_sentence(argv: list[str], capsys: pytest.
 
 
 @pytest.mark.parametrize(
+    ("argv", "option"), [(["run", "x", "--out", ""], "--out"), (["run", "x", "--out="], "--out"), (["run", ""], "run")]
+)
+def test_an_empty_value_is_refused_in_one_sentence(
+    argv: list[str], option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert status_of(argv) == 2
+    assert capsys.readouterr().err == f"planview: {option}: expected a value, found an empty one\n"
+
+
+@pytest.mark.parametrize(
     ("error", "status", "sentence"),
     [
         (InputError("a.csv: expected this, found that"), 2, "a.csv: expected this, found that"),

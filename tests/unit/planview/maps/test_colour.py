@@ -4,7 +4,6 @@ import pytest
 from planview.foreground.gain import Exposure
 from planview.maps.colour import CODES, colour_codes, smoothing
 
-
 REFERENCE = Exposure()
 
 

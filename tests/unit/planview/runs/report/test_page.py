@@ -10,7 +10,8 @@ import pytest
 
 from calib.errors import InputError, WorkError
 from planview.cli import main
-from planview.runs.info import CameraInfo, FloorInfo, RunInfo, SkippedFrame, read_run_info, write_run_info
+from planview.pipeline.info import CameraInfo, FloorInfo
+from planview.runs.info import RunInfo, SkippedFrame, read_run_info, write_run_info
 from planview.runs.report.page import write_report
 from planview.runs.report.plots import heat_map
 from planview.trajectories.table import positions_table

@@ -1,0 +1,159 @@
+"""What every engine takes and gives: frames in, people in metres out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Protocol
+
+from calib.ground_camera import GroundCamera
+from calib.rig import Floor
+from calib.types import F32
+from planview.maps.grid import Grid
+from planview.pipeline.config import Config
+from planview.pipeline.info import CameraInfo, FloorInfo
+from planview.tracking.base import Decision, Observation, Tracker
+from planview.trajectories.state import TrackState
+from stereo.depth import RectifiedGeometry
+from stereo.floor_camera import StereoFloorCamera
+from stereo.matcher import DisparityRange
+from stereo.recording import Skipped
+
+STAGES = ("read", "rectify", "match", "foreground", "maps", "track")
+"""Stages timed, in order."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameResult:
+    """Everything about one frame.
+
+    Attributes:
+        frame: index in the recording, from 0.
+        timestamp_s: seconds since the first frame.
+        tracks: people, tentative and lost ones included.
+        decisions: why the tracker did what it did.
+        observation: the tracker's input (image, foreground, maps).
+        disparity: (H, W) float32 [px], NaN invalid; None for a single camera.
+        stages_ms: time of every stage; reading and matching run ahead in other threads.
+    """
+
+    frame: int
+    timestamp_s: float
+    tracks: tuple[TrackState, ...]
+    decisions: tuple[Decision, ...]
+    observation: Observation
+    disparity: F32 | None
+    stages_ms: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class StereoView:
+    """A rectified pair above its floor.
+
+    Attributes:
+        geometry: of the rectified pair.
+        floor: pose of the rectified left camera and how well it is known.
+        floor_source: "found" in the recording, or the file that gave it.
+        calibration: file or folder the calibration came from; empty when unknown.
+        vertical_residual_px: row offset left after rectification [px]; NaN when unknown.
+        disparities: range searched.
+        grid: cells of the plan-view maps.
+        reduction: foreground and maps use every ``reduction``-th row and column of the rectified image.
+    """
+
+    geometry: RectifiedGeometry
+    floor: Floor
+    floor_source: str
+    calibration: str
+    vertical_residual_px: float
+    disparities: DisparityRange
+    grid: Grid
+    reduction: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(height, width) of disparity and foreground at the reduced size."""
+        return -(-self.geometry.height // self.reduction), -(-self.geometry.width // self.reduction)
+
+    @property
+    def camera(self) -> StereoFloorCamera:
+        """The rectified left camera above the floor."""
+        return StereoFloorCamera(self.geometry, self.floor.world_SE3_left)
+
+
+class AnyRecording(Protocol):
+    """What stereo recordings, videos and recorded maps have in common (see ``stereo.recording.Recording``)."""
+
+    @property
+    def path(self) -> Path: ...
+
+    @property
+    def n_frames(self) -> int: ...
+
+    @property
+    def fps(self) -> float: ...
+
+    @property
+    def skipped(self) -> Sequence[Skipped]: ...
+
+
+class Engine(Protocol):
+    """Tracks people: iterate it for a FrameResult per frame of its recording, or ``step`` through frames of your own.
+
+    Attributes:
+        recording: what is read.
+        config: the full effective configuration.
+        tracker: who follows people.
+        camera: the (rectified left) camera above the floor; None for a single camera that is not calibrated.
+        size: (width, height) of the images [px].
+        stereo: the rectified pair and its maps; None for a single camera.
+    """
+
+    @property
+    def recording(self) -> AnyRecording: ...
+
+    @property
+    def config(self) -> Config: ...
+
+    @property
+    def tracker(self) -> Tracker: ...
+
+    @property
+    def camera(self) -> StereoFloorCamera | GroundCamera | None: ...
+
+    @property
+    def size(self) -> tuple[int, int]: ...
+
+    @property
+    def stereo(self) -> StereoView | None: ...
+
+    def camera_info(self) -> CameraInfo | None:
+        """The camera as ``run.json`` has it; None for one that is not calibrated."""
+
+    def floor_info(self) -> FloorInfo | None:
+        """The floor as ``run.json`` has it; None where there is no calibrated camera."""
+
+    def reset(self) -> None:
+        """Forget all frames: people, background and feedback."""
+
+    def step(self, frame: Any) -> FrameResult:
+        """Track the next frame, of the kind that ``recording`` gives; frames come in order."""
+
+    def __iter__(self) -> Iterator[FrameResult]:
+        """Track the recording from its first frame; each iteration starts with ``reset``."""
+
+
+class StageClock:
+    """Adds the time since the last stage to a frame's stage times [ms]."""
+
+    def __init__(self, stages_ms: dict[str, float] | None = None) -> None:
+        self.stages_ms = dict(stages_ms or {})
+        self._since = perf_counter()
+
+    def record(self, stage: str) -> None:
+        """The stage ends now."""
+        now = perf_counter()
+        self.stages_ms[stage] = 1e3 * (now - self._since)
+        self._since = now

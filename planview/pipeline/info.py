@@ -1,0 +1,47 @@
+"""Camera and floor of an engine, as ``run.json`` has them."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class InfoPart(BaseModel):
+    """Part of run.json; unknown keys are kept out by their writer, and ignored by an older reader."""
+
+    model_config = ConfigDict(extra="ignore", use_attribute_docstrings=True, ser_json_inf_nan="null")
+
+
+class FloorInfo(InfoPart):
+    """The floor that was found, or given by world.toml."""
+
+    height_m: float
+    """Height of the left camera above the floor [m]."""
+    tilt_deg: float
+    """Angle of the optical axis from straight down [degrees]."""
+    roll_deg: float
+    """Angle of the image's x axis to the floor [degrees]."""
+    inlier_fraction: float | None = None
+    """Share of the floor's points within tolerance; None when the floor was given."""
+    residual_m: float | None = None
+    """Root mean square distance of the inliers [m]."""
+    world_SE3_left: list[list[float]] | None = None
+    """Pose of the rectified left camera, (4, 4), for a stereo recording."""
+    source: str = "found"
+    """"found" in the recording, or the file that gave it."""
+
+
+class CameraInfo(InfoPart):
+    """The (rectified left) camera, enough to draw its view on the floor."""
+
+    width: int
+    height: int
+    """Image size [px]."""
+    focal_px: float | None = None
+    baseline_m: float | None = None
+    """Between left and right camera; None for one camera."""
+    calibration: str | None = None
+    """File or folder the calibration came from."""
+    vertical_residual_px: float | None = None
+    """Mean vertical offset left after rectification, as measured and corrected [px]."""
+    view_m: list[tuple[float, float]] = Field(default_factory=list)
+    """Outline of the view on the floor, world frame (x, y) [m], when known."""
