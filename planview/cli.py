@@ -27,6 +27,7 @@ CALIBRATE = {
 BENCH = {
     "speed": "Time every stage side by side with plain OpenCV.",
     "accuracy": "Render every committed scene, track it and score it.",
+    "suite": "Render challenges drawn from a seed, track and score them.",
     "memory": "Watch the memory of a long run.",
     "calibration": "Score board, floor and human calibration against known truth.",
     "counting": "Score counts and occupancy on rendered and real recordings.",

@@ -9,7 +9,8 @@ import numpy as np
 from calib.types import F64
 from planview.synthetic.body import Body, PosedBody
 from planview.synthetic.furniture import furniture_mesh
-from planview.synthetic.motion import Handling, pose_at, scripted_motion
+from planview.synthetic.motion import Handling, scripted_motion
+from planview.synthetic.posing import pose_at
 from planview.synthetic.scene import Scene
 from planview.synthetic.setting import Furniture
 from planview.synthetic.shapes import Mesh

@@ -41,6 +41,8 @@ class Pose:
     shoulder: tuple[float, float] = (0.0, 0.0)
     abduct: tuple[float, float] = (0.12, 0.12)
     elbow: tuple[float, float] = (0.15, 0.15)
+    wheel: float = 0.0
+    """The whole body about its forward axis, to its left: a cartwheel, with the legs opened half-way through."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +101,10 @@ class Body:
         for side in (0, 1):
             self._leg(placed, pose, side)
         mesh = join(placed)
+        if pose.wheel:
+            roll = _rx(-pose.wheel)
+            mesh, head = mesh.moved(roll, np.zeros(3)), head.moved(roll, np.zeros(3))
+            skull, neck, hands = roll @ skull, roll @ neck, [roll @ hand for hand in hands]
         lift = -float(mesh.vertices[:, 2].min())
         turn, shift = _rz(heading_rad), np.array([x_m, y_m, lift])
         centre = skull @ np.array([0.0, 0.0, (0.935 - NECK) * h]) + neck
@@ -122,7 +128,8 @@ class Body:
     def _leg(self, placed: list[Mesh], pose: Pose, side: int) -> None:
         h, sign = self.height_m, 1.0 if side == 0 else -1.0
         joint = np.array([0.0, sign * 0.05 * h, 0.0])
-        upper = _rz(sign * pose.spread[side]) @ _rx(sign * 0.3 * pose.spread[side]) @ _ry(-pose.hip[side])
+        opened = 0.3 * pose.spread[side] + 0.6 * abs(np.sin(pose.wheel / 2))
+        upper = _rz(sign * pose.spread[side]) @ _rx(sign * opened) @ _ry(-pose.hip[side])
         placed.append(self._parts["thigh"].moved(upper, joint))
         knee = joint + upper @ np.array([0.0, 0.0, -THIGH * h])
         lower = upper @ _ry(pose.knee[side])

@@ -1,4 +1,4 @@
-"""Where people are and what they do over time: steps of the scene become sampled tracks and poses."""
+"""Where people are and what they do over time: steps of the scene become sampled tracks."""
 
 from __future__ import annotations
 
@@ -8,12 +8,18 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from calib.types import F64
-from planview.synthetic.body import HIP, Pose
+from planview.synthetic.furniture import furniture_size
 from planview.synthetic.persons import Person, Step
 from planview.synthetic.setting import Furniture
 
 TICK_HZ = 60.0
-ACTIONS = ("sit", "floor", "reach", "bend", "carry", "push")
+ACTIONS = ("sit", "floor", "reach", "bend", "carry", "push", "low", "crouch", "turns")
+"""Weights of postures from 0 to 1; ``turns`` is the number of cartwheels turned so far."""
+TURNS = ACTIONS.index("turns")
+LOW_SEAT_M = 0.4
+"""Benches and boxes lower than this are sat on with raised knees."""
+CARTWHEEL_MPS = 1.3
+"""Speed of the hips during a cartwheel (our choice: 2 m, about an arm span and a stride, in 1.5 s)."""
 SEAT_BACK_M = 0.32
 """How far the hips move back when sitting down on a chair."""
 
@@ -93,6 +99,7 @@ class _Script:
 
     def add(self, xy: F64, face: float, **weights: float) -> None:
         """Ticks at positions; a face of NaN follows the movement."""
+        weights.setdefault("turns", float(self.actions[-1][-1, TURNS]))
         self.xy.append(xy)
         self.face.append(np.full(len(xy), face))
         row = [weights.get(name, 0.0) for name in ACTIONS]
@@ -167,6 +174,10 @@ def _play(script: _Script, step: Step, furniture: dict[str, Furniture]) -> None:
         script.stay(step.reach_s, face, reach=1.0)
     elif step.bend_s is not None:
         script.stay(step.bend_s, face, bend=1.0)
+    elif step.crouch_s is not None:
+        script.stay(step.crouch_s, face, crouch=1.0)
+    elif step.cartwheel is not None:
+        _turn_cartwheel(script, step.cartwheel)
     elif step.sit_s is not None:
         _sit(script, step, furniture, face)
 
@@ -183,6 +194,18 @@ def _walk(script: _Script, step: Step) -> None:
             script.handlings.append(Handling(name, how, begin, script.now_s, step.put_z_m))
 
 
+def _turn_cartwheel(script: _Script, point: tuple[float, float]) -> None:
+    """One turn about the forward axis while the hips travel to the left, to a point."""
+    start, way = script.place, np.asarray(point, np.float64) - script.place
+    face = float(np.arctan2(way[1], way[0])) - np.pi / 2
+    script.stay(0.8, face)
+    n = max(2, round(float(np.linalg.norm(way)) / CARTWHEEL_MPS * TICK_HZ))
+    turned = float(script.actions[-1][-1, TURNS])
+    for k in range(1, n + 1):
+        script.add((start + way * k / n)[None], face, turns=turned + k / n)
+    script.stay(0.8, face)
+
+
 def _sit(script: _Script, step: Step, furniture: dict[str, Furniture], face: float) -> None:
     seconds = step.sit_s or 0.0
     if step.on is None:
@@ -195,73 +218,7 @@ def _sit(script: _Script, step: Step, furniture: dict[str, Furniture], face: flo
     before = script.place
     script.add(before + (ahead - before) * np.linspace(1 / n, 1, n)[:, None], np.nan)
     script.stay(0.7, front)
-    script.add(np.tile(np.asarray(chair.at_m, np.float64), (max(1, round(seconds * TICK_HZ)), 1)), front, sit=1.0)
+    low = chair.kind in ("bench", "box") and furniture_size(chair)[2] < LOW_SEAT_M
+    seat = np.tile(np.asarray(chair.at_m, np.float64), (max(1, round(seconds * TICK_HZ)), 1))
+    script.add(seat, front, sit=float(not low), low=float(low))
     script.add(np.tile(ahead, (round(0.7 * TICK_HZ), 1)), front)
-
-
-def pose_at(person_index: int, height_m: float, motion: Motion, t: float) -> tuple[Pose, float, float, float]:
-    """Pose and hips (x, y, heading) at a time.
-
-    Walking legs follow the gait phase with the hip amplitude that makes feet stay on the floor; standing
-    people shift their weight and look around; actions blend in by their weights.
-    """
-    xy, heading, phase, speed, actions = motion.at(t)
-    w = dict(zip(ACTIONS, actions, strict=True))
-    still = float(np.clip(1.0 - speed / 0.35, 0.0, 1.0))
-    going = min(1.0, speed / 0.35) * (1.0 - max(w["sit"], w["floor"]))
-    step = float(step_length_m(height_m, np.array([speed]))[0])
-    swing = float(np.arcsin(np.clip(step / (2 * HIP * height_m), 0, 0.7))) * going
-    idle = _fidget(person_index, t)
-    sides = np.array([phase, phase + np.pi])
-    forward = np.cos(sides)
-    lifting = np.maximum(0.0, -np.sin(sides + 0.6)) ** 1.3
-    hip = 0.06 * going + swing * forward
-    knee = 0.06 * going + 2.3 * swing * lifting
-    foot = swing * (0.7 * np.maximum(0, forward) ** 4 - 1.5 * np.maximum(0, np.cos(sides - np.pi - 0.25)) ** 4)
-    shoulder = -0.8 * swing * forward + 0.04
-    elbow = np.full(2, 0.2 + 0.25 * going) + 0.25 * going * np.maximum(0, -forward)
-    pose = {
-        "lean": np.array([0.04 * going + 0.02 * idle[0] * still]),
-        "hip": hip, "knee": knee, "foot": foot, "shoulder": shoulder + 0.1 * still * idle[4:6], "elbow": elbow,
-        "spread": np.full(2, 0.02), "abduct": np.full(2, 0.12),
-    }  # fmt: skip
-    for name, target in _ACTION_POSES.items():
-        for joint, value in target.items():
-            pose[joint] = pose[joint] + w[name] * (np.asarray(value) - pose[joint])
-    return (
-        Pose(
-            lean=float(pose["lean"][0]),
-            sway=0.03 * float(idle[1]) * still + 0.02 * going * float(np.sin(phase)),
-            twist=0.12 * going * float(np.sin(phase + np.pi / 2)) * swing / 0.4,
-            nod=0.08 + 0.06 * float(idle[2]),
-            turn=0.5 * float(idle[3]) * still,
-            **{name: _pair(pose[name]) for name in ("hip", "spread", "knee", "foot", "shoulder", "abduct", "elbow")},
-        ),
-        float(xy[0] + 0.015 * still * idle[0]),
-        float(xy[1] + 0.015 * still * idle[1]),
-        heading + 0.06 * still * float(idle[2]),
-    )
-
-
-_ACTION_POSES: dict[str, dict[str, tuple[float, ...]]] = {
-    "sit": {"hip": (1.5, 1.5), "knee": (1.5, 1.5), "lean": (0.08,), "shoulder": (0.35, 0.35), "elbow": (1.0, 1.0),
-            "foot": (0.0, 0.0), "spread": (0.12, 0.12)},
-    "floor": {"hip": (1.55, 1.55), "knee": (2.2, 2.2), "spread": (0.7, 0.7), "lean": (0.15,),
-              "shoulder": (0.5, 0.5), "elbow": (0.8, 0.8), "foot": (-0.2, -0.2)},
-    "reach": {"shoulder": (0.2, 2.7), "elbow": (0.2, 0.15), "lean": (-0.05,)},
-    "bend": {"lean": (1.15,), "hip": (0.25, 0.25), "knee": (0.5, 0.5), "shoulder": (0.9, 0.9), "elbow": (0.3, 0.3)},
-    "carry": {"shoulder": (0.12, 0.12), "elbow": (1.25, 1.25), "abduct": (0.05, 0.05)},
-    "push": {"shoulder": (0.75, 0.75), "elbow": (0.55, 0.55), "lean": (0.15,), "abduct": (0.08, 0.08)},
-}  # fmt: skip
-
-
-def _pair(values: F64) -> tuple[float, float]:
-    return float(values[0]), float(values[1])
-
-
-def _fidget(index: int, t: float) -> F64:
-    """(6,) slow irregular numbers in about -1..1, different for each person."""
-    k = np.arange(6)
-    a = np.sin(0.61 * t * (1 + 0.13 * k) + 2.1 * k + 5.3 * index)
-    b = np.sin(1.37 * t * (1 - 0.07 * k) + 1.7 * k + 3.1 * index)
-    return np.asarray(0.6 * a + 0.4 * b)

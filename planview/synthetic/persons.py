@@ -9,6 +9,8 @@ from pydantic import Field, model_validator
 from calib.params import Params
 from planview.synthetic.setting import Colour, Pair, Surface
 
+_ACTIONS = ("go", "stand_s", "until_s", "sit_s", "reach_s", "bend_s", "crouch_s", "cartwheel")
+
 
 class Step(Params):
     """One thing a person does; exactly one of the actions."""
@@ -24,8 +26,11 @@ class Step(Params):
     """Chair to sit on; sits on the floor when absent."""
     reach_s: float | None = Field(None, gt=0)
     bend_s: float | None = Field(None, gt=0)
+    crouch_s: float | None = Field(None, gt=0)
+    cartwheel: Pair | None = None
+    """Turn a cartwheel to the left, to this point [m]."""
     face_deg: float | None = None
-    """Direction to face while standing, sitting, reaching or bending."""
+    """Direction to face while standing, sitting, reaching, bending or crouching."""
     push: str | None = None
     """Furniture pushed while walking (it stays where the walk ends)."""
     carry: str | None = None
@@ -35,13 +40,10 @@ class Step(Params):
 
     @model_validator(mode="after")
     def _one_action(self) -> Step:
-        actions = [
-            n for n in ("go", "stand_s", "until_s", "sit_s", "reach_s", "bend_s") if getattr(self, n) is not None
-        ]
+        actions = [n for n in _ACTIONS if getattr(self, n) is not None]
         if len(actions) != 1:
             raise ValueError(
-                "expected exactly one of go, stand_s, until_s, sit_s, reach_s, bend_s in a step, "
-                f"found {', '.join(actions) or 'none'}"
+                f"expected exactly one of {', '.join(_ACTIONS)} in a step, found {', '.join(actions) or 'none'}"
             )
         if (self.push or self.carry) and not self.go:
             raise ValueError("expected push and carry together with go")

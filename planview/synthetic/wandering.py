@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike
 
 from calib.types import F64
 from planview.synthetic.furniture import furniture_size
-from planview.synthetic.motion import ACTIONS, TICK_HZ, Motion, motion_from_ticks
+from planview.synthetic.motion import ACTIONS, TICK_HZ, TURNS, Motion, motion_from_ticks
 from planview.synthetic.persons import Person, Wander
 from planview.synthetic.room import wall_pieces
 from planview.synthetic.scene import Scene
-from planview.synthetic.setting import Wall
+from planview.synthetic.setting import Furniture, Room, Wall
 
 STEP_S = 0.1
 PERSONAL_M = 0.62
@@ -52,12 +52,12 @@ class _Walker:
     track: list[F64] = field(default_factory=list)
 
 
-class _Obstacles:
+class Obstacles:
     """Footprints of standing furniture and of walls beside their openings, as oriented rectangles."""
 
-    def __init__(self, scene: Scene) -> None:
-        low = [f for f in scene.furniture if f.z_m < 1.8 and not f.moves]
-        walls = [piece for side in get_args(Wall) for piece in wall_pieces(scene.room, side)]
+    def __init__(self, room: Room, furniture: Sequence[Furniture]) -> None:
+        low = [f for f in furniture if f.z_m < 1.8 and not f.moves]
+        walls = [piece for side in get_args(Wall) for piece in wall_pieces(room, side)]
         middles = [(a + b) / 2 for a, b in walls]
         spans = [b - a for a, b in walls]
         self._centre = np.array([*(f.at_m for f in low), *middles], np.float64).reshape(-1, 2)
@@ -89,7 +89,7 @@ def wander(scene: Scene, scripted: Sequence[Motion]) -> list[Motion]:
         for begin in (scripted[i].script_end_s,)
         if p.wander is not None
     }
-    obstacles = _Obstacles(scene)
+    obstacles = Obstacles(scene.room, scene.furniture)
     for walker in walkers.values():
         _new_goal(walker, obstacles)
     for k in range(int((scene.duration_s + 1) / STEP_S) + 1):
@@ -99,7 +99,7 @@ def wander(scene: Scene, scripted: Sequence[Motion]) -> list[Motion]:
     ]
 
 
-def _advance(t: float, walkers: dict[int, _Walker], scripted: Sequence[Motion], obstacles: _Obstacles) -> None:
+def _advance(t: float, walkers: dict[int, _Walker], scripted: Sequence[Motion], obstacles: Obstacles) -> None:
     places, velocities, owners = [], [], []
     for i, motion in enumerate(scripted):
         walker = walkers.get(i)
@@ -121,7 +121,7 @@ def _advance(t: float, walkers: dict[int, _Walker], scripted: Sequence[Motion], 
             _step(walker, t, where[others], how[others], obstacles)
 
 
-def _step(walker: _Walker, t: float, others: F64, moving: F64, obstacles: _Obstacles) -> None:
+def _step(walker: _Walker, t: float, others: F64, moving: F64, obstacles: Obstacles) -> None:
     _think(walker, t, obstacles)
     to_goal = walker.goal - walker.place
     distance = float(np.linalg.norm(to_goal))
@@ -155,7 +155,7 @@ def _danger(place: F64, candidates: F64, others: F64, moving: F64) -> F64:
     return np.asarray(cost.sum(axis=1))
 
 
-def _think(walker: _Walker, t: float, obstacles: _Obstacles) -> None:
+def _think(walker: _Walker, t: float, obstacles: Obstacles) -> None:
     """Choose the next goal: on arrival, when stuck, or when it is time to leave."""
     plan, exits = walker.wander, walker.wander.exit_m
     distance = float(np.linalg.norm(walker.goal - walker.place))
@@ -193,7 +193,7 @@ def _step_aside(walker: _Walker) -> None:
         _aim(walker, walker.place + walker.rng.uniform(-1.5, 1.5, 2), detour=True)
 
 
-def _new_goal(walker: _Walker, obstacles: _Obstacles) -> None:
+def _new_goal(walker: _Walker, obstacles: Obstacles) -> None:
     x0, y0, x1, y1 = walker.wander.area_m
     for _ in range(50):
         goal = walker.rng.uniform([x0, y0], [x1, y1])
@@ -212,6 +212,8 @@ def _merged(person: Person, scripted: Motion, walker: _Walker) -> Motion:
     known = np.arange(len(track)) * STEP_S
     walk = np.column_stack([np.interp(times, known, track[:, c]) for c in (0, 1)])
     xy = np.concatenate([scripted.raw_xy[:n], walk])
-    actions = np.concatenate([scripted.raw_actions[:n], np.zeros((len(walk), len(ACTIONS)))])
+    after = np.zeros((len(walk), len(ACTIONS)))
+    after[:, TURNS] = scripted.raw_actions[n - 1, TURNS]
+    actions = np.concatenate([scripted.raw_actions[:n], after])
     face = np.concatenate([scripted.raw_face[:n], np.full(len(walk), np.nan)])
     return motion_from_ticks(person, xy, face, actions, scripted.handlings, walker.gone_s)

@@ -7,8 +7,9 @@ from calib.errors import InputError
 from planview.synthetic import committed
 from planview.synthetic.actors import Cast
 from planview.synthetic.body import Body, Pose
-from planview.synthetic.motion import pose_at, scripted_motion, step_length_m
+from planview.synthetic.motion import scripted_motion, step_length_m
 from planview.synthetic.persons import Person
+from planview.synthetic.posing import pose_at
 from planview.synthetic.scene import load_scene, parse_scene
 from planview.synthetic.texture import Palette
 from planview.synthetic.varying import varied

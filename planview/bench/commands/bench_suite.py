@@ -1,0 +1,161 @@
+"""``planview bench suite``."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from calib.errors import InputError
+from planview.bench.accuracy import StereoTracker, cache_folder, scene_files
+from planview.bench.suite import (
+    JUDGING_SEED,
+    SUITE,
+    SuiteJob,
+    SuiteScore,
+    SuiteTotals,
+    chosen_files,
+    run_jobs,
+    suite_totals,
+)
+from planview.pipeline.config import load_config
+
+
+def bench_suite(
+    *,
+    seed: Annotated[Sequence[int], Parameter(negative="")] = (),
+    minutes: float = 10.0,
+    scene: Annotated[Sequence[str], Parameter(negative="")] = (),
+    jobs: int = 1,
+    tracker: StereoTracker = "template",
+    scenes: Path = SUITE,
+    cache: Path | None = None,
+    out: Path | None = None,
+    config: Path | None = None,
+    set_: Annotated[Sequence[str], Parameter(name="--set")] = (),
+    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> None:
+    """Render challenges that a seed draws, track them and score them.
+
+    Every seed is another recording of every scene: other rooms, rigs, lenses, light, people, clothes and ways. Seeds 0
+    to 99 are for working on the engine; seeds from 100 on are for judging it, each once.
+
+    Example: planview bench suite --seed 1 --minutes 3 --jobs 2
+
+    Parameters
+    ----------
+    seed
+        Seeds to draw; a new one from the clock by default, so that nobody has worked on it.
+    minutes
+        Length of the scenes of each seed together [min]; the seed decides which scenes. The whole suite is longer than
+        ten minutes.
+    scene
+        Only these scenes, by name.
+    jobs
+        Scenes worked on at the same time, each in a process of its own.
+    tracker
+        Tracker that follows people.
+    scenes
+        Folder with challenges.
+    cache
+        Folder for rendered recordings; the user's cache by default.
+    out
+        Folder that keeps the runs (tracks.csv, run.json) and suite.json; a temporary one by default.
+    config
+        TOML file with parameters of the pipeline.
+    set_
+        One parameter of the pipeline.
+    json_output
+        Print one JSON object.
+    """
+    if jobs < 1 or not 0 < minutes <= 1000 or any(s < 0 for s in seed):
+        raise InputError(f"expected --jobs from 1, --minutes above 0, --seed from 0, found {jobs}, {minutes:g}, {seed}")
+    console = Console(stderr=True, markup=False)
+    seeds = list(dict.fromkeys(seed)) or [_new_seed()]
+    console.print("seeds: " + ", ".join(f"{s} ({'judging' if s >= JUDGING_SEED else 'worked on'})" for s in seeds))
+    settings, files = load_config(config, set_), scene_files(scene, scenes)
+    with tempfile.TemporaryDirectory() as temporary:
+        runs = (out or Path(temporary)).resolve()
+        chosen = [(s, path) for s in seeds for path in chosen_files(files, s, minutes)]
+        work = [SuiteJob(path, s, cache or cache_folder(), runs, settings, tracker) for s, path in chosen]
+        scores = _watched(work, jobs, console)
+        result = _json(scores, suite_totals(scores))
+        if out is not None:
+            (out / "suite.json").write_text(json.dumps(result, indent=2) + "\n")
+    if json_output:
+        print(json.dumps(result, indent=2))
+    else:
+        print_suite(scores, suite_totals(scores), Console(markup=False))
+
+
+def _new_seed() -> int:
+    """A judging seed from the clock, which has most likely never been drawn."""
+    return JUDGING_SEED + (time.time_ns() // 1_000_000 ^ os.getpid()) % 1_000_000_000
+
+
+def _watched(work: Sequence[SuiteJob], jobs: int, console: Console) -> list[SuiteScore]:
+    """Scores in the order of the work, with a bar while it lasts."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    scores: dict[tuple[int, str], SuiteScore] = {}
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task("rendering and tracking", total=len(work))
+        for done in run_jobs(work, jobs):
+            scores[done.score.seed, done.score.name] = done
+            progress.update(task, advance=1, description=f"{done.score.name}-{done.score.seed} done")
+    return [scores[job.seed, job.path.stem] for job in work]
+
+
+def print_suite(scores: Sequence[SuiteScore], together: SuiteTotals, console: Console) -> None:
+    """A row per scene, and all together."""
+    table = Table("scene", "seed", "rows", "significant errors", "MOTA", "IDF1", "switches", "position cm", "height cm")
+    for column in (*table.columns[1:3], *table.columns[4:]):
+        column.justify = "right"
+    for item in scores:
+        e = item.score.evaluation.to_json()
+        table.add_row(
+            item.score.name, str(item.score.seed), str(e["truth_rows"]), _kinds(e["significant_errors"]),
+            _number(e["mota"]), _number(e["idf1"]), str(e["switches"]),
+            _number(e["position_error_mean_m"], 100, 1), _number(e["height_error_mean_m"], 100, 1),
+        )  # fmt: skip
+    table.add_section()
+    table.add_row(
+        f"all, {together.minutes:.1f} min", "", str(together.truth_rows), _kinds(together.significant),
+        _number(together.mota), _number(together.idf1), str(together.switches),
+        _number(together.position_error_m, 100, 1), _number(together.height_error_m, 100, 1),
+    )  # fmt: skip
+    console.print(table)
+    console.print(
+        f"per 10 minutes: {together.significant_per_10_min:.1f} significant errors, {together.strict_per_10_min:.1f} "
+        "with every change of identity"
+    )
+    for item in scores:
+        for error in item.score.evaluation.significant:
+            console.print(
+                f"{item.score.name} ({item.score.seed}) frame {error.frame}: {error.kind}, person {error.truth_id}, "
+                f"track {error.track_id}: {error.note}",
+                highlight=False,
+            )
+
+
+def _kinds(counts: dict[str, int]) -> str:
+    return ", ".join(f"{kind} {n}" for kind, n in counts.items() if n and kind != "total") or "none"
+
+
+def _json(scores: Sequence[SuiteScore], together: SuiteTotals) -> dict[str, Any]:
+    whole = {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in asdict(together).items()}
+    return {"scenes": [score.to_json() for score in scores], "totals": whole}
+
+
+def _number(value: float | None, factor: float = 1.0, digits: int = 3) -> str:
+    return "-" if value is None or math.isnan(value) else f"{factor * value:.{digits}f}"

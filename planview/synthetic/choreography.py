@@ -1,0 +1,265 @@
+"""What people of a drawn scene do together: crossing, meeting, standing, walking in step, wandering."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from calib.types import F64
+from planview.synthetic.challenge import Choreography
+from planview.synthetic.parts import Part
+from planview.synthetic.stage import NoPlaceError, Stage
+
+GATE_M = 0.75
+"""People who meet come to this distance from the circle before they step into it [m]."""
+
+
+def begin_s(plan: Choreography, k: int) -> float:
+    """When the k-th person sets out."""
+    return plan.start_s + k * plan.every_s
+
+
+def unit(angle: float) -> F64:
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def cross(stage: Stage, plan: Choreography) -> list[Part]:
+    """Walk through the view from opening to opening and back until the time is over, each in a lane of its own."""
+    parts = []
+    for k, (west, east) in enumerate(_lanes(stage, plan.people)):
+        side = ("west", "east")[int(stage.rng.integers(2))]
+        part = Part(stage, begin_s(plan, k), side, plan.speed_mps * float(stage.rng.uniform(0.9, 1.1)))
+        while True:
+            first, last = (west, east) if side == "west" else (east, west)
+            part.walk_to(first)
+            part.go([last])
+            side = "east" if side == "west" else "west"
+            if part.time_s > plan.start_s + plan.duration_s:
+                break
+            _turn_outside(part, side, float(stage.rng.uniform(*plan.away_s)))
+        part.leave(side)
+        parts.append(part)
+    return parts
+
+
+def _turn_outside(part: Part, side: str, pause_s: float) -> None:
+    _, behind, inside = part.stage.door(side)
+    part.walk_to(inside)
+    part.go([behind])
+    part.do("stand", pause_s)
+    part.go([inside])
+
+
+def _lanes(stage: Stage, n: int) -> list[tuple[F64, F64]]:
+    """Ends of n lanes across the view, at least 0.6 m apart, in random order."""
+    spots = stage.spots()
+    low, high = np.quantile(spots[:, 1], [0.05, 0.95])
+    if high - low < 0.6 * (n - 1) + 0.05:
+        raise NoPlaceError(f"no {n} lanes in view")
+    slack = np.sort(stage.rng.uniform(0, high - low - 0.6 * (n - 1), n))
+    lanes = []
+    for y in low + slack + 0.6 * np.arange(n):
+        row = spots[np.abs(spots[:, 1] - y) < 0.1, 0]
+        if len(row) == 0:
+            raise NoPlaceError("a lane out of view")
+        lanes.append((np.array([row.min(), y]), np.array([row.max(), y])))
+    return [lanes[k] for k in stage.rng.permutation(n)]
+
+
+def meet(stage: Stage, plan: Choreography) -> list[Part]:
+    """Come together on a circle, move around each other, part; joiners come later and go earlier."""
+    n = plan.people
+    radius = plan.spacing_m / (2 * np.sin(np.pi / max(n, 2)))
+    centre = stage.spot(radius + GATE_M + 0.15)
+    angles = stage.rng.uniform(0, 2 * np.pi) + 2 * np.pi * np.arange(n) / n
+    parts = [Part(stage, begin_s(plan, k), None, plan.speed_mps) for k in range(n)]
+    early = n - plan.joiners
+    for k in range(early):
+        parts[k].walk_to(centre + (radius + GATE_M) * unit(angles[k]))
+    together = max(p.time_s for p in parts[:early]) + 0.3
+    beats, moments = _beats(stage, plan, together)
+    joining, parting = moments[len(moments) // 3], moments[2 * len(moments) // 3]
+    for k, part in enumerate(parts):
+        late = k >= early
+        if late:
+            part.walk_to(centre + (radius + GATE_M) * unit(angles[k] + _turned(beats, joining)))
+        part.until(joining if late else together)
+        _mill(part, centre, radius, angles[k], beats, (joining, parting) if late else (together, moments[-1] + 1))
+        end = angles[k] + _turned(beats, part.time_s + 0.01)
+        part.do("stand", 0.2 + (0.0 if late else 1.2 * k))
+        part.go([centre + (radius + GATE_M) * unit(end)])
+        part.leave()
+    return parts
+
+
+def _beats(stage: Stage, plan: Choreography, start_s: float) -> tuple[list[tuple[float, float, float]], list[float]]:
+    """Turns of the whole circle as (begin [s], end [s], angle), and the times between them."""
+    beats, moments, t = [], [start_s], start_s + 1.5
+    while t < start_s + plan.duration_s:
+        moments.append(t)
+        t += 1.4  # Others step in and out while nobody turns.
+        angle = float(stage.rng.choice((-1, 1)) * stage.rng.uniform(0.8, 3.3))
+        length = abs(angle) * float(stage.rng.uniform(0.9, 1.6))
+        beats.append((t, t + length, angle))
+        t += length + float(stage.rng.uniform(0.3, 1.2))
+    return beats, [*moments, t]
+
+
+def _turned(beats: list[tuple[float, float, float]], time_s: float) -> float:
+    return sum(angle for begin, _, angle in beats if begin < time_s)
+
+
+def _mill(
+    part: Part,
+    centre: F64,
+    radius: float,
+    angle: float,
+    beats: list[tuple[float, float, float]],
+    span: tuple[float, float],
+) -> None:
+    """Step into the circle, turn with it, facing its centre."""
+    at = angle + _turned(beats, span[0])
+    part.go([centre + radius * unit(at)], 0.8)
+    for begin, end, turn in beats:
+        if begin < span[0] or begin >= span[1]:
+            continue
+        part.until(begin, at + np.pi)
+        n = max(2, int(abs(turn) / 0.26))
+        points = [centre + radius * unit(at + turn * i / n) for i in range(1, n + 1)]
+        at += turn
+        part.go(points, max(0.12, radius * abs(turn) / (end - begin)))
+    if span[1] > part.time_s:
+        part.until(span[1], at + np.pi)
+
+
+def stand(stage: Stage, plan: Choreography) -> list[Part]:
+    """Stand at a place for a long time: shift, look around, scratch, bend."""
+    parts = []
+    for k in range(plan.people):
+        part = Part(stage, begin_s(plan, k), None, plan.speed_mps)
+        place = stage.spot(0.55)
+        part.walk_to(place)
+        fidget(part, plan.duration_s, ("stand", "stand", "reach", "bend"))
+        part.leave()
+        parts.append(part)
+    return parts
+
+
+def fidget(part: Part, duration_s: float, actions: tuple[str, ...]) -> None:
+    """Small movements on the spot, with pauses of 3 to 9 s."""
+    rng, place, end = part.stage.rng, part.place, part.time_s + duration_s
+    face = float(rng.uniform(-np.pi, np.pi))
+    while part.time_s < end - 1:
+        face += float(rng.uniform(-0.9, 0.9))
+        action = str(rng.choice(actions))
+        part.do(action, float(rng.uniform(3, 9) if action == "stand" else rng.uniform(0.8, 2.0)), face)
+        if rng.random() < 0.4:
+            part.go([place + rng.uniform(-0.09, 0.09, 2)], 0.3)
+
+
+def postures(stage: Stage, plan: Choreography) -> list[Part]:
+    """Crouch, bend and reach, with short stands between."""
+    parts = []
+    for k in range(plan.people):
+        part = Part(stage, begin_s(plan, k), None, plan.speed_mps)
+        part.walk_to(stage.spot(0.6))
+        for action in stage.rng.permutation(["crouch", "bend", "reach", "crouch"]):
+            face = float(stage.rng.uniform(-np.pi, np.pi))
+            part.do("stand", float(stage.rng.uniform(0.8, 2.0)), face)
+            part.do(str(action), float(stage.rng.uniform(1.5, 4.0)), face)
+        part.do("stand", 1.0)
+        part.leave()
+        parts.append(part)
+    return parts
+
+
+def cartwheel(stage: Stage, plan: Choreography) -> list[Part]:
+    """Turn a cartwheel across the view, with a run-up, and one back."""
+    parts = []
+    for k in range(plan.people):
+        part = Part(stage, begin_s(plan, k), None, plan.speed_mps)
+        centre, way = stage.spot(1.3), unit(float(stage.rng.uniform(-0.5, 0.5)))
+        ends = [centre - 1.0 * way, centre + 1.0 * way]
+        part.walk_to(ends[0])
+        part.do("stand", 1.0, float(np.arctan2(way[1], way[0])) - np.pi / 2)
+        part.cartwheel(ends[1])
+        part.do("stand", float(stage.rng.uniform(2, 4)))
+        part.cartwheel(ends[0])
+        part.do("stand", 2.0)
+        part.leave()
+        parts.append(part)
+    return parts
+
+
+def pair(stage: Stage, plan: Choreography) -> list[Part]:
+    """Two by two shoulder to shoulder in step, through the view and back."""
+    parts = []
+    for k in range(0, plan.people - 1, 2):
+        ((west, east),) = _lanes(stage, 1)
+        beside = np.array([0.0, plan.spacing_m / 2])
+        side, speed = stage.side(), plan.speed_mps
+        _, behind, inside = stage.door(side)
+        _, far_behind, far_inside = stage.door("east" if side == "west" else "west")
+        ends = [west, east] if side == "west" else [east, west]
+        for offset in (beside, -beside):
+            part = Part(stage, begin_s(plan, k), side, speed)
+            part.start, part.place = behind + offset, behind + offset
+            part.steps, part.time_s = [], part.enter_s
+            there = [p + offset for p in (inside, *ends, far_inside, far_behind)]
+            part.go(there)
+            while part.time_s < plan.start_s + plan.duration_s:
+                part.do("stand", plan.away_s[0])
+                there = there[::-1]
+                part.go(there)
+                there = [*there, behind + offset] if len(there) == 5 else there
+            part.leaves = True
+            parts.append(part)
+    return parts
+
+
+def come_back(stage: Stage, plan: Choreography) -> list[Part]:
+    """Leave the view and come back after a while, again and again."""
+    parts = []
+    for k in range(plan.people):
+        part = Part(stage, begin_s(plan, k), None, plan.speed_mps)
+        while True:
+            place = stage.spot(0.4, reserve=False)
+            part.walk_to(place)
+            part.do("stand", float(stage.rng.uniform(1.0, 3.0)), float(stage.rng.uniform(-np.pi, np.pi)))
+            if part.time_s > plan.start_s + plan.duration_s:
+                break
+            _out_of_view(part, float(stage.rng.uniform(*plan.away_s)))
+        part.leave()
+        parts.append(part)
+    return parts
+
+
+def _out_of_view(part: Part, pause_s: float) -> None:
+    """Towards the opening until 0.5 m out of view, and a pause there so that ``pause_s`` passes out of view."""
+    stage, inside = part.stage, part.inside
+    points = [part.place, *stage.route(part.place, inside), part.behind]
+    dense = [a + (b - a) * s for a, b in itertools.pairwise(points) for s in np.linspace(0, 1, 12)]
+    hidden = np.flatnonzero(~stage.in_view(np.array(dense)))
+    if len(hidden) == 0:
+        raise NoPlaceError("the opening is in view")
+    turn = dense[min(int(hidden[0]) + 5, len(dense) - 1)]
+    part.walk_to(turn)
+    part.do("stand", max(0.3, pause_s - 1.0))
+
+
+def wander(stage: Stage, plan: Choreography) -> list[Part]:
+    """Random walks in the view that give way to everybody."""
+    x0, y0, x1, y1 = stage.rectangle()
+    if (x1 - x0) * (y1 - y0) < 0.55 * plan.people:
+        raise NoPlaceError("too little floor in view for the wanderers")
+    parts = []
+    for k in range(plan.people):
+        part = Part(stage, begin_s(plan, k), ("west", "east")[k % 2], plan.speed_mps)
+        speed = plan.speed_mps * float(stage.rng.uniform(0.8, 1.1))
+        part.wander = {"area_m": (x0, y0, x1, y1), "speed_mps": (0.6 * speed, speed), "pause_s": (0.0, 3.0)}
+        if k % 3 == 2:
+            exits = [tuple(map(float, p)) for p in (part.inside, part.behind, part.hidden)]
+            part.wander |= {"until_s": float(plan.start_s + plan.duration_s), "exit_m": exits}
+        parts.append(part)
+    return parts
