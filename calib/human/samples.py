@@ -107,12 +107,7 @@ def read_samples(path: Path) -> tuple[HumanSample, ...]:
     Raises:
         InputError: unreadable, columns missing, or values that cannot be a person's.
     """
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: expected a file of samples, found one of {path.stat().st_size} bytes")
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected a CSV or JSON file of samples, found {error}") from error
+    text = _text(path)
     rows = _json_rows(text, path) if text.lstrip()[:1] in ("[", "{") else _csv_rows(text, path)
     samples = []
     for i, row in enumerate(rows, 1):
@@ -128,8 +123,25 @@ def read_samples(path: Path) -> tuple[HumanSample, ...]:
     return tuple(samples)
 
 
-def write_samples(samples: Sequence[HumanSample], path: Path) -> None:
-    """Write samples as JSON (or as CSV when the name ends so)."""
+def read_image_size(path: Path) -> tuple[int, int] | None:
+    """(width, height) [px] of the image that the samples of a JSON were taken in; None where it does not say.
+
+    Raises:
+        InputError: unreadable, or an "image_size" that is not two positive whole numbers.
+    """
+    text = _text(path)
+    data = _json(text, path) if text.lstrip()[:1] == "{" else {}
+    size = data.get("image_size") if isinstance(data, dict) else None
+    if size is None:
+        return None
+    match size:
+        case [int(width), int(height)] if width > 0 and height > 0:
+            return width, height
+    raise InputError(f'{path}: expected "image_size" as [width, height] in pixels, found {size!r}')
+
+
+def write_samples(samples: Sequence[HumanSample], path: Path, image_size: tuple[int, int] | None = None) -> None:
+    """Write samples as JSON with the (width, height) of their image, or as CSV when the name ends so."""
     if path.suffix.lower() == ".csv":
         lines = [",".join(("frame", *COLUMNS))]
         lines += [
@@ -140,7 +152,17 @@ def write_samples(samples: Sequence[HumanSample], path: Path) -> None:
     rows = [
         {"frame": s.frame, "box": list(s.box_px), "head": list(s.head_px), "foot": list(s.foot_px)} for s in samples
     ]
-    path.write_text(json.dumps({"samples": rows}, indent=1) + "\n", encoding="utf-8")
+    size = {} if image_size is None else {"image_size": list(image_size)}
+    path.write_text(json.dumps({**size, "samples": rows}, indent=1) + "\n", encoding="utf-8")
+
+
+def _text(path: Path) -> str:
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{path}: expected a file of samples, found one of {path.stat().st_size} bytes")
+        return path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: expected a CSV or JSON file of samples, found {error}") from error
 
 
 def _csv_rows(text: str, path: Path) -> list[dict[str, Any]]:
@@ -150,11 +172,15 @@ def _csv_rows(text: str, path: Path) -> list[dict[str, Any]]:
         raise InputError(f"{path}: expected a CSV of samples, found {error}") from error
 
 
-def _json_rows(text: str, path: Path) -> list[Mapping[str, Any]]:
+def _json(text: str, path: Path) -> Any:
     try:
-        data = json.loads(text)
+        return json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: expected JSON, found {error}") from error
+
+
+def _json_rows(text: str, path: Path) -> list[Mapping[str, Any]]:
+    data = _json(text, path)
     rows = data.get("samples") if isinstance(data, dict) else data
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise InputError(f"{path}: expected a list of samples with box, head and foot, found something else")

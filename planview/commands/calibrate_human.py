@@ -18,12 +18,11 @@ from calib.errors import InputError
 from calib.ground_camera import LENS_K_320, save_ground_camera
 from calib.human.calibration import HumanCalibration, calibrate_from_people
 from calib.human.model import HumanModel
-from calib.human.samples import HumanSample, check_samples, read_samples, write_samples
+from calib.human.samples import HumanSample, check_samples, read_image_size, read_samples, write_samples
 from calib.images import as_colour, write_image
 from calib.types import U8
 from planview.calibration.human import collect_samples
 from planview.calibration.pictures import COMPUTED, crowd, draw_grid, draw_person, draw_samples
-from planview.tracking.human_model.model_map import build_model_map, save_model_map
 from stereo.readers.opening import open_video
 from stereo.recording import Video
 
@@ -53,11 +52,12 @@ def calibrate_human(
         a list of {"box": [left, top, width, height], "head": [u, v], "foot": [u, v]}; 3 or more people at different
         places. With --auto, a video.
     image_size
-        WxH of the image that the samples were taken in; that of the video when there is one.
+        WxH of the image that the samples were taken in. Not needed with a video, nor with a JSON that holds it as
+        "image_size": [width, height].
     lens
         pinhole, normal, normal-wide, fisheye or black-corner-fisheye; all are tried when not given.
     out
-        camera.toml to write; beside it a picture (.png), the human model map (.npz) and, with --auto, the samples.
+        camera.toml to write; beside it a picture (.png) and, with --auto, the samples.
     frames
         Video that the samples come from: its frames are the picture's background.
     auto
@@ -77,20 +77,19 @@ def calibrate_human(
     if not 3 <= count <= 200:
         raise InputError(f"--count: expected 3 to 200, found {count}")
     video = open_video(samples) if auto else open_video(frames) if frames else None
-    size = _size(image_size, video)
+    size = _size(image_size, video, None if auto else read_image_size(samples), samples)
     taken = _collect(video, count, console) if auto and video is not None else read_samples(samples)
     check_samples(taken, size, str(samples))
     model = HumanModel().scaled(person_height)
     found = calibrate_from_people(taken, size, lens, model=model, name=str(samples))
     camera = found.camera
-    picture, model_map, collected = (out.with_suffix(s) for s in (".png", ".npz", ".samples.json"))
+    picture, collected = (out.with_suffix(s) for s in (".png", ".samples.json"))
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         save_ground_camera(camera, out)
         write_image(picture, _picture(found, taken, video))
-        save_model_map(build_model_map(camera, model), model_map)
         if auto:
-            write_samples(taken, collected)
+            write_samples(taken, collected, size)
     except OSError as error:
         raise InputError(f"{out}: expected a place to write to, found {error}") from error
     height_std, tilt_std, focal_std = found.std
@@ -103,23 +102,32 @@ def calibrate_human(
     )
     if found.boxes_only:
         console.print("heads and feet are the middles of the boxes' edges: the focal length rests on the lens class")
-    console.print(f"wrote {out}, {picture} and {model_map}")
+    console.print(f"wrote {out} and {picture}")
     if json_output:
         print(json.dumps(_report(found, taken, out)))
 
 
-def _size(text: str | None, video: Video | None) -> tuple[int, int]:
-    if text is None:
-        if video is None:
-            raise InputError("--image-size: expected WxH of the image that the samples were taken in, found nothing")
-        return video.size
+def _size(text: str | None, video: Video | None, recorded: tuple[int, int] | None, samples: Path) -> tuple[int, int]:
+    """(width, height) of the samples' image; what is told of it in several places must agree."""
+    told = {
+        "--image-size": None if text is None else _parsed(text),
+        "the video": None if video is None else video.size,
+        str(samples): recorded,
+    }
+    known = [(source, size) for source, size in told.items() if size is not None]
+    if not known:
+        raise InputError("--image-size: expected WxH of the image that the samples were taken in, found nothing")
+    (first, (width, height)), *others = known
+    for source, (w, h) in others:
+        if (w, h) != (width, height):
+            raise InputError(f"{first}: expected the image size of {source}, {w}x{h}, found {width}x{height}")
+    return width, height
+
+
+def _parsed(text: str) -> tuple[int, int]:
     match = re.fullmatch(r"\s*(\d{1,5})\s*[xX*,]\s*(\d{1,5})\s*", text)
     if match is None or 0 in (width := int(match[1]), height := int(match[2])):
         raise InputError(f"--image-size: expected WxH in pixels, e.g. 640x480, found {text!r}")
-    if video is not None and video.size != (width, height):
-        raise InputError(
-            f"--image-size: expected that of the video, {video.size[0]}x{video.size[1]}, found {width}x{height}"
-        )
     return width, height
 
 

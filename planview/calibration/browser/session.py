@@ -198,7 +198,7 @@ class CalibrationSession:
             folder.mkdir(parents=True, exist_ok=True)
             if self.samples:
                 written.append(folder / "samples.json")
-                write_samples(self.samples, written[-1])
+                write_samples(self.samples, written[-1], self.size)
             if self.found is not None:
                 written.append(folder / "camera.toml")
                 save_ground_camera(self.found.camera, written[-1])

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from calib.errors import InputError
-from calib.ground_camera import LENS_K_320, GroundCamera
+from calib.ground_camera import GroundCamera
 from calib.human.model import HULL_POINTS, HumanModel
 from calib.params import Params
 from calib.types import F32, F64, I32
 
 MAX_NODES = 4_000_000
 """Refuse to allocate larger model maps."""
-_LENSES = list(LENS_K_320)
 
 
 class HumanModelMapParams(Params):
@@ -142,73 +138,6 @@ def visible_fraction(hulls: ArrayLike, width: int, height: int) -> F64:
     clipped = _area(_clamp(_clamp(p[cut], 0, -0.5, last[0]), 1, -0.5, last[1]))
     fraction[cut] = clipped / np.where(whole > 0, whole, np.inf)
     return fraction
-
-
-def save_model_map(model_map: HumanModelMap, path: Path) -> None:
-    """Write a map as ``.npz`` (arrays and numbers only, no pickle)."""
-    c, m, p = model_map.camera, model_map.model, model_map.params
-    np.savez_compressed(
-        path,
-        camera=np.array([c.width, c.height, c.focal_px, c.height_m, c.tilt_rad, _LENSES.index(c.lens), c.roll_rad]),
-        model=np.array([m.head_m, m.torso_m, m.leg_m, m.head_radius_m, m.torso_radius_m, m.leg_radius_m]),
-        params=np.array([p.max_distance_m, p.step_px, p.min_height_px, p.min_visible]),
-        origin_px=np.array(model_map.origin_px),
-        index=model_map.index,
-        foot_px=model_map.foot_px,
-        head_px=model_map.head_px,
-        floor_m=model_map.floor_m,
-        hull_px=model_map.hull_px,
-        visibility=model_map.visibility,
-    )
-
-
-def load_model_map(path: Path) -> HumanModelMap:
-    """Read a map written by ``save_model_map``.
-
-    Raises:
-        InputError: unreadable, or arrays that do not fit together.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            c, m, p = (data[name] for name in ("camera", "model", "params"))
-            focal_px, height_m, tilt_rad, lens, roll_rad = (float(v) for v in c[2:7])
-            camera = GroundCamera(int(c[0]), int(c[1]), focal_px, height_m, tilt_rad, _LENSES[int(lens)], roll_rad)
-            model_map = HumanModelMap(
-                camera,
-                HumanModel(*(float(x) for x in m)),
-                _params_of(p),
-                (int(data["origin_px"][0]), int(data["origin_px"][1])),
-                data["index"].astype(np.int32),
-                *(data[name] for name in ("foot_px", "head_px", "floor_m", "hull_px", "visibility")),
-            )
-    except (OSError, ValueError, KeyError, IndexError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: expected a human model map (.npz), found {error}") from error
-    _check_columns(model_map, path)
-    return model_map
-
-
-def _params_of(row: F64) -> HumanModelMapParams:
-    return HumanModelMapParams(
-        max_distance_m=float(row[0]), step_px=int(row[1]), min_height_px=float(row[2]), min_visible=float(row[3])
-    )
-
-
-def _check_columns(model_map: HumanModelMap, path: Path) -> None:
-    n = len(model_map)
-    widths: dict[str, tuple[int, ...]] = {
-        "foot_px": (2,),
-        "head_px": (2,),
-        "floor_m": (2,),
-        "hull_px": (HULL_POINTS, 2),
-        "visibility": (),
-    }
-    for name, width in widths.items():
-        found = getattr(model_map, name).shape
-        if found != (n, *width):
-            raise InputError(f"{path}: expected {name} of shape {(n, *width)}, found {found}")
-    index = model_map.index
-    if index.ndim != 2 or index.size > MAX_NODES or index.max(initial=-1) >= n or index.min(initial=-1) < -1:
-        raise InputError(f"{path}: expected an index into {n} entries, found one of shape {index.shape}")
 
 
 def _entries(

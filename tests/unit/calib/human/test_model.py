@@ -1,7 +1,6 @@
 """The cylinder person and its projection."""
 
 import math
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -9,14 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.human.model import HULL_POINTS, HumanModel
 from planview.tracking.human_model.model_map import (
     HumanModelMapParams,
     build_model_map,
-    load_model_map,
-    save_model_map,
     visible_fraction,
 )
 
@@ -121,25 +117,6 @@ def test_map_reaches_feet_outside_the_image() -> None:
     model_map = build_model_map(OBLIQUE, params=COARSE)
     assert model_map.foot_px[:, 1].max() > 130
     assert model_map.visibility.max() == 1.0
-
-
-def test_map_survives_saving(tmp_path: Path) -> None:
-    model_map = build_model_map(OBLIQUE, params=COARSE)
-    save_model_map(model_map, tmp_path / "map.npz")
-    again = load_model_map(tmp_path / "map.npz")
-    assert (again.camera, again.model, again.params) == (OBLIQUE, HumanModel(), COARSE)
-    np.testing.assert_array_equal(again.hull_px, model_map.hull_px)
-    np.testing.assert_array_equal(again.index, model_map.index)
-
-
-def test_loading_a_map_refuses_other_files(tmp_path: Path) -> None:
-    path = tmp_path / "map.npz"
-    path.write_bytes(b"not a map")
-    with pytest.raises(InputError, match=r"map\.npz: expected a human model map"):
-        load_model_map(path)
-    np.savez(path, camera=np.zeros(6))
-    with pytest.raises(InputError, match="expected a human model map"):
-        load_model_map(path)
 
 
 def test_map_refuses_a_grid_beyond_its_limit() -> None:

@@ -1,0 +1,99 @@
+"""``planview calibrate human``: what it writes, and which image sizes and videos it refuses."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.ground_camera import GroundCamera, load_ground_camera
+from calib.human.samples import read_image_size, write_samples
+from planview.calibration.human import sighting_of
+from planview.cli import main
+from tests.people import standing_people
+
+CAMERA = GroundCamera(640, 480, 500.0, 4.0, math.radians(45), "normal-wide")
+
+
+@pytest.fixture
+def people(tmp_path: Path) -> Path:
+    path = tmp_path / "people.json"
+    write_samples(standing_people(CAMERA, 8, seed=1), path, CAMERA.size)
+    return path
+
+
+def status(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main(["calibrate", "human", *map(str, arguments)])
+    return int(stop.value.code or 0)
+
+
+def test_camera_and_picture_are_written_for_the_image_size_of_the_file(
+    people: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = people.parent / "out" / "camera.toml"
+    assert status(people, "--lens", "normal-wide", "--out", out, "--json") == 0
+    camera = load_ground_camera(out)
+    assert camera.size == (640, 480)
+    assert camera.height_m == pytest.approx(4.0, rel=0.01)
+    assert json.loads(capsys.readouterr().out)["height_m"] == camera.height_m
+    assert sorted(p.name for p in out.parent.iterdir()) == ["camera.png", "camera.toml"]
+
+
+def test_image_size_that_contradicts_the_file_is_refused(people: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert status(people, "--image-size", "1280x960", "--out", people.parent / "camera.toml") == 2
+    error = " ".join(capsys.readouterr().err.split())
+    assert "--image-size: expected the image size of" in error
+    assert "640x480, found 1280x960" in error
+
+
+def test_samples_without_image_size_need_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "people.json"
+    write_samples(standing_people(CAMERA, 8, seed=1), path)
+    assert read_image_size(path) is None
+    assert status(path, "--out", tmp_path / "camera.toml") == 2
+    assert "expected WxH of the image" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("size", ["[640]", "[640, -1]", '"640x480"'])
+def test_image_size_that_is_none_is_refused_by_name(
+    size: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "people.json"
+    path.write_text(f'{{"image_size": {size}, "samples": []}}')
+    assert status(path) == 2
+    assert "image_size" in capsys.readouterr().err
+
+
+def body(mask: np.ndarray, left: int, top: int = 40, height: int = 50) -> None:
+    """A body of 20 columns with a narrower head."""
+    mask[top + 10 : top + height, left : left + 20] = 255
+    mask[top : top + 10, left + 6 : left + 14] = 255
+
+
+def test_one_body_is_a_sample() -> None:
+    mask = np.zeros((120, 160), np.uint8)
+    body(mask, 60)
+    sighting = sighting_of(mask, 7)
+    assert sighting.sample is not None
+    assert sighting.sample.box_px == (60, 40, 20, 50)
+    assert not sighting.crowded
+
+
+def test_two_bodies_side_by_side_are_a_crowd() -> None:
+    mask = np.zeros((120, 160), np.uint8)
+    body(mask, 30)
+    body(mask, 90)
+    sighting = sighting_of(mask, 7)
+    assert sighting.sample is None
+    assert sighting.crowded
+
+
+def test_body_in_two_pieces_is_no_crowd() -> None:
+    mask = np.zeros((120, 160), np.uint8)
+    body(mask, 60, height=60)
+    mask[70:80] = 0
+    sighting = sighting_of(mask, 7)
+    assert sighting.sample is None
+    assert not sighting.crowded
