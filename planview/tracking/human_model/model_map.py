@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from calib.ground_camera import GroundCamera
-from calib.human.model import HULL_POINTS, HumanModel
+from calib.human.model import HumanModel
 from calib.params import Params
 from calib.types import F32, F64, I32
 
