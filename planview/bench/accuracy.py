@@ -162,11 +162,12 @@ def score_scene(
     recording = rendered(varied(scene, seed), name, options, tell)
     tell(f"tracking {name}")
     folder = out / name if out else None
-    tracks = _track(open_engine(recording, tracker, config), folder, tracker)
+    tracks = tracked(open_engine(recording, tracker, config), folder, tracker)
     return SceneScore(path.stem, seed, evaluate_tracks(tracks, read_truth(recording / "truth.csv")), folder)
 
 
-def _track(engine: Engine, folder: Path | None, tracker: FloorTrackerName) -> Trajectories:
+def tracked(engine: Engine, folder: Path | None, tracker: FloorTrackerName) -> Trajectories:
+    """All tracks of a recording; the run is kept in a folder unless that is None."""
     tracks = TrajectoryCollector()
 
     def collect(result: FrameResult) -> None:

@@ -13,17 +13,14 @@ import numpy as np
 from pydantic import ValidationError
 
 from calib.errors import InputError
-from planview.bench.accuracy import RenderOptions, SceneScore, StereoTracker, rendered, totals
+from planview.bench.accuracy import RenderOptions, SceneScore, rendered, totals, tracked
 from planview.evaluation.evaluate import KINDS, evaluate_tracks
 from planview.pipeline.config import Config
-from planview.pipeline.factory import open_engine
-from planview.runs.folder import prepare_folder
-from planview.runs.run import RunOptions
-from planview.runs.run import run as run_engine
+from planview.pipeline.factory import FloorTrackerName, open_engine
 from planview.synthetic.committed import SCENES
 from planview.synthetic.ranges import draw
 from planview.synthetic.scene import Scene
-from planview.trajectories.table import read_tracks, read_truth
+from planview.trajectories.table import read_truth
 
 SUITE = SCENES / "suite"
 """The committed challenges."""
@@ -37,15 +34,15 @@ class SuiteJob:
 
     Attributes:
         cache: folder of rendered recordings.
-        out: folder that gets a folder with the run.
+        out: folder that gets a folder with the run; None to keep nothing.
     """
 
     path: Path
     seed: int
     cache: Path
-    out: Path
+    out: Path | None
     config: Config
-    tracker: StereoTracker = "template"
+    tracker: FloorTrackerName = "template"
 
     @property
     def name(self) -> str:
@@ -161,10 +158,9 @@ def is_whole(folder: Path, n_frames: int) -> bool:
 def run_job(job: SuiteJob) -> SuiteScore:
     """Render (once), track and score one scene."""
     recording, scene = suite_recording(job.path, job.seed, job.cache)
-    folder = job.out / job.name
-    prepare_folder(folder, overwrite=True)
-    run_engine(open_engine(recording, job.tracker, job.config), folder, RunOptions(tracker=job.tracker))
-    evaluation = evaluate_tracks(read_tracks(folder / "tracks.csv"), read_truth(recording / "truth.csv"))
+    folder = job.out / job.name if job.out else None
+    tracks = tracked(open_engine(recording, job.tracker, job.config), folder, job.tracker)
+    evaluation = evaluate_tracks(tracks, read_truth(recording / "truth.csv"))
     return SuiteScore(SceneScore(job.path.stem, job.seed, evaluation, folder), scene.duration_s)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -18,7 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from calib.errors import InputError
-from planview.bench.accuracy import StereoTracker, cache_folder, scene_files
+from planview.bench.accuracy import cache_folder, scene_files
 from planview.bench.suite import (
     JUDGING_SEED,
     SUITE,
@@ -30,6 +29,7 @@ from planview.bench.suite import (
     suite_totals,
 )
 from planview.pipeline.config import load_config
+from planview.pipeline.factory import FloorTrackerName
 
 
 def bench_suite(
@@ -38,7 +38,7 @@ def bench_suite(
     minutes: float = 10.0,
     scene: Annotated[Sequence[str], Parameter(negative="")] = (),
     jobs: int = 1,
-    tracker: StereoTracker = "template",
+    tracker: FloorTrackerName = "template",
     scenes: Path = SUITE,
     cache: Path | None = None,
     out: Path | None = None,
@@ -71,7 +71,7 @@ def bench_suite(
     cache
         Folder for rendered recordings; the user's cache by default.
     out
-        Folder that keeps the runs (tracks.csv, run.json) and suite.json; a temporary one by default.
+        Folder that keeps the runs (tracks.csv, run.json) and suite.json; nothing is kept by default.
     config
         TOML file with parameters of the pipeline.
     set_
@@ -85,14 +85,12 @@ def bench_suite(
     seeds = list(dict.fromkeys(seed)) or [_new_seed()]
     console.print("seeds: " + ", ".join(f"{s} ({'judging' if s >= JUDGING_SEED else 'worked on'})" for s in seeds))
     settings, files = load_config(config, set_), scene_files(scene, scenes)
-    with tempfile.TemporaryDirectory() as temporary:
-        runs = (out or Path(temporary)).resolve()
-        chosen = [(s, path) for s in seeds for path in chosen_files(files, s, minutes)]
-        work = [SuiteJob(path, s, cache or cache_folder(), runs, settings, tracker) for s, path in chosen]
-        scores = _watched(work, jobs, console)
-        result = _json(scores, suite_totals(scores))
-        if out is not None:
-            (out / "suite.json").write_text(json.dumps(result, indent=2) + "\n")
+    chosen = [(s, path) for s in seeds for path in chosen_files(files, s, minutes)]
+    work = [SuiteJob(path, s, cache or cache_folder(), out, settings, tracker) for s, path in chosen]
+    scores = _watched(work, jobs, console)
+    result = _json(scores, suite_totals(scores))
+    if out is not None:
+        (out / "suite.json").write_text(json.dumps(result, indent=2) + "\n")
     if json_output:
         print(json.dumps(result, indent=2))
     else:
