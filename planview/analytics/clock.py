@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.types import F64, I64
 from planview.trajectories.table import Trajectories
+from planview.trajectories.timing import frame_period_s
 
 
 @dataclass(frozen=True)
@@ -46,11 +47,7 @@ class Clock:
         known = np.isfinite(tracks.timestamp_s)
         frames, first = np.unique(tracks.frame[known], return_index=True)
         times = tracks.timestamp_s[known][first]
-        self.frame_s = 1.0 / fps
-        if len(frames) > 1 and times[-1] > times[0]:
-            self.frame_s = float(np.median(np.diff(times) / np.diff(frames)))
-            if self.frame_s <= 0:
-                self.frame_s = float((times[-1] - times[0]) / (frames[-1] - frames[0]))
+        self.frame_s = frame_period_s(tracks, 1.0 / fps)
         self._frames = frames if len(frames) else np.zeros(1, dtype=np.int64)
         self._times = times if len(frames) else np.zeros(1)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -13,11 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from calib.types import F64, I64
 from planview.analytics.events import Direction, Event
 from planview.analytics.totals import Counts
-
-GROUPS: tuple[tuple[str, int, float], ...] = (
-    ("0", 0, 0), ("1-2", 1, 2), ("3-5", 3, 5), ("6-9", 6, 9), ("10+", 10, math.inf),
-)  # fmt: skip
-"""Numbers of people as table 4 of Zhang et al. 2008 groups them."""
+from planview.evaluation.breakdown import PEOPLE_GROUPS
 
 
 @dataclass(frozen=True)
@@ -123,7 +118,7 @@ def _count(events: Sequence[Event], direction: Direction) -> int:
 def occupancy_groups(true: I64, found: I64) -> list[OccupancyGroup]:
     """Table 4 of two (N,) series: how often the number is right and by how much it is off, by the true number."""
     difference = (found - true).astype(np.float64)
-    return [_group(name, difference[(true >= low) & (true <= high)]) for name, low, high in GROUPS]
+    return [_group(name, difference[(true >= low) & (true <= high)]) for name, low, high in PEOPLE_GROUPS]
 
 
 def _group(name: str, difference: F64) -> OccupancyGroup:

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from calib.errors import InputError, WorkError
-from planview.evaluation.evaluate import Evaluation, evaluate_tracks
+from planview.evaluation.evaluate import evaluate_tracks
+from planview.evaluation.result import Evaluation
 from planview.pipeline.config import Config
 from planview.pipeline.engine import Engine, FrameResult
 from planview.pipeline.factory import FloorTrackerName, open_engine

@@ -13,7 +13,8 @@ import numpy as np
 
 from calib.errors import InputError
 from planview.bench.tracking_errors import TrackingErrors, tracking_errors
-from planview.evaluation.evaluate import Evaluation, EvaluationParams, evaluate_tracks
+from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
+from planview.evaluation.result import Evaluation
 from planview.pipeline.config import Config
 from planview.pipeline.factory import TrackerName, open_engine
 from planview.trajectories.layouts import load_truth

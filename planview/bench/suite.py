@@ -14,7 +14,8 @@ from pydantic import ValidationError
 
 from calib.errors import InputError
 from planview.bench.accuracy import RenderOptions, SceneScore, rendered, totals, tracked
-from planview.evaluation.evaluate import KINDS, evaluate_tracks
+from planview.evaluation.evaluate import evaluate_tracks
+from planview.evaluation.result import KINDS
 from planview.pipeline.config import Config
 from planview.pipeline.factory import FloorTrackerName, open_engine
 from planview.synthetic.committed import SCENES

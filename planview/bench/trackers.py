@@ -13,7 +13,8 @@ import numpy as np
 
 from calib.errors import InputError, WorkError
 from calib.ground_camera import GroundCamera
-from planview.evaluation.evaluate import Evaluation, EvaluationParams, evaluate_tracks
+from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
+from planview.evaluation.result import Evaluation
 from planview.pipeline.config import Config
 from planview.pipeline.engine import Engine
 from planview.pipeline.factory import FloorTrackerName, floor_tracker, image_tracker

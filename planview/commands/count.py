@@ -6,6 +6,7 @@ import json
 import os
 import stat
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,7 +15,6 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.errors import InputError, WorkError
-from calib.params import first_problem
 from planview.analytics.clock import Clock
 from planview.analytics.count import count_tracks, count_truth
 from planview.analytics.events import read_events, write_event_header, write_event_rows
@@ -23,29 +23,45 @@ from planview.analytics.params import AnalyticsParams
 from planview.analytics.rules import load_rules
 from planview.analytics.scoring import CountScores, score_counts, score_events
 from planview.analytics.totals import Counts
+from planview.commands.options import checked
 from planview.runs.info import RunInfo, read_run_info
 from planview.trajectories.layouts import load_tracks, load_truth
+from planview.trajectories.pairs import tracks_file
 from planview.trajectories.table import Trajectories
 
 _DEFAULTS = AnalyticsParams()
 
 
-def count(
-    tracks: Path,
-    *,
-    rules: Path,
-    camera: Path | None = None,
-    rig: Path | None = None,
-    truth: Path | None = None,
-    window: float = 1.0,
-    interval: float = _DEFAULTS.interval_s,
-    hysteresis: float = _DEFAULTS.hysteresis_m,
-    zone_hysteresis: float = _DEFAULTS.zone_hysteresis_m,
-    min_age: float = _DEFAULTS.min_age_s,
-    fps: float = 30.0,
-    out: Path | None = None,
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
-) -> None:
+@Parameter(name="*")
+@dataclass(frozen=True)
+class CountOptions:
+    """What rules refer to, when a person counts, and where results go."""
+
+    camera: Path | None = None
+    """camera.toml that relates the pixels of rules to the floor."""
+    rig: Path | None = None
+    """Calibration of a stereo rig, with world.toml beside it, for the same."""
+    truth: Path | None = None
+    """True positions (truth.csv, gt.txt) or true events (as events.csv) to score the counts against."""
+    window: float = 1.0
+    """Largest time between a true and a found crossing that match, in seconds."""
+    interval: float = _DEFAULTS.interval_s
+    """Length of the intervals of the totals, in seconds."""
+    hysteresis: float = _DEFAULTS.hysteresis_m
+    """How far beyond a line people must be observed on both sides, in metres."""
+    zone_hysteresis: float = _DEFAULTS.zone_hysteresis_m
+    """How deep inside or outside a zone people must be observed to enter or leave it, in metres."""
+    min_age: float = _DEFAULTS.min_age_s
+    """Tracks younger than this count nothing yet, in seconds."""
+    fps: float = 30.0
+    """Frame rate where the tracks have no timestamps."""
+    out: Path | None = None
+    """Folder for events.csv and counts.json; by default beside a file named tracks.csv, else nowhere."""
+    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False
+    """Print one JSON object."""
+
+
+def count(tracks: Path, *, rules: Path, options: CountOptions | None = None) -> None:
     """Count line crossings, zone occupancy and queues in tracks; write events.csv and counts.json.
 
     Example: planview count out/tracks.csv --rules rules.toml --json
@@ -59,55 +75,32 @@ def count(
         tracks.csv of a run, the folder of the run, or rows of PETS or of laboratory trajectories.
     rules
         rules.toml with tripwires, zones (in metres or in pixels) and queues.
-    camera
-        camera.toml that relates the pixels of rules to the floor.
-    rig
-        Calibration of a stereo rig, with world.toml beside it, for the same.
-    truth
-        True positions (truth.csv, gt.txt) or true events (as events.csv) to score the counts against.
-    window
-        Largest time between a true and a found crossing that match, in seconds.
-    interval
-        Length of the intervals of the totals, in seconds.
-    hysteresis
-        How far beyond a line people must be observed on both sides, in metres.
-    zone_hysteresis
-        How deep inside or outside a zone people must be observed to enter or leave it, in metres.
-    min_age
-        Tracks younger than this count nothing yet, in seconds.
-    fps
-        Frame rate where the tracks have no timestamps.
-    out
-        Folder for events.csv and counts.json; by default beside a file named tracks.csv, else nowhere.
-    json_output
-        Print one JSON object.
     """
-    params = _params(hysteresis_m=hysteresis, zone_hysteresis_m=zone_hysteresis, min_age_s=min_age, interval_s=interval)
-    path = tracks / "tracks.csv" if tracks.is_dir() else tracks
+    options = options or CountOptions()
+    params = checked(
+        AnalyticsParams,
+        hysteresis_m=options.hysteresis,
+        zone_hysteresis_m=options.zone_hysteresis,
+        min_age_s=options.min_age,
+        interval_s=options.interval,
+    )
+    path = tracks_file(tracks)
     found = load_tracks(path)
     info = _run_beside(path)
-    checked = load_rules(rules, _plane(camera, rig, info))
-    clock = Clock(found, fps)
+    rules_in_plane = load_rules(rules, _plane(options.camera, options.rig, info))
+    clock = Clock(found, options.fps)
     n_frames = info.frames_read + info.frames_skipped if info else 0
-    counts = count_tracks(found, checked, params, clock=clock, n_frames=n_frames)
-    scores = None if truth is None else _score(truth, counts, params, clock, window, n_frames)
-    result = counts.to_json() | ({} if scores is None else {"scores": scores.to_json()})
-    folder = _folder(out, path)
+    counts = count_tracks(found, rules_in_plane, params, clock=clock, n_frames=n_frames)
+    result = counts.to_json()
+    if options.truth is not None:
+        result |= {"scores": _score(options.truth, counts, params, clock, options.window, n_frames).to_json()}
+    folder = _folder(options.out, path)
     if folder is not None:
         _write(counts, result, folder)
-    if json_output:
+    if options.json_output:
         print(json.dumps(result, indent=2))
     else:
         print_counts(result, Console(markup=False))
-
-
-def _params(**values: float) -> AnalyticsParams:
-    from pydantic import ValidationError
-
-    try:
-        return AnalyticsParams(**values)
-    except ValidationError as error:
-        raise InputError(first_problem(error)) from error
 
 
 def _run_beside(path: Path) -> RunInfo | None:

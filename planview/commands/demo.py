@@ -9,7 +9,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from calib.errors import InputError
-from planview.commands.evaluate import evaluate
+from planview.commands.evaluate import EvaluateOptions, evaluate
 from planview.commands.run import run
 from planview.synthetic.committed import DEMO
 
@@ -33,7 +33,7 @@ def demo(
     if not DEMO.is_dir():
         raise InputError(f"{DEMO}: expected the demo clip, found nothing; run planview from its repository")
     run(DEMO, out=out, rrd=True, debug=True, overwrite=True)
-    evaluate(out / "tracks.csv", DEMO / "truth.csv", json_output=json_output)
+    evaluate(out / "tracks.csv", DEMO / "truth.csv", options=EvaluateOptions(json_output=json_output))
     Console(stderr=True, markup=False, soft_wrap=True).print(
         f"Look at it: planview view {out}    or open {out / 'report.html'}"
     )

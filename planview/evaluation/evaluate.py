@@ -2,37 +2,31 @@
 
 from __future__ import annotations
 
-import math
-from collections import Counter
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
 from calib.errors import InputError
 from calib.params import Params
-from calib.types import F64, I64, AnyArray, Bool
+from calib.types import I64, Bool
 from planview.evaluation.align import FloorAlignment, align_tracks, moved
-from planview.evaluation.clear import ClearScores, clear_scores
-from planview.evaluation.hota import HotaScores, hota_scores
-from planview.evaluation.identity import IdentityScores, identity_scores
+from planview.evaluation.breakdown import TruthRows
+from planview.evaluation.clear import clear_scores
+from planview.evaluation.result import Evaluation
 from planview.evaluation.sequence import Similarity, box_similarity, build_sequence, floor_similarity
 from planview.evaluation.significant import (
     PREDICTED,
     UNMATCHED,
-    ErrorKind,
     PersonHistory,
-    SignificantError,
     SignificantParams,
     TrackHistory,
-    frame_period_s,
     significant_errors,
+    strict_identity_changes,
 )
 from planview.trajectories.table import Trajectories
-
-KINDS: tuple[ErrorKind, ...] = ("lost", "missed", "swapped", "false_track")
+from planview.trajectories.timing import frame_period_s
 
 
 class EvaluationParams(Params):
@@ -52,58 +46,6 @@ class EvaluationParams(Params):
     """Frame rate where the tracks carry no timestamps [1/s]; only durations of significant errors need it."""
     significant: SignificantParams = SignificantParams()
     """From when on an error is significant."""
-
-
-@dataclass(frozen=True, eq=False)
-class Evaluation:
-    """Scores of one run.
-
-    Attributes:
-        truth_rows, ignored_rows: truth rows that count, and that are too little visible.
-        track_rows: confirmed rows that count (those on ignored people do not).
-        clear, identity, hota: the three families.
-        position_error_m: (K,) floor distance of every match whose positions are known; none for boxes without
-            alignment, since the world frames may then differ.
-        height_error_m: (K,) absolute height difference of every match whose heights are known.
-        significant: errors in the order of frames.
-        alignment: the motion applied, if asked for.
-    """
-
-    truth_rows: int
-    ignored_rows: int
-    track_rows: int
-    clear: ClearScores
-    identity: IdentityScores
-    hota: HotaScores
-    position_error_m: F64
-    height_error_m: F64
-    significant: list[SignificantError]
-    alignment: FloorAlignment | None
-
-    def to_json(self) -> dict[str, Any]:
-        """The ``--json`` object of ``planview evaluate``; a score that the data cannot give is null."""
-        by_kind = Counter(error.kind for error in self.significant)
-        return {
-            "truth_rows": self.truth_rows,
-            "mota": self.clear.mota,
-            "motp_m": _mean(self.position_error_m),
-            "idf1": self.identity.idf1,
-            "hota": self.hota.hota,
-            "switches": self.clear.switches,
-            "misses": self.clear.misses,
-            "false_positives": self.clear.false_positives,
-            "position_error_mean_m": _mean(self.position_error_m),
-            "position_error_std_m": float(self.position_error_m.std()) if len(self.position_error_m) else None,
-            "height_error_mean_m": _mean(self.height_error_m),
-            "significant_errors": {"total": len(self.significant), **{kind: by_kind[kind] for kind in KINDS}},
-            "significant_error_list": [asdict(error) for error in self.significant],
-            "ignored_rows": self.ignored_rows,
-            "track_rows": self.track_rows,
-            "matches": len(self.clear.matches),
-            "deta": self.hota.deta,
-            "assa": self.hota.assa,
-            "alignment": _alignment_json(self.alignment),
-        }
 
 
 def evaluate_tracks(
@@ -128,7 +70,8 @@ def evaluate_tracks(
     """
     params = params or EvaluationParams()
     tracks, truth = _within(tracks, frames), _within(truth, frames)
-    frame_s = frame_period_s(tracks.frame, tracks.timestamp_s, 1.0 / params.fps)
+    frame_s = frame_period_s(tracks, 1.0 / params.fps)
+    n_frames = _frames_between(tracks, truth) if frames is None else frames[1] - frames[0] + 1
     usable = _has_boxes if params.match_on == "boxes" else _has_floor
     claimed, predicted = _rows_of(tracks, "confirmed", usable), _rows_of(tracks, "lost", usable)
     people = _checked(truth, usable, params.match_on, "truth")
@@ -138,7 +81,19 @@ def evaluate_tracks(
     if params.align:
         claimed, alignment = align_tracks(claimed, people, params.gate_m)
         predicted = moved(predicted, alignment)
-    return _score(claimed, predicted, people, alignment, frame_s, params)
+    return _score(claimed, predicted, people, alignment, _Time(frame_s, n_frames), params)
+
+
+class _Time(NamedTuple):
+    """Time from frame to frame [s] and the number of frames scored."""
+
+    frame_s: float
+    n_frames: int
+
+
+def _frames_between(tracks: Trajectories, truth: Trajectories) -> int:
+    frames = np.concatenate([tracks.frame, truth.frame])
+    return int(np.ptp(frames)) + 1 if len(frames) else 0
 
 
 def _score(
@@ -146,39 +101,62 @@ def _score(
     predicted: Trajectories,
     people: Trajectories,
     alignment: FloorAlignment | None,
-    frame_s: float,
+    time: _Time,
     params: EvaluationParams,
 ) -> Evaluation:
     similarity = box_similarity if params.match_on == "boxes" else floor_similarity(params.gate_m)
     ignored = people.visible < params.min_visible
-    # Hidden people take their own tracks first, so that these are neither false nor given to another person.
-    joint = clear_scores(build_sequence(people, claimed, similarity)).matches
-    excused = np.zeros(len(claimed), dtype=np.bool_)
-    excused[joint[ignored[joint[:, 0]], 1]] = True
+    excused = _excused(people, claimed, ignored, similarity)
     truth, tracks = people.where(~ignored), claimed.where(~excused)
     sequence = build_sequence(truth, tracks, similarity)
     clear = clear_scores(sequence)
-    stray = ~excused
-    stray[np.flatnonzero(~excused)[clear.matches[:, 1]]] = False
     persons = _person_histories(truth, tracks, clear.matches, _near_prediction(truth, predicted, similarity))
-    histories = [
+    histories = _track_histories(claimed, excused, clear.matches)
+    t, k = clear.matches.T
+    in_one_frame = params.match_on == "floor" or alignment is not None
+    heights = np.abs(tracks.height_m[k] - truth.height_m[t])
+    return Evaluation(
+        sequence=sequence,
+        clear=clear,
+        rows=_truth_rows(truth, tracks, clear.matches, in_one_frame),
+        ignored_rows=int(ignored.sum()),
+        height_error_m=heights[np.isfinite(heights)],
+        significant=significant_errors(persons, histories, time.frame_s, params.significant),
+        strict_identity_changes=strict_identity_changes(persons, time.frame_s, params.significant),
+        duration_s=time.n_frames * time.frame_s,
+        alignment=alignment,
+    )
+
+
+def _excused(people: Trajectories, claimed: Trajectories, ignored: Bool, similarity: Similarity) -> Bool:
+    """(N,) whether a track row is on an ignored person.
+
+    Ignored people take their own tracks first, so that these are neither false nor given to another person.
+    """
+    matches = clear_scores(build_sequence(people, claimed, similarity)).matches
+    excused = np.zeros(len(claimed), dtype=np.bool_)
+    excused[matches[ignored[matches[:, 0]], 1]] = True
+    return excused
+
+
+def _track_histories(claimed: Trajectories, excused: Bool, matches: I64) -> list[TrackHistory]:
+    """Of all tracks; ``matches`` refer to the rows that are not excused."""
+    stray = ~excused
+    stray[np.flatnonzero(~excused)[matches[:, 1]]] = False
+    return [
         TrackHistory(int(i), claimed.frame[claimed.track_id == i], stray[claimed.track_id == i])
         for i in np.unique(claimed.track_id)
     ]
-    t, k = clear.matches.T
-    apart = np.hypot(tracks.x_m[k] - truth.x_m[t], tracks.y_m[k] - truth.y_m[t])
-    return Evaluation(
-        len(truth),
-        int(ignored.sum()),
-        len(tracks),
-        clear,
-        identity_scores(sequence),
-        hota_scores(sequence),
-        _known(apart) if params.match_on == "floor" or alignment is not None else np.empty(0),
-        _known(np.abs(tracks.height_m[k] - truth.height_m[t])),
-        significant_errors(persons, histories, frame_s, params.significant),
-        alignment,
-    )
+
+
+def _truth_rows(truth: Trajectories, tracks: Trajectories, matches: I64, in_one_frame: bool) -> TruthRows:
+    t, k = matches.T
+    matched, error = np.zeros(len(truth), dtype=np.bool_), np.full(len(truth), np.nan)
+    matched[t] = True
+    if in_one_frame:
+        error[t] = np.hypot(tracks.x_m[k] - truth.x_m[t], tracks.y_m[k] - truth.y_m[t])
+    _, where, counts = np.unique(truth.frame, return_inverse=True, return_counts=True)
+    return TruthRows(np.hypot(truth.x_m, truth.y_m), truth.visible, counts[where], matched, error)
 
 
 def _person_histories(truth: Trajectories, tracks: Trajectories, matches: I64, near: Bool) -> list[PersonHistory]:
@@ -217,25 +195,6 @@ def _checked(table: Trajectories, usable: Callable[[Trajectories], Bool], match_
     good = usable(table)
     if len(table) and not good.any():
         need = "image boxes" if match_on == "boxes" else "floor positions"
-        raise InputError(f"expected {what} with {need} to match on, found rows without them")
+        hint = "" if match_on == "boxes" or not _has_boxes(table).any() else "; --boxes matches image boxes"
+        raise InputError(f"expected {what} with {need} to match on, found rows without them{hint}")
     return table.where(good)
-
-
-def _known(values: AnyArray) -> F64:
-    return np.asarray(values[np.isfinite(values)], dtype=np.float64)
-
-
-def _mean(values: F64) -> float | None:
-    return float(values.mean()) if len(values) else None
-
-
-def _alignment_json(alignment: FloorAlignment | None) -> dict[str, float] | None:
-    if alignment is None:
-        return None
-    return {
-        "rotation_deg": math.degrees(alignment.rotation_rad),
-        "x_m": alignment.x_m,
-        "y_m": alignment.y_m,
-        "rms_m": alignment.rms_m,
-        "pairs": alignment.pairs,
-    }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from collections.abc import Sequence as Items
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +35,16 @@ class FrameScores:
     track_rows: I64
     similarity: F64
 
+    def shifted(self, truth: int, tracks: int, truth_rows: int, track_rows: int) -> FrameScores:
+        """The frame with offsets added to its indices and rows."""
+        return FrameScores(
+            self.truth + truth,
+            self.tracks + tracks,
+            self.truth_rows + truth_rows,
+            self.track_rows + track_rows,
+            self.similarity,
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Sequence:
@@ -50,6 +61,17 @@ class Sequence:
     @property
     def track_rows(self) -> int:
         return sum(len(frame.tracks) for frame in self.frames)
+
+    @staticmethod
+    def joined(parts: Items[Sequence]) -> Sequence:
+        """All frames of all parts, with indices and rows of their own for each."""
+        frames: list[FrameScores] = []
+        n_truth = n_tracks = truth_rows = track_rows = 0
+        for part in parts:
+            frames += [frame.shifted(n_truth, n_tracks, truth_rows, track_rows) for frame in part.frames]
+            n_truth, n_tracks = n_truth + part.n_truth, n_tracks + part.n_tracks
+            truth_rows, track_rows = truth_rows + part.truth_rows, track_rows + part.track_rows
+        return Sequence(tuple(frames), n_truth, n_tracks)
 
 
 def floor_similarity(gate_m: float) -> Similarity:

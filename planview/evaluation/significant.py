@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field
 
 from calib.params import Params
-from calib.types import F64, I64, Bool
+from calib.types import I64, Bool
 
 ErrorKind = Literal["lost", "missed", "swapped", "false_track"]
 UNMATCHED = -1
@@ -27,14 +27,15 @@ class SignificantParams(Params):
     """From when on an error is significant."""
 
     lost_s: float = Field(1.0, gt=0, le=60)
-    """A person tracked before is lost when visible but held by no track for longer [s]. Our choice: at walking pace a
-    person covers more than the gate, so that a track resumed later is resumed by luck or by identity logic."""
+    """A person tracked before is lost when visible but held by no track for longer, at a stretch [s]. Our choice: at
+    walking pace a person covers more than the gate, so that a track resumed later is resumed by luck or by identity
+    logic."""
     missed_s: float = Field(2.0, gt=0, le=60)
     """A person visible for this long in a visit, and never tracked, is missed [s]. Our choice: people that only cut a
     corner of the view are gone before a tracker that asks for consecutive detections (the paper's does) may confirm."""
     false_track_s: float = Field(1.0, gt=0, le=60)
-    """A confirmed track that matches no person for this long tracks a non-person [s]. Our choice: one second of doubt
-    is what the real overhead recording is allowed, too."""
+    """A confirmed track that matches no person for this long in all, between matches of persist_s, tracks a non-person
+    [s]. Our choice: one second of doubt is what the real overhead recording is allowed, too."""
     persist_s: float = Field(0.5, gt=0, le=60)
     """An identity held for less is a flicker between people that touch: it neither makes nor ends an error [s]. Our
     choice: longer than two people need to pass within arm's length, shorter than any use made of an identity."""
@@ -105,21 +106,43 @@ def split_visits(person: PersonHistory, frame_s: float, gone_s: float) -> list[P
     return [PersonHistory(person.truth_id, f, i) for f, i in zip(frames, ids, strict=True) if len(f)]
 
 
+def strict_identity_changes(people: list[PersonHistory], frame_s: float, params: SignificantParams) -> int:
+    """Every change of a person's identity over the whole recording, however long the person was away.
+
+    Stricter than the paper's count: a new id after ``gone_s`` counts, and an exchange counts for both people.
+    Identities held for less than ``persist_s`` are left out; CLEAR's switches count these.
+    """
+    return sum(max(0, len(_persistent(person, params.persist_s / frame_s)) - 1) for person in people)
+
+
 def _visit_errors(visit: PersonHistory, frame_s: float, params: SignificantParams) -> Iterator[SignificantError]:
-    held = visit.track_id != UNMATCHED
-    if np.count_nonzero(held & (visit.track_id != PREDICTED)) * frame_s < min(params.persist_s, params.missed_s):
+    tracked = visit.track_id != UNMATCHED
+    matched_s = np.count_nonzero(tracked & (visit.track_id != PREDICTED)) * frame_s
+    if matched_s < min(params.persist_s, params.missed_s):
         visible_s = len(visit.frame) * frame_s
         if visible_s >= params.missed_s:
-            note = f"visible for {visible_s:.1f} s and never tracked"
+            extent = f"tracked for only {matched_s:.1f} s of it" if matched_s else "never tracked"
+            note = f"visible for {visible_s:.1f} s and {extent}"
             yield SignificantError("missed", int(visit.frame[0]), visit.truth_id, None, visible_s, note)
         return
-    for start, stop in runs(~_without_blips(held, params.persist_s / frame_s)):
+    for start, stop in _losses(tracked, params.persist_s / frame_s, params.lost_s / frame_s):
         alone_s = (stop - start) * frame_s
-        if start > 0 and alone_s > params.lost_s:
-            before = visit.track_id[:start][visit.track_id[:start] > 0]
-            track = int(before[-1]) if len(before) else None
-            note = f"visible but without a track for {alone_s:.1f} s"
-            yield SignificantError("lost", int(visit.frame[start]), visit.truth_id, track, alone_s, note)
+        before = visit.track_id[:start][visit.track_id[:start] > 0]
+        track = int(before[-1]) if len(before) else None
+        note = f"visible but without a track for {alone_s:.1f} s at a stretch"
+        yield SignificantError("lost", int(visit.frame[start]), visit.truth_id, track, alone_s, note)
+
+
+def _losses(tracked: Bool, min_frames: float, max_alone: float) -> Iterator[tuple[int, int]]:
+    """(start, stop) of continuous stretches without a track, longer than ``max_alone`` frames.
+
+    Of several between which the person is tracked for less than ``min_frames`` frames the first stands for all.
+    Before the first track there is nothing to lose.
+    """
+    for start, stop in runs(~_without_blips(tracked, min_frames)):
+        stretches = [(start + a, start + b) for a, b in runs(~tracked[start:stop]) if b - a > max_alone]
+        if start > 0 and stretches:
+            yield stretches[0]
 
 
 def _without_blips(held: Bool, min_frames: float) -> Bool:
@@ -133,7 +156,7 @@ def _without_blips(held: Bool, min_frames: float) -> Bool:
 
 @dataclass(frozen=True)
 class _Change:
-    """A person's persistent identity changed from old to new at a frame; ``alone_s`` without a track in between."""
+    """A person's persistent identity changed from old to new at a frame, ``alone_s`` at a stretch without any."""
 
     frame: int
     truth_id: int
@@ -189,17 +212,20 @@ def _persistent(visit: PersonHistory, min_frames: float) -> list[tuple[int, int,
 
 def _changes(visit: PersonHistory, held: list[tuple[int, int, int]], frame_s: float) -> Iterator[_Change]:
     for (old, _, stop), (new, start, _) in pairwise(held):
-        alone = int(np.count_nonzero(visit.track_id[stop:start] == UNMATCHED))
+        alone = max((b - a for a, b in runs(visit.track_id[stop:start] == UNMATCHED)), default=0)
         yield _Change(int(visit.frame[start]), visit.truth_id, old, new, alone * frame_s)
 
 
 def _stray_errors(track: TrackHistory, frame_s: float, params: SignificantParams) -> Iterator[SignificantError]:
-    steady = ~_without_blips(~track.stray, params.persist_s / frame_s)
-    longest = max(runs(steady), key=lambda run: run[1] - run[0], default=(0, 0))
-    stray_s = (longest[1] - longest[0]) * frame_s
+    """The part of a track with the most stray frames, where matches shorter than persist_s do not divide it."""
+    parts = runs(~_without_blips(~track.stray, params.persist_s / frame_s))
+    counted = [(int(np.count_nonzero(track.stray[start:stop])), start, stop) for start, stop in parts]
+    n_stray, start, stop = max(counted, key=lambda part: part[0], default=(0, 0, 0))
+    stray_s = n_stray * frame_s
     if stray_s >= params.false_track_s:
-        note = f"on no person for {stray_s:.1f} s"
-        yield SignificantError("false_track", int(track.frame[longest[0]]), None, track.track_id, stray_s, note)
+        within = f" of {(stop - start) * frame_s:.1f} s" if n_stray < stop - start else ""
+        note = f"on no person for {stray_s:.1f} s{within}"
+        yield SignificantError("false_track", int(track.frame[start]), None, track.track_id, stray_s, note)
 
 
 def runs(mask: Bool) -> list[tuple[int, int]]:
@@ -213,13 +239,3 @@ def _equal_runs(values: I64) -> list[tuple[int, int]]:
         np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [len(values)]]) if len(values) else np.zeros(1, int)
     )
     return [(int(a), int(b)) for a, b in pairwise(cuts)]
-
-
-def frame_period_s(frame: I64, timestamp_s: F64, fallback_s: float) -> float:
-    """Median time per frame of rows with timestamps; ``fallback_s`` where fewer than two frames have one."""
-    known = np.isfinite(timestamp_s)
-    frames, first = np.unique(frame[known], return_index=True)
-    if len(frames) < 2:
-        return fallback_s
-    period = float(np.median(np.diff(timestamp_s[known][first]) / np.diff(frames)))
-    return period if period > 0 else fallback_s

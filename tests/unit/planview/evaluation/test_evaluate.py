@@ -10,11 +10,14 @@ import pytest
 from calib.errors import InputError
 from planview.cli import main
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
+from planview.trajectories.layouts import load_truth
 from planview.trajectories.table import Trajectories, concatenated, positions_table
 
 KEYS = (
     "truth_rows", "mota", "motp_m", "idf1", "hota", "switches", "misses", "false_positives", "position_error_mean_m",
-    "position_error_std_m", "height_error_mean_m", "significant_errors",
+    "position_error_std_m", "height_error_mean_m", "significant_errors", "mostly_tracked", "mostly_lost",
+    "fragmentations", "switches_per_minute", "ass_a", "det_a", "significant_errors_per_10_min",
+    "strict_identity_changes", "strict_per_10_min", "by_distance", "by_visibility", "by_people",
 )  # fmt: skip
 
 
@@ -33,6 +36,32 @@ def test_evaluation_measures_position_and_height_of_matches() -> None:
     assert result["position_error_std_m"] == pytest.approx(0.0, abs=1e-9)
     assert result["height_error_mean_m"] == pytest.approx(0.05)
     assert result["significant_errors"] == {"total": 0, "lost": 0, "missed": 0, "swapped": 0, "false_track": 0}
+
+
+def test_rates_are_over_the_time_scored() -> None:
+    # 300 frames at 30 fps are 10 s; the id changes at frame 150: one switch, one significant error.
+    tracks = replace(walk(300), track_id=np.repeat([1, 2], 150))
+    result = evaluate_tracks(tracks, walk(300)).to_json()
+    assert result["duration_s"] == pytest.approx(10.0)
+    assert result["switches_per_minute"] == pytest.approx(6.0)
+    assert (result["significant_errors"]["lost"], result["strict_identity_changes"]) == (1, 1)
+    assert result["significant_errors_per_10_min"] == result["strict_per_10_min"] == pytest.approx(60.0)
+
+
+def test_breakdown_groups_rows_by_distance_visibility_and_people() -> None:
+    # Person 1 stands 1 m away, tracked 0.1 m off; person 2, half hidden, 5 m away in the first 40 frames, untracked.
+    near = positions_table(np.arange(100), np.full(100, 1), np.tile([0.0, 1.0], (100, 1)))
+    far = positions_table(np.arange(40), np.full(40, 2), np.tile([3.0, 4.0], (40, 1)), visible=np.full(40, 0.5))
+    result = evaluate_tracks(replace(near, x_m=near.x_m + 0.1), concatenated([near, far])).to_json()
+
+    def counts(key: str) -> dict[str, tuple[int, int]]:
+        return {row["group"]: (row["truth_rows"], row["matches"]) for row in result[key] if row["truth_rows"]}
+
+    assert counts("by_distance") == {"0-2": (100, 100), "4-6": (40, 0)}
+    assert counts("by_visibility") == {"0.5-0.75": (40, 0), "0.75-1": (100, 100)}
+    assert counts("by_people") == {"1-2": (140, 100)}
+    assert result["by_distance"][0]["position_error_mean_m"] == pytest.approx(0.1)
+    assert result["by_distance"][2]["position_error_mean_m"] is None
 
 
 def test_tentative_and_lost_rows_are_neither_found_nor_false() -> None:
@@ -171,6 +200,40 @@ def test_evaluate_lists_each_significant_error(files: tuple[Path, Path], capsys:
 
 def test_evaluate_takes_the_folder_of_a_run(files: tuple[Path, Path]) -> None:
     assert run(str(files[0].parent), str(files[1]), "--json") == 0
+
+
+MOT16_ROWS = "".join(f"{t},1,{10 * t},20,30,40,1,1,1\n" for t in range(1, 6))
+
+
+def test_evaluate_pairs_two_folders_by_name_and_pools_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, rows in (("a", MOT16_ROWS), ("b", MOT16_ROWS + "1,2,400,20,30,40,1,1,1\n")):
+        (tmp_path / "gt" / name / "gt").mkdir(parents=True)
+        (tmp_path / "gt" / name / "gt" / "gt.txt").write_text(rows)
+    (tmp_path / "mine" / "data").mkdir(parents=True)
+    for name in ("a", "b", "extra"):
+        results = MOT16_ROWS.replace(",1,1,1\n", ",1,-1,-1,-1\n")
+        (tmp_path / "mine" / "data" / f"{name}.txt").write_text(results)
+    assert run(str(tmp_path / "mine"), str(tmp_path / "gt"), "--boxes", "--json") == 0
+    result = json.loads(capsys.readouterr().out)
+    assert {name: scores["misses"] for name, scores in result["recordings"].items()} == {"a": 0, "b": 1}
+    assert (result["truth_rows"], result["misses"], result["mota"]) == (11, 1, pytest.approx(10 / 11))
+
+
+def test_evaluate_names_the_recording_without_tracks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for folder in ("gt", "mine"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "gt" / "a.txt").write_text(MOT16_ROWS)
+    assert run(str(tmp_path / "mine"), str(tmp_path / "gt"), "--boxes") == 2
+    assert "expected tracks for 'a'" in " ".join(capsys.readouterr().err.split())
+
+
+def test_motchallenge_distractor_is_neither_person_nor_error(tmp_path: Path) -> None:
+    path = tmp_path / "gt.txt"
+    path.write_text(MOT16_ROWS + "".join(f"{t},9,300,20,30,40,0,8,1\n" for t in range(1, 6)))
+    truth = load_truth(path)
+    tracks = replace(truth, visible=np.ones(len(truth)))
+    result = evaluate_tracks(tracks, truth, EvaluationParams(match_on="boxes", min_visible=0.0))
+    assert (result.truth_rows, result.clear.false_positives, result.clear.mota) == (5, 0, 1.0)
 
 
 @pytest.mark.parametrize(

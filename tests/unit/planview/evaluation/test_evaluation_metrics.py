@@ -79,6 +79,24 @@ def test_clear_counts_crossed_identities_as_two_switches() -> None:
     assert clear_scores(sequence(truth, tracks)).switches == 2
 
 
+def test_clear_counts_fragmentations_and_people_mostly_tracked_or_lost() -> None:
+    # Person 1 is matched in 9 of 10 frames (one gap), person 2 in 5 of 10 (every other frame), person 3 in 1 of 10.
+    truth = [(t, i, 5.0 * i, 0) for t in range(10) for i in (1, 2, 3)]
+    found = {1: {0, 1, 2, 3, 5, 6, 7, 8, 9}, 2: {0, 2, 4, 6, 8}, 3: {0}}
+    scores = clear_scores(sequence(truth, [row for row in truth if row[0] in found[int(row[1])]]))
+    assert (scores.fragmentations, scores.mostly_tracked, scores.mostly_lost) == (1 + 4, 1, 1)
+
+
+def test_joined_sequences_add_up_and_share_no_identity() -> None:
+    truth = [(t, 1, 0, 0) for t in range(4)]
+    one = sequence(truth, [(t, 1, 0, 0) for t in range(3)])
+    two = sequence(truth, [(t, 1 if t < 2 else 2, 0, 0) for t in range(4)])
+    joined = Sequence.joined([one, two])
+    scores = clear_scores(joined)
+    assert (joined.truth_rows, joined.track_rows, scores.misses, scores.switches) == (8, 7, 1, 1)
+    assert identity_scores(joined).idtp == 3 + 2
+
+
 def test_mota_is_unknown_without_truth() -> None:
     scores = clear_scores(sequence([], [(0, 1, 0, 0)]))
     assert scores.mota is None
@@ -199,7 +217,9 @@ def test_metrics_agree_with_trackeval_on_wild_sequences(monkeypatch: pytest.Monk
         hota = metrics.HOTA().eval_sequence(data)
         ours, ours_identity, ours_hota = clear_scores(rows), identity_scores(rows), hota_scores(rows)
         assert (ours.misses, ours.false_positives, ours.switches) == (clear["CLR_FN"], clear["CLR_FP"], clear["IDSW"])
+        assert (ours.mostly_tracked, ours.mostly_lost, ours.fragmentations) == (clear["MT"], clear["ML"], clear["Frag"])
         assert ours.mota == pytest.approx(clear["MOTA"])
         assert ours_identity.idf1 == pytest.approx(identity["IDF1"])
         assert ours_hota.hota == pytest.approx(hota["HOTA"].mean())
         assert ours_hota.assa == pytest.approx(hota["AssA"].mean())
+        assert ours_hota.deta == pytest.approx(hota["DetA"].mean())

@@ -1,6 +1,7 @@
 """The four kinds of significant error, at 10 frames per second."""
 
 import numpy as np
+import pytest
 
 from planview.evaluation.significant import (
     PREDICTED,
@@ -9,10 +10,10 @@ from planview.evaluation.significant import (
     SignificantError,
     SignificantParams,
     TrackHistory,
-    frame_period_s,
     runs,
     significant_errors,
     split_visits,
+    strict_identity_changes,
 )
 
 FRAME_S = 0.1
@@ -57,6 +58,35 @@ def test_person_alone_for_more_than_a_second_is_lost_where_it_began() -> None:
 
 def test_loss_until_the_end_counts_once() -> None:
     assert kinds([person(1, (5, 30), (UNMATCHED, 15), (8, 2), (UNMATCHED, 15))]) == [("lost", 30)]
+
+
+def test_scattered_misses_are_no_loss() -> None:
+    # 0.4 s without a track, 0.3 s with it, and so on for 3.5 s: never longer than a second at a stretch.
+    assert kinds([person(1, (5, 30), *[(UNMATCHED, 4), (5, 3)] * 5, (5, 30))]) == []
+
+
+def test_loss_reports_the_time_at_a_stretch() -> None:
+    (error,) = found([person(1, (5, 30), (UNMATCHED, 4), (5, 3), (UNMATCHED, 12), (5, 30))])
+    assert (error.frame, error.duration_s) == (37, pytest.approx(1.2))
+    assert error.note == "visible but without a track for 1.2 s at a stretch"
+
+
+def test_scattered_misses_before_a_new_id_are_reported_as_the_change_of_id() -> None:
+    (error,) = found([person(1, (5, 30), *[(UNMATCHED, 6), (9, 1)] * 3, (6, 30))])
+    assert (error.kind, error.frame, error.track_id, error.note) == ("lost", 51, 5, "went on as a new track 6")
+
+
+def test_person_tracked_for_a_moment_is_missed_with_the_time_it_was_tracked() -> None:
+    (error,) = found([person(1, (UNMATCHED, 20), (9, 4), (UNMATCHED, 20))])
+    assert error.note == "visible for 4.4 s and tracked for only 0.4 s of it"
+
+
+def test_strict_count_takes_a_new_id_after_coming_back_and_both_sides_of_a_swap() -> None:
+    params = SignificantParams()
+    back = PersonHistory(1, np.concatenate([np.arange(30), 200 + np.arange(30)]), np.repeat([5, 6], 30))
+    swap = [person(1, (5, 30), (6, 30)), person(2, (6, 31), (5, 29))]
+    flicker = person(1, (5, 30), (6, 4), (5, 30))
+    assert [strict_identity_changes(p, FRAME_S, params) for p in ([back], swap, [flicker])] == [1, 2, 0]
 
 
 def test_prediction_near_a_person_keeps_hold() -> None:
@@ -113,7 +143,13 @@ def test_track_on_no_person_for_less_is_no_error() -> None:
 
 def test_moment_near_a_person_does_not_excuse_a_false_track() -> None:
     stray = np.array([True] * 8 + [False] * 3 + [True] * 8)
-    assert kinds([], [TrackHistory(9, np.arange(19), stray)]) == [("false_track", 0)]
+    (error,) = found([], [TrackHistory(9, np.arange(19), stray)])
+    assert (error.kind, error.frame, error.note) == ("false_track", 0, "on no person for 1.6 s of 1.9 s")
+
+
+def test_track_beside_a_person_most_of_the_time_is_not_false() -> None:
+    stray = np.array([True, False, False, False] * 9)
+    assert kinds([], [TrackHistory(9, np.arange(36), stray)]) == []
 
 
 def test_errors_come_in_the_order_of_frames() -> None:
@@ -130,9 +166,3 @@ def test_visits_split_at_long_gaps_only() -> None:
 def test_runs_lists_stretches() -> None:
     assert runs(np.array([True, False, True, True])) == [(0, 1), (2, 4)]
     assert runs(np.zeros(0, dtype=bool)) == []
-
-
-def test_frame_period_is_the_median_over_gaps() -> None:
-    frame = np.array([0, 0, 1, 2, 12])
-    assert frame_period_s(frame, frame / 25.0, 1 / 30) == 0.04
-    assert frame_period_s(frame, np.full(5, np.nan), 1 / 30) == 1 / 30

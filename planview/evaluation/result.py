@@ -1,0 +1,153 @@
+"""The scores of a run, or of several together."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence as Items
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from calib.types import F64
+from planview.evaluation.align import FloorAlignment
+from planview.evaluation.breakdown import TruthRows, breakdown_json
+from planview.evaluation.clear import ClearScores, clear_scores
+from planview.evaluation.hota import HotaScores, hota_scores
+from planview.evaluation.identity import IdentityScores, identity_scores
+from planview.evaluation.sequence import Sequence
+from planview.evaluation.significant import ErrorKind, SignificantError
+
+KINDS: tuple[ErrorKind, ...] = ("lost", "missed", "swapped", "false_track")
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Scores of one run, or of several together.
+
+    Attributes:
+        sequence: truth and track rows that count, side by side.
+        clear: the CLEAR scores of the sequence.
+        rows: every truth row that counts. Position errors are unknown for boxes without alignment, since the world
+            frames may then differ.
+        ignored_rows: truth rows that are too little visible.
+        height_error_m: (K,) absolute height difference of every match whose heights are known.
+        significant: errors in the order of frames.
+        strict_identity_changes: every persistent change of an identity, also after coming back.
+        duration_s: time scored [s].
+        alignment: the motion applied, if asked for.
+    """
+
+    sequence: Sequence
+    clear: ClearScores
+    rows: TruthRows
+    ignored_rows: int
+    height_error_m: F64
+    significant: list[SignificantError]
+    strict_identity_changes: int
+    duration_s: float
+    alignment: FloorAlignment | None
+
+    @property
+    def truth_rows(self) -> int:
+        """Truth rows that count."""
+        return self.sequence.truth_rows
+
+    @property
+    def track_rows(self) -> int:
+        """Confirmed rows that count (those on ignored people do not)."""
+        return self.sequence.track_rows
+
+    @cached_property
+    def identity(self) -> IdentityScores:
+        return identity_scores(self.sequence)
+
+    @cached_property
+    def hota(self) -> HotaScores:
+        return hota_scores(self.sequence)
+
+    @property
+    def position_error_m(self) -> F64:
+        """(K,) floor distance of every match whose positions are known [m]."""
+        return self.rows.position_error_m[np.isfinite(self.rows.position_error_m)]
+
+    def to_json(self) -> dict[str, Any]:
+        """The ``--json`` object; a score that the data cannot give is null."""
+        return {
+            **self._clear_json(),
+            **self._error_json(),
+            "ignored_rows": self.ignored_rows,
+            "track_rows": self.track_rows,
+            "matches": len(self.clear.matches),
+            "duration_s": self.duration_s,
+            **breakdown_json(self.rows),
+            "alignment": _alignment_json(self.alignment),
+        }
+
+    def _clear_json(self) -> dict[str, Any]:
+        return {
+            "truth_rows": self.truth_rows,
+            "mota": self.clear.mota,
+            "motp_m": _mean(self.position_error_m),
+            "idf1": self.identity.idf1,
+            "hota": self.hota.hota,
+            "det_a": self.hota.deta,
+            "ass_a": self.hota.assa,
+            "switches": self.clear.switches,
+            "switches_per_minute": self._per(60.0, self.clear.switches),
+            "fragmentations": self.clear.fragmentations,
+            "mostly_tracked": self.clear.mostly_tracked,
+            "mostly_lost": self.clear.mostly_lost,
+            "misses": self.clear.misses,
+            "false_positives": self.clear.false_positives,
+            "position_error_mean_m": _mean(self.position_error_m),
+            "position_error_std_m": float(self.position_error_m.std()) if len(self.position_error_m) else None,
+            "height_error_mean_m": _mean(self.height_error_m),
+        }
+
+    def _error_json(self) -> dict[str, Any]:
+        by_kind = Counter(error.kind for error in self.significant)
+        return {
+            "significant_errors": {"total": len(self.significant), **{kind: by_kind[kind] for kind in KINDS}},
+            "significant_errors_per_10_min": self._per(600.0, len(self.significant)),
+            "strict_identity_changes": self.strict_identity_changes,
+            "strict_per_10_min": self._per(600.0, self.strict_identity_changes),
+            "significant_error_list": [asdict(error) for error in self.significant],
+        }
+
+    def _per(self, seconds: float, count: int) -> float | None:
+        return count * seconds / self.duration_s if self.duration_s > 0 else None
+
+
+def pooled(parts: Items[Evaluation]) -> Evaluation:
+    """Several recordings scored as one: counts and rows add up, people and tracks of different ones never match."""
+    sequence = Sequence.joined([part.sequence for part in parts])
+    return Evaluation(
+        sequence=sequence,
+        clear=clear_scores(sequence),
+        rows=TruthRows.joined([part.rows for part in parts]),
+        ignored_rows=sum(part.ignored_rows for part in parts),
+        height_error_m=np.concatenate([part.height_error_m for part in parts]),
+        significant=[error for part in parts for error in part.significant],
+        strict_identity_changes=sum(part.strict_identity_changes for part in parts),
+        duration_s=sum(part.duration_s for part in parts),
+        alignment=None,
+    )
+
+
+def _mean(values: F64) -> float | None:
+    return float(values.mean()) if len(values) else None
+
+
+def _alignment_json(alignment: FloorAlignment | None) -> dict[str, float] | None:
+    if alignment is None:
+        return None
+    return {
+        "rotation_deg": math.degrees(alignment.rotation_rad),
+        "x_m": alignment.x_m,
+        "y_m": alignment.y_m,
+        "rms_m": alignment.rms_m,
+        "pairs": alignment.pairs,
+    }
