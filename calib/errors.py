@@ -1,4 +1,4 @@
-"""The two ways a user can be told no."""
+"""The two kinds of failure that a user is shown."""
 
 
 class InputError(Exception):

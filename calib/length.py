@@ -1,4 +1,4 @@
-"""Lengths as people type them: 24.23mm, 2.5cm, 0.1m, 1in."""
+"""Lengths and image sizes as text: 24.23mm, 2.5cm, 0.1m, 1in; 1280x720."""
 
 from __future__ import annotations
 
@@ -43,3 +43,8 @@ def parse_size(text: str, what: str = "size") -> tuple[int, int]:
     if match is None or int(match[1]) < 1 or int(match[2]) < 1:
         raise InputError(f"{what}: expected WIDTHxHEIGHT, e.g. 1280x720, found {text!r}")
     return int(match[1]), int(match[2])
+
+
+def size_text(size: tuple[int, int]) -> str:
+    """Width and height as ``parse_size`` reads them."""
+    return f"{size[0]}x{size[1]}"

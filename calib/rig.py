@@ -123,19 +123,6 @@ def save_rig(rig: StereoRig, path: Path) -> None:
     path.write_text("\n".join(lines), encoding="utf-8")
 
 
-def load_rig(path: Path) -> StereoRig:
-    """Read ``rig.toml`` (``calib.formats.load_rig`` reads any format).
-
-    Raises:
-        InputError: unreadable, keys missing, or values that cannot be a rig.
-    """
-    try:
-        rig = parse_rig(path.read_text(encoding="utf-8"), path.name)
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        raise InputError(f"{path}: expected a rig.toml, found {error}") from error
-    return rig.check(str(path))
-
-
 def parse_rig(text: str, source: str) -> StereoRig:
     """A rig from the text of ``rig.toml``.
 

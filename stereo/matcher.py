@@ -23,7 +23,7 @@ SUBPIXEL = np.array(
     [-0.077, 0.180, 0.294, 0.360, 0.402, 0.435, 0.461, 0.483, 0.497, 0.505, 0.518, 0.540, 0.567, 0.600, 0.642, 0.707],
     dtype=np.float32,
 )
-"""Expected fraction of a pixel where StereoSGBM says 0/16 ... 15/16. It fits a parabola to the dissimilarity of
+"""Expected fraction of a pixel where StereoSGBM returns 0/16 ... 15/16. It fits a parabola to the dissimilarity of
 Birchfield and Tomasi (1998), which half a pixel of shift hardly changes, so its fractions crowd at whole pixels: 0.15
 for 0.375, an error up to 0.28 px, the same for every texture. The table is the mean true fraction for each answer
 over random textures (0.5-3 px, contrast 10-40, noise 2 grey levels, slopes to 0.05); it halves the error, from 0.20 to

@@ -15,6 +15,13 @@ from calib.types import F32, F64, U8, AnyArray, Bool
 
 _PATCH = 7
 """Half side of a matched patch [px]."""
+_SIMILARITY_MIN = 0.9
+"""Smallest normalised correlation of two patches that count as a match (our choice)."""
+_MATCHES_MIN = 60
+"""Smallest number of matches that justifies a correction (our choice)."""
+_IMPROVEMENT_MIN_PX = 0.05
+"""A correction must lower the median residual of matches it was not fitted to by this much [px]: less costs no match
+(our choice)."""
 
 
 @dataclass(frozen=True)
@@ -47,13 +54,6 @@ class VerticalParams(Params):
     """Corners tried in each frame (our choice)."""
     search_px: int = Field(default=8, ge=1, le=64)
     """Largest row offset looked for, each way [px]; more than this is not a residual but a wrong calibration."""
-    similarity_min: float = Field(default=0.9, gt=0.0, lt=1.0)
-    """Smallest normalised correlation of two patches that count as a match (our choice)."""
-    matches_min: int = Field(default=60, ge=10)
-    """Fewest matches that justify a correction (our choice)."""
-    gain_min_px: float = Field(default=0.05, ge=0.0, le=1.0)
-    """A correction must lower the median residual of frames it was not fitted to by this much [px]: less costs no
-    match (our choice)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ def measure_vertical(
     if len(matches) == 0:
         return VerticalFit()
     before = _residual(VerticalModel(), matches)
-    model = _choose(matches, params)
+    model = _choose(matches)
     return VerticalFit(model, matches, before, _residual(model, matches))
 
 
@@ -142,14 +142,14 @@ def fit_affine(matches: F64, slopes: bool = True) -> VerticalModel:
     return VerticalModel(float(offset), float(solution[1]), float(solution[2]))
 
 
-def _choose(matches: F64, params: VerticalParams) -> VerticalModel:
-    if len(matches) < params.matches_min:
+def _choose(matches: F64) -> VerticalModel:
+    if len(matches) < _MATCHES_MIN:
         return VerticalModel()
     best, best_residual = VerticalModel(), _residual(VerticalModel(), matches)
     for slopes in (False, True):
         folds = [matches[0::2], matches[1::2]]
         held_out = [_residual(fit_affine(a, slopes), b) for a, b in (folds, folds[::-1])]
-        if max(held_out) < best_residual - params.gain_min_px:
+        if max(held_out) < best_residual - _IMPROVEMENT_MIN_PX:
             best, best_residual = fit_affine(matches, slopes), max(held_out)
     return best
 
@@ -179,7 +179,7 @@ def _search(left: U8, right: U8, point: F32, span: tuple[int, int], params: Vert
     score = cv2.matchTemplate(strip, patch, cv2.TM_CCOEFF_NORMED)
     row, col = np.unravel_index(int(np.argmax(score)), score.shape)
     best = float(score[row, col])
-    if best < params.similarity_min or row in (0, score.shape[0] - 1) or col in (0, score.shape[1] - 1):
+    if best < _SIMILARITY_MIN or row in (0, score.shape[0] - 1) or col in (0, score.shape[1] - 1):
         return nothing
     score[max(0, row - 3) : row + 4, max(0, col - 3) : col + 4] = -1.0
     if float(score.max()) > 0.5 * (1.0 + best) - 0.02:

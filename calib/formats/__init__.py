@@ -1,4 +1,4 @@
-"""Calibrations as other tools write them: one file per format, told by content."""
+"""Calibrations as other tools write them: one file per format, recognised by content."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from calib.formats.ros import FORMAT as ROS
 from calib.formats.source import Choice, Format
 from calib.formats.tsai import is_tsai
 from calib.formats.zed import FORMAT as ZED
+from calib.length import size_text
 from calib.rig import StereoRig
 
 FORMATS: tuple[Format, ...] = (NATIVE, OPENCV, DEPTHAI, KALIBR, ROS, ZED, KITTI, EUROC, MIDDLEBURY)
@@ -43,13 +44,13 @@ def load_rig(
     unit_m: float | None = None,
     swap: bool = False,
 ) -> StereoRig:
-    """Read a stereo calibration in any supported format, told by its content.
+    """Read a stereo calibration in any supported format, recognised by its content.
 
     Args:
         path: a calibration file (of a pair, either half), or a folder that holds one calibration.
         size: (width, height) of the recording's images [px]: selects a resolution where the file holds several,
             supplies it where it holds none; a calibration of another size and the same aspect is scaled, which
-            ``source`` then says.
+            ``source`` then notes.
         cameras: names of the left and right camera (or sockets) where the file holds more than two.
         unit_m: length of the unit of the file's translations [m]; None: what the format prescribes.
         swap: the file calls the right camera left.
@@ -101,7 +102,7 @@ def _format_for(path: Path, format_key: str | None) -> Format:
     for one in FORMATS:
         if one.suffix and one.suffix == path.suffix.lower():
             return one
-    raise InputError(f"{path}: expected --to {keys}, because the name {path.name!r} does not tell the format")
+    raise InputError(f"{path}: expected --to {keys}, because no format has the suffix of {path.name!r}")
 
 
 def _detail(error: Exception) -> str:
@@ -132,19 +133,17 @@ def _refuse_turned(rig: StereoRig) -> None:
 def _fitted(rig: StereoRig, name: str, size: tuple[int, int] | None) -> StereoRig:
     if rig.left.size != rig.right.size:
         raise InputError(
-            f"{name}: expected two cameras of one image size, found {_text(rig.left.size)} and {_text(rig.right.size)}"
+            f"{name}: expected two cameras of one image size, "
+            f"found {size_text(rig.left.size)} and {size_text(rig.right.size)}"
         )
     own = rig.left.size
     if size is None or size == own:
         return rig
     if size[0] * own[1] != size[1] * own[0]:
         raise InputError(
-            f"{name}: expected a calibration for images of {_text(size)}, found one for {_text(own)} (another aspect)"
+            f"{name}: expected a calibration for images of {size_text(size)}, "
+            f"found one for {size_text(own)} (another aspect)"
         )
     scaled = rig.scaled(*size)
-    said = f"{rig.source} (scaled from {_text(own)} to {_text(size)})"
-    return StereoRig(scaled.left, scaled.right, rig.right_SE3_left, said)
-
-
-def _text(size: tuple[int, int]) -> str:
-    return f"{size[0]}x{size[1]}"
+    source = f"{rig.source} (scaled from {size_text(own)} to {size_text(size)})"
+    return StereoRig(scaled.left, scaled.right, rig.right_SE3_left, source)

@@ -1,4 +1,4 @@
-"""Numbers out of parsed files, with messages that say what was expected."""
+"""Numbers out of parsed files, with messages that name what was expected."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ import numpy as np
 from calib.camera import Camera, LensModel
 from calib.pose import SE3
 from calib.types import F64
-
-_MAX_COEFFICIENTS = 14
 
 
 def table(value: Any, name: str) -> Mapping[str, Any]:
@@ -75,7 +73,7 @@ def camera(
     """A camera from K (9 values, row-major) or (fx, fy, cx, cy) and coefficients.
 
     Args:
-        model: None tells Brown from rational by the number of coefficients.
+        model: None takes Brown or rational by the number of coefficients.
     """
     if len(matrix) == 9:
         k = matrix.reshape(3, 3)

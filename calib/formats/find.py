@@ -19,7 +19,7 @@ def find_rig(path: Path, formats: Sequence[Format], is_single: Callable[[Source]
     """The calibration at a file or in a folder.
 
     Args:
-        is_single: tells files that hold one camera, for a better message.
+        is_single: recognises files that hold one camera, for a better message.
     Raises:
         InputError: none there, half of a pair, or several.
     """

@@ -32,8 +32,8 @@ def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     read = _rectified if rectified else _raw
     (one, left_SE3_zero), (other, right_SE3_zero) = (read(data, name, choice.unit()) for name in (left, right))
     kind = "rectified images" if rectified else "unrectified images"
-    said = f"{source.path.name} [cameras {left} {right}, {kind}]"
-    return StereoRig(one, other, right_SE3_zero @ left_SE3_zero.inverse(), said)
+    name = f"{source.path.name} [cameras {left} {right}, {kind}]"
+    return StereoRig(one, other, right_SE3_zero @ left_SE3_zero.inverse(), name)
 
 
 def _pair(data: Mapping[str, str]) -> tuple[str, str]:

@@ -49,14 +49,14 @@ def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     for source in sources:
         data.update(_parse(source.text))
     matrices = [numbers(entry(data, *names), names[0], 9) for names in (_K1, _K2)]
-    size, said = _size(data, choice, [(float(k[2]), float(k[5])) for k in matrices])
+    size, remark = _size(data, choice, [(float(k[2]), float(k[5])) for k in matrices])
     model = _model(data)
     left, right = (
         camera(size, k, numbers(entry(data, *names), names[0], _COUNTS), model, names[0])
         for k, names in zip(matrices, (_D1, _D2), strict=True)
     )
     pose = transform(numbers(entry(data, "R"), "R", 9), numbers(entry(data, "T"), "T", 3) * choice.unit(), "R")
-    return StereoRig(left, right, pose, "+".join(source.path.name for source in sources) + said)
+    return StereoRig(left, right, pose, "+".join(source.path.name for source in sources) + remark)
 
 
 def _parse(text: str) -> Mapping[str, Any]:
@@ -70,7 +70,7 @@ def _parse(text: str) -> Mapping[str, Any]:
 
 
 def _model(data: Mapping[str, Any]) -> LensModel | None:
-    """Four coefficients are Brown's unless the file says fisheye, which OpenCV itself has no key for."""
+    """Four coefficients are Brown's unless the file names fisheye, for which OpenCV itself has no key."""
     name = str(data.get("distortion_model", "")).strip().lower()
     return "fisheye" if name in {"fisheye", "equidistant"} or str(data.get("fisheye", 0)).strip() == "1" else None
 

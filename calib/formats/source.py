@@ -1,4 +1,4 @@
-"""A calibration file as text, and what the caller knows about the rig."""
+"""A calibration file as text, and what the caller supplies about the rig."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Choice:
-    """What the caller knows and a file may lack.
+    """What the caller supplies and a file may lack.
 
     Attributes:
         size: (width, height) of the recording's images [px]; selects or supplies the resolution.
@@ -49,7 +49,7 @@ class Format:
 
     Attributes:
         key: short name for the command line.
-        name: as the user knows it.
+        name: as messages show it.
         part: what a text holds in this format: "whole" (a rig), "left" or "right" (a half), or None (not this format).
         read: a rig from a whole, or from its left and right half; raises ValueError for bad content.
         write: writes a rig, returns the files; raises ValueError when the format cannot hold it.
@@ -84,7 +84,7 @@ def read_source(path: Path) -> Source:
 
 
 def side_of(name: str) -> str | None:
-    """Which camera a file or folder name speaks of: "left", "right", or None when it names neither or both."""
+    """Which camera a file or folder name refers to: "left", "right", or None when it names neither or both."""
     words = set(re.split(r"[^a-z0-9]+", name.lower()))
     left = bool(words & {"l", "cam0", "camera0"}) or "left" in name.lower()
     right = bool(words & {"r", "cam1", "camera1"}) or "right" in name.lower()

@@ -33,10 +33,10 @@ def _part(source: Source) -> str | None:
 def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     source = sources[0]
     sections = _sections(source.text)
-    name, said = _resolution(sections, choice.size)
+    name, remark = _resolution(sections, choice.size)
     left, right = (_camera(sections, f"{side}_CAM_{name}", RESOLUTIONS[name]) for side in ("LEFT", "RIGHT"))
     pose = _pose(entry(sections, "STEREO"), name, choice.unit(_MILLIMETRE_M))
-    return StereoRig(left, right, pose, f"{source.path.name} [{name}]{said}")
+    return StereoRig(left, right, pose, f"{source.path.name} [{name}]{remark}")
 
 
 def _sections(text: str) -> dict[str, Mapping[str, str]]:

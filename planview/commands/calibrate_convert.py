@@ -33,11 +33,11 @@ def calibrate_convert(
     Parameters
     ----------
     source
-        Calibration file (either one of a pair) or a folder that holds one; the format is told by its content.
+        Calibration file (either one of a pair) or a folder that holds one; the format is recognised by its content.
     target
         File or folder to write.
     to
-        Format to write: rig, opencv, depthai, kalibr, ros, zed, kitti, euroc or middlebury; else told by the suffix.
+        Format to write: rig, opencv, depthai, kalibr, ros, zed, kitti, euroc or middlebury; else taken from the suffix.
     size
         Image size WxH: selects a resolution, supplies one the file lacks, or scales.
     unit

@@ -120,7 +120,7 @@ def match_kind(g: Gaussian, o: Pixel, s: UpdateConstants) -> int:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def learned(g: Gaussian, o: Pixel, kind: int, rate: Real, s: UpdateConstants) -> Gaussian:
-    """The Gaussian after a match of some kind; other light moves the means but says nothing of the noise."""
+    """The Gaussian after a match of some kind; other light moves the means but not the variances."""
     rate = rate if kind != NO_MATCH else ZERO
     rate_var = rate if kind == SAME else ZERO
     bound = g.var_y < ZERO

@@ -12,6 +12,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.images import as_colour, as_grey
+from calib.length import size_text
 from calib.types import U8
 from stereo.readers.source import Decoded, is_grey
 
@@ -53,8 +54,8 @@ class ImageFiles:
         if image is None:
             return Decoded(index, None, None, f"{file.parent.name}/{file.name} cannot be decoded")
         if (image.shape[1], image.shape[0]) != self.size:
-            found = f"{image.shape[1]}x{image.shape[0]}"
-            return Decoded(index, None, None, f"{file.parent.name}/{file.name} is {found}, not {_text(self.size)}")
+            found = size_text((image.shape[1], image.shape[0]))
+            return Decoded(index, None, None, f"{file.parent.name}/{file.name} is {found}, not {size_text(self.size)}")
         return Decoded(index, None, as_grey(image) if self._grey else as_colour(image))
 
 
@@ -92,7 +93,3 @@ def frame_number(file: Path) -> int | None:
 def _natural(file: Path) -> tuple[tuple[str, int], ...]:
     parts = re.findall(r"(\D*)(\d*)", file.stem)
     return tuple((text, int(digits) if digits else -1) for text, digits in parts)
-
-
-def _text(size: tuple[int, int]) -> str:
-    return f"{size[0]}x{size[1]}"

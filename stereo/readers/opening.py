@@ -31,7 +31,7 @@ def open_recording(path: Path, calibration: Path | None = None) -> StereoRecordi
     lie in the folder. Videos of different lengths are cut to the shorter one and the missing frames are reported in
     ``skipped``: a video that ends early is a recorder that was stopped, and its frames still pair by position.
     Image folders whose names do not pair are refused (see ``pair_files``): there, any pairing would be a guess.
-    A calibration for another resolution of the same aspect is scaled, which ``rig.source`` then says.
+    A calibration for another resolution of the same aspect is scaled, which ``rig.source`` then notes.
 
     Args:
         path: the folder or the side-by-side video.

@@ -35,7 +35,7 @@ class FrameSource(Protocol):
     Attributes:
         size: (width, height) [px].
         n_frames: frames announced; the iteration may end earlier.
-        fps: nominal rate, NaN when the files do not say.
+        fps: nominal rate, NaN when the files hold none.
     """
 
     size: tuple[int, int]
@@ -55,7 +55,7 @@ GREY_TOLERANCE = 4
 def is_grey(image: U8) -> bool:
     """Whether an image holds no colour: one channel, or three nearly equal ones that are not all the same value.
 
-    A uniform picture (a black first frame) says nothing and counts as colour, which loses nothing.
+    A uniform picture (a black first frame) decides nothing and counts as colour, which loses nothing.
     """
     if image.ndim == 2:
         return True

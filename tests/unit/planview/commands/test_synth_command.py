@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from calib.floor.world_file import load_world
+from calib.formats import load_rig
 from calib.ground_camera import load_ground_camera
-from calib.rig import load_rig
 from planview.bench.accuracy import RenderOptions, rendered, scene_files, totals
 from planview.cli import main
 from planview.synthetic.scene import load_scene
