@@ -102,7 +102,7 @@ def _descent(geometry: RectifiedGeometry, floor: Floor) -> F64:
 
 
 class SgbmParams(Params):
-    """OpenCV's semi-global block matching (Hirschmueller 2008)."""
+    """OpenCV's semi-global block matching (Hirschmueller 2008), in its fast three-way pass."""
 
     block_px: int = Field(default=5, ge=1, le=21)
     """Side of the matched block [px], odd. 5 keeps a head's outline; larger blocks fatten edges (our choice)."""
@@ -116,8 +116,6 @@ class SgbmParams(Params):
     """Left-right check: largest difference of the two disparities [px]."""
     speckle_m: float = Field(default=0.10, ge=0.0, le=1.0)
     """Connected patches smaller than a square of this side at 4 m are dropped [m]: about half a head (our choice)."""
-    full_paths: bool = False
-    """All eight paths (MODE_HH) instead of the fast three-way pass."""
     saturated_level: int = Field(default=250, ge=128, le=256)
     """Blocks entirely at or above this grey level hold no texture to match (our choice); 256 switches it off."""
     texture_min: int = Field(default=6, ge=0, le=255)
@@ -140,7 +138,7 @@ def make_sgbm(geometry: RectifiedGeometry, params: SgbmParams, disparities: Disp
         uniquenessRatio=params.uniqueness_percent,
         speckleWindowSize=round(speckle),
         speckleRange=1,
-        mode=cv2.STEREO_SGBM_MODE_HH if params.full_paths else cv2.STEREO_SGBM_MODE_SGBM_3WAY,
+        mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )
 
 

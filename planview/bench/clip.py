@@ -92,5 +92,4 @@ class PlainOpenCV:
 def plain_sgbm(clip: Clip) -> cv2.StereoSGBM:
     """OpenCV's matcher with the engine's parameters, always three-way."""
     setup = clip.pipeline.setup
-    params = clip.config.sgbm.model_copy(update={"full_paths": False})
-    return make_sgbm(setup.rectifier.geometry, params, setup.disparities)
+    return make_sgbm(setup.rectifier.geometry, clip.config.sgbm, setup.disparities)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from calib.errors import InputError
 from calib.formats import load_rig, write_rig
 from calib.length import parse_length, parse_size
+from calib.rig import StereoRig
 
 
 def calibrate_convert(
@@ -60,15 +61,19 @@ def calibrate_convert(
     print(f"{rig.source}: baseline {rig.baseline_m:.4f} m, {rig.left.width}x{rig.left.height}", file=sys.stderr)
     print(f"wrote {', '.join(map(str, written))}", file=sys.stderr)
     if json_:
-        result = {
-            "source": rig.source,
-            "baseline_m": rig.baseline_m,
-            "width": rig.left.width,
-            "height": rig.left.height,
-            "model": rig.left.model,
-            "files": [str(path) for path in written],
-        }
-        print(json.dumps(result))
+        print(json.dumps(_result(rig, written)))
+
+
+def _result(rig: StereoRig, written: list[Path]) -> dict[str, Any]:
+    """The ``--json`` object."""
+    return {
+        "source": rig.source,
+        "baseline_m": rig.baseline_m,
+        "width": rig.left.width,
+        "height": rig.left.height,
+        "model": rig.left.model,
+        "files": [str(path) for path in written],
+    }
 
 
 def _pair(text: str) -> tuple[str, str]:

@@ -22,8 +22,8 @@ from planview.tracking.base import Drawing
 from planview.trajectories.state import TrackState
 
 JPEG_QUALITY = 80
-TRAIL_FRAMES = 150
-"""Length of the trails behind people."""
+TRAIL_S = 10.0
+"""Length of the trails behind people [s]."""
 BODY_M = 0.5
 """Width of the boxes around people [m]."""
 CLOUD_POINTS_MAX = 20_000
@@ -39,14 +39,14 @@ class RerunLog:
         engine: whose frames will come.
         path: the file to write.
     Raises:
-        WorkError: there is too little room on the disk.
+        WorkError: too little free disk space.
     """
 
     def __init__(self, engine: Engine, path: Path) -> None:
         self._engine, self._path = engine, path
         self._check_room()
         self._stereo = engine.stereo
-        self._trails: dict[int, deque[tuple[float, float]]] = {}
+        self._trails: dict[int, deque[tuple[float, float, float]]] = {}  # time [s], x and y [m]
         self._shown: set[str] = set()
         self._stream = rr.RecordingStream("planview", recording_id=f"planview-{path.parent.name}")
         self._stream.save(str(path), default_blueprint=blueprint(engine))
@@ -56,7 +56,7 @@ class RerunLog:
         """Log one frame, on the timelines ``frame`` and ``time``.
 
         Raises:
-            WorkError: there is too little room on the disk; the file is whole up to the frame before.
+            WorkError: too little free disk space; the file is complete up to the frame before.
         """
         self._check_room()
         self._stream.set_time("frame", sequence=result.frame)
@@ -65,7 +65,7 @@ class RerunLog:
         if self._stereo:
             self._log_depth(self._stereo, result)
             self._log_maps(result)
-        self._log_people(result.tracks)
+        self._log_people(result.tracks, result.timestamp_s)
         self._log_debug()
         self._log_decisions(result)
         self._log_series(result)
@@ -151,11 +151,13 @@ class RerunLog:
             )
             self._stream.log(f"plan/{name}", grid_map)
 
-    def _log_people(self, tracks: Sequence[TrackState]) -> None:
+    def _log_people(self, tracks: Sequence[TrackState], now_s: float) -> None:
         for track in tracks:
-            trail = self._trails.setdefault(track.track_id, deque(maxlen=TRAIL_FRAMES))
+            trail = self._trails.setdefault(track.track_id, deque())
             if not math.isnan(track.x_m):
-                trail.append((track.x_m, track.y_m))
+                trail.append((now_s, track.x_m, track.y_m))
+            while trail and trail[0][0] < now_s - TRAIL_S:
+                trail.popleft()
         self._trails = {track.track_id: self._trails[track.track_id] for track in tracks}
         self._log_boxes([track for track in tracks if not math.isnan(track.box_px[0])])
         self._log_bodies([track for track in tracks if not math.isnan(track.x_m)])
@@ -176,7 +178,7 @@ class RerunLog:
         centres = [(track.x_m, track.y_m, height / 2) for track, height in zip(tracks, heights, strict=True)]
         sizes = [(BODY_M, BODY_M, height) for height in heights]
         self._stream.log("world/people", rr.Boxes3D(centers=centres, sizes=sizes, colors=colours, labels=labels))
-        trails = [np.array([(*xy, 0.02) for xy in self._trails[track.track_id]]) for track in tracks]
+        trails = [np.array([(x, y, 0.02) for _, x, y in self._trails[track.track_id]]) for track in tracks]
         self._stream.log("world/trails", rr.LineStrips3D(trails, colors=colours, radii=0.015))
         heads = [(track.x_m, track.y_m, 0.05) for track in tracks]
         self._stream.log("plan/people", rr.Points3D(heads, colors=colours, labels=labels, radii=0.05))
