@@ -25,7 +25,7 @@ def consensus_scale(model: np.ndarray, luma: np.ndarray, clip: float, tolerance:
 def refine_gain(
     model: np.ndarray, luma: np.ndarray, gain: float, offset: float, clip: float, tolerance: float
 ) -> tuple[float, float]:
-    """Least squares over the inliers, with a tolerance of three mean deviations, again and again."""
+    """Least squares over the inliers, with a tolerance of three mean deviations, repeated."""
     reach = tolerance
     for _ in range(kernels.ROUNDS):
         expected = gain * model.astype(float) + offset

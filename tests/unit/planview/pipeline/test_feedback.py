@@ -31,28 +31,28 @@ def walked(spread_px: int = 2) -> Feedback:
     return feedback
 
 
-def test_the_body_of_who_has_walked_is_protected_and_widened() -> None:
+def test_body_of_a_track_that_has_walked_is_protected_and_widened() -> None:
     mask = mask_after(walked(), point(1.0, 1.0, 20), person(1.0))
     assert mask[18:23] == [PERSON] * 5
     assert mask.count(PERSON) == 5
     assert mask.count(NO_FEEDBACK) == 35
 
 
-def test_who_has_not_moved_is_not_protected() -> None:
+def test_track_that_has_not_moved_is_not_protected() -> None:
     assert PERSON not in mask_after(walked(), point(0.2, 1.0, 20), person(0.2))
 
 
-def test_who_is_lost_is_not_protected() -> None:
+def test_lost_track_is_not_protected() -> None:
     assert PERSON not in mask_after(walked(), point(1.0, 1.0, 20), person(1.0, "lost"))
 
 
-def test_low_foreground_away_from_everybody_is_background() -> None:
+def test_low_foreground_away_from_every_person_is_background() -> None:
     mask = mask_after(walked(), point(3.0, 0.05, 30), person(1.0))
     assert mask[30] == BACKGROUND
     assert mask.count(BACKGROUND) == 1
 
 
-def test_high_foreground_away_from_everybody_is_left_to_the_model() -> None:
+def test_high_foreground_away_from_every_person_is_left_to_the_model() -> None:
     assert set(mask_after(walked(), point(3.0, 1.0, 30), person(1.0))) == {NO_FEEDBACK}
 
 
@@ -60,19 +60,19 @@ def test_feet_of_a_person_are_not_background() -> None:
     assert mask_after(walked(), point(1.0, 0.05, 20), person(1.0))[20] == PERSON
 
 
-def test_who_comes_back_under_his_id_must_walk_again() -> None:
+def test_track_that_comes_back_under_its_id_must_walk_again() -> None:
     feedback = walked()
     mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
     mask_after(feedback, point(1.0, 1.0, 20))
     assert PERSON not in mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
 
 
-def test_reset_forgets_who_has_walked() -> None:
+def test_reset_forgets_which_tracks_have_walked() -> None:
     feedback = walked()
     mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
     feedback.reset()
     assert PERSON not in mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
 
 
-def test_no_opinion_at_all_when_feedback_is_off() -> None:
+def test_feedback_that_is_off_gives_no_mask() -> None:
     assert Feedback(FeedbackParams(enabled=False))(point(0, 1, 2), [], SHAPE) is None
