@@ -34,7 +34,7 @@ def model_mask(model_map: HumanModelMap, u: float, v: float, scale: float) -> Bo
 
 
 def model_rows(model_map: HumanModelMap, u: float, v: float, scale: float) -> int:
-    """Rows of the image that the model's polygon reaches, seen or to the left or right of the image."""
+    """Rows of the image that the model's polygon reaches, inside or to the left or right of the image."""
     entry = int(model_map.entry_at((u, v)))
     y = scale * (model_map.hull_px[entry, :, 1].astype(np.float64) - model_map.foot_px[entry, 1]) + v
     return max(0, min(model_map.camera.height, int(np.floor(y.max())) + 1) - max(0, int(np.ceil(y.min()))))
@@ -58,14 +58,13 @@ def counts(mask: Bool, n_rows: int, evidence: U8, cover: U8, ring: float) -> tup
 
 
 def measured(mask: Bool, evidence: U8, motion: U8, cover: U8) -> tuple[int, ...]:
-    """The first six columns of ``measure_models``."""
+    """Area, evidence, evidence of this model alone, shared pixels and moving pixels, as ``measure_models``."""
     return (
         int(mask.sum()),
         int(evidence[mask].sum()),
         int(evidence[mask & (cover == 1)].sum()),
         int((mask & (cover > 1)).sum()),
         int((mask & (motion > 0)).sum()),
-        int((mask & (motion > 0) & (evidence == 0)).sum()),
     )
 
 

@@ -1,32 +1,109 @@
 """Compiled kernels of the human-model tracker; ``tests/reference/human_model.py`` defines them in plain numpy.
 
-A model is drawn as row spans ``left[y] <= x < right[y]`` for ``top <= y < bottom``. The map's columns (see
-``planview.tracking.human_model.model_map``) come as ``index, origin_u, origin_v, step, foot, hull``.
+A model is rasterised as row spans ``left[y] <= x < right[y]`` for ``top <= y < bottom``.
 """
 
 import math
+from typing import NamedTuple
 
 from numba import njit
 
 from calib.types import F32, F64, I32, I64, U8
 
 
+class MapArrays(NamedTuple):
+    """Columns of a human model map (see ``model_map.HumanModelMap``).
+
+    Attributes:
+        entries: (rows, cols) entry of a node, -1 where no person is possible.
+        origin_u, origin_v: pixel of node (0, 0); step: distance of nodes [px].
+        foot: (N, 2) foot pixels; hull: (N, K, 2) outlines [px].
+    """
+
+    entries: I32
+    origin_u: int
+    origin_v: int
+    step: int
+    foot: F32
+    hull: F32
+
+
+class Spans(NamedTuple):
+    """Workspace for one model: (H,) first column and the one after the last of every row."""
+
+    left: I32
+    right: I32
+
+
+class Sums(NamedTuple):
+    """Running sums along rows, (H, W + 1): foreground that no model covers, and pixels that one covers."""
+
+    rest: I32
+    taken: I32
+
+
+class Window(NamedTuple):
+    """Columns x0 <= x < x1 and rows y0 <= y < y1 [px]."""
+
+    x0: int
+    x1: int
+    y0: int
+    y1: int
+
+
+class Counts(NamedTuple):
+    """What a model covers: its area, twice its free foreground, pixels taken by others, twice the ring's foreground."""
+
+    area: int
+    free: int
+    taken: int
+    ring: int
+
+
+class Weights(NamedTuple):
+    """Of the matching score: width of the ring, price of a pixel covered twice, price of a squared deviation."""
+
+    ring: float
+    overlap: float
+    prior: float
+
+
+class Predictions(NamedTuple):
+    """Targets to be matched.
+
+    Attributes:
+        foot: (N, 2) predicted foot pixels; scale: (N,) heights over the average.
+        information: (N, 3) inverse covariance (uu, uv, vv) [1/px^2]; radius: (N, 2) search [px].
+        order: (N,) which target claims pixels first.
+    """
+
+    foot: F64
+    scale: F64
+    information: F64
+    radius: F64
+    order: I64
+
+
 @njit(cache=True, nogil=True)
-def fill_spans(  # type: ignore[no-untyped-def]
-    index: I32, origin_u: int, origin_v: int, step: int, foot: F32, hull: F32,
-    u: float, v: float, scale: float, width: int, left: I32, right: I32,
-):  # fmt: skip
+def fill_spans(people: MapArrays, u: float, v: float, scale: float, width: int, spans: Spans) -> tuple[int, int]:
     """Rows of the model with its foot at (u, v): the nearest map entry, moved and scaled about the foot.
 
-    Fills ``left`` and ``right`` (H,) and returns (top, bottom), (0, 0) where no person is possible.
+    Fills ``spans`` and returns (top, bottom), (0, 0) where no person is possible.
     """
-    col = math.floor((u - origin_u) / step + 0.5)
-    row = math.floor((v - origin_v) / step + 0.5)
-    if row < 0 or col < 0 or row >= index.shape[0] or col >= index.shape[1] or index[row, col] < 0:
+    left, right = spans.left, spans.right
+    col = math.floor((u - people.origin_u) / people.step + 0.5)
+    row = math.floor((v - people.origin_v) / people.step + 0.5)
+    if (
+        row < 0
+        or col < 0
+        or row >= people.entries.shape[0]
+        or col >= people.entries.shape[1]
+        or people.entries[row, col] < 0
+    ):
         return 0, 0
-    entry = index[row, col]
-    shape = hull[entry]
-    du, dv = u - scale * foot[entry, 0], v - scale * foot[entry, 1]
+    entry = people.entries[row, col]
+    shape = people.hull[entry]
+    du, dv = u - scale * people.foot[entry, 0], v - scale * people.foot[entry, 1]
     low, high = shape[0, 1], shape[0, 1]
     for k in range(1, shape.shape[0]):
         low = min(low, shape[k, 1])
@@ -55,140 +132,120 @@ def fill_spans(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def paint(image: U8, left: I32, right: I32, top: int, bottom: int, amount: int) -> None:
+def paint(image: U8, spans: Spans, top: int, bottom: int, amount: int) -> None:
     """Add ``amount`` to the pixels of a model."""
     for y in range(top, bottom):
-        for x in range(left[y], right[y]):
+        for x in range(spans.left[y], spans.right[y]):
             image[y, x] += amount
 
 
 @njit(cache=True, nogil=True)
-def row_prefix(foreground: U8, cover: U8, top: int, bottom: int, x0: int, x1: int, rest: I32, taken: I32) -> None:
-    """Running sums along rows, from column x0: foreground that no model covers, and pixels that one covers.
+def row_prefix(foreground: U8, cover: U8, window: Window, sums: Sums) -> None:
+    """Running sums along the rows of a window, from its first column.
 
-    ``foreground`` is 2 where salient, 1 where less salient, 0 where background. ``rest[y, x]`` and ``taken[y, x]``
-    (H, W + 1) sum the columns x0 to x - 1.
+    ``foreground`` is 2 where salient, 1 where less salient, 0 where background. ``sums.rest[y, x]`` and
+    ``sums.taken[y, x]`` sum the columns x0 to x - 1.
     """
-    for y in range(top, bottom):
+    for y in range(window.y0, window.y1):
         n_rest, n_taken = 0, 0
-        rest[y, x0] = 0
-        taken[y, x0] = 0
-        for x in range(x0, x1):
+        sums.rest[y, window.x0] = 0
+        sums.taken[y, window.x0] = 0
+        for x in range(window.x0, window.x1):
             if cover[y, x] > 0:
                 n_taken += 1
             else:
                 n_rest += foreground[y, x]
-            rest[y, x + 1] = n_rest
-            taken[y, x + 1] = n_taken
+            sums.rest[y, x + 1] = n_rest
+            sums.taken[y, x + 1] = n_taken
 
 
 @njit(cache=True, nogil=True)
-def span_counts(  # type: ignore[no-untyped-def]
-    rest: I32, taken: I32, left: I32, right: I32, top: int, bottom: int, x0: int, x1: int, ring: float,
-):  # fmt: skip
-    """(area, twice free foreground, taken pixels, twice free foreground in the ring), within columns x0 to x1.
+def span_counts(sums: Sums, spans: Spans, top: int, bottom: int, x0: int, x1: int, ring: float) -> Counts:
+    """What a model covers within columns x0 to x1.
 
     The ring continues each row by ``ring`` times the model's mean width on both sides.
     """
     area, n_rest, n_taken, n_ring = 0, 0, 0, 0
     for y in range(top, bottom):
-        area += max(0, right[y] - left[y])
+        area += max(0, spans.right[y] - spans.left[y])
     margin = int(ring * area / max(1, bottom - top) + 0.5)
     for y in range(top, bottom):
-        l, r = max(left[y], x0), min(right[y], x1)  # noqa: E741
+        l, r = max(spans.left[y], x0), min(spans.right[y], x1)  # noqa: E741
         if l >= r:
             continue
-        inner = rest[y, r] - rest[y, l]
+        inner = sums.rest[y, r] - sums.rest[y, l]
         n_rest += inner
-        n_taken += taken[y, r] - taken[y, l]
-        n_ring += rest[y, min(r + margin, x1)] - rest[y, max(l - margin, x0)] - inner
-    return area, n_rest, n_taken, n_ring
+        n_taken += sums.taken[y, r] - sums.taken[y, l]
+        n_ring += sums.rest[y, min(r + margin, x1)] - sums.rest[y, max(l - margin, x0)] - inner
+    return Counts(area, n_rest, n_taken, n_ring)
 
 
 @njit(cache=True, nogil=True)
-def gain(area: int, n_rest: int, n_taken: int, n_ring: int, reference: float, overlap: float) -> float:
-    """Matching score of one model up to constants, in units of its area (equation 1).
+def matching_score(counts: Counts, reference: float, overlap: float) -> float:
+    """M of equation 1 for one model, up to constants, in units of a reference area [px^2].
 
-    Free foreground raises recall and precision, background lowers precision, and foreground in the ring is half
-    explained: it is the part of a person that is wider than the cylinders.
+    Free foreground raises recall and precision, background lowers precision, pixels of others are overlap, and
+    foreground in the ring counts half: it is the part of a person that is wider than the cylinders (our addition).
     """
-    background = area - n_taken - 0.5 * n_rest
-    return (0.5 * n_rest + 0.25 * n_ring - background - overlap * n_taken) / reference
+    background = counts.area - counts.taken - 0.5 * counts.free
+    return (0.5 * counts.free + 0.25 * counts.ring - background - overlap * counts.taken) / reference
 
 
 @njit(cache=True, nogil=True)
 def match_models(
-    foreground: U8, cover: U8, rest: I32, taken: I32, left: I32, right: I32,
-    index: I32, origin_u: int, origin_v: int, step: int, foot: F32, hull: F32,
-    predicted: F64, scale: F64, information: F64, radius: F64, order: I64, position: F64,
-    sweeps: int, ring: float, overlap: float, prior: float,
+    foreground: U8, cover: U8, sums: Sums, spans: Spans, people: MapArrays, targets: Predictions, position: F64,
+    sweeps: int, weights: Weights,
 ) -> None:  # fmt: skip
     """Move all models until their joint matching score is highest (coordinate ascent, coarse to fine).
 
-    ``predicted`` (N, 2) foot pixels; ``information`` (N, 3) inverse covariance (uu, uv, vv) [1/px^2]; ``radius`` (N, 2)
-    search [px]. Fills ``position`` (N, 2), and ``cover`` with the number of models on each pixel; the
-    models that it holds already stay where they are.
+    Fills ``position`` (N, 2), and ``cover`` with the number of models on each pixel; the models that it holds already
+    stay where they are.
     """
     height, width = foreground.shape
-    for t in range(len(scale)):
-        position[t, 0], position[t, 1] = predicted[t, 0], predicted[t, 1]
-        top, bottom = fill_spans(
-            index, origin_u, origin_v, step, foot, hull, position[t, 0], position[t, 1], scale[t], width, left, right
-        )
-        paint(cover, left, right, top, bottom, 1)
+    for t in range(len(targets.scale)):
+        position[t, 0], position[t, 1] = targets.foot[t, 0], targets.foot[t, 1]
+        top, bottom = fill_spans(people, position[t, 0], position[t, 1], targets.scale[t], width, spans)
+        paint(cover, spans, top, bottom, 1)
     for _ in range(sweeps):
-        for t in order:
-            top, bottom = fill_spans(
-                index, origin_u, origin_v, step, foot, hull, position[t, 0], position[t, 1], scale[t], width,
-                left, right,
-            )  # fmt: skip
-            paint(cover, left, right, top, bottom, -1)
-            x0, x1, y0, y1 = _search_window(
-                left, right, top, bottom, position[t], predicted[t], radius[t], ring, width, height
-            )
-            row_prefix(foreground, cover, y0, y1, x0, x1, rest, taken)
-            _search(
-                rest, taken, left, right, index, origin_u, origin_v, step, foot, hull, predicted[t], scale[t],
-                information[t], radius[t], position[t], x0, x1, y0, y1, ring, overlap, prior,
-            )  # fmt: skip
-            top, bottom = fill_spans(
-                index, origin_u, origin_v, step, foot, hull, position[t, 0], position[t, 1], scale[t], width,
-                left, right,
-            )  # fmt: skip
-            paint(cover, left, right, top, bottom, 1)
+        for t in targets.order:
+            top, bottom = fill_spans(people, position[t, 0], position[t, 1], targets.scale[t], width, spans)
+            paint(cover, spans, top, bottom, -1)
+            window = _search_window(spans, top, bottom, position[t], targets, t, weights.ring, width, height)
+            row_prefix(foreground, cover, window, sums)
+            _search(sums, spans, people, targets, t, position[t], window, weights)
+            top, bottom = fill_spans(people, position[t, 0], position[t, 1], targets.scale[t], width, spans)
+            paint(cover, spans, top, bottom, 1)
 
 
 @njit(cache=True, nogil=True)
-def _search_window(  # type: ignore[no-untyped-def]
-    left: I32, right: I32, top: int, bottom: int, position: F64, predicted: F64, radius: F64, ring: float,
-    width: int, height: int,
-):  # fmt: skip
-    """Columns and rows that any candidate may touch."""
+def _search_window(
+    spans: Spans, top: int, bottom: int, position: F64, targets: Predictions, t: int, ring: float, width: int,
+    height: int,
+) -> Window:  # fmt: skip
+    """Columns and rows that any candidate of target t may touch."""
     x0, x1 = width, 0
     for y in range(top, bottom):
-        x0 = min(x0, left[y])
-        x1 = max(x1, right[y])
-    grow_u = radius[0] + abs(position[0] - predicted[0]) + (0.3 + ring) * max(0, x1 - x0) + 2
-    grow_v = radius[1] + abs(position[1] - predicted[1]) + 0.3 * (bottom - top) + 2
+        x0 = min(x0, spans.left[y])
+        x1 = max(x1, spans.right[y])
+    grow_u = targets.radius[t, 0] + abs(position[0] - targets.foot[t, 0]) + (0.3 + ring) * max(0, x1 - x0) + 2
+    grow_v = targets.radius[t, 1] + abs(position[1] - targets.foot[t, 1]) + 0.3 * (bottom - top) + 2
     low_u, high_u = max(0, int(x0 - grow_u)), min(width, int(x1 + grow_u))
-    return low_u, high_u, max(0, int(top - grow_v)), min(height, int(bottom + grow_v))
+    return Window(low_u, high_u, max(0, int(top - grow_v)), min(height, int(bottom + grow_v)))
 
 
 @njit(cache=True, nogil=True)
 def _search(
-    rest: I32, taken: I32, left: I32, right: I32,
-    index: I32, origin_u: int, origin_v: int, step: int, foot: F32, hull: F32,
-    predicted: F64, scale: float, information: F64, radius: F64, position: F64,
-    x0: int, x1: int, y0: int, y1: int, ring: float, overlap: float, prior: float,
+    sums: Sums, spans: Spans, people: MapArrays, targets: Predictions, t: int, position: F64, window: Window,
+    weights: Weights,
 ) -> None:  # fmt: skip
-    """Best position of one model around its prediction: a 7x7 grid, then halved steps down to half a pixel."""
-    width = rest.shape[1] - 1
-    top, bottom = fill_spans(
-        index, origin_u, origin_v, step, foot, hull, predicted[0], predicted[1], scale, width, left, right
-    )
+    """Best position of target t around its prediction: a 7x7 grid, then halved steps down to half a pixel."""
+    width = sums.rest.shape[1] - 1
+    predicted, radius, scale = targets.foot[t], targets.radius[t], targets.scale[t]
+    inform = targets.information[t]
+    top, bottom = fill_spans(people, predicted[0], predicted[1], scale, width, spans)
     reference = 1.0
     for y in range(top, bottom):
-        reference += max(0, right[y] - left[y])
+        reference += max(0, spans.right[y] - spans.left[y])
     best, best_u, best_v = -1e9, predicted[0], predicted[1]
     du, dv = max(0.5, radius[0] / 3), max(0.5, radius[1] / 3)
     centre_u, centre_v, reach = predicted[0], predicted[1], 3
@@ -196,14 +253,14 @@ def _search(
         for i in range(-reach, reach + 1):
             for j in range(-reach, reach + 1):
                 u, v = centre_u + i * du, centre_v + j * dv
-                top, bottom = fill_spans(index, origin_u, origin_v, step, foot, hull, u, v, scale, width, left, right)
-                top, bottom = max(top, y0), min(bottom, y1)
+                top, bottom = fill_spans(people, u, v, scale, width, spans)
+                top, bottom = max(top, window.y0), min(bottom, window.y1)
                 if top >= bottom:
                     continue
-                counts = span_counts(rest, taken, left, right, top, bottom, x0, x1, ring)
+                counts = span_counts(sums, spans, top, bottom, window.x0, window.x1, weights.ring)
                 eu, ev = u - predicted[0], v - predicted[1]
-                off = information[0] * eu * eu + 2 * information[1] * eu * ev + information[2] * ev * ev
-                score = gain(counts[0], counts[1], counts[2], counts[3], reference, overlap) - prior * off
+                off = inform[0] * eu * eu + 2 * inform[1] * eu * ev + inform[2] * ev * ev
+                score = matching_score(counts, reference, weights.overlap) - weights.prior * off
                 if score > best:
                     best, best_u, best_v = score, u, v
         if du <= 0.5 and dv <= 0.5:
@@ -215,17 +272,12 @@ def _search(
 
 @njit(cache=True, nogil=True)
 def score_candidates(
-    rest: I32, taken: I32, left: I32, right: I32,
-    index: I32, origin_u: int, origin_v: int, step: int, foot: F32, hull: F32,
-    candidates: F64, ring: float, counts: I64,
+    sums: Sums, spans: Spans, people: MapArrays, candidates: F64, ring: float, area: I64, free: I64, taken: I64,
+    in_ring: I64,
 ) -> None:  # fmt: skip
-    """Counts (see ``span_counts``) of models at (N, 3) foot pixels and scales, for new targets: fills (N, 4)."""
-    width = rest.shape[1] - 1
+    """``Counts`` of models at (N, 3) foot pixels and scales, filled into four (N,) columns."""
+    width = sums.rest.shape[1] - 1
     for i in range(len(candidates)):
-        top, bottom = fill_spans(
-            index, origin_u, origin_v, step, foot, hull, candidates[i, 0], candidates[i, 1], candidates[i, 2], width,
-            left, right,
-        )  # fmt: skip
-        found = span_counts(rest, taken, left, right, top, bottom, 0, width, ring)
-        for k in range(4):
-            counts[i, k] = found[k]
+        top, bottom = fill_spans(people, candidates[i, 0], candidates[i, 1], candidates[i, 2], width, spans)
+        found = span_counts(sums, spans, top, bottom, 0, width, ring)
+        area[i], free[i], taken[i], in_ring[i] = found.area, found.free, found.taken, found.ring

@@ -1,40 +1,61 @@
-"""Compiled kernels of what a placed model covers; ``tests/reference/human_model.py`` defines them in plain numpy.
-
-See ``_kernels`` for how models and maps are passed.
-"""
+"""Compiled kernels of what a placed model covers; ``tests/reference/human_model.py`` defines them in plain numpy."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from calib.types import F32, F64, I32, I64, U8
-from planview.tracking.human_model._kernels import fill_spans
+from planview.tracking.human_model._kernels import MapArrays, Spans, fill_spans
+
+
+class Images(NamedTuple):
+    """One frame: evidence 2 where salient, 1 where less salient; motion not 0; number of models; blob labels."""
+
+    evidence: U8
+    motion: U8
+    cover: U8
+    labels: I32
+
+
+class Coverage(NamedTuple):
+    """What each of N placed models covers, one row per model.
+
+    Attributes:
+        area: pixels of the model.
+        evidence: evidence on it; alone: evidence that no other model covers.
+        shared: pixels that another model covers too.
+        moving: pixels in motion.
+        blob: label of the blob it covers most, 0 for none.
+        breadth_px2, breadth_n: sum over model and ring of the foreground's squared distance from the model's middle
+            column [px^2], and how many pixels that is.
+    """
+
+    area: I64
+    evidence: I64
+    alone: I64
+    shared: I64
+    moving: I64
+    blob: I64
+    breadth_px2: F64
+    breadth_n: I64
 
 
 @njit(cache=True, nogil=True)
 def measure_models(
-    evidence: U8, motion: U8, cover: U8, labels: I32, left: I32, right: I32, claimed: U8,
-    index: I32, origin_u: int, origin_v: int, step: int, foot: F32, hull: F32,
-    position: F64, scale: F64, ring: float, claim: float, votes: I64, counts: I64, extent: F64,
+    images: Images, spans: Spans, people: MapArrays, position: F64, scale: F64, ring: float, claim: float, claimed: U8,
+    votes: I64, found: Coverage,
 ) -> None:  # fmt: skip
     """What each placed model covers.
 
-    ``evidence`` is 2 where salient, 1 where less salient. Fills ``counts`` (N, 7): area, evidence, evidence covered by
-    this model alone, pixels shared with another model, motion on the model, motion without evidence on it, label of the
-    blob it covers most (0: none). Fills ``extent``
-    (N, 3): mean of the foreground's columns minus the model's, mean square deviation of the foreground's columns, both
-    over model and ring [px, px^2], and foreground pixels used for it. Marks the model and ``claim`` times its
-    mean width beside it in ``claimed``. ``votes`` is
-    a zeroed workspace with one cell per label.
+    Fills ``found``, zero before. Marks the model and ``claim`` times its mean width beside it in ``claimed``. ``votes``
+    is a zeroed workspace with one cell per label.
     """
+    evidence, cover, left, right = images.evidence, images.cover, spans.left, spans.right
     width = evidence.shape[1]
     for t in range(len(scale)):
-        top, bottom = fill_spans(
-            index, origin_u, origin_v, step, foot, hull, position[t, 0], position[t, 1], scale[t], width, left, right
-        )
-        counts[t, :] = 0
-        extent[t, :] = 0.0
+        top, bottom = fill_spans(people, position[t, 0], position[t, 1], scale[t], width, spans)
         area = 0
         for y in range(top, bottom):
             area += max(0, right[y] - left[y])
@@ -50,37 +71,41 @@ def measure_models(
                     claimed[y, x] = 1
                 inside = left[y] <= x < right[y]
                 if evidence[y, x] > 1 and (cover[y, x] == 0 or (inside and cover[y, x] == 1)):
-                    extent[t, 0] += x - middle
-                    extent[t, 1] += (x - middle) ** 2
-                    extent[t, 2] += 1
+                    found.breadth_px2[t] += (x - middle) ** 2
+                    found.breadth_n[t] += 1
                 if not inside:
                     continue
                 if cover[y, x] > 1:
-                    counts[t, 3] += 1
-                if motion[y, x] > 0:
-                    counts[t, 4] += 1
-                    if evidence[y, x] == 0:
-                        counts[t, 5] += 1
+                    found.shared[t] += 1
+                if images.motion[y, x] > 0:
+                    found.moving[t] += 1
                 if evidence[y, x] > 0:
-                    counts[t, 1] += evidence[y, x]
+                    found.evidence[t] += evidence[y, x]
                     if cover[y, x] == 1:
-                        counts[t, 2] += evidence[y, x]
-                    label = labels[y, x]
+                        found.alone[t] += evidence[y, x]
+                    label = images.labels[y, x]
                     votes[label] += 1
                     if best == 0 or votes[label] > votes[best]:
                         best = label
-        counts[t, 0] = area
-        counts[t, 6] = best
+        found.area[t] = area
+        found.blob[t] = best
         for y in range(top, bottom):
             for x in range(left[y], right[y]):
-                votes[labels[y, x]] = 0
+                votes[images.labels[y, x]] = 0
+
+
+class Axis(NamedTuple):
+    """A body's axis in the image [px]: the foot, the way from foot to head, half the body's width."""
+
+    foot_u: float
+    foot_v: float
+    along_u: float
+    along_v: float
+    half_width: float
 
 
 @njit(cache=True, nogil=True)
-def body_extent(  # type: ignore[no-untyped-def]
-    evidence: U8, cover: U8, foot_u: float, foot_v: float, axis_u: float, axis_v: float, half_width: float,
-    bins: I64,
-):  # fmt: skip
+def body_extent(evidence: U8, cover: U8, axis: Axis, bins: I64) -> tuple[float, float]:
     """How far evidence that no other model covers reaches along a body's axis: (low, high), foot 0 and head 1.
 
     Pixels within ``half_width`` of the axis are counted in ``bins`` from -0.4 to 1.4 of the axis; from the middle
@@ -88,6 +113,7 @@ def body_extent(  # type: ignore[no-untyped-def]
     """
     n = len(bins)
     bins[:] = 0
+    foot_u, foot_v, axis_u, axis_v, half_width = axis
     height, width = evidence.shape
     length2 = axis_u * axis_u + axis_v * axis_v
     length = math.sqrt(length2)
@@ -106,38 +132,37 @@ def body_extent(  # type: ignore[no-untyped-def]
             k = math.floor(((du * axis_u + dv * axis_v) / length2 + 0.4) / 1.8 * n)
             if 0 <= k < n:
                 bins[k] += evidence[y, x]
-    least = 0.1 * 2.0 * (2.0 * half_width) * (1.8 * length / n)
+    minimum = 0.1 * 2.0 * (2.0 * half_width) * (1.8 * length / n)
     middle = int(0.9 / 1.8 * n)
-    if bins[middle] < least and bins[middle - 1] < least:
+    if bins[middle] < minimum and bins[middle - 1] < minimum:
         return 0.0, 0.0
     low = middle
-    while low > 0 and (bins[low - 1] >= least or (low > 1 and bins[low - 2] >= least)):
+    while low > 0 and (bins[low - 1] >= minimum or (low > 1 and bins[low - 2] >= minimum)):
         low -= 1
     high = middle
-    while high < n - 1 and (bins[high + 1] >= least or (high < n - 2 and bins[high + 2] >= least)):
+    while high < n - 1 and (bins[high + 1] >= minimum or (high < n - 2 and bins[high + 2] >= minimum)):
         high += 1
-    while low < high and bins[low] < least:
+    while low < high and bins[low] < minimum:
         low += 1
-    while high > low and bins[high] < least:
+    while high > low and bins[high] < minimum:
         high -= 1
     return low / n * 1.8 - 0.4, (high + 1) / n * 1.8 - 0.4
 
 
 @njit(cache=True, nogil=True)
 def colour_histogram(
-    image: U8, evidence: U8, cover: U8, left: I32, right: I32, top: int, bottom: int, level: U8, n_levels: int,
-    histogram: F32,
+    image: U8, evidence: U8, cover: U8, spans: Spans, top: int, bottom: int, level: U8, n_levels: int, histogram: F32
 ) -> None:  # fmt: skip
     """Colours of the foreground that only this model covers, per horizontal part of the body.
 
     ``level`` (256,) quantises a channel to ``n_levels``. Fills ``histogram`` (parts, n_levels^3), each part summing to
-    one (zero if nothing of it is seen).
+    one (zero if nothing of it is visible).
     """
     parts, n_bins = histogram.shape
     histogram[:, :] = 0.0
     for y in range(top, bottom):
         part = min(parts - 1, (y - top) * parts // max(1, bottom - top))
-        for x in range(left[y], right[y]):
+        for x in range(spans.left[y], spans.right[y]):
             if evidence[y, x] > 0 and cover[y, x] == 1:
                 b = (level[image[y, x, 0]] * n_levels + level[image[y, x, 1]]) * n_levels + level[image[y, x, 2]]
                 histogram[part, b] += 1.0

@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from calib.errors import InputError
 from calib.types import U8
 from planview.foreground.blobs import Blobs, find_blobs
-from planview.tracking.base import DecisionKind, Observation
-from planview.tracking.human_model.target import Target
-
-
-class Decide(Protocol):
-    """Takes note of a decision about a target."""
-
-    def __call__(self, target: Target, kind: DecisionKind, reason: str, value: float = ...) -> None: ...
+from planview.tracking.base import Observation
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,8 +27,8 @@ class HumanModelMapParams(Params):
     """Distance of the foot pixels held in the map [px]; between them the nearest is taken. Our choice: half a step
     is about the error of a foreground outline."""
     min_height_px: float = Field(default=20.0, ge=0, le=1000)
-    """Longest side of a person's box in the image below which nobody is expected [px]. Our choice: somebody known can
-    be followed until his legs are a pixel wide each."""
+    """Longest side of a person's box in the image below which no person is expected [px]. Our choice: a known person
+    can be followed until the legs are a pixel wide each."""
     min_visible: float = Field(default=0.05, ge=0, lt=1)
     """Visible fraction of the model below which no person is expected [1]. Our choice."""
 
@@ -37,7 +37,7 @@ class HumanModelMapParams(Params):
 class HumanModelMap:
     """What a person looks like with the foot at each pixel of a grid (section 3.4, figure 7).
 
-    The grid reaches beyond the image, since feet may be outside while the head is seen. Only places where a person
+    The grid reaches beyond the image, since feet may be outside while the head is inside. Only places where a person
     is possible (on the floor, near enough, visible) have an entry, so the others cost neither memory nor time.
 
     Attributes:
@@ -93,7 +93,7 @@ def build_model_map(
     """Compute the map once per camera.
 
     Args:
-        camera: who looks.
+        camera: of the images.
         model: the person; the paper's by default.
         params: where people are expected.
     Raises:
@@ -152,8 +152,8 @@ def _entries(
     visibility = np.zeros(len(keep))
     visibility[finite] = visible_fraction(hulls[finite], camera.width, camera.height)
     size = (hulls.max(axis=1) - hulls.min(axis=1)).max(axis=1)
-    seen = (visibility > params.min_visible) & (size >= params.min_height_px)
-    keep, hulls, visibility = keep[seen], hulls[seen], visibility[seen]
+    expected = (visibility > params.min_visible) & (size >= params.min_height_px)
+    keep, hulls, visibility = keep[expected], hulls[expected], visibility[expected]
     columns = (foot[keep], model.head(camera, floor[keep]), floor[keep], hulls, visibility)
     return keep.astype(np.int32), tuple(c.astype(np.float32) for c in columns)
 

@@ -2,144 +2,154 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from calib.ground_camera import GroundCamera
 from calib.types import F64
-from planview.tracking.human_model.frame import Decide, Frame
+from planview.tracking.human_model.frame import Frame
 from planview.tracking.human_model.params import HumanModelParams
-from planview.tracking.human_model.scene import ModelScene
+from planview.tracking.human_model.scene import CLAIMED_RING, ModelScene
 from planview.tracking.human_model.seat import Seat
-from planview.tracking.human_model.target import FootprintKalman, Target
+from planview.tracking.human_model.target import SPEED_STD_MPS, Target
+from planview.tracking.kalman import FloorKalman
+from planview.tracking.lifecycle import LifeCycle
 
-LOOK_EVERY = 4
-"""Frames between two looks at the posture: sitting down takes a second (our choice, for speed)."""
+JUDGE_EVERY = 4
+"""Frames between two judgements of the posture: sitting down takes a second (our choice, for speed)."""
 MAX_SHARED = 0.1
-"""Part of a model that others may cover while it is seen to sit down or its colours are learned (our choice)."""
+"""Part of a model that others may cover while it is judged to sit down or its colours are learned (our choice)."""
+SEAT_APART_M = 0.4
+"""Smallest distance between two people who sit [m]: a shoulder's breadth (our choice)."""
 
 
 class Posture:
     """Decides between the standing and the seated model of each target (our choice)."""
 
-    def __init__(self, params: HumanModelParams, camera: GroundCamera, scene: ModelScene, decide: Decide) -> None:
+    def __init__(self, params: HumanModelParams, camera: GroundCamera, scene: ModelScene, life: LifeCycle) -> None:
         self.params, self.camera, self.scene = params, camera, scene
-        self._decide = decide
+        self._life = life
 
     def predict(self, target: Target, seat: Seat) -> None:
-        """Whoever sits stays where he sits."""
-        target.kalman = FootprintKalman(seat.xy, self.params.posture.place_m**2 * np.eye(2), speed_std_mps=0.0)
+        """A seated person stays on the seat."""
+        target.kalman = _standing_at(seat.xy, self.params.posture.place_m, speed_std_mps=0.0)
 
-    def review(self, group: list[Target], position: F64, targets: list[Target], frame: Frame) -> None:
-        """Change the model of who is not walking, or no longer looks it, when the other posture explains more.
+    def review(self, group: Sequence[Target], position: F64, targets: Sequence[Target], frame: Frame) -> None:
+        """Change the model of people who do not walk, or no longer look so, when the other posture covers more.
 
         Args:
             group: targets whose models are in ``scene.cover``.
             position: (N, 2) their foot pixels, moved where the posture changes.
-            targets: everybody.
-            frame: now.
+            targets: all people.
+            frame: the current one.
         """
         for target, foot in zip(group, position, strict=True):
             place = self._place_to_judge(target, foot, frame)
             if place is None:
                 continue
-            self.scene.paint(self.scene.cover, foot, target.drawn, -1)
+            self.scene.paint(self.scene.cover, foot, target.model_scale, -1)
             self._widen(group, position, target, 1)
             found, gain = self._other(target, foot, place, frame)
             if gain > self.params.posture.advantage and self._change(target, found, targets, frame):
-                self._decide(target, "state", "sits down" if target.seat is not None else "stands up", gain)
+                self._life.log(target.existence, "state", "sits down" if target.seat is not None else "stands up", gain)
                 foot[:] = found
             self._widen(group, position, target, -1)
-            self.scene.paint(self.scene.cover, foot, target.drawn, 1)
+            self.scene.paint(self.scene.cover, foot, target.model_scale, 1)
 
-    def watch(self, target: Target, targets: list[Target], frame: Frame) -> None:
-        """See whether the seat that a target has, or seems to have left, is empty."""
+    def watch(self, target: Target, targets: Sequence[Target], frame: Frame) -> None:
+        """Find out whether the seat that a target has, or seems to have left, is empty."""
         if target.seat is not None:
             self._watch_taken(target, target.seat, frame)
-        elif target.left is not None:
-            self._watch_left(target, target.left, targets, frame)
+        elif target.left_seat is not None:
+            self._watch_left(target, target.left_seat, targets, frame)
 
     def _watch_taken(self, target: Target, seat: Seat, frame: Frame) -> None:
-        """Whoever sat on a seat that is empty has got up, and is looked for near it among what nobody else explains."""
+        """A person whose seat is empty has got up, and is looked for near it among what no other model covers."""
         p = self.params.posture
-        kept = seat.look(frame.evidence, self.scene.cover, frame.now_s, p)
+        kept = seat.observe(frame.evidence, self.scene.cover, frame.now_s, p)
         if frame.now_s - seat.empty_since_s >= p.empty_s:
-            target.seat, target.matched = None, False
-            target.kalman = FootprintKalman(seat.xy, p.rising_m**2 * np.eye(2))
-            self._decide(target, "state", "the seat is empty", kept)
+            target.seat = None
+            self._life.miss(target.existence, "the seat is empty", kept)
+            target.kalman = _standing_at(seat.xy, p.rising_m, SPEED_STD_MPS)
+            self._life.log(target.existence, "state", "the seat is empty", kept)
 
-    def _watch_left(self, target: Target, seat: Seat, targets: list[Target], frame: Frame) -> None:
-        """Who is still seen on the seat has not got up: the standing model went off with somebody else."""
+    def _watch_left(self, target: Target, seat: Seat, targets: Sequence[Target], frame: Frame) -> None:
+        """A person still visible on the seat has not got up: the standing model went off with another person."""
         p = self.params.posture
-        kept = seat.look(frame.evidence, self.scene.cover, frame.now_s, p)
-        away = float(np.hypot(*(target.kalman.state[:2] - seat.xy))) > 2.0 * p.rising_m or not target.matched
+        kept = seat.observe(frame.evidence, self.scene.cover, frame.now_s, p)
+        away = float(np.hypot(*(target.xy_m - seat.xy))) > 2.0 * p.rising_m or not target.existence.observed
         if frame.now_s - seat.empty_since_s >= p.empty_s or not self._free(seat.xy, targets):
-            target.left = None
+            target.left_seat = None
         elif away and kept >= p.empty:
-            target.seat, target.left, target.matched = seat, None, True
+            target.seat, target.left_seat = seat, None
+            self._life.observe(target.existence, "sits as before", kept)
             self.predict(target, seat)
-            self._decide(target, "state", "sits as before", kept)
+            self._life.log(target.existence, "state", "sits as before", kept)
 
-    def _free(self, xy: F64, targets: list[Target]) -> bool:
-        """Whether nobody sits so near to a floor point that there is no room for two."""
+    def _free(self, xy: F64, targets: Sequence[Target]) -> bool:
+        """Whether there is room to sit at a (2,) floor point beside those who sit."""
         seats = [t.seat.xy for t in targets if t.seat is not None]
-        return all(np.hypot(*(xy - seat)) >= self.params.posture.apart_m for seat in seats)
+        return all(np.hypot(*(xy - seat)) >= SEAT_APART_M for seat in seats)
 
     def _place_to_judge(self, target: Target, foot: F64, frame: Frame) -> F64 | None:
-        """Foot pixel at which the other posture is tried; None for who is not to be judged now.
+        """Foot pixel at which the other posture is tried; None for a person who is not to be judged now.
 
-        Whoever sits down sinks: the standing model follows the head towards the camera and seems to walk. So the
-        seated one is then tried where the person stood before that. What others hide of somebody is no sign of
+        A person who sits down sinks: the standing model follows the head towards the camera and seems to walk. So the
+        seated one is then tried where the person stood before that. What others hide of a person is no sign of
         sitting.
         """
-        if not target.confirmed or (target.seat is None and target.shared > MAX_SHARED):
+        if not target.existence.confirmed or (target.seat is None and target.shared > MAX_SHARED):
             return None
         walks = target.motion == "moving" and target.seat is None
-        place = self._stood_at(target) if walks else foot if target.matches % LOOK_EVERY == 0 else None
+        place = self._stood_at(target) if walks else foot if target.matches % JUDGE_EVERY == 0 else None
         return None if place is None or (target.seat is None and self._as_long(target, foot, frame)) else place
 
     def _as_long(self, target: Target, foot: F64, frame: Frame) -> bool:
         """Whether the body is as long as a standing one: a slim one fills the smaller, narrower seated model better."""
-        found = self.scene.extent(frame.evidence, foot, target.scale)
-        return found is not None and found[2] > 0.5 * (1.0 + self.params.posture.sitting)
+        found = self.scene.extent(frame.evidence, foot, target.build.scale)
+        return found is not None and found.height > 0.5 * (1.0 + self.params.posture.sitting)
 
     def _stood_at(self, target: Target) -> F64 | None:
-        """Where somebody stood who seems to walk but fills the model badly: who walks on has left that place by now."""
+        """Where a person stood who seems to walk but fills the model badly: a walker has left that place by now."""
         first, last = target.trail[0], target.trail[-1]
-        alone = target.matched and target.shared <= MAX_SHARED
-        known = last[0] - first[0] >= 0.5 * self.params.states.window_s
-        if not (alone and known) or target.precision >= self.params.birth.min_precision:
+        alone = target.existence.observed and target.shared <= MAX_SHARED
+        known = last.time_s - first.time_s >= 0.5 * self.params.states.window_s
+        if not (alone and known) or target.precision >= self.params.spawn.min_precision:
             return None
-        foot = self.camera.project(np.array([*first[1:3], 0.0]))
+        foot = self.camera.project(np.array([first.x_m, first.y_m, 0.0]))
         return foot if self.scene.visibility(foot) == 1.0 else None
 
     def _other(self, target: Target, foot: F64, place: F64, frame: Frame) -> tuple[F64, float]:
         """Best foot pixel of the other posture and its gain over the present one."""
         scene, p = self.scene, self.params
-        now, other = target.drawn, target.scale * (1.0 if target.seat is not None else p.posture.sitting)
-        # Whoever rises keeps the head where it is at first: the foot of the seated model is too high for that.
+        now, other = target.model_scale, target.build.scale * (1.0 if target.seat is not None else p.posture.sitting)
+        # A person who rises keeps the head where it is at first: the foot of the seated model is too high for that.
         rises = target.seat is not None
         places = (foot, scene.below(foot, other - now) if rises else place)
-        best = max(scene.best_near(frame.evidence, at, now, target.scale)[0] for at in places)
-        found = [scene.best_near(frame.evidence, at, other, target.scale) for at in (places if rises else places[1:])]
+        best = max(scene.best_near(frame.evidence, at, now, target.build.scale)[0] for at in places)
+        found = [
+            scene.best_near(frame.evidence, at, other, target.build.scale) for at in (places if rises else places[1:])
+        ]
         score, at = max(found, key=lambda pair: pair[0])
         # Where nothing shows, the lower model only has less to miss: it must have a matching blob.
-        least = (2.0 * p.match.min_precision - 1.0) * other / target.scale
-        return at, score - best if score > least else -np.inf
+        minimum = (2.0 * p.match.min_precision - 1.0) * other / target.build.scale
+        return at, score - best if score > minimum else -np.inf
 
-    def _change(self, target: Target, foot: F64, targets: list[Target], frame: Frame) -> bool:
+    def _change(self, target: Target, foot: F64, targets: Sequence[Target], frame: Frame) -> bool:
         """Sit down or stand up on the spot, since what seemed to be a velocity was the change of height.
 
-        Not where there is no floor, nor where somebody else sits.
+        Not where there is no floor, nor where another person sits.
         """
         xy = self.camera.back_project(foot)
         if not np.isfinite(xy).all() or (target.seat is None and not self._free(xy, targets)):
             return False
         if target.seat is None:
-            target.left = None
-            target.seat = self._seat(xy, foot, target.scale * self.params.posture.sitting, frame)
+            target.left_seat = None
+            target.seat = self._seat(xy, foot, target.build.scale * self.params.posture.sitting, frame)
         else:
-            target.seat, target.left = None, target.seat
-            target.kalman = FootprintKalman(xy, self.params.posture.place_m**2 * np.eye(2))
+            target.seat, target.left_seat = None, target.seat
+            target.kalman = _standing_at(xy, self.params.posture.place_m, SPEED_STD_MPS)
         return True
 
     def _seat(self, xy: F64, foot: F64, scale: float, frame: Frame) -> Seat:
@@ -148,10 +158,16 @@ class Posture:
         window = self.scene.window(foot, scale)
         return Seat(xy, frame.now_s, scale, window, model[window] > 0, (frame.evidence[window] > 0).astype(np.float32))
 
-    def _widen(self, group: list[Target], position: F64, target: Target, amount: int) -> None:
-        """Cover what shows beside seated people who share pixels with a target: arms and knees are theirs."""
+    def _widen(self, group: Sequence[Target], position: F64, target: Target, amount: int) -> None:
+        """Cover what is beside seated people who share pixels with a target: arms and knees are theirs."""
         for other, foot in zip(group, position, strict=True):
             if other is not target and other.seat is not None and min(other.shared, target.shared) > 0.0:
-                aside = np.array([self.params.match.claim * self.scene.box_width(foot) * other.drawn, 0.0])
+                aside = np.array(
+                    [self.params.match.ring * CLAIMED_RING * self.scene.box_width(foot) * other.model_scale, 0.0]
+                )
                 for place in (foot - aside, foot + aside):
-                    self.scene.paint(self.scene.cover, place, other.drawn, amount)
+                    self.scene.paint(self.scene.cover, place, other.model_scale, amount)
+
+
+def _standing_at(xy_m: F64, std_m: float, speed_std_mps: float) -> FloorKalman:
+    return FloorKalman.at(float(xy_m[0]), float(xy_m[1]), std_m, speed_std_mps)

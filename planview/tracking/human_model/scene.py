@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple, cast
 
 import numpy as np
 
 from calib.types import F32, F64, I64, U8
-from planview.foreground.blobs import Blobs
 from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model import _measure_kernels as measuring
+from planview.tracking.human_model.frame import Frame
 from planview.tracking.human_model.model_map import HumanModelMap
-from planview.tracking.human_model.params import MatchParams
+from planview.tracking.human_model.params import HumanMatchParams
 
 MIN_AXIS = 0.5
 """Length of the head-foot axis over the model's longest side below which head and foot say little (our choice)."""
+SWEEPS = 2
+"""Rounds of the joint maximisation over all targets: the second settles who owns shared pixels (our choice)."""
+SEARCH_SIGMAS = 2.5
+"""Search radius in standard deviations of the prediction: 1 % of the true positions lie outside (our choice)."""
+CLAIMED_RING = 0.5
+"""Inner part of the ring whose foreground starts no new target: in all of it, two people side by side would never be
+told apart (our choice)."""
+EXTENT_BINS = 60
+"""Bins along a body's axis, 3 % of its height each."""
 SHIFT = 0.05
 """How far the foot may move when the posture changes, as a fraction of the height (our choice): further, and a person
 whose legs are hidden would seem to sit, higher up."""
@@ -26,69 +35,104 @@ COLOUR_LEVELS = 6
 _LEVEL = np.minimum(COLOUR_LEVELS - 1, np.sqrt(np.arange(256) / 256) * COLOUR_LEVELS).astype(np.uint8)
 
 
-@dataclass(frozen=True, eq=False)
-class Measurement:
-    """What the placed models cover, one row per target (see ``measuring.measure_models``)."""
+class Measurement(NamedTuple):
+    """What the placed models cover, one row per target.
+
+    Attributes:
+        position: (N, 2) foot pixels.
+        counts: see ``_measure_kernels.Coverage``.
+    """
 
     position: F64
-    counts: I64
-    extent: F64
+    counts: measuring.Coverage
 
     @property
     def area(self) -> F64:
-        return np.maximum(1, self.counts[:, 0]).astype(np.float64)
+        """Pixels of the model, at least 1."""
+        return np.maximum(1, self.counts.area).astype(np.float64)
 
     @property
     def shared(self) -> F64:
         """Fraction of the model that other models cover too."""
-        return self.counts[:, 3] / self.area
+        return self.counts.shared / self.area
 
     @property
     def alone(self) -> F64:
-        """Fraction of the model that is foreground nobody else covers."""
-        return 0.5 * self.counts[:, 2] / self.area
+        """Fraction of the model that is foreground no other model covers."""
+        return 0.5 * self.counts.alone / self.area
 
     @property
     def precision(self) -> F64:
         """Foreground fraction of the part that is this model's alone."""
-        return 0.5 * self.counts[:, 2] / np.maximum(1.0, self.area - self.counts[:, 3])
+        return 0.5 * self.counts.alone / np.maximum(1.0, self.area - self.counts.shared)
 
     @property
-    def internal_motion(self) -> F64:
+    def moving(self) -> F64:
         """Moving fraction of the model."""
-        return self.counts[:, 4] / self.area
+        return self.counts.moving / self.area
+
+    def score(self, i: int, overlap_weight: float) -> float:
+        """M of model i, in its own areas (``_kernels.matching_score``, without a ring)."""
+        taken = int(self.counts.shared[i])
+        counts = kernels.Counts(int(self.counts.area[i]), int(self.counts.alone[i]), taken, 0)
+        return float(kernels.matching_score(counts, float(self.area[i]), overlap_weight))
+
+    def discard(self, i: int) -> None:
+        """Take what model i covers for another person's."""
+        for column in self.counts:
+            if column is not self.counts.area:
+                column[i] = 0
+
+
+class CandidateCounts(NamedTuple):
+    """``_kernels.Counts`` of many models; (N,) columns."""
+
+    area: I64
+    free: I64
+    taken: I64
+    ring: I64
+
+
+class Extent(NamedTuple):
+    """How an observed body differs from the model along its axis (the paper's "refine target").
+
+    Attributes:
+        shift_px: (2,) to move the foot by so that both ends agree best.
+        error: remaining error of an end, as a fraction of the height.
+        height: observed height over the model's.
+    """
+
+    shift_px: F64
+    error: float
+    height: float
 
 
 class ModelScene:
-    """Draws, scores and places models in the images of one camera."""
+    """Rasterises, scores and places models in the images of one camera."""
 
-    def __init__(self, model_map: HumanModelMap, params: MatchParams) -> None:
+    def __init__(self, model_map: HumanModelMap, params: HumanMatchParams) -> None:
         self.model_map = model_map
         self.params = params
         width, height = model_map.camera.size
         self.cover = np.zeros((height, width), np.uint8)
         self.claimed = np.zeros((height, width), np.uint8)
-        self._rest = np.zeros((height, width + 1), np.int32)
-        self._taken = np.zeros((height, width + 1), np.int32)
-        self._left = np.zeros(height, np.int32)
-        self._right = np.zeros(height, np.int32)
-        self._map = (
+        self._sums = kernels.Sums(np.zeros((height, width + 1), np.int32), np.zeros((height, width + 1), np.int32))
+        self._spans = kernels.Spans(np.zeros(height, np.int32), np.zeros(height, np.int32))
+        self._people = kernels.MapArrays(
             np.ascontiguousarray(model_map.index),
-            model_map.origin_px[0],
-            model_map.origin_px[1],
+            *model_map.origin_px,
             model_map.params.step_px,
             np.ascontiguousarray(model_map.foot_px),
             np.ascontiguousarray(model_map.hull_px),
         )
-
         self.map_boxes = model_map.boxes()
         low = np.maximum(self.map_boxes[:, :2], 0)
         high = np.minimum(self.map_boxes[:, :2] + self.map_boxes[:, 2:], (width, height))
-        self.map_seen = np.prod(np.maximum(high - low, 0), axis=1)
+        self.map_inside = np.prod(np.maximum(high - low, 0), axis=1)
         """(N,) area of each entry's box inside the image [px^2]."""
 
     def match(self, foreground: U8, predicted: F64, scale: F64, covariance: F64, order: I64) -> F64:
-        """Joint best foot pixels (N, 2) of these targets; models drawn since ``clear`` keep their pixels.
+        """Joint best foot pixels (N, 2) of these targets; models placed since ``clear`` keep their pixels.
 
         Args:
             foreground: (H, W) uint8, 2 where salient, 1 where less salient, 0 elsewhere.
@@ -101,47 +145,47 @@ class ModelScene:
         inverse = np.linalg.inv(covariance)
         information = np.stack([inverse[:, 0, 0], inverse[:, 0, 1], inverse[:, 1, 1]], axis=1)
         sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]], axis=1))
-        radius = np.clip(p.search_sigmas * sigma, 1.0, 0.25 * max(foreground.shape))
+        radius = np.clip(SEARCH_SIGMAS * sigma, 1.0, 0.25 * max(foreground.shape))
         position = np.empty_like(predicted)
+        targets = kernels.Predictions(predicted, scale, information, radius, order)
+        weights = kernels.Weights(p.ring, p.overlap_weight, p.prior_weight)
         kernels.match_models(
-            foreground, self.cover, self._rest, self._taken, self._left, self._right, *self._map,
-            predicted, scale, information, radius, order, position, p.sweeps, p.ring, p.overlap_weight, p.prior_weight,
-        )  # fmt: skip
+            foreground, self.cover, self._sums, self._spans, self._people, targets, position, SWEEPS, weights
+        )
         return position
 
-    def measure(self, evidence: U8, motion: U8, blobs: Blobs, position: F64, scale: F64) -> Measurement:
+    def measure(self, frame: Frame, position: F64, scale: F64) -> Measurement:
         """What the models at (N, 2) foot pixels cover; also marks ``claimed``, which ``clear`` resets."""
-        n = len(scale)
-        counts, extent = np.zeros((n, 7), np.int64), np.zeros((n, 3))
-        votes = np.zeros(len(blobs), np.int64)
+        n, ring = len(scale), self.params.ring
+        area, evidence, alone, shared, moving, blob, breadth_n = np.zeros((7, n), np.int64)
+        counts = measuring.Coverage(area, evidence, alone, shared, moving, blob, np.zeros(n), breadth_n)
+        images = measuring.Images(frame.evidence, frame.motion, self.cover, frame.blobs.labels)
+        votes = np.zeros(len(frame.blobs), np.int64)
         measuring.measure_models(
-            evidence, motion, self.cover, blobs.labels, self._left, self._right, self.claimed, *self._map,
-            position, scale, self.params.ring, min(self.params.claim, self.params.ring), votes, counts, extent,
-        )  # fmt: skip
-        return Measurement(position, counts, extent)
+            images, self._spans, self._people, position, scale, ring, CLAIMED_RING * ring, self.claimed, votes, counts
+        )
+        return Measurement(position, counts)
 
     def clear(self) -> None:
-        """No models drawn."""
+        """No models placed."""
         self.cover[:] = 0
         self.claimed[:] = 0
 
     def prepare_candidates(self, evidence: U8, taken: U8) -> None:
-        """Count unexplained evidence once, before ``score``."""
+        """Count unclaimed evidence once, before ``score``."""
         height, width = evidence.shape
-        kernels.row_prefix(evidence, taken, 0, height, 0, width, self._rest, self._taken)
+        kernels.row_prefix(evidence, taken, kernels.Window(0, width, 0, height), self._sums)
 
-    def score(self, candidates: F64) -> I64:
-        """(N, 4) area, free foreground, taken pixels, foreground in the ring, of (N, 3) foot pixels and scales."""
-        counts = np.zeros((len(candidates), 4), np.int64)
-        kernels.score_candidates(
-            self._rest, self._taken, self._left, self._right, *self._map, candidates, self.params.ring, counts
-        )
+    def score(self, candidates: F64) -> CandidateCounts:
+        """Counts of models at (N, 3) foot pixels and scales, after ``prepare_candidates``."""
+        counts = CandidateCounts(*np.zeros((4, len(candidates)), np.int64))
+        kernels.score_candidates(self._sums, self._spans, self._people, candidates, self.params.ring, *counts)
         return counts
 
     def best_near(self, evidence: U8, position: F64, scale: float, reference: float) -> tuple[float, F64]:
         """Best score near a foot pixel (SHIFT along the rows, half of that across).
 
-        Scores are in areas of the model at scale ``reference``; what ``cover`` holds is other people's.
+        Scores are in areas of the model at scale ``reference``; what ``cover`` holds belongs to other people.
 
         Returns:
             the score and its (2,) foot pixel.
@@ -153,13 +197,16 @@ class ModelScene:
         window = 2.0 * self._longest(position) * max(scale, reference)
         height, width = evidence.shape
         top, bottom = max(0, int(position[1] - window)), min(height, int(position[1] + window) + 1)
-        kernels.row_prefix(evidence, self.cover, top, bottom, 0, width, self._rest, self._taken)
-        counts = self.score(near)
-        area = max(1, int(self.score(np.array([[*position, reference]]))[0, 0]))
-        total, rest, taken, ring = counts.T.astype(np.float64)
-        gains = np.asarray(kernels.gain.py_func(total, rest, taken, ring, float(area), self.params.overlap_weight))
+        kernels.row_prefix(evidence, self.cover, kernels.Window(0, width, top, bottom), self._sums)
+        area = max(1, int(self.score(np.array([[*position, reference]])).area[0]))
+        gains = self.matching_scores(self.score(near), area)
         best = int(np.argmax(gains))
         return float(gains[best]), near[best, :2]
+
+    def matching_scores(self, counts: CandidateCounts, area_px: float) -> F64:
+        """(N,) matching scores of equation 1 in units of an area [px^2]."""
+        columns = cast("kernels.Counts", counts)
+        return np.asarray(kernels.matching_score.py_func(columns, area_px, self.params.overlap_weight), np.float64)
 
     def window(self, position: F64, scale: float) -> tuple[slice, slice]:
         """Rows and columns of the model's box inside the image; empty where no person is possible."""
@@ -190,7 +237,7 @@ class ModelScene:
         return float(self.map_boxes[entry, 2]) if entry >= 0 else 1.0
 
     def _entry(self, position: F64) -> int:
-        """As the map's ``entry_at`` for one pixel, without arrays: it is asked many times per frame."""
+        """As the map's ``entry_at`` for one pixel, without arrays: it is called many times per frame."""
         u, v = float(position[0]), float(position[1])
         index, step = self.model_map.index, self.model_map.params.step_px
         if not (math.isfinite(u) and math.isfinite(v)):
@@ -210,17 +257,12 @@ class ModelScene:
         histogram = np.zeros((COLOUR_PARTS, COLOUR_LEVELS**3), np.float32)
         top, bottom = self._fill(position, scale)
         measuring.colour_histogram(
-            image, evidence, self.cover, self._left, self._right, top, bottom, _LEVEL, COLOUR_LEVELS, histogram
+            image, evidence, self.cover, self._spans, top, bottom, _LEVEL, COLOUR_LEVELS, histogram
         )
         return histogram
 
-    def extent(self, evidence: U8, position: F64, scale: float) -> tuple[F64, float, float] | None:
-        """How the observed body differs from the model along its axis (the paper's "refine target").
-
-        Returns:
-            (2,) pixels to move the foot by so that both ends agree best, the remaining error of an end as a fraction of
-            the height, and the observed height over the model's; None where the axis is too short in the image to tell.
-        """
+    def extent(self, evidence: U8, position: F64, scale: float) -> Extent | None:
+        """Where a body ends along its axis; None where the axis is too short in the image to tell."""
         entry = self._entry(position)
         if entry < 0:
             return None
@@ -231,18 +273,18 @@ class ModelScene:
         hull = scale * (self.model_map.hull_px[entry] - self.model_map.foot_px[entry]).astype(np.float64)
         along = hull @ axis / length**2
         half_width = float(np.abs(hull @ np.array([axis[1], -axis[0]])).max()) / length
-        low, high = measuring.body_extent(
-            evidence, self.cover, position[0], position[1], axis[0], axis[1], half_width, np.zeros(60, np.int64)
-        )
+        (u, v), (along_u, along_v) = (float(x) for x in position), (float(x) for x in axis)
+        line = measuring.Axis(u, v, along_u, along_v, half_width)
+        low, high = measuring.body_extent(evidence, self.cover, line, np.zeros(EXTENT_BINS, np.int64))
         if high <= low:
             return None
         ends = np.array([low - along.min(), high - along.max()])
-        return axis * ends.mean(), float(np.abs(ends).max()), float((high - low) / np.ptp(along))
+        return Extent(axis * ends.mean(), float(np.abs(ends).max()), float((high - low) / np.ptp(along)))
 
     def paint(self, image: U8, position: F64, scale: float, amount: int) -> None:
         """Add ``amount`` to the pixels of the model at a (2,) foot pixel."""
         top, bottom = self._fill(position, scale)
-        kernels.paint(image, self._left, self._right, top, bottom, amount)
+        kernels.paint(image, self._spans, top, bottom, amount)
 
     def hull(self, position: F64, scale: float) -> F64 | None:
         """(HULL_POINTS, 2) outline [px] of the model at a (2,) foot pixel; None where no person is possible."""
@@ -255,14 +297,6 @@ class ModelScene:
 
     def _fill(self, position: F64, scale: float) -> tuple[int, int]:
         top, bottom = kernels.fill_spans(
-            *self._map, position[0], position[1], scale, self.cover.shape[1], self._left, self._right
+            self._people, float(position[0]), float(position[1]), scale, self.cover.shape[1], self._spans
         )
         return int(top), int(bottom)
-
-
-def similarity(first: F32, second: F32) -> float:
-    """Bhattacharyya coefficient of two (parts, bins) histograms, averaged over the parts both have; NaN if none."""
-    both = (first.sum(axis=1) > 0) & (second.sum(axis=1) > 0)
-    if not both.any():
-        return float("nan")
-    return float(np.sqrt(first[both] * second[both]).sum(axis=1).mean())

@@ -1,4 +1,4 @@
-"""A place where somebody sits, and whether anybody still does."""
+"""A place where a person sits, and whether it is still taken."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from calib.types import F32, F64, U8, Bool
 from planview.tracking.human_model.params import PostureParams
 
 HEAD_SHARE = 1 / 3
-"""Upper part of a seated silhouette that leaves first: the legs of who walks off downhill cover the rest longer."""
-LEAST_VISIBLE = 0.3
+"""Upper part of a seated silhouette that leaves first: the legs of a person who walks off towards the camera
+cover the rest longer (our choice)."""
+MIN_VISIBLE = 0.3
 """Smallest visible part of a silhouette that tells whether it is still there (our choice)."""
 SILHOUETTE_GAIN = 0.05
-"""Least share of a frame in the remembered silhouette (our choice): a mean while somebody settles, later it follows a
-shift on the chair within seconds."""
+"""Smallest share of a frame in the remembered silhouette (our choice): a mean while the person settles, later it
+follows a shift on the chair within seconds."""
 
 
 @dataclass(slots=True, eq=False)
 class Seat:
-    """Somebody's seat and the silhouette seen there: the place stays, whoever passes in front of it.
+    """A taken seat and the silhouette observed there: the place stays while others pass in front of it.
 
     What is remembered of the silhouette tells whether the seat is empty better than the model does: backs of chairs
     and tables hide half of a seated body, so that it never fills the model.
@@ -33,7 +34,7 @@ class Seat:
         model: (h, w) bool, the model within the window.
         silhouette: (h, w) float32 share of the frames in which a pixel was foreground.
         empty_since_s: since when it has looked empty, NaN if it does not.
-        looks: frames that the silhouette was learned from.
+        frames: how many the silhouette was learned from.
     """
 
     xy: F64
@@ -43,10 +44,10 @@ class Seat:
     model: Bool
     silhouette: F32
     empty_since_s: float = np.nan
-    looks: int = 1
+    frames: int = 1
 
-    def look(self, evidence: U8, cover: U8, now_s: float, params: PostureParams) -> float:
-        """Remember what shows of the person now, and how long nothing has.
+    def observe(self, evidence: U8, cover: U8, now_s: float, params: PostureParams) -> float:
+        """Remember what is visible of the person now, and for how long nothing has been.
 
         Args:
             evidence: (H, W) uint8, not 0 in the foreground.
@@ -57,7 +58,7 @@ class Seat:
         """
         visible = cover[self.window] <= self.model
         there = evidence[self.window] > 0
-        # Beside the model may be others.
+        # Other people may be beside the model.
         known = (self.silhouette > 0.5) & self.model
         rows = np.flatnonzero(known.any(axis=1))
         if len(rows):
@@ -67,8 +68,8 @@ class Seat:
         else:
             whole = kept = 0.0
         if whole >= params.empty:
-            self.looks += 1
-            gain = np.float32(max(SILHOUETTE_GAIN, 1.0 / self.looks))
+            self.frames += 1
+            gain = np.float32(max(SILHOUETTE_GAIN, 1.0 / self.frames))
             self.silhouette += gain * visible * (there - self.silhouette)
         if np.isnan(kept) or kept >= params.empty:
             self.empty_since_s = np.nan
@@ -80,6 +81,6 @@ class Seat:
 def _kept(known: Bool, visible: Bool, there: Bool) -> float:
     """Share of the visible part of a silhouette (h, w) that is still foreground; NaN where too little is visible."""
     expected = int(np.count_nonzero(known & visible))
-    if expected < LEAST_VISIBLE * np.count_nonzero(known):
+    if expected < MIN_VISIBLE * np.count_nonzero(known):
         return float("nan")
     return np.count_nonzero(known & visible & there) / max(1, expected)

@@ -11,9 +11,10 @@ from calib.ground_camera import GroundCamera
 from planview.foreground.blobs import find_blobs
 from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model import _measure_kernels as measuring
+from planview.tracking.human_model.frame import Frame
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
-from planview.tracking.human_model.params import MatchParams
-from planview.tracking.human_model.scene import COLOUR_LEVELS, COLOUR_PARTS, ModelScene
+from planview.tracking.human_model.params import HumanMatchParams
+from planview.tracking.human_model.scene import ModelScene
 from tests.reference import human_model as reference
 
 CAMERA = GroundCamera(96, 72, 70.0, 3.5, math.radians(62))
@@ -23,7 +24,7 @@ feet = st.tuples(st.floats(-20, 116), st.floats(10, 110), st.floats(0.7, 1.2))
 
 
 def _scene() -> ModelScene:
-    return ModelScene(MAP, MatchParams(ring=RING, claim=RING))
+    return ModelScene(MAP, HumanMatchParams(ring=RING))
 
 
 def _noise(seed: int, high: int) -> np.ndarray:
@@ -45,9 +46,8 @@ def test_candidate_counts_equal_masks(foot: tuple[float, float, float], seed: in
     scene = _scene()
     scene.prepare_candidates(evidence, cover)
     mask = reference.model_mask(MAP, *foot)
-    assert tuple(scene.score(np.array([foot]))[0]) == reference.counts(
-        mask, reference.model_rows(MAP, *foot), evidence, cover, RING
-    )
+    counts = tuple(int(column[0]) for column in scene.score(np.array([foot])))
+    assert counts == reference.counts(mask, reference.model_rows(MAP, *foot), evidence, cover, RING)
 
 
 @settings(max_examples=25, deadline=None)
@@ -58,11 +58,12 @@ def test_measurement_equals_masks(models: list[tuple[float, float, float]], seed
     scene.clear()
     for u, v, scale in models:
         scene.paint(scene.cover, np.array([u, v]), scale, 1)
-    found = scene.measure(evidence, motion, find_blobs(evidence), at[:, :2], at[:, 2])
+    found = scene.measure(Frame(0.0, None, evidence, motion, find_blobs(evidence)), at[:, :2], at[:, 2]).counts
     masks = [reference.model_mask(MAP, *m) for m in models]
-    for row, mask in zip(found.counts, masks, strict=True):
-        assert tuple(row[:6]) == reference.measured(mask, evidence, motion, scene.cover)
-    wide = [reference.with_ring(k, reference.model_rows(MAP, *m), RING) for k, m in zip(masks, models, strict=True)]
+    for i, mask in enumerate(masks):
+        counted = (found.area[i], found.evidence[i], found.alone[i], found.shared[i], found.moving[i])
+        assert counted == reference.measured(mask, evidence, motion, scene.cover)
+    wide = [reference.with_ring(k, reference.model_rows(MAP, *m), RING / 2) for k, m in zip(masks, models, strict=True)]
     claimed = np.any(wide, axis=0)
     np.testing.assert_array_equal(scene.claimed > 0, claimed)
 
@@ -73,15 +74,15 @@ def test_colours_equal_a_histogram_of_the_mask() -> None:
     evidence = _noise(2, 3)
     scene.clear()
     scene.paint(scene.cover, np.array(foot[:2]), 1.0, 1)
-    level = np.minimum(COLOUR_LEVELS - 1, np.sqrt(np.arange(256) / 256) * COLOUR_LEVELS).astype(np.uint8)
-    mask = reference.model_mask(MAP, *foot)
-    expected = reference.histogram(mask, image, evidence, scene.cover, level, COLOUR_LEVELS, COLOUR_PARTS)
+    # Two parts of the body, six levels per channel, evenly spaced in the square root.
+    level = np.minimum(5, np.sqrt(np.arange(256) / 256) * 6).astype(np.uint8)
+    expected = reference.histogram(reference.model_mask(MAP, *foot), image, evidence, scene.cover, level, 6, 2)
     np.testing.assert_allclose(scene.colours(image, evidence, np.array(foot[:2]), 1.0), expected, atol=1e-6)
 
 
 def test_body_extent_counts_along_the_axis() -> None:
     evidence, cover, bins = _noise(3, 3), np.zeros((72, 96), np.uint8), np.zeros(60, np.int64)
-    measuring.body_extent(evidence, cover, 48.0, 60.0, 3.0, -40.0, 6.0, bins)
+    measuring.body_extent(evidence, cover, measuring.Axis(48.0, 60.0, 3.0, -40.0, 6.0), bins)
     expected = reference.along_axis(evidence, cover, np.array([48.0, 60.0]), np.array([3.0, -40.0]), 6.0, 60)
     np.testing.assert_array_equal(bins, expected)
 
@@ -89,16 +90,17 @@ def test_body_extent_counts_along_the_axis() -> None:
 def test_body_extent_ends_where_the_body_does() -> None:
     evidence = np.zeros((72, 96), np.uint8)
     evidence[20:61, 44:53] = 2
-    low, high = measuring.body_extent(
-        evidence, np.zeros_like(evidence), 48.0, 60.0, 0.0, -40.0, 6.0, np.zeros(60, np.int64)
-    )
+    axis = measuring.Axis(48.0, 60.0, 0.0, -40.0, 6.0)
+    low, high = measuring.body_extent(evidence, np.zeros_like(evidence), axis, np.zeros(60, np.int64))
     assert low == pytest.approx(0.0, abs=0.04)
     assert high == pytest.approx(1.0, abs=0.04)
 
 
-def test_gain_counts_free_foreground_twice_over_background() -> None:
+def test_matching_score_counts_free_foreground_twice_over_background() -> None:
     # 100 px: 60 free foreground (evidence 120), 10 taken, so 30 background; 8 foreground in the ring (evidence 16).
-    assert kernels.gain(100, 120, 10, 16, 100.0, 0.3) == pytest.approx((60 + 4 - 30 - 3) / 100)
+    assert kernels.matching_score(kernels.Counts(100, 120, 10, 16), 100.0, 0.3) == pytest.approx(
+        (60 + 4 - 30 - 3) / 100
+    )
 
 
 def test_match_finds_two_planted_people_together() -> None:

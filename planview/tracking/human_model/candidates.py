@@ -1,0 +1,130 @@
+"""Where unclaimed foreground looks like a new person (section 4, the four criteria)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.types import F64, U8
+from planview.foreground.blobs import Blobs, find_blobs
+from planview.tracking.human_model.frame import Frame
+from planview.tracking.human_model.params import HumanModelParams
+from planview.tracking.human_model.scene import ModelScene
+
+MIN_BLOB = 0.3
+"""Smallest blob, as a fraction of the model's box, that may be a person (our choice): slim legs and a torso."""
+MIN_COMMON = 0.5
+"""Smallest fraction of the model's box that must lie over the blob's (our choice)."""
+HEIGHTS = 5
+"""Heights tried between the smallest and the tallest person."""
+HEIGHT_PRICE = 0.3
+"""Price of a height that differs from the average by all of it, in matching scores (our choice): equal outlines are
+taken for a person of average height."""
+WHOLE_BLOB = 0.95
+"""Part of a blob from which on a candidate has it to itself (our choice)."""
+
+
+class PersonCandidate(NamedTuple):
+    """A model that covers a blob.
+
+    Attributes:
+        foot_px: (2,) where it stands.
+        scale: height over the average person's.
+        score: how well it fits.
+        precision: foreground fraction of the model's free part.
+        splits: whether the rest of the blob is another target's.
+    """
+
+    foot_px: F64
+    scale: float
+    score: float
+    precision: float
+    splits: bool
+
+
+class CandidateFinder:
+    """Looks for new people in what the existing targets leave of a frame."""
+
+    def __init__(self, scene: ModelScene, params: HumanModelParams) -> None:
+        self._scene, self._params = scene, params
+
+    def __call__(self, frame: Frame) -> list[PersonCandidate]:
+        """The best model of each unclaimed blob that meets the criteria; at most one per blob and frame.
+
+        ``scene.cover`` and ``scene.claimed`` hold the existing targets.
+        """
+        scene = self._scene
+        evidence = np.where(scene.claimed > 0, 0, frame.evidence).astype(np.uint8)
+        rest = find_blobs(evidence)
+        large = np.flatnonzero(rest.area_px[1:] >= MIN_BLOB * scene.map_inside.min()) + 1
+        if not len(large):
+            return []
+        scene.prepare_candidates(evidence, scene.cover)
+        found = [self._best(rest, int(label), frame.blobs) for label in large]
+        return [c for c in found if c is not None and self._moves(c, evidence, frame.motion)]
+
+    def _best(self, rest: Blobs, label: int, whole: Blobs) -> PersonCandidate | None:
+        """Coarse over the map, then fine over places and heights."""
+        feet, splits, blob_px = self._feet(rest, label), _attached(rest, label, whole), int(rest.area_px[label])
+        coarse = self._pick(np.column_stack([feet, np.ones(len(feet))]), blob_px, splits)
+        if coarse is None:
+            return None
+        step, spread = self._scene.model_map.params.step_px, self._params.height_spread
+        offsets = np.arange(-step, step + 1, max(1, step // 4))
+        du, dv, scale = np.meshgrid(offsets, offsets, np.linspace(1 - spread, 1 + spread, HEIGHTS))
+        near = np.column_stack([coarse.foot_px[0] + du.ravel(), coarse.foot_px[1] + dv.ravel(), scale.ravel()])
+        return self._pick(near, blob_px, splits)
+
+    def _feet(self, blobs: Blobs, label: int) -> F64:
+        """Foot pixels of the map whose models are mostly over the blob's box and of a size to match its area."""
+        boxes, inside = self._scene.map_boxes, self._scene.map_inside
+        left, top, width, height = blobs.box_px[label]
+        u0 = np.maximum(boxes[:, 0], left)
+        v0 = np.maximum(boxes[:, 1], top)
+        u1 = np.minimum(boxes[:, 0] + boxes[:, 2], left + width)
+        v1 = np.minimum(boxes[:, 1] + boxes[:, 3], top + height)
+        common = np.maximum(0, u1 - u0) * np.maximum(0, v1 - v0)
+        fits = (common >= MIN_COMMON * inside) & (blobs.area_px[label] >= MIN_BLOB * inside)
+        fits &= boxes[:, 2:].max(axis=1) >= self._params.spawn.min_height_px
+        return np.asarray(self._scene.model_map.foot_px[fits], dtype=np.float64)
+
+    def _pick(self, candidates: F64, blob_px: int, splits: bool) -> PersonCandidate | None:
+        """The (N, 3) candidate of the highest score among those of plausible shape, visibility and freedom."""
+        if not len(candidates):
+            return None
+        spawn, model_map = self._params.spawn, self._scene.model_map
+        counts = self._scene.score(candidates)
+        inner, ring = 0.5 * counts.free, 0.5 * counts.ring
+        precision = inner / np.maximum(1.0, counts.area - counts.taken)
+        local = inner / np.maximum(1.0, inner + ring)
+        entry = model_map.entry_at(candidates[:, :2])
+        visible = np.where(entry >= 0, model_map.visibility[entry], 0.0)
+        ok = (counts.area > 0) & (precision >= spawn.min_precision)
+        ok &= visible >= spawn.min_visible
+        # A person's height does not show while the head or the feet are outside the image.
+        ok &= (visible == 1.0) | (candidates[:, 2] == 1.0)
+        if not ok.any():
+            return None
+        # Recall over the whole blob, plus the local one so that an outline inside a group is centred on a person.
+        recall = np.minimum(1.0, inner / max(1, blob_px))
+        score = precision + 0.5 * (recall + local) - HEIGHT_PRICE * np.abs(candidates[:, 2] - 1.0)
+        best = int(np.argmax(np.where(ok, score, -np.inf)))
+        foot, scale = candidates[best, :2].copy(), float(candidates[best, 2])
+        return PersonCandidate(foot, scale, float(score[best]), float(precision[best]), splits)
+
+    def _moves(self, candidate: PersonCandidate, evidence: U8, motion: U8) -> bool:
+        """Motion salience: enough of the model's foreground proper moves; a ghost of a person who left does not."""
+        mask = np.zeros_like(evidence)
+        self._scene.paint(mask, candidate.foot_px, candidate.scale, 1)
+        salient = (mask > 0) & (evidence > 1)
+        moving = int((salient & (motion > 0)).sum())
+        return moving >= 0.5 * self._params.states.internal_motion * int(salient.sum())
+
+
+def _attached(rest: Blobs, label: int, whole: Blobs) -> bool:
+    """Whether other targets claim a part of the same blob: a new target would split it."""
+    left, top, width, height = rest.box_px[label]
+    window = np.s_[top : top + height, left : left + width]
+    parent = int(whole.labels[window][rest.labels[window] == label][0])
+    return int(rest.area_px[label]) < WHOLE_BLOB * int(whole.area_px[parent])

@@ -1,0 +1,91 @@
+"""Which targets to confirm, to merge, to reacquire and to prune (section 4)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from calib.types import F64
+from planview.tracking.human_model.params import HumanModelParams, PruneParams
+from planview.tracking.human_model.target import Target
+from planview.tracking.lifecycle import LifeCycle
+
+MIN_MATCHES = 3
+"""Frames matched before a target can be found motionless: motion flickers (our choice)."""
+
+PERSON_PATIENCE = 30.0
+"""How many times longer a person may stay motionless than a thing: 10 minutes instead of 20 s, since in small images
+attentive listeners show no motion for minutes (our choice)."""
+
+
+def has_walked(target: Target, params: HumanModelParams) -> bool:
+    """Motion salience: a person has walked into the view."""
+    return target.build.travel_m >= params.spawn.min_travel_m
+
+
+def redundant(
+    targets: Sequence[Target], params: PruneParams, now_s: float, touch: Callable[[Target, Target], bool]
+) -> list[tuple[Target, Target]]:
+    """Targets that add nothing to the matching score, with whom each is one.
+
+    Others have covered it for long while all of them walked: two people who walk are rarely one behind the other
+    for so long (the paper's merge rule).
+    """
+    found: list[tuple[Target, Target]] = []
+    longest = sorted((t for t in targets if t.covered_since_s >= 0), key=lambda t: t.covered_since_s)
+    for target in longest:
+        gone = [merged for merged, _ in found]
+        others = [t for t in targets if t is not target and t not in gone and touch(t, target)]
+        clocks = [target.covered_since_s, target.moving_since_s, *(t.moving_since_s for t in others)]
+        # NaN where one of the clocks does not run.
+        if others and now_s - float(np.max(clocks)) >= params.merge_after_s:
+            found.append((target, others[0]))
+    return found
+
+
+def prune_reason(target: Target, params: HumanModelParams, life: LifeCycle) -> str:
+    """Why a target is not, or no longer, a person in view; empty if it stays."""
+    prune, who = params.prune, target.existence
+    if not who.confirmed:
+        if life.age_s(who) > params.spawn.tentative_s:
+            return "never walked"
+        if not who.observed:
+            return "no blob before it was confirmed"
+        if target.matches >= MIN_MATCHES and target.moving_fraction < 0.5 * params.states.internal_motion:
+            return "does not move"
+    # A person on a seat has stood before, as no chair does.
+    person = target.seat is not None or target.build.travel_m >= prune.walked_m
+    limit_s = prune.inanimate_s * (PERSON_PATIENCE if person else 1.0)
+    if life.now_s - target.still_since_s >= limit_s:
+        return "stationary: a thing"
+    if target.inside < prune.gone_visible:
+        return "left the view"
+    leaving = target.inside < prune.border_visible
+    if not who.observed and (leaving or life.unobserved_s(who) > prune.patience_s * target.inside):
+        return f"no blob for {life.unobserved_s(who):.1f} s"
+    return ""
+
+
+def reacquirable(
+    targets: Sequence[Target], xy_m: F64, likeness: Callable[[Target], float], params: HumanModelParams, now_s: float
+) -> Target | None:
+    """The lost target that is predicted near (2,) xy and looks alike, the nearest if there are several.
+
+    A person who has just sat down and reappears walking beside the seat did not: it was a thing that was put down.
+
+    Args:
+        likeness: of a target's memory to what is observed at xy; NaN where it is not known.
+    """
+    best, best_m = None, params.prune.reacquire_m
+    for target in targets:
+        like = likeness(target)
+        lost = target.existence.state == "lost" and not like < params.prune.min_likeness
+        hasty = target.seat is not None and now_s - target.seat.since_s < params.posture.hasty_s
+        if not (lost or (hasty and like >= params.prune.min_likeness)):
+            continue
+        distance = math.hypot(*(target.xy_m - xy_m))
+        if distance < best_m:
+            best, best_m = target, distance
+    return best
