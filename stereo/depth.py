@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import overload
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field
 
 from calib.params import Params
@@ -14,6 +16,9 @@ from calib.types import F32, F64
 DISPARITY_STD_PX = 0.25
 """Standard deviation of an SGBM disparity [px]: its parabola fit is biased towards whole pixels by up to about 0.15 px,
 and sensor noise adds 0.1-0.2 px on weak texture."""
+
+MIN_DEPTH_M = 1e-6
+"""Points nearer than this count as behind the camera [m]."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +56,31 @@ class RectifiedGeometry:
     def disparity_metre(self) -> float:
         """Disparity of a point one metre away, f b [px m]; depth is this divided by disparity."""
         return self.focal_u_px * self.baseline_m
+
+    def rays(self, pixels: ArrayLike) -> F64:
+        """Rays through pixels, in the rectified left camera frame.
+
+        Args:
+            pixels: (..., 2) u, v [px].
+        Returns:
+            (..., 3) float64 at unit z.
+        """
+        p = np.asarray(pixels, dtype=np.float64)
+        u, v = (p[..., 0] - self.cu_px) / self.focal_u_px, (p[..., 1] - self.cv_px) / self.focal_v_px
+        return np.stack([u, v, np.ones_like(u)], axis=-1)
+
+    def project(self, points: ArrayLike) -> F64:
+        """Pixels of points; inverse of ``rays``.
+
+        Args:
+            points: (..., 3) [m], rectified left camera frame.
+        Returns:
+            (..., 2) float64 u, v [px]; NaN for points that are not in front of the camera.
+        """
+        p = np.asarray(points, dtype=np.float64)
+        z = np.where(p[..., 2] > MIN_DEPTH_M, p[..., 2], np.nan)
+        u, v = self.focal_u_px * p[..., 0] / z + self.cu_px, self.focal_v_px * p[..., 1] / z + self.cv_px
+        return np.stack([u, v], axis=-1)
 
     def disparity_at(self, depth_m: float) -> float:
         """Disparity [px] of a point at a depth [m]."""
@@ -105,9 +135,24 @@ def back_project(depth: F32, geometry: RectifiedGeometry) -> F32:
     """
     rows, cols = depth.shape
     points = np.empty((rows, cols, 3), dtype=np.float32)
-    x = ((np.arange(cols) - geometry.cu_px) / geometry.focal_u_px).astype(np.float32)
-    y = ((np.arange(rows) - geometry.cv_px) / geometry.focal_v_px).astype(np.float32)
+    x = geometry.rays(np.column_stack([np.arange(cols), np.zeros(cols)]))[:, 0].astype(np.float32)
+    y = geometry.rays(np.column_stack([np.zeros(rows), np.arange(rows)]))[:, 1].astype(np.float32)
     np.multiply(depth, x[None, :], out=points[..., 0])
     np.multiply(depth, y[:, None], out=points[..., 1])
     points[..., 2] = depth
     return points
+
+
+def median_image(images: Sequence[F32]) -> F32:
+    """The background of some frames' disparities or depths, which people who move do not change.
+
+    Args:
+        images: (H, W) float32, NaN invalid.
+    Returns:
+        (H, W) float32 median of the valid values of each pixel; NaN where there is none.
+    """
+    stack = np.stack(images)
+    known = np.isfinite(stack).any(axis=0)
+    median = np.full(known.shape, np.nan, dtype=np.float32)
+    median[known] = np.nanmedian(stack[:, known], axis=0)
+    return median

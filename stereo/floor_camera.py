@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calib.pose import SE3
 from calib.types import F64
@@ -21,18 +22,14 @@ class StereoFloorCamera:
         """(width, height) [px]."""
         return self._geometry.size
 
-    def project(self, points_world: F64) -> F64:
-        """(N, 2) pixels of (N, 3) world points [m]; NaN behind the camera."""
-        p = (points_world - self._pose.translation) @ self._pose.rotation
-        depth = np.where(p[:, 2] > 1e-6, p[:, 2], np.nan)
-        g = self._geometry
-        return np.column_stack([g.focal_u_px * p[:, 0] / depth + g.cu_px, g.focal_v_px * p[:, 1] / depth + g.cv_px])
+    def project(self, points_world: ArrayLike) -> F64:
+        """(..., 2) pixels of (..., 3) world points [m]; NaN behind the camera."""
+        points = np.asarray(points_world, dtype=np.float64)
+        return self._geometry.project((points - self._pose.translation) @ self._pose.rotation)
 
-    def back_project(self, pixels: F64) -> F64:
-        """(N, 2) places on the floor [m] that (N, 2) pixels show; NaN above the horizon."""
-        g = self._geometry
-        u, v = (pixels[:, 0] - g.cu_px) / g.focal_u_px, (pixels[:, 1] - g.cv_px) / g.focal_v_px
-        rays = np.column_stack([u, v, np.ones_like(u)]) @ self._pose.rotation.T
-        down = np.where(rays[:, 2] < -1e-9, -rays[:, 2], np.nan)
+    def back_project(self, pixels: ArrayLike) -> F64:
+        """(..., 2) places on the floor [m] that (..., 2) pixels show; NaN above the horizon."""
+        rays = self._geometry.rays(pixels) @ self._pose.rotation.T
+        down = np.where(rays[..., 2] < -1e-9, -rays[..., 2], np.nan)
         reach = self._pose.translation[2] / down
-        return np.asarray(self._pose.translation[:2] + reach[:, None] * rays[:, :2])
+        return np.asarray(self._pose.translation[:2] + reach[..., None] * rays[..., :2])

@@ -97,8 +97,8 @@ def disparity_range(
 def _descent(geometry: RectifiedGeometry, floor: Floor) -> F64:
     """Metres that a ray of unit depth descends, at the corners and edges of the image."""
     u, v = np.meshgrid(np.linspace(0, geometry.width - 1, 5), np.linspace(0, geometry.height - 1, 5))
-    rays = [(u - geometry.cu_px) / geometry.focal_u_px, (v - geometry.cv_px) / geometry.focal_v_px, np.ones_like(u)]
-    return np.asarray(-np.tensordot(floor.world_SE3_left.rotation[2], np.stack(rays), axes=1), dtype=np.float64)
+    rays = geometry.rays(np.stack([u, v], axis=-1))
+    return np.asarray(-rays @ floor.world_SE3_left.rotation[2], dtype=np.float64)
 
 
 class SgbmParams(Params):

@@ -8,25 +8,22 @@ from collections.abc import Callable
 import numpy as np
 
 from calib.errors import WorkError
-from calib.rig import Floor
+from calib.rig import Floor, StereoRig
 from planview.bench.rows import Row
-from planview.calibration.floor import FloorView
-from planview.pipeline.config import Config
 from planview.synthetic.committed import SCENES, real_recordings
 from planview.synthetic.rendering import SceneRenderer
 from planview.synthetic.scene import Scene, load_scene
-from stereo.depth import DepthFromDisparity
-from stereo.matcher import SgbmMatcher, disparity_range
+from stereo.floor import FloorEstimator, setup_frames
 from stereo.readers.opening import open_recording
 from stereo.recording import StereoFrame
-from stereo.rectify import Rectifier, aligned_rectifier
-from stereo.two_way import match_two_ways
+from stereo.rectify import aligned_rectifier
 
 TILTS_DEG = (0, 15, 30, 45, 60, 75)
 SCENE = SCENES / "demo.toml"
 HIGH, LOW = (3.5, 2.0, 2.9), (3.5, 0.2, 2.6)
 """Where the cameras hang [m]: steep ones above the middle of the room, flat ones at its wall."""
 FRAMES = 6
+"""Rendered frames per tilt, fewer than a run looks at: rendering is most of the time."""
 HEIGHT_LIMIT_CM, ANGLE_LIMIT_DEG = 2.0, 0.3
 REAL_HEIGHT_M, REAL_LIMIT_CM = 2.74, 5.0
 """The overhead pair of the shared recordings, by its disparity (see its README)."""
@@ -48,8 +45,7 @@ def measure(progress: Callable[[str], None] = lambda _: None) -> tuple[Row, ...]
     if real.is_dir():
         progress("floor of the real overhead pair")
         recording = open_recording(real)
-        frames = recording.sample(30)
-        found = _view(aligned_rectifier(recording.rig, frames)[0], frames).find(Config())
+        found = _found(recording.rig, setup_frames(recording))
         off = 100 * abs(found.height_m - REAL_HEIGHT_M)
         rows.append(Row("floor, real overhead pair: height", off, "cm", REAL_LIMIT_CM, off <= REAL_LIMIT_CM))
     return tuple(rows)
@@ -62,11 +58,10 @@ def _rendered(description: Scene, tilt_deg: float) -> list[Row]:
     frames = [_frame(renderer, int(i)) for i in chosen]
     if renderer.rig is None or renderer.world_SE3_left is None:
         raise WorkError(f"{SCENE}: expected a stereo scene")
-    rectifier, _ = aligned_rectifier(renderer.rig, frames)
     truth = Floor(renderer.world_SE3_left)
     name = f"floor, rendered at {tilt_deg:g} degrees"
     try:
-        found = _view(rectifier, frames).find(Config())
+        found = _found(renderer.rig, frames)
     except WorkError:
         return [Row(f"{name}: height", math.inf, "cm", HEIGHT_LIMIT_CM, False)]
     height = 100 * abs(found.height_m - truth.height_m)
@@ -85,10 +80,6 @@ def _frame(renderer: SceneRenderer, index: int) -> StereoFrame:
     return StereoFrame(index, frame.timestamp_s, frame.left, frame.right)
 
 
-def _view(rectifier: Rectifier, frames: list[StereoFrame]) -> FloorView:
-    geometry = rectifier.geometry
-    matcher = SgbmMatcher(geometry, None, disparity_range(geometry), rectifier.mask)
-    to_depth = DepthFromDisparity(geometry)
-    pairs = [rectifier(frame.left, frame.right) for frame in frames]
-    depths = tuple(to_depth(match_two_ways(matcher, pair.left_grey, pair.right_grey)) for pair in pairs)
-    return FloorView(rectifier, matcher, pairs[0].left, depths)
+def _found(rig: StereoRig, frames: list[StereoFrame]) -> Floor:
+    rectifier, _ = aligned_rectifier(rig, frames)
+    return FloorEstimator(rectifier)(frames)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,6 +19,7 @@ from calib.images import write_image
 from calib.rig import Floor
 from planview.calibration.floor import FloorView, floor_from_tracks, given_floor, view_floor
 from planview.pipeline.config import load_config
+from planview.pipeline.setup import floor_search
 from planview.trajectories.table import read_tracks
 from stereo.readers.opening import open_recording
 from stereo.readers.pair import StereoRecording
@@ -27,17 +29,20 @@ def calibrate_floor(
     recording: Path,
     *,
     out: Path | None = None,
+    save: Annotated[bool, Parameter(negative="")] = False,
     points: Annotated[Sequence[str], Parameter(consume_multiple=True)] = (),
     tracks: Path | None = None,
     calibration: Path | None = None,
-    frames: int = 30,
+    frames: int | None = None,
     picture: Path | None = None,
     config: Path | None = None,
     json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> None:
-    """Find the floor in a stereo recording and write world.toml, with a picture of a metric grid on it.
+    """Find the floor in a stereo recording as a run does; print it, and write world.toml where told.
 
-    Example: planview calibrate floor my_recording --out my_recording/world.toml
+    Example: planview calibrate floor my_recording --out floor/world.toml
+
+    Example, for every later run on the recording: planview calibrate floor my_recording --save
 
     Example, floor given by hand: planview calibrate floor my_recording --points 120,400 500,420 320,250
 
@@ -46,7 +51,10 @@ def calibrate_floor(
     recording
         Folder with left/ and right/ images or videos and a calibration.
     out
-        world.toml to write; beside the recording when not given. A recording that holds one is not searched again.
+        world.toml to write, with a picture of a metric grid on the floor beside it.
+    save
+        Write them into the recording (a video: beside it). Later runs and calibrations take that floor and search no
+        more.
     points
         Three or more floor points instead: u,v pixels of the rectified left image (their depth is looked up), or
         x,y,z metres in the rectified left camera (x right, y down, z forward).
@@ -56,46 +64,62 @@ def calibrate_floor(
     calibration
         Calibration of the pair, when it does not lie in the recording.
     frames
-        How many frames to look at, spread over the recording.
+        How many frames to look at, spread over the recording; analysis.setup_frames when not given.
     picture
-        Picture to write; OUT with .png when not given.
+        Picture of a metric grid on the floor; beside world.toml, with .png, when not given.
     config
-        TOML file with parameters, tables rectify, sgbm, range and floor.
+        TOML file with the parameters of a run: analysis.setup_frames and tables rectify, sgbm, range, floor.
     json_output
         Print one JSON object to standard output.
     """
-    if not 1 <= frames <= 1000:
+    if frames is not None and not 1 <= frames <= 1000:
         raise InputError(f"--frames: expected 1 to 1000, found {frames}")
     if points and tracks:
         raise InputError("expected either --points or --tracks, found both")
-    settings = load_config(config, ())
+    if out and save:
+        raise InputError("expected either --out or --save, found both")
+    search = floor_search(load_config(config))
+    if frames is not None:
+        search = search.model_copy(update={"frames": frames})
     parsed = parse_points(points) if points else None
     opened = open_recording(recording, calibration)
     console = Console(stderr=True)
-    with console.status(f"Looking at {frames} frames"):
-        view = view_floor(opened, settings, frames)
+    with console.status(f"Looking at {search.frames} frames"):
+        view = view_floor(opened, search)
         if parsed is not None:
             floor = given_floor(view, *parsed)
         elif tracks is not None:
             floor = _refined(opened, view, tracks)
         else:
-            floor = view.find(settings)
-    target = out or (recording if recording.is_dir() else recording.parent) / "world.toml"
-    image = picture or target.with_suffix(".png")
-    _write(floor, view, target, image)
+            floor = view.find()
+    target = (recording if recording.is_dir() else recording.parent) / "world.toml" if save else out
+    image = picture or (target and target.with_suffix(".png"))
     console.print(_sentence(floor))
-    console.print(f"wrote {target} and {image}")
+    for written in _write(floor, view, target, image):
+        console.print(f"wrote {written}", highlight=False)
+    if target is None:
+        console.print("no world.toml written: --save keeps this floor in the recording, --out FILE elsewhere")
     if json_output:
         print(json.dumps(_report(floor, target, image)))
 
 
-def _write(floor: Floor, view: FloorView, target: Path, image: Path) -> None:
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        save_world(floor, target)
-        write_image(image, view.picture(floor))
-    except OSError as error:
-        raise InputError(f"{target}: expected a place to write to, found {error}") from error
+def _write(floor: Floor, view: FloorView, target: Path | None, image: Path | None) -> list[Path]:
+    """Write the files that are asked for."""
+    written = []
+    for path, write in ((target, partial(save_world, floor)), (image, partial(_draw, view, floor))):
+        if path is None:
+            continue
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write(path)
+        except OSError as error:
+            raise InputError(f"{path}: expected a place to write to, found {error}") from error
+        written.append(path)
+    return written
+
+
+def _draw(view: FloorView, floor: Floor, path: Path) -> None:
+    write_image(path, view.picture(floor))
 
 
 def _refined(recording: StereoRecording, view: FloorView, tracks: Path) -> Floor:
@@ -135,7 +159,7 @@ def _sentence(floor: Floor) -> str:
     return text
 
 
-def _report(floor: Floor, target: Path, image: Path) -> dict[str, Any]:
+def _report(floor: Floor, target: Path | None, image: Path | None) -> dict[str, Any]:
     values: dict[str, Any] = {
         "height_m": floor.height_m,
         "tilt_deg": math.degrees(floor.tilt_rad),
@@ -148,8 +172,12 @@ def _report(floor: Floor, target: Path, image: Path) -> dict[str, Any]:
         values["height_std_m"] = height
         values["tilt_std_deg"] = math.degrees(tilt)
         values["roll_std_deg"] = math.degrees(roll)
-    return {**values, "extent_m": floor.extent_m, "world": str(target), "picture": str(image)}
+    return {**values, "extent_m": floor.extent_m, "world": _name(target), "picture": _name(image)}
 
 
 def _known(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+def _name(path: Path | None) -> str | None:
+    return None if path is None else str(path)

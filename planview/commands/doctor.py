@@ -16,6 +16,8 @@ from calib.length import parse_length
 from planview.doctor.check import Check
 from planview.doctor.examine import Diagnosis, examine
 from planview.doctor.pictures import write_pictures
+from planview.pipeline.config import load_config
+from planview.pipeline.setup import floor_search
 
 
 def doctor(
@@ -25,6 +27,7 @@ def doctor(
     person_height: str | None = None,
     frames: int = 60,
     out: Path | None = None,
+    config: Path | None = None,
     json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> None:
     """Check a recording and its calibration before trusting results; exit status 1 when a check fails.
@@ -40,16 +43,20 @@ def doctor(
     person_height
         Height of a person who walks through, e.g. 1.78m: checks baseline and units.
     frames
-        Consecutive frames to look at for movement, besides 16 spread over the recording.
+        Consecutive frames to look at for movement, besides those in which a run measures its floor.
     out
         Folder for pictures: rectified rows, disparity, floor, exposure.
+    config
+        TOML file with the parameters of the run to come: analysis.setup_frames and tables rectify, sgbm, range, floor.
     json_output
         Print one JSON object.
     """
     if not 4 <= frames <= 2000:
         raise InputError(f"--frames: expected 4 to 2000, found {frames}")
     known = None if person_height is None else _height(person_height)
-    diagnosis = examine(recording, calibration, frames=frames, person_height_m=known)
+    diagnosis = examine(
+        recording, calibration, frames=frames, person_height_m=known, search=floor_search(load_config(config))
+    )
     if json_output:
         print(json.dumps(diagnosis.to_json(), allow_nan=False))
     else:

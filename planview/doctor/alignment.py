@@ -82,7 +82,7 @@ def turn_of(matches: F64, geometry: RectifiedGeometry) -> F64:
         (3,) rotation vector [rad], from the camera as calibrated to the camera as it is, up to its sign.
     """
     focal = geometry.focal_v_px
-    x, y = (matches[:, 2] - geometry.cu_px) / geometry.focal_u_px, (matches[:, 1] - geometry.cv_px) / focal
+    x, y, _ = geometry.rays(matches[:, [2, 1]]).T
     target = matches[:, 3] / focal
     columns = np.column_stack([1.0 + y * y, -x * y, -x])
     turn: F64 = np.zeros(3)
@@ -125,10 +125,9 @@ def epipolar_error(left: F64, right: F64, rotation: F64, translation: F64) -> fl
 
 def _recorded_rays(rectifier: Rectifier, matches: F64) -> tuple[F64, F64]:
     left_rotation, right_rotation = rectifier.rig.rectifying_rotations()
-    inverse = np.linalg.inv(rectifier.geometry.matrix)
     u, v, right_u, offset = matches.T
     rays = []
     for column, row, rotation in ((u, v, left_rotation), (right_u, v + offset, right_rotation)):
-        ray = np.column_stack([column, row, np.ones_like(column)]) @ inverse.T @ rotation
+        ray = rectifier.geometry.rays(np.column_stack([column, row])) @ rotation
         rays.append(ray / np.linalg.norm(ray, axis=1, keepdims=True))
     return rays[0], rays[1]

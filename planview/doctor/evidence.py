@@ -1,4 +1,4 @@
-"""What the checks look at, gathered once."""
+"""What the checks look at, gathered once: the frames, disparities and floor of a run."""
 
 from __future__ import annotations
 
@@ -7,23 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.errors import WorkError
-from calib.floor.find import find_floor
 from calib.rig import Floor
 from calib.types import F32, F64
-from stereo.depth import DepthFromDisparity, back_project
-from stereo.matcher import DisparityRange, SgbmMatcher, disparity_range
+from stereo.depth import DepthFromDisparity
+from stereo.floor import FloorEstimator, FloorSearch, setup_frames
+from stereo.matcher import DisparityRange
 from stereo.readers.pair import StereoRecording
 from stereo.recording import StereoFrame
 from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
-from stereo.two_way import match_two_ways
 from stereo.vertical import VerticalFit, VerticalParams, match_corners
 
-SPREAD_FRAMES = 16
-"""Frames spread over the recording: enough medians for a background without people, in half a dozen seconds."""
 MATCHED_FRAMES = 8
+"""Frames in which corners are matched (our choice, for speed)."""
 WIDE_SEARCH = VerticalParams(search_px=24, features=200)
 """Row offsets looked for in a pair that may be badly calibrated: a rig turned by 2 degrees still matches."""
-POINT_STEP_PX = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +28,7 @@ class Evidence:
     """A recording under examination.
 
     Attributes:
-        spread: frames spread over the recording.
+        spread: frames spread over the recording, those that a run measures its floor in.
         run: consecutive frames where most moves.
         plain: rectifier of the calibration as it is.
         matches: (N, 4) float64 [px] of ``plain``'s images: u, v, u in the right image, row offset; disparities of
@@ -60,38 +57,38 @@ class Evidence:
     frames_asked: int
 
 
-def gather(recording: StereoRecording, frames: int) -> Evidence:
+def gather(recording: StereoRecording, frames: int, search: FloorSearch | None = None) -> Evidence:
     """Decode, rectify and match what the checks need.
 
     Args:
         frames: length of the run of consecutive frames.
+        search: how a run looks for the floor.
     Raises:
         WorkError: not one frame can be used.
     """
+    search = search or FloorSearch()
     count = max(3, min(frames, recording.n_frames))
-    spread = recording.sample(min(SPREAD_FRAMES, count))
-    if not spread:
-        raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used")
-    plain = Rectifier(recording.rig)
-    rectifier, vertical = aligned_rectifier(recording.rig, spread)
+    spread = setup_frames(recording, search.frames)
+    plain = Rectifier(recording.rig, search.rectify)
+    rectifier, vertical = aligned_rectifier(recording.rig, spread, search.rectify)
+    estimator = FloorEstimator(rectifier, search)
     pairs = [rectifier(f.left, f.right) for f in spread]
-    searched = disparity_range(rectifier.geometry)
-    disparities = _disparities(rectifier, pairs, searched)
-    floor, refused = _floor(rectifier, disparities)
+    disparities = [estimator.disparity(pair) for pair in pairs]
+    floor, refused = _floor(estimator, disparities)
     return Evidence(
         recording,
         spread,
         recording.at(busiest(spread, recording.n_frames, count)),
         plain,
-        _matches(plain, spread, searched),
+        _matches(plain, spread, estimator.disparities),
         rectifier,
         vertical,
         pairs,
         disparities,
-        searched,
+        estimator.disparities,
         floor,
         refused,
-        min(SPREAD_FRAMES, count) + count,
+        min(search.frames, recording.n_frames) + count,
     )
 
 
@@ -106,16 +103,6 @@ def busiest(spread: list[StereoFrame], n_frames: int, count: int) -> list[int]:
     return list(range(first, min(first + count, n_frames)))
 
 
-def _disparities(rectifier: Rectifier, pairs: list[RectifiedPair], searched: DisparityRange) -> list[F32]:
-    """Disparities without the matcher's lag, which would raise the camera; NaN outside the rectified picture."""
-    matcher = SgbmMatcher(rectifier.geometry, None, searched)
-    outside = rectifier.mask == 0
-    found = [match_two_ways(matcher, p.left_grey, p.right_grey) for p in pairs]
-    for disparity in found:
-        disparity[outside] = np.nan
-    return found
-
-
 def _matches(rectifier: Rectifier, spread: list[StereoFrame], searched: DisparityRange) -> F64:
     largest = searched.first_px + searched.count
     found = [np.empty((0, 4))]
@@ -125,12 +112,9 @@ def _matches(rectifier: Rectifier, spread: list[StereoFrame], searched: Disparit
     return np.concatenate(found)
 
 
-def _floor(rectifier: Rectifier, disparities: list[F32]) -> tuple[Floor | None, str]:
-    geometry = rectifier.geometry
-    to_depth = DepthFromDisparity(geometry)
-    step = POINT_STEP_PX
-    clouds = [back_project(to_depth(d), geometry)[::step, ::step].reshape(-1, 3) for d in disparities]
+def _floor(estimator: FloorEstimator, disparities: list[F32]) -> tuple[Floor | None, str]:
+    to_depth = DepthFromDisparity(estimator.rectifier.geometry)
     try:
-        return find_floor(clouds, focal_px=geometry.focal_u_px, baseline_m=geometry.baseline_m), ""
+        return estimator.floor(to_depth(d) for d in disparities), ""
     except WorkError as error:
         return None, str(error)

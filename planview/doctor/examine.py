@@ -14,6 +14,7 @@ from planview.doctor.exposure import light_checks
 from planview.doctor.people import people_checks
 from planview.doctor.scene import scene_checks
 from planview.doctor.timing import timing_checks
+from stereo.floor import FloorSearch
 from stereo.readers import open_recording
 
 
@@ -39,7 +40,12 @@ class Diagnosis:
 
 
 def examine(
-    path: Path, calibration: Path | None = None, *, frames: int = 60, person_height_m: float | None = None
+    path: Path,
+    calibration: Path | None = None,
+    *,
+    frames: int = 60,
+    person_height_m: float | None = None,
+    search: FloorSearch | None = None,
 ) -> Diagnosis:
     """Examine a recording.
 
@@ -49,6 +55,7 @@ def examine(
     Args:
         frames: consecutive frames to look at for movement, besides some spread over the recording.
         person_height_m: height of the people in it, when known: checks baseline and units.
+        search: how a run looks for the floor, with the defaults of a run when None.
     Raises:
         InputError: there is nothing at that path.
         WorkError: not one frame can be decoded.
@@ -59,7 +66,7 @@ def examine(
         recording = open_recording(path, calibration)
     except InputError as error:
         return Diagnosis((Check("calibration and layout", False, 0.0, note=str(error)),), None)
-    evidence = gather(recording, frames)
+    evidence = gather(recording, frames, search)
     checks = [
         Check("calibration and layout", True, 1.0, note=evidence.recording.rig.source),
         *timing_checks(evidence),

@@ -12,7 +12,7 @@ from calib.types import F32, F64
 from planview.doctor.check import Check, between
 from planview.doctor.evidence import Evidence
 from planview.foreground.blobs import find_blobs
-from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project
+from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project, median_image
 
 PLAUSIBLE_M = (0.4, 2.3)
 """Heights of moving things when no person's height is known: a pushed chair or box to a tall man in a hat."""
@@ -47,10 +47,7 @@ def person_heights(evidence: Evidence) -> F64:
     if evidence.floor is None:
         return np.empty(0)
     geometry = evidence.rectifier.geometry
-    stack = np.stack(evidence.disparities)
-    known = np.isfinite(stack).any(axis=0)
-    background = np.full(known.shape, np.nan, dtype=np.float32)
-    background[known] = np.nanmedian(stack[:, known], axis=0)
+    background = median_image(evidence.disparities)
     found = [_things(d, background, geometry, evidence.floor.world_SE3_left) for d in evidence.disparities]
     things: F64 = np.concatenate(found)
     if len(things) == 0:

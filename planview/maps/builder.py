@@ -221,10 +221,7 @@ def floor_in_view(geometry: RectifiedGeometry, world_SE3_left: SE3, params: MapP
     reach = _reach_m(geometry, params)
     u = np.linspace(0, geometry.width - 1, 17)
     v = np.linspace(0, geometry.height - 1, 17)
-    uu, vv = (a.ravel() for a in np.meshgrid(u, v))
-    rays = np.column_stack(
-        [(uu - geometry.cu_px) / geometry.focal_u_px, (vv - geometry.cv_px) / geometry.focal_v_px, np.ones(len(uu))]
-    )
+    rays = geometry.rays(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
     depths = np.linspace(0.2, reach, 60)
     points = world_SE3_left @ (rays[:, None, :] * depths[None, :, None])
     inside = (points[..., 2] >= 0.0) & (points[..., 2] <= params.height_max_m)

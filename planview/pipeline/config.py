@@ -19,6 +19,7 @@ from planview.pipeline.single_camera import SingleCameraParams
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.template import TemplateTrackerParams
+from stereo.floor import SETUP_FRAMES
 from stereo.matcher import RangeParams, SgbmParams
 from stereo.rectify import RectifyParams
 
@@ -29,7 +30,7 @@ class AnalysisParams(Params):
     width_px: int = Field(400, ge=80, le=8192)
     """Foreground and maps use every n-th row and column, n the smallest that brings the width down to this [px].
     Harville 2002, section 5, ran at 320x240; a head at 8 m is then still 5 px wide."""
-    setup_frames: int = Field(24, ge=3, le=500)
+    setup_frames: int = Field(SETUP_FRAMES, ge=3, le=500)
     """Frames, spread over the recording, in which floor and vertical residual are measured (our choice)."""
 
 

@@ -9,32 +9,27 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import WorkError
-from calib.floor.find import find_floor
 from calib.rig import Floor
-from calib.types import F32, F64
+from calib.types import F64
 from planview.pipeline.config import Config
-from stereo.depth import DepthFromDisparity, back_project
-from stereo.matcher import DisparityRange, SgbmMatcher, disparity_range
+from stereo.floor import FloorEstimator, FloorSearch, setup_frames
+from stereo.matcher import DisparityRange, disparity_range
 from stereo.recording import Recording, StereoFrame
 from stereo.rectify import Rectifier, aligned_rectifier
-from stereo.two_way import match_two_ways
 from stereo.vertical import VerticalFit, VerticalParams, match_corners
 
-FLOOR_STEP_PX = 3
-"""The floor is fitted to every n-th row and column of the setup frames."""
-VALID_LEAST = 0.03
-"""Smallest share of pixels with disparity in the median setup frame: a bare room still has more, unrelated images less
-(our choice)."""
 ORDER_FRAMES = 4
-ORDER_MATCHES = 40
-"""Setup frames, and fewest corners found in both images, by which left and right are told apart (our choice)."""
+"""Setup frames in which left and right are told apart (our choice)."""
+MIN_ORDER_MATCHES = 40
+"""Fewest corners matched in both images by which they are (our choice)."""
 ORDER_SEARCH = VerticalParams(search_px=24)
 """Rows are wide apart when the wrong calibration is taken to an image."""
-ORDER_LEAST = 0.5
+MIN_NEARER = 0.5
 """Smallest share of corners nearer than infinity: of swapped images nearly all are beyond (our choice)."""
-ROWS_MOST = 5.0
+MAX_ROW_OFFSET_PX = 5.0
 """Largest median row offset of the corners [px of 640]. It could be taken out, but a rig that is so far off its rows is
-as far off along them, where nobody sees it, and all depth is wrong (our choice; a worn factory calibration has 0.5)."""
+as far off along them, where it cannot be measured, and all depth is wrong (our choice; a worn factory calibration has
+0.5)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,16 +57,26 @@ def set_up(recording: Recording, config: Config) -> Setup:
     Raises:
         WorkError: no usable frame, left and right swapped, hardly any disparity, or no floor visible.
     """
-    frames = recording.sample(config.analysis.setup_frames)
-    if not frames:
-        raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used")
+    search = floor_search(config)
+    frames = setup_frames(recording, search.frames)
     refuse_foreign(recording.path, Rectifier(recording.rig, config.rectify), frames)
     rectifier, vertical = aligned_rectifier(recording.rig, frames, config.rectify)
     if recording.world_SE3_left is not None:
         floor, source = Floor(recording.world_SE3_left), "world.toml"
     else:
-        floor, source = floor_of(rectifier, frames, config), "found"
+        floor, source = FloorEstimator(rectifier, search)(frames), "found"
     return Setup(rectifier, floor, disparity_range(rectifier.geometry, config.range, floor), source, vertical)
+
+
+def floor_search(config: Config) -> FloorSearch:
+    """How a run with this configuration looks for its floor."""
+    return FloorSearch(
+        frames=config.analysis.setup_frames,
+        rectify=config.rectify,
+        range=config.range,
+        sgbm=config.sgbm,
+        floor=config.floor,
+    )
 
 
 def refuse_foreign(path: Path, rectifier: Rectifier, frames: Sequence[StereoFrame]) -> None:
@@ -83,16 +88,16 @@ def refuse_foreign(path: Path, rectifier: Rectifier, frames: Sequence[StereoFram
         WorkError: left and right are swapped, or the calibration is another rig's.
     """
     matches = _corners(rectifier, frames)
-    if len(matches) < ORDER_MATCHES:
+    if len(matches) < MIN_ORDER_MATCHES:
         return
     beyond = float(np.mean(matches[:, 0] - matches[:, 2] <= -0.5))
-    if beyond > 1.0 - ORDER_LEAST:
+    if beyond > 1.0 - MIN_NEARER:
         raise WorkError(
             f"{path}: expected the left camera's images left and the right one's right, found {beyond:.0%} of "
             "the matched corners beyond infinity: left and right are swapped, or the calibration is wrong"
         )
     rows = float(np.median(np.abs(matches[:, 3]))) * 640.0 / rectifier.geometry.width
-    if rows > ROWS_MOST:
+    if rows > MAX_ROW_OFFSET_PX:
         raise WorkError(
             f"{path}: expected matched corners on the same row, found them {rows:.1f} px of 640 off: "
             "left and right are swapped, or the calibration is another rig's (planview doctor tells)"
@@ -107,31 +112,3 @@ def _corners(rectifier: Rectifier, frames: Sequence[StereoFrame]) -> F64:
         pair = rectifier(frame.left, frame.right)
         found.append(match_corners(pair.left_grey, pair.right_grey, largest, ORDER_SEARCH, -largest))
     return np.concatenate(found)
-
-
-def floor_of(rectifier: Rectifier, frames: Sequence[StereoFrame], config: Config) -> Floor:
-    """The floor in some frames (see ``calib.floor.find.find_floor``).
-
-    Raises:
-        WorkError: hardly any disparity is valid, or no floor is visible.
-    """
-    geometry = rectifier.geometry
-    searched = disparity_range(geometry, config.range)
-    matcher = SgbmMatcher(geometry, config.sgbm, searched, rectifier.mask, rectifier.right_mask)
-    to_depth = DepthFromDisparity(geometry)
-    clouds: list[F32] = []
-    for frame in frames:
-        pair = rectifier(frame.left, frame.right)
-        points = back_project(to_depth(match_two_ways(matcher, pair.left_grey, pair.right_grey)), geometry)
-        clouds.append(points[::FLOOR_STEP_PX, ::FLOOR_STEP_PX].reshape(-1, 3))
-    _refuse_blind(clouds)
-    return find_floor(clouds, focal_px=geometry.focal_u_px, baseline_m=geometry.baseline_m, params=config.floor)
-
-
-def _refuse_blind(clouds: list[F32]) -> None:
-    valid = float(np.median([np.isfinite(cloud[:, 2]).mean() for cloud in clouds])) if clouds else 0.0
-    if valid < VALID_LEAST:
-        raise WorkError(
-            f"expected disparity in at least {VALID_LEAST:.0%} of the pixels, found {valid:.1%}: left and right are "
-            "swapped, the calibration belongs to another rig, or the images show no texture (planview doctor tells)"
-        )

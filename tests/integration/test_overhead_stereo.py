@@ -51,8 +51,8 @@ def walkers(shared_data: Path) -> list[Walker]:
 
 def head_column(pipeline: Pipeline, track: TrackState) -> float:
     geometry, pose = pipeline.setup.rectifier.geometry, pipeline.setup.floor.world_SE3_left
-    x, _, z = pose.inverse() @ np.array([track.x_m, track.y_m, track.height_m])
-    return float((geometry.cu_px + geometry.focal_u_px * x / z) / geometry.width)
+    u, _ = geometry.project(pose.inverse() @ np.array([track.x_m, track.y_m, track.height_m]))
+    return float(u / geometry.width)
 
 
 def lasting(walkers: list[Walker]) -> list[Walker]:

@@ -8,11 +8,8 @@ from calib.errors import InputError
 from calib.types import U8
 from planview.calibration.browser.session import CalibrationSession
 from planview.calibration.floor import view_floor
-from planview.pipeline.config import load_config
+from stereo.floor import FloorSearch
 from stereo.readers.opening import open_recording, open_video
-
-STEREO_FRAMES = 12
-"""Frames that the depth under the floor points is taken from."""
 
 
 def open_session(path: Path, calibration: Path | None = None, n_frames: int = 40) -> CalibrationSession:
@@ -24,7 +21,7 @@ def open_session(path: Path, calibration: Path | None = None, n_frames: int = 40
     """
     if path.is_dir() and (calibration is not None or _is_stereo(path)):
         recording = open_recording(path, calibration)
-        view = view_floor(recording, load_config(None, ()), STEREO_FRAMES)
+        view = view_floor(recording, FloorSearch())
         return CalibrationSession(str(path), [view.image], [0], view)
     video = open_video(path)
     step = max(1, video.n_frames // n_frames)

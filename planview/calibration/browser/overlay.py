@@ -6,8 +6,8 @@ import numpy as np
 
 from calib.types import F64
 from planview.calibration.browser.session import CalibrationSession
-from planview.calibration.floor import WorldProjector
 from planview.calibration.pictures import crowd, grid_lines
+from stereo.floor_camera import StereoFloorCamera
 
 GIVEN, COMPUTED, CROWD, GRID, FLOOR = "#0a84ff", "#ff2fd0", "#b06cff", "#4cd964", "#ffcc00"
 
@@ -20,8 +20,8 @@ def overlay(session: CalibrationSession) -> str:
 def _grid(session: CalibrationSession) -> str:
     if session.floor is not None and session.view is not None:
         reach = 2.0 * session.floor.height_m + 2.0
-        project = WorldProjector(session.view.geometry, session.floor)
-        lines = grid_lines(project, (-reach, -reach, reach, 2 * reach), session.size)
+        stereo = StereoFloorCamera(session.view.geometry, session.floor.world_SE3_left)
+        lines = grid_lines(stereo.project, (-reach, -reach, reach, 2 * reach), session.size)
     elif session.found is not None:
         camera = session.found.camera
         feet = camera.back_project(np.array([s.foot_px for s in session.samples]))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from stereo.depth import DepthFromDisparity, DepthParams, RectifiedGeometry, back_project
+from stereo.depth import DepthFromDisparity, DepthParams, RectifiedGeometry, back_project, median_image
 
 GEOMETRY = RectifiedGeometry(4, 3, 400.0, 400.0, 1.5, 1.0, 0.1, disparity_std_px=0.25)
 
@@ -36,3 +36,23 @@ def test_back_projection_puts_the_principal_point_on_the_axis() -> None:
     assert np.isnan(points[0, 0]).all()
     np.testing.assert_allclose(points[1, 2], [0.5 * 2 / 400, 0.0, 2.0], atol=1e-7)
     np.testing.assert_allclose(points[2, 3], [1.5 * 2 / 400, 1.0 * 2 / 400, 2.0], atol=1e-7)
+
+
+def test_ray_through_a_pixel_is_at_unit_depth() -> None:
+    # 40 px right of and 20 px below the principal point (1.5, 1) at a focal length of 400 px.
+    np.testing.assert_allclose(GEOMETRY.rays([[41.5, 21.0]]), [[0.1, 0.05, 1.0]])
+
+
+def test_projection_inverts_rays_at_any_depth() -> None:
+    pixels = np.array([[[0.0, 0.0], [3.0, 2.0]]])
+    np.testing.assert_allclose(GEOMETRY.project(2.5 * GEOMETRY.rays(pixels)), pixels)
+
+
+def test_point_behind_the_camera_has_no_pixel() -> None:
+    assert np.isnan(GEOMETRY.project([0.0, 0.0, -1.0])).all()
+
+
+def test_median_image_leaves_out_who_walks_through_and_what_is_never_valid() -> None:
+    frames = [np.array([[4.0, np.nan]], np.float32), np.array([[1.0, np.nan]], np.float32)]
+    frames.append(np.array([[4.0, np.nan]], np.float32))
+    np.testing.assert_array_equal(median_image(frames), [[4.0, np.nan]])

@@ -1,0 +1,104 @@
+"""The floor of a stereo recording: the one estimate behind runs, their examination, calibration and benches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from pydantic import Field
+
+from calib.errors import WorkError
+from calib.floor.find import FloorParams, find_floor
+from calib.params import Params
+from calib.rig import Floor
+from calib.types import F32
+from stereo.depth import DepthFromDisparity, back_project
+from stereo.matcher import RangeParams, SgbmParams, disparity_range
+from stereo.recording import Recording, StereoFrame
+from stereo.rectify import RectifiedPair, Rectifier, RectifyParams
+from stereo.two_way import TwoWayMatcher
+
+SETUP_FRAMES = 24
+"""Frames, spread over a recording, in which floor and row offset are measured (our choice)."""
+STEP_PX = 3
+"""The floor is fitted to every n-th row and column."""
+MIN_VALID = 0.03
+"""Smallest share of pixels with disparity in the median frame: a bare room still has more, unrelated images less
+(our choice)."""
+
+
+class FloorSearch(Params):
+    """How the floor of a recording is looked for; the defaults are those of a run."""
+
+    frames: int = Field(SETUP_FRAMES, ge=1, le=1000)
+    """Frames to look at, spread over the recording."""
+    rectify: RectifyParams = RectifyParams()
+    range: RangeParams = RangeParams()
+    sgbm: SgbmParams = SgbmParams()
+    floor: FloorParams = FloorParams()
+
+
+class FloorEstimator:
+    """The floor in rectified pairs of one rig (see ``calib.floor.find.find_floor``).
+
+    Attributes:
+        rectifier: of the rig, the row offset taken out.
+        disparities: range searched, from infinity to ``range.nearest_m``.
+    """
+
+    def __init__(self, rectifier: Rectifier, search: FloorSearch | None = None) -> None:
+        self.rectifier = rectifier
+        self._search = search or FloorSearch()
+        geometry = rectifier.geometry
+        self.disparities = disparity_range(geometry, self._search.range)
+        masks = rectifier.mask, rectifier.right_mask
+        self._match = TwoWayMatcher(geometry, self._search.sgbm, self.disparities, *masks)
+        self._to_depth = DepthFromDisparity(geometry)
+
+    def disparity(self, pair: RectifiedPair) -> F32:
+        """(H, W) float32 disparity [px] of a pair, without the matcher's lag; NaN where unknown."""
+        return self._match(pair.left_grey, pair.right_grey)
+
+    def depth(self, pair: RectifiedPair) -> F32:
+        """(H, W) float32 depth [m] of a pair; NaN where unknown."""
+        return self._to_depth(self.disparity(pair))
+
+    def floor(self, depths: Iterable[F32]) -> Floor:
+        """The floor common to some frames.
+
+        Args:
+            depths: (H, W) float32 [m] of each, as from ``depth``.
+        Raises:
+            WorkError: hardly any disparity is valid, or no floor is visible.
+        """
+        geometry = self.rectifier.geometry
+        clouds = [back_project(d, geometry)[::STEP_PX, ::STEP_PX].reshape(-1, 3) for d in depths]
+        _refuse_blind(clouds)
+        return find_floor(
+            clouds, focal_px=geometry.focal_u_px, baseline_m=geometry.baseline_m, params=self._search.floor
+        )
+
+    def __call__(self, frames: Iterable[StereoFrame]) -> Floor:
+        """The floor common to some frames as recorded (same errors as ``floor``)."""
+        return self.floor(self.depth(self.rectifier(frame.left, frame.right)) for frame in frames)
+
+
+def setup_frames(recording: Recording, count: int = SETUP_FRAMES) -> list[StereoFrame]:
+    """Usable frames spread over a recording.
+
+    Raises:
+        WorkError: there is none.
+    """
+    frames = recording.sample(count)
+    if not frames:
+        raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used")
+    return frames
+
+
+def _refuse_blind(clouds: list[F32]) -> None:
+    valid = float(np.median([np.isfinite(cloud[:, 2]).mean() for cloud in clouds])) if clouds else 0.0
+    if valid < MIN_VALID:
+        raise WorkError(
+            f"expected disparity in at least {MIN_VALID:.0%} of the pixels, found {valid:.1%}: left and right are "
+            "swapped, the calibration belongs to another rig, or the images show no texture (planview doctor tells)"
+        )

@@ -1,0 +1,120 @@
+"""One floor for ``run``, ``doctor`` and ``calibrate floor``, which writes it only where told."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from toy_run import FEW, Pair, Say, one_sentence
+from toy_stereo import toy_rig, write_toy_recording
+
+from calib.floor.world_file import load_world
+from planview.cli import main
+from planview.doctor.examine import examine
+from planview.pipeline.config import load_config
+from planview.pipeline.setup import floor_search, set_up
+from stereo.readers.opening import open_recording
+
+KEYS = {"height_m", "tilt_deg", "roll_deg", "inlier_fraction"}
+HEIGHT_M = 2.5
+"""Of the toy camera."""
+
+
+@pytest.fixture(scope="module")
+def small(pairs: list[Pair], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_toy_recording(tmp_path_factory.mktemp("floor") / "recording", toy_rig(), pairs[::9])
+
+
+@pytest.fixture
+def own(small: Path, tmp_path: Path) -> Path:
+    """A copy that may be written into."""
+    return Path(shutil.copytree(small, tmp_path / "own"))
+
+
+def floor_json(capsys: pytest.CaptureFixture[str], *words: object) -> dict[str, Any]:
+    """What ``calibrate floor --json`` prints."""
+    with pytest.raises(SystemExit) as left:
+        main(["calibrate", "floor", *map(str, words), "--json"])
+    assert not left.value.code
+    return dict(json.loads(capsys.readouterr().out))
+
+
+def files(folder: Path) -> set[str]:
+    return {str(p.relative_to(folder)) for p in folder.rglob("*")}
+
+
+def test_doctor_and_calibration_find_the_floor_of_a_run(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    of_run = set_up(open_recording(small), load_config()).floor
+    evidence = examine(small, frames=4).evidence
+    assert evidence is not None and evidence.floor is not None
+    assert evidence.floor.world_SE3_left.matrix.tolist() == of_run.world_SE3_left.matrix.tolist()
+    printed = floor_json(capsys, small)
+    assert printed["height_m"] == of_run.height_m
+    assert printed["inlier_fraction"] == of_run.inlier_fraction
+
+
+def test_configured_search_is_that_of_the_run() -> None:
+    config = load_config(None, [FEW, "sgbm.block_px=7", "floor.max_height_m=5", "range.nearest_m=1"])
+    search = floor_search(config)
+    assert (search.frames, search.sgbm, search.floor, search.range) == (4, config.sgbm, config.floor, config.range)
+
+
+def test_nothing_is_written_without_a_place_to_write_to(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = files(small)
+    found = floor_json(capsys, small, "--frames", 2)
+    assert found.keys() >= KEYS
+    assert found["height_m"] == pytest.approx(HEIGHT_M, abs=0.05)
+    assert found["world"] is None
+    assert files(small) == before
+
+
+def test_floor_that_is_only_printed_says_how_to_keep_it(say: Say, small: Path) -> None:
+    status, told = say("calibrate", "floor", small, "--frames", 2)
+    assert status == 0
+    assert "--save keeps this floor" in " ".join(told.split())
+
+
+def test_out_writes_the_floor_and_its_picture_there(say: Say, small: Path, tmp_path: Path) -> None:
+    before = files(small)
+    status, told = say("calibrate", "floor", small, "--frames", 2, "--out", tmp_path / "new" / "world.toml")
+    assert status == 0, told
+    assert load_world(tmp_path / "new" / "world.toml").height_m == pytest.approx(HEIGHT_M, abs=0.05)
+    assert files(tmp_path / "new") == {"world.toml", "world.png"}
+    assert files(small) == before
+
+
+def test_save_gives_the_recording_a_floor_that_runs_take(say: Say, own: Path) -> None:
+    status, told = say("calibrate", "floor", own, "--frames", 2, "--save")
+    assert status == 0, told
+    assert set_up(open_recording(own), load_config()).floor_source == "world.toml"
+
+
+def test_points_in_metres_give_their_plane(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--points", "1,2,3", "2,2,3", "1,2,5", "--frames", "1"]
+    found = floor_json(capsys, small, *words)
+    assert (found["height_m"], found["tilt_deg"], found["roll_deg"]) == pytest.approx((2.0, 90.0, 0.0), abs=1e-6)
+    assert found["inlier_fraction"] is None
+
+
+def test_points_in_pixels_lie_on_the_floor_by_their_depth(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--points", "80,200", "240,200", "160,160", "--frames", "2"]
+    assert floor_json(capsys, small, *words)["height_m"] == pytest.approx(HEIGHT_M, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--frames", "0"], "--frames: expected 1 to 1000, found 0"),
+        (["--points", "1,2", "3,4"], "--points: expected three or more, found 2"),
+        (["--points", "1,2", "3,4", "5,6", "--tracks", "t.csv"], "expected either --points or --tracks, found both"),
+        (["--out", "w.toml", "--save"], "expected either --out or --save, found both"),
+        (["--points", "10,10", "900,10", "50,90", "--frames", "1"], "expected pixels inside 320x240"),
+        (["--tracks", "none.csv", "--frames", "1"], "none.csv"),
+        (["--picture", "floor.txt", "--frames", "1"], "floor.txt: expected a picture's name"),
+    ],
+)
+def test_bad_input_is_refused_in_one_sentence(say: Say, small: Path, words: list[str], sentence: str) -> None:
+    status, told = say("calibrate", "floor", small, *words)
+    assert status == 2
+    assert sentence in one_sentence(told)
