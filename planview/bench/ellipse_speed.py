@@ -10,7 +10,7 @@ import numpy as np
 from calib.types import U8
 from planview.bench.beside_mog2 import PaintedVideo, beside_mog2
 from planview.pipeline.pipeline import SingleCameraPipeline
-from planview.tracking.ellipse_particle import EllipseParticleTracker
+from planview.tracking.ellipse_particle import image_ellipse_tracker
 
 SIZE = (480, 360)
 """Width and height of the frames [px] (our choice: between a QVGA and a VGA camera)."""
@@ -29,7 +29,7 @@ def ellipse_to_mog2(n_frames: int = 200) -> tuple[float, dict[str, float]]:
         n_frames: medians over so many frames.
     """
     video = PaintedVideo(painted_clip, SETTLED + n_frames, SIZE, FPS)
-    return beside_mog2(SingleCameraPipeline(video, EllipseParticleTracker()), SETTLED, "ellipse_particle")
+    return beside_mog2(SingleCameraPipeline(video, image_ellipse_tracker()), SETTLED, "ellipse_particle")
 
 
 def painted_clip(n_frames: int) -> Iterator[U8]:

@@ -11,7 +11,7 @@ from planview.pipeline.config import Config
 from planview.pipeline.engine import Engine
 from planview.pipeline.pipeline import Pipeline, SingleCameraPipeline
 from planview.tracking.base import ImageTracker, Tracker
-from planview.tracking.ellipse_particle.tracker import EllipseParticleTracker
+from planview.tracking.ellipse_particle import floor_ellipse_tracker, image_ellipse_tracker
 from planview.tracking.human_model.tracker import HumanModelTracker
 from planview.tracking.template import TemplateTracker
 from stereo.readers import open_video
@@ -57,7 +57,7 @@ def floor_tracker(tracker: FloorTrackerName, config: Config) -> Tracker:
     """A tracker of plan-view maps with its parameters."""
     if tracker == "template":
         return TemplateTracker(config.template, config.maps.height_max_m)
-    return EllipseParticleTracker(config.ellipse_particle.model_copy(update={"plane": "floor", "seed": config.seed}))
+    return floor_ellipse_tracker(config.ellipse_particle, config.seed)
 
 
 def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamera | None) -> ImageTracker:
@@ -67,8 +67,7 @@ def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamer
         InputError: the human-model tracker without a camera.
     """
     if tracker == "ellipse-particle":
-        params = config.ellipse_particle.model_copy(update={"plane": "image", "seed": config.seed})
-        return EllipseParticleTracker(params, camera)
+        return image_ellipse_tracker(config.ellipse_particle, camera, config.seed)
     if camera is None:
         raise InputError("--camera: the human-model tracker needs a camera.toml (see planview calibrate human)")
     return HumanModelTracker(config.human_model, camera)

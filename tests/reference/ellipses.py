@@ -130,7 +130,7 @@ def cover(score: F32, half_length: F64, aspect: float, stride: int, accept: floa
 
 def em_step(points: F64, ellipses: F64, law: tuple[float, float, float, float], strength: float, outlier: float) -> F64:
     """One step of expectation-maximisation with upright priors; returns the new ellipses."""
-    half0, half1, least, aspect = law
+    half_0, slope, half_min, aspect = law
     d = points[:, None, :2] - ellipses[None, :, :2]
     s, c = np.sin(ellipses[:, 4]), np.cos(ellipses[:, 4])
     u = (d[..., 0] * s + d[..., 1] * c) / ellipses[:, 2]
@@ -146,7 +146,7 @@ def em_step(points: F64, ellipses: F64, law: tuple[float, float, float, float], 
         centre = (weight[:, k : k + 1] * points[:, :2]).sum(axis=0) / mass
         e = points[:, :2] - centre
         scatter = (weight[:, k, None, None] * e[:, :, None] * e[:, None, :]).sum(axis=0)
-        a0 = max(least, half0 + half1 * centre[1])
+        a0 = max(half_min, half_0 + slope * centre[1])
         prior = strength * np.pi * a0 * a0 * aspect
         cov = (4 * scatter + prior * np.diag([(a0 * aspect) ** 2, a0**2])) / (mass + prior)
         values, vectors = np.linalg.eigh(cov)
@@ -206,11 +206,11 @@ def refine(
     background: float, soft: float, sweeps: int,
 ) -> F64:  # fmt: skip
     """Levenberg-Marquardt on one ellipse at a time with Gaussian priors of size and angle."""
-    half0, half1, least, aspect = law
+    half_0, slope, half_min, aspect = law
     out, damping, precision = ellipses.copy(), np.full(len(ellipses), 0.01), spread[3] ** -2
 
     def expected(e: F64) -> F64:
-        a0 = max(least, half0 + half1 * e[1])
+        a0 = max(half_min, half_0 + slope * e[1])
         return np.array([a0, a0 * aspect])
 
     def posterior(e: F64, others: F64, box: tuple[slice, slice]) -> tuple[float, F64, F64]:

@@ -1,32 +1,47 @@
 """Compiled kernels of the particle filter; ``tests/reference/particles.py`` and ``ellipses.py`` define them."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from calib.types import F32, F64, I64
-from planview.tracking.ellipse_particle.fit._area import between, conic
+from planview.tracking.ellipse_particle.fit._area import between, conic, half_length
+from planview.tracking.ellipse_particle.fit.prior import SizeLaw
+
+X, Y, VX, VY, LN_A, LN_B, ANGLE = range(7)
+"""Columns of an object's state: position and velocity in cells (per second), logarithms of half length and half width
+over the size prior's, angle of the length axis [rad]."""
+COVERED, OUTSIDE = range(2)
+"""Columns of what ``union_overlap`` gives per particle."""
+
+
+class Transition(NamedTuple):
+    """One step of the motion model.
+
+    Attributes:
+        dt: time [s].
+        pull, push: (N,) deviations of position and velocity [cells, cells/s].
+        keep: share of the old ellipse parameters.
+        fresh: (3,) deviations of what is new in ``LN_A``, ``LN_B``, ``ANGLE``.
+    """
+
+    dt: float
+    pull: F64
+    push: F64
+    keep: float
+    fresh: F64
 
 
 @njit(cache=True, nogil=True)
-def union_overlap(
-    particles: F64,
-    members: I64,
-    measured: F64,
-    allowed: F64,
-    half0: float,
-    half1: float,
-    least: float,
-    aspect: float,
-    out: F64,
-) -> None:
+def union_overlap(particles: F64, members: I64, measured: F64, allowed: F64, law: SizeLaw, out: F64) -> None:
     """Area of the union of the members' ellipses in each particle, inside the measured and outside the allowed cells.
 
-    particles: (P, N, 7) x, y, vx, vy, ln length ratio, ln width ratio, angle; members: (K,) columns of N;
+    particles: (P, N, 7), columns ``X`` to ``ANGLE``; members: (K,) columns of N;
     measured, allowed: (R, C + 1) row sums (``row_prefix``) of the cells to be covered, and of those that may be;
-    max(least, half0 + half1 * y): half length expected in row y; aspect: width / length.
-    out: (P, 2) covered measured area, object area in the grid outside the allowed cells.
+    law: size expected per row.
+    out: (P, 2), columns ``COVERED`` (measured area covered), ``OUTSIDE`` (object area in the grid that is not allowed).
     """
     k_all = members.shape[0]
     forms = np.empty((k_all, 5))
@@ -36,13 +51,13 @@ def union_overlap(
     # of the likelihood's deviation.
     smallest = float(measured.shape[0])
     for k in range(k_all):
-        smallest = min(smallest, max(least, half0 + half1 * particles[0, members[k], 1]))
+        smallest = min(smallest, half_length(law, particles[0, members[k], Y]))
     step = max(1, int(smallest / 6.0))
     for p in range(particles.shape[0]):
         first = measured.shape[0]
         last = -1
         for k in range(k_all):
-            shape_of(particles, p, members[k], half0, half1, least, aspect, measured.shape[0], forms[k], limits[k])
+            shape_of(particles[p, members[k]], law, measured.shape[0], forms[k], limits[k])
             first = min(first, limits[k, 0])
             last = max(last, limits[k, 1])
         covered = 0.0
@@ -52,25 +67,25 @@ def union_overlap(
             inside, beyond = row_union(measured, allowed, r, spans, count)
             covered += inside
             outside += beyond
-        out[p, 0] = covered * step
-        out[p, 1] = outside * step
+        out[p, COVERED] = covered * step
+        out[p, OUTSIDE] = outside * step
 
 
 @njit(cache=True, nogil=True, inline="always")
-def shape_of(particles, p, n, half0, half1, least, aspect, n_rows, form, limit):  # type: ignore[no-untyped-def]
-    """The ellipse of object n in particle p.
+def shape_of(state, law, n_rows, form, limit):  # type: ignore[no-untyped-def]
+    """The ellipse of an object in a particle.
 
     form: x, y, lean, wide, thin; in the row dy below y it covers x + lean dy +- sqrt(wide - thin dy^2).
     limit: its first and last row in the grid.
     """
-    y = particles[p, n, 1]
-    base = max(least, half0 + half1 * y)
-    a = base * math.exp(particles[p, n, 4])
-    b = base * aspect * math.exp(particles[p, n, 5])
-    qxx, qxy, _ = conic(a, b, particles[p, n, 6])
+    y = state[Y]
+    base = half_length(law, y)
+    a = base * math.exp(state[LN_A])
+    b = base * law.aspect * math.exp(state[LN_B])
+    qxx, qxy, _ = conic(a, b, state[ANGLE])
     wide = 1.0 / qxx
     thin = wide * wide / (a * a * b * b)
-    form[0] = particles[p, n, 0]
+    form[0] = state[X]
     form[1] = y
     form[2] = -qxy * wide
     form[3] = wide
@@ -123,28 +138,26 @@ def row_union(measured, allowed, r, spans, count):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True, nogil=True)
-def propagate(
-    particles: F64, noise: F32, dt: float, pull: F64, push: F64, keep: float, fresh: F64, surprise: F64
-) -> None:
+def propagate(particles: F64, noise: F32, transition: Transition, surprise: F64) -> None:
     """Constant velocity with Gaussian noise for all particles, in place (equation 6).
 
-    particles: (P, N, 7); noise: (P, N, 7) standard normal; pull, push: (N,) deviations of position and velocity;
-    keep, fresh: (3,) share of the old ellipse parameters, deviation of the new part;
+    particles: (P, N, 7); noise: (P, N, 7) standard normal;
     surprise: (P, N) receives half the squared noise, minus the logarithm of the transition density.
     """
+    dt, pull, push, keep, fresh = transition
     for p in range(particles.shape[0]):
         for n in range(particles.shape[1]):
             state = particles[p, n]
             draw = noise[p, n]
-            state[0] += state[2] * dt + pull[n] * draw[0]
-            state[1] += state[3] * dt + pull[n] * draw[1]
-            state[2] += push[n] * draw[2]
-            state[3] += push[n] * draw[3]
+            state[X] += state[VX] * dt + pull[n] * draw[X]
+            state[Y] += state[VY] * dt + pull[n] * draw[Y]
+            state[VX] += push[n] * draw[VX]
+            state[VY] += push[n] * draw[VY]
             total = 0.0
-            for i in range(4):
+            for i in range(LN_A):
                 total += draw[i] * draw[i]
-            for i in range(4, 7):
-                state[i] = keep * state[i] + fresh[i - 4] * draw[i]
+            for i in range(LN_A, ANGLE + 1):
+                state[i] = keep * state[i] + fresh[i - LN_A] * draw[i]
                 total += draw[i] * draw[i]
             surprise[p, n] = 0.5 * total
 
@@ -158,5 +171,5 @@ def copy_particles(particles: F64, surprise: F64, members: I64, index: I64) -> N
         for k in range(members.shape[0]):
             n = members[k]
             surprise[p, n] = costs[index[p], k]
-            for i in range(7):
+            for i in range(ANGLE + 1):
                 particles[p, n, i] = states[index[p], k, i]

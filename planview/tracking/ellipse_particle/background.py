@@ -8,12 +8,17 @@ import cv2
 import numpy as np
 
 from calib.types import F32, U8
-from planview.tracking.ellipse_particle.params import DetectionParams
+from planview.tracking.ellipse_particle.params import ImagePlaneParams
 
 NOISE = 3.0
 """Deviation of the noise of cameras and codecs in an 8-bit picture [grey levels]: 2 to 4."""
 NOISES = 8
 """Pictures of noise, taken in turn."""
+VARIANCE_GATE = 16.0
+"""Squared deviations within which a pixel is background (OpenCV's default)."""
+SUBTRACTION = 2
+"""The mixture looks at the image reduced by the smallest whole factor that brings it down to so many pixels per cell;
+its foreground is averaged over cells anyway, and averaged pixels are less noisy. Our choice."""
 SHADOW = 127
 """OpenCV's label of a shadow."""
 UNSURE = 0.4 / 1.4
@@ -27,13 +32,13 @@ FOREGROUND[[SHADOW, 255]] = round(255 * UNSURE), 255
 class Background:
     """Mixture of Gaussians per pixel with shadow removal (the paper's reference [10], off the shelf).
 
-    The mixture absorbs whoever stands still. So the pixels of people (``protect``) are replaced by what was seen there
-    without them, with noise, before the mixture learns (without noise its variances would shrink, and the true
+    The mixture absorbs people who stand still. So the pixels of people (``protect``) are replaced by the last
+    background there, with noise, before the mixture learns (without noise its variances would shrink, and the true
     background would be foreground when they leave); it looks at the real image without learning. That takes a second
-    pass, which is skipped in every other frame once the mixture is settled, and while nobody is there to protect.
+    pass, which is skipped in every other frame once the mixture is settled, and while no person is there to protect.
     """
 
-    def __init__(self, params: DetectionParams) -> None:
+    def __init__(self, params: ImagePlaneParams) -> None:
         self._params = params
         self._frames = 0
         self._mixture: cv2.BackgroundSubtractorMOG2 | None = None
@@ -54,7 +59,7 @@ class Background:
         Returns:
             (h, w) uint8 of the reduced size, 255 where foreground, 73 where shadow or dark clothes.
         """
-        factor = -(-image.shape[1] // self._params.subtraction_columns)
+        factor = -(-image.shape[1] // (SUBTRACTION * self._params.columns))
         if factor > 1:
             size = (max(1, image.shape[1] // factor), max(1, image.shape[0] // factor))
             image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
@@ -66,7 +71,7 @@ class Background:
             noise = np.random.default_rng(0).normal(0.0, NOISE, (NOISES, *image.shape))
             self._noise = np.round(noise).astype(np.int16)
             self._mixture = cv2.createBackgroundSubtractorMOG2(
-                history=self._params.history, varThreshold=self._params.variance_gate, detectShadows=True
+                history=self._params.history, varThreshold=VARIANCE_GATE, detectShadows=True
             )
         self._frames += 1
         # As OpenCV's own automatic rate: an average of all frames first, exponential forgetting later.
@@ -91,6 +96,6 @@ class Background:
         self._mixture.apply(scene, learningRate=rate)
 
     def _remember(self, image: U8, labels: U8, free: U8) -> None:
-        """Keep the last background seen at each pixel that nobody covers."""
+        """Keep the last background of each pixel that no person covers."""
         _, background = cv2.threshold(labels, 0, 255, cv2.THRESH_BINARY_INV)
         cv2.copyTo(image, cv2.bitwise_and(background, free), self._empty)

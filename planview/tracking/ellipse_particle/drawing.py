@@ -1,4 +1,4 @@
-"""Shapes that explain the last update."""
+"""Shapes of the last update, for the debug views."""
 
 from __future__ import annotations
 
@@ -8,19 +8,21 @@ import numpy as np
 
 from calib.types import F32, F64
 from planview.tracking.base import Drawing, TrackerDebug
-from planview.tracking.ellipse_particle.fit.ellipses import SizePrior
-from planview.tracking.ellipse_particle.particles import ellipses_of
 from planview.tracking.ellipse_particle.planes import PlaneView
 
 PARTICLES_SHOWN = 60
 
 
 def draw(
-    plane: Literal["image", "floor"], view: PlaneView, prior: SizePrior, measured: F64, states: F64,
-    ids: list[int], particles: F64,
-) -> TrackerDebug:  # fmt: skip
-    """Measured ellipses, object ellipses with ids, a sample of the particles' positions, the foreground grid."""
-    objects = ellipses_of(states, prior)
+    plane: Literal["image", "floor"], view: PlaneView, measured: F64, objects: F64, particles: F64, ids: list[int]
+) -> TrackerDebug:
+    """Measured ellipses, object ellipses with ids, a sample of the particles' positions, the foreground grid.
+
+    Args:
+        measured, objects: (M, 5), (N, 5) ellipses [cells].
+        particles: (P, N, 7) states.
+        ids: N of them.
+    """
     shown = particles[:: max(1, len(particles) // PARTICLES_SHOWN), :, :2].reshape(-1, 2)
     points = view.to_plane(shown).astype(np.float32)
     return TrackerDebug(

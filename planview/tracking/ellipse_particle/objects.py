@@ -1,4 +1,4 @@
-"""The objects that are followed: particles, states and lives, kept in step."""
+"""The objects that are tracked: particles, states and existence, kept in step."""
 
 from __future__ import annotations
 
@@ -7,43 +7,61 @@ import math
 import numpy as np
 
 from calib.types import F64, I64, Bool
-from planview.tracking.base import Decision, DecisionKind
-from planview.tracking.ellipse_particle.explain import measured_shares
-from planview.tracking.ellipse_particle.fit.ellipses import SizePrior
+from planview.tracking.ellipse_particle._kernels import VX, VY, X, Y
+from planview.tracking.ellipse_particle.coverage import measured_shares
+from planview.tracking.ellipse_particle.existence import Evidence, departure, spawn_log_odds
+from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
 from planview.tracking.ellipse_particle.groups import group, overlaps
-from planview.tracking.ellipse_particle.life import Life, birth, gone
-from planview.tracking.ellipse_particle.params import FilterParams, LifeParams
-from planview.tracking.ellipse_particle.particles import VX, VY, ParticleFilter, ellipses_of, normalised, union_prefix
+from planview.tracking.ellipse_particle.params import ExistenceParams, ParticleFilterParams
+from planview.tracking.ellipse_particle.particles import ParticleFilter, ellipses_of, normalised, union_prefix
+from planview.tracking.lifecycle import LifeCycle
+
+OUTSIDE = 0.4
+"""An object whose centre is so many half lengths or widths beyond the grid has but a quarter of its area inside."""
+REACH_SIGMAS = 1.5
+"""Measurements within so many deviations of an object's predicted outline may be its own. Our choice."""
 
 
 class Objects:
     """Everything known of the objects, and what is done to all of it at once.
 
     Args:
-        filter_params, life_params: of the particles; of births and deaths.
+        filter_params, params: of the particles; of existence.
+        plane: what the plane says about ellipses.
         rng: the tracker's only random generator.
 
     Attributes:
-        lives: one per object, in order of birth.
+        cycle: ids, states and the log of decisions.
+        evidence: one per object, in order of ids.
         states: (N, 7) float64 estimates, as in ``ParticleFilter.particles``.
-        decisions: what happened in this frame.
     """
 
-    def __init__(self, filter_params: FilterParams, life_params: LifeParams, rng: np.random.Generator) -> None:
-        self._filter_params, self._params = filter_params, life_params
-        self._filter = ParticleFilter(filter_params, rng)
-        self._next_id = 1
-        self.lives: list[Life] = []
+    def __init__(
+        self, filter_params: ParticleFilterParams, params: ExistenceParams, plane: PlaneModel, rng: np.random.Generator
+    ) -> None:
+        self._filter_params, self._params = filter_params, params
+        self._filter = ParticleFilter(filter_params, plane, rng)
+        self.cycle = LifeCycle()
+        self.evidence: list[Evidence] = []
         self.states: F64 = np.zeros((0, 7))
-        self.decisions: list[Decision] = []
 
     def __len__(self) -> int:
-        return len(self.lives)
+        return len(self.evidence)
 
     @property
     def particles(self) -> F64:
         """(P, N, 7) float64."""
         return self._filter.particles
+
+    @property
+    def measured(self) -> Bool:
+        """(N,) objects that measurements cover in this frame."""
+        return np.array([e.measured for e in self.evidence], dtype=np.bool_)
+
+    @property
+    def confirmed(self) -> Bool:
+        """(N,) objects that have been confirmed."""
+        return np.array([e.who.confirmed for e in self.evidence], dtype=np.bool_)
 
     def ellipses(self, prior: SizePrior) -> F64:
         """(N, 5)."""
@@ -52,32 +70,6 @@ class Objects:
     def deviations(self) -> F64:
         """(N, 2) spread of x and y [cells]."""
         return self._filter.deviations()
-
-    def that(self, *, seen: bool | None = None, confirmed: bool | None = None) -> Bool:
-        """(N,) the objects of which this holds; None: either."""
-        return np.array(
-            [seen in (None, life.seen) and confirmed in (None, life.confirmed) for life in self.lives], dtype=np.bool_
-        )
-
-    def say(self, life: Life, kind: DecisionKind, reason: str, value: float = math.nan) -> None:
-        """Record a decision about an object."""
-        self.decisions.append(Decision(life.track_id, kind, reason, value))
-
-    def tell_state(self, life: Life, covered: float) -> None:
-        """Record that an object is believed now, or lost; covered: share of its ellipse that is measured."""
-        if life.state == "confirmed" and life.unseen_s == 0.0:
-            self.say(life, "confirmed", f"probability {life.probability:.2f}", life.probability)
-        elif life.state == "lost":
-            unseen = f"measurements cover {covered:.2f} < {self._params.seen_overlap:.2f} of it"
-            hidden = "too little of it shows outside older objects"
-            self.say(life, "lost", hidden if life.hidden else unseen, covered)
-
-    def watch_move(self, n: int, prior: SizePrior) -> None:
-        """An object has moved when its centre is half a length or a width from its birthplace."""
-        life, centre = self.lives[n], self.states[n, :2]
-        offset = centre - life.birthplace
-        a = prior.half_length(float(centre[1]))
-        life.moved = life.moved or bool(np.hypot(offset[0] / (2 * a * prior.aspect), offset[1] / a) > 1.0)
 
     def predict(self, dt_s: float, cells_per_m: F64) -> None:
         """Move all particles on; states become their means."""
@@ -91,12 +83,12 @@ class Objects:
             active: (K,) which objects.
             measured: (M, 5) ellipses.
             shape: (R, C) of the grid.
-            apart: least distance of two objects [cells]; 0 lets them hide one another.
+            apart: smallest distance of two objects [cells]; 0 lets them hide one another.
         """
         if not len(active) or not len(measured):
             return
         ellipses = self.ellipses(prior)[active]
-        margin = 1.5 * self.deviations()[active]
+        margin = REACH_SIGMAS * self.deviations()[active]
         near, reached = overlaps(ellipses, ellipses, margin), overlaps(ellipses, measured, margin)
         for members, theirs in group(near, reached, self._filter_params.joint):
             if len(theirs):
@@ -116,53 +108,81 @@ class Objects:
         self.states[chosen] = self._filter.estimate(chosen, log_likelihood, 0.5 * ellipses[:, 3], weights)
         self._filter.resample(chosen, log_likelihood - favour)
 
-    def bear(
+    def observe(self, n: int, measured: bool, own: bool, dt_s: float, confirmable: bool, covered: float) -> None:
+        """Take one frame into account for object n; its state follows.
+
+        Args:
+            measured, own: see ``Evidence.update``.
+            dt_s: time since the last frame [s].
+            confirmable: nothing but time speaks against confirming it.
+            covered: share of its ellipse that measurements cover.
+        """
+        e = self.evidence[n]
+        e.update(measured, own, dt_s, self._params)
+        if measured and own and confirmable and e.probability >= self._params.confirm_probability:
+            self.cycle.confirm(e.who, f"probability {e.probability:.2f}", e.probability)
+        if e.observed:
+            again = f"measurements cover {covered:.2f} of it where it was predicted"
+            self.cycle.observe(e.who, again if e.who.state == "lost" else "", covered)
+        else:
+            few = f"measurements cover {covered:.2f} < {self._params.min_overlap:.2f} of it"
+            self.cycle.miss(e.who, "too little of it shows outside older objects" if e.shares else few, covered)
+
+    def watch_move(self, n: int, prior: SizePrior) -> None:
+        """An object has moved when its centre is half a length or a width from its first place."""
+        e, centre = self.evidence[n], self.states[n, [X, Y]]
+        offset = centre - e.spawned_at
+        a = prior.half_length(float(centre[1]))
+        e.moved = e.moved or bool(np.hypot(offset[0] / (2 * a * prior.aspect), offset[1] / a) > 1.0)
+
+    def spawn(
         self, ellipse: F64, fill: float, candidates: int, prior: SizePrior, cells_per_m: float, where: str
     ) -> None:
-        """A new object at one of the unexplained measurements (see ``birth``).
+        """A new object at one of the uncovered measurements (see ``spawn_log_odds``).
 
         Args:
             fill: foreground share of the ellipse.
-            candidates: number of unexplained measurements.
+            candidates: number of uncovered measurements.
             where: its place in words.
         """
         self._filter.add(ellipse, prior, cells_per_m)
-        life = birth(self._next_id, (float(ellipse[0]), float(ellipse[1])), fill, candidates, self._params)
-        self._next_id += 1
-        self.lives.append(life)
+        e = Evidence(
+            self.cycle.spawn(f"a measurement at {where} overlaps no object", fill),
+            (float(ellipse[0]), float(ellipse[1])),
+            spawn_log_odds(fill, candidates, self._params),
+        )
+        self.evidence.append(e)
         self.states = np.concatenate([self.states, self.particles[:, -1].mean(axis=0)[None]])
-        self.say(life, "spawned", f"a measurement at {where} overlaps no object", life.probability)
 
-    def find(self, n: int, ellipse: F64, prior: SizePrior, cells_per_m: float, away_m: float) -> None:
-        """Object n is seen again, at a measured ellipse ``away_m`` from its prediction [m]."""
+    def reacquire(self, n: int, ellipse: F64, prior: SizePrior, cells_per_m: float, away_m: float) -> None:
+        """Object n is at a measured ellipse again, ``away_m`` from its prediction [m]."""
         self._filter.place(n, ellipse, prior, cells_per_m, self.states[n, [VX, VY]])
         self.states[n] = self.particles[:, n].mean(axis=0)
-        life = self.lives[n]
-        unseen = max(life.unseen_s, life.shared_s)
-        life.seen, life.hidden, life.unseen_s, life.shared_s = True, False, 0.0, 0.0
-        self.say(life, "reacquired", f"found {away_m:.2f} m from its prediction after {unseen:.1f} s", away_m)
+        e = self.evidence[n]
+        reason = f"measured {away_m:.2f} m from its prediction after {e.waited_s:.1f} s"
+        e.found()
+        self.cycle.observe(e.who, reason, away_m)
 
-    def bury(self, shape: tuple[int, int], prior: SizePrior) -> None:
+    def prune(self, shape: tuple[int, int], prior: SizePrior) -> None:
         """Remove objects that have left; at once those of which less than a quarter is inside the grid."""
         outside = self._outside(shape, prior)
         keep = np.ones(len(self), dtype=np.bool_)
-        for n, life in enumerate(self.lives):
-            probability = gone(life, self._params)
-            limit = self._params.leave if life.confirmed else self._params.believe
+        for n, e in enumerate(self.evidence):
+            probability = departure(e, self._params)
+            limit = self._params.leave if e.who.confirmed else self._params.confirm_probability
             if outside[n]:
                 keep[n] = False
-                self.say(life, "pruned", "it has left the view")
+                self.cycle.prune(e.who, "it has left the view")
             elif probability > limit:
                 keep[n] = False
-                waited = max(life.unseen_s, life.shared_s)
-                why = f"unseen or shared for {waited:.1f} s, left with probability {probability:.2f}"
-                self.say(life, "pruned", why, probability)
+                why = f"unmeasured or shared for {e.waited_s:.1f} s, left with probability {probability:.2f}"
+                self.cycle.prune(e.who, why, probability)
         self.keep(keep)
 
     def _outside(self, shape: tuple[int, int], prior: SizePrior) -> Bool:
-        """(N,) objects that are out of the grid but for a quarter: by 0.4 of the half length or width."""
-        x, y = self.states[:, 0], self.states[:, 1]
-        dy = 0.4 * prior.half_lengths(y)
+        """(N,) objects that are out of the grid but for a quarter."""
+        x, y = self.states[:, X], self.states[:, Y]
+        dy = OUTSIDE * prior.half_lengths(y)
         dx, (rows, cols) = dy * prior.aspect, shape
         inside = (x >= -0.5 - dx) & (x <= cols - 0.5 + dx) & (y >= -0.5 - dy) & (y <= rows - 0.5 + dy)
         return np.asarray(~inside)
@@ -173,17 +193,20 @@ class Objects:
         Where the expected size changes by more than ``limit``, either way, several objects may have been found in one
         person; of those only the oldest stays, and others of which it covers little.
         """
-        rows = self.states[:, 1]
+        rows = self.states[:, Y]
         changed = np.abs(np.log(after.half_lengths(rows) / before.half_lengths(rows))) > math.log(limit)
         if not changed.any():
             return
         ellipses = self.ellipses(after)
         everywhere = np.array([[shape[1] / 2, shape[0] / 2, 2.0 * max(shape), 2.0 * max(shape), 0.0]])
         own = measured_shares(everywhere, ellipses, shape)[:, 1]
-        keep = ~changed | (own >= 1.0 - self._params.seen_overlap)
-        for n in np.flatnonzero(~keep):
-            self.say(self.lives[n], "pruned", "people here are larger than was believed: an older object has it")
-        self.keep(keep)
+        self.discard(changed & (own < 1.0 - self._params.min_overlap), "another size of people: an older object has it")
+
+    def discard(self, drop: Bool, reason: str) -> None:
+        """Prune objects (N,) for one reason."""
+        for n in np.flatnonzero(drop):
+            self.cycle.prune(self.evidence[n].who, reason)
+        self.keep(~drop)
 
     def keep(self, keep: Bool) -> None:
         """Forget the other objects."""
@@ -192,4 +215,4 @@ class Objects:
         index = np.flatnonzero(keep)
         self._filter.remove(index.tolist())
         self.states = self.states[index]
-        self.lives = [self.lives[i] for i in index]
+        self.evidence = [self.evidence[i] for i in index]

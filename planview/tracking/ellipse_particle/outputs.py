@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,20 +12,23 @@ from calib.ground_camera import GroundCamera
 from calib.types import F64
 from planview.maps.builder import PlanViewMaps
 from planview.tracking.body_axis import BodyAxis
+from planview.tracking.ellipse_particle.existence import Evidence
 from planview.tracking.ellipse_particle.fit.ellipses import extent
-from planview.tracking.ellipse_particle.life import Life
 from planview.tracking.ellipse_particle.planes import PlaneView
+from planview.tracking.lifecycle import Existence
 from planview.trajectories.state import TrackState
 
-HEIGHTS_M = np.linspace(0.3, 2.5, 45)
-"""Heights at which a vertical line is tried against an image row [m]."""
-HIGHEST_M = 2.5
+HEIGHT_MAX_M = 2.5
 """No person reaches higher [m]."""
+HEIGHTS_M = np.linspace(0.3, HEIGHT_MAX_M, 45)
+"""Heights at which a vertical line is tried against an image row [m]."""
 KEPT = 0.5
 """Share of the last offset and height kept per frame: averages the noise of two or three frames. Our choice."""
 
 
-def image_state(life: Life, view: PlaneView, ellipse: F64, velocity: F64, camera: GroundCamera | None) -> TrackState:
+def image_state(
+    who: Existence, view: PlaneView, ellipse: F64, velocity: F64, camera: GroundCamera | None
+) -> TrackState:
     """Box around the whole ellipse, hidden parts and parts outside the image included; floor position with a camera.
 
     Args:
@@ -36,13 +40,13 @@ def image_state(life: Life, view: PlaneView, ellipse: F64, velocity: F64, camera
     # A box of n pixels from pixel p ends at p + n - 1; edges are half a pixel beyond the centres.
     box = (float(x - half_width), float(y - half_height), 2 * half_width, 2 * half_height)
     if camera is None:
-        return TrackState(life.track_id, life.state, box_px=box)
+        return TrackState(who.track_id, who.state, box_px=box)
     foot = np.array([x, y + half_height])
     here = camera.back_project(foot)
     ahead = camera.back_project(foot + velocity)
     v = ahead - here
     height = height_of(camera, here, float(y - half_height))
-    return TrackState(life.track_id, life.state, float(here[0]), float(here[1]), float(v[0]), float(v[1]), height, box)
+    return TrackState(who.track_id, who.state, float(here[0]), float(here[1]), float(v[0]), float(v[1]), height, box)
 
 
 def height_of(camera: GroundCamera, floor: F64, top_row: float) -> float:
@@ -58,15 +62,21 @@ def height_of(camera: GroundCamera, floor: F64, top_row: float) -> float:
     return float(np.interp(top_row, rows[ok][order], HEIGHTS_M[ok][order]))
 
 
-def floor_state(life: Life, view: PlaneView, ellipse: F64, velocity: F64) -> TrackState:
-    """Floor position [m] of the body's axis, and its height as last measured."""
-    x, y = (float(v) for v in view.to_plane(ellipse[:2]))
-    dx, dy = life.offset_m
-    return TrackState(life.track_id, life.state, x + dx, y + dy, float(velocity[0]), float(velocity[1]), life.height_m)
+@dataclass
+class BodyMeasure:
+    """What is known of one body on the floor, smoothed.
+
+    Attributes:
+        offset_m: from the centre of its visible side to its axis [m].
+        height_m: of the top of the head; NaN while unknown.
+    """
+
+    offset_m: tuple[float, float] = (0.0, 0.0)
+    height_m: float = math.nan
 
 
-def measure_axes(lives: Sequence[Life], view: PlaneView, ellipses: F64, maps: PlanViewMaps, reach_m: float) -> None:
-    """Find the axis and height of every body that is seen, as the template tracker does (see ``body_axis``).
+class BodyMeasures:
+    """Axes and heights of bodies, measured as the template tracker does (see ``body_axis``).
 
     The camera sees the near side of a body, so ellipses lie nearer than the axis. Offset and height are smoothed, and
     kept while a body is hidden.
@@ -74,17 +84,45 @@ def measure_axes(lives: Sequence[Life], view: PlaneView, ellipses: F64, maps: Pl
     Args:
         reach_m: how far from its ellipse's centre a body's points are taken [m].
     """
-    seen = [n for n, life in enumerate(lives) if life.seen and not life.hidden]
-    if not seen:
-        return
-    where = view.to_plane(ellipses[seen, :2])
-    axes = BodyAxis(maps.view.camera_m, HIGHEST_M)(maps.points, where, reach_m)
-    for n, (x, y), axis in zip(seen, where, axes, strict=True):
-        life = lives[n]
-        if not math.isnan(axis.x_m):
-            keep = 0.0 if math.isnan(life.height_m) else KEPT
-            dx, dy = life.offset_m
-            life.offset_m = (keep * dx + (1 - keep) * (axis.x_m - x), keep * dy + (1 - keep) * (axis.y_m - y))
-        if not math.isnan(axis.height_m):
-            old = axis.height_m if math.isnan(life.height_m) else life.height_m
-            life.height_m = KEPT * old + (1 - KEPT) * axis.height_m
+
+    def __init__(self, reach_m: float) -> None:
+        self._reach_m = reach_m
+        self._bodies: dict[int, BodyMeasure] = {}
+
+    def of(self, who: Existence) -> BodyMeasure:
+        """The measure of an object; unknown at first."""
+        return self._bodies.get(who.track_id, BodyMeasure())
+
+    def update(self, evidence: Sequence[Evidence], places: F64, maps: PlanViewMaps) -> None:
+        """Measure every object that is measured on its own in this frame; forget the others' predecessors.
+
+        Args:
+            places: (N, 2) centres of the objects' ellipses [m].
+        """
+        self._bodies = {e.who.track_id: self.of(e.who) for e in evidence}
+        clear = [n for n, e in enumerate(evidence) if e.measured and not e.shares]
+        if not clear:
+            return
+        axes = BodyAxis(maps.view.camera_m, HEIGHT_MAX_M)(maps.points, places[clear], self._reach_m)
+        for n, axis in zip(clear, axes, strict=True):
+            (x, y), body = places[n], self._bodies[evidence[n].who.track_id]
+            if not math.isnan(axis.x_m):
+                keep = 0.0 if math.isnan(body.height_m) else KEPT
+                dx, dy = body.offset_m
+                body.offset_m = (keep * dx + (1 - keep) * (axis.x_m - x), keep * dy + (1 - keep) * (axis.y_m - y))
+            if not math.isnan(axis.height_m):
+                old = axis.height_m if math.isnan(body.height_m) else body.height_m
+                body.height_m = KEPT * old + (1 - KEPT) * axis.height_m
+
+
+def floor_state(who: Existence, body: BodyMeasure, place: F64, velocity: F64) -> TrackState:
+    """Floor position of the body's axis, and its height as last measured.
+
+    Args:
+        place: (2,) centre of its ellipse [m].
+        velocity: (2,) [m/s].
+    """
+    x, y = (float(v) for v in place)
+    dx, dy = body.offset_m
+    vx, vy = (float(v) for v in velocity)
+    return TrackState(who.track_id, who.state, x + dx, y + dy, vx, vy, body.height_m)

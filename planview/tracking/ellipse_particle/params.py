@@ -10,58 +10,86 @@ from calib.params import Params
 from planview.tracking.ellipse_particle.fit.ellipses import EllipseFitParams
 
 
-class DetectionParams(Params):
-    """Where foreground comes from."""
+class ImagePlaneParams(Params):
+    """Ellipses in the image: where foreground comes from, the size and posture of people in it."""
 
     source: Literal["mog2", "given"] = "mog2"
-    """Image plane: OpenCV's mixture of Gaussians on ``Observation.image`` (the paper takes one off the shelf), or the
-    project's own ``Observation.foreground``. The floor plane always reads the occupancy map."""
+    """OpenCV's mixture of Gaussians on ``Observation.image`` (the paper takes one off the shelf), or the project's own
+    ``Observation.foreground``."""
     history: int = Field(1000, ge=20, le=100_000)
     """Frames of memory of the mixture: a thing put down is absorbed after a tenth of it, 4 to 14 s at 25 to 7 frames
     per second. Our choice. People are not absorbed: see ``Background``."""
-    variance_gate: float = Field(16.0, gt=0, le=1000)
-    """Squared deviations within which a pixel is background (OpenCV's default)."""
     columns: int = Field(160, ge=40, le=2000)
     """Ellipses are fitted on a grid of at most about this many columns: a person 1/8 of the image high is then still
     15 cells high. Our choice; it is what bounds the time per frame."""
-    subtraction_columns: int = Field(320, ge=40, le=8192)
-    """The mixture looks at the image reduced by the smallest whole factor that brings it down to this width [px]; its
-    foreground is averaged over cells anyway, and averaged pixels are less noisy. Our choice: twice ``columns``."""
-    flooded: float = Field(0.5, gt=0, le=1)
-    """Share of foreground above which a frame measures nothing (a light was switched, the camera moved). Our choice."""
-    person_area_m2: float = Field(0.4, gt=0, le=5)
-    """Floor plane: surface that a person shows to one camera [m^2] (1.7 m by 0.4 m, less gaps). Our choice; occupancy
-    at half its mean density over the person's ellipse counts as full foreground."""
-
-
-class SizeParams(Params):
-    """Size of objects: learned in the image plane unless given; given on the floor."""
-
     half_length_px: float | None = Field(None, gt=0, le=10_000)
-    """Image plane: half the height of an object centred at the middle row [px]; None learns it."""
+    """Half the height of an object centred at the middle row [px]; None learns it."""
     slope: float = Field(0.0, ge=-2, le=2)
-    """Image plane: growth of ``half_length_px`` per row [px/px] when it is given."""
+    """Growth of ``half_length_px`` per row [px/px] when it is given."""
     aspect: float = Field(0.36, gt=0, le=1)
-    """Width over height of an object in the image when its size is given, and until one is learned. Our choice:
-    0.6 m of swinging arms and stride over 1.7 m."""
+    """Width over height of an object when its size is given. Our choice: 0.6 m of arms and stride over 1.7 m."""
     learn_s: float = Field(60.0, gt=0, le=3600)
     """Time over which the size is learned [s]: the first minute."""
-    least_samples: int = Field(4, ge=2, le=1000)
-    """Isolated regions seen before a learned size is used. Our choice: one person in four frames, or two in two."""
-    floor_half_length_m: float = Field(0.26, gt=0, le=2)
-    """Floor plane: half the shoulder width, arms included [m]."""
-    floor_aspect: float = Field(0.75, gt=0, le=1)
-    """Floor plane: depth over width of a body; between a standing adult's 0.55 and the 1.0 of a stride. Our choice."""
-    floor_separation_m: float = Field(0.42, ge=0, le=1)
-    """Floor plane: least distance between two people [m], a shoulder breadth less what clothes give."""
-    floor_reach_m: float = Field(0.5, gt=0, le=2)
-    """Floor plane: how far from an ellipse's centre its body's points are taken for the axis and the height [m]. Our
-    choice: half a shoulder breadth, a bent arm, and the offset between the seen side and the axis."""
+    min_samples: int = Field(4, ge=2, le=1000)
+    """Isolated regions needed before a learned size is used. Our choice: one person in four frames, or two in two."""
     object_length_m: float = Field(1.7, gt=0, le=10)
-    """Image plane: real length of an object [m], which turns speeds in m/s into cells. Body height of an adult."""
+    """Real length of an object [m], which turns speeds in m/s into cells. Body height of an adult."""
+    angle_spread_deg: float = Field(6.0, gt=0, le=90)
+    """Standard deviation of a measured length axis from the vertical [deg]. Our choice: lean of a walker."""
+    angle_limit_deg: float = Field(20.0, gt=0, le=90)
+    """Largest angle of a measured length axis from the vertical [deg] (three deviations of angle_spread_deg)."""
+    angle_walk_deg: float = Field(5.0, gt=0, le=90)
+    """Stationary deviation of a tracked object's length axis [deg]. Our choice: lean of a walker."""
+    proposed_share: float = Field(0.5, gt=0, le=1)
+    """Part of ``fit.min_gain`` with which the cover proposes an ellipse: it is of the expected size on a coarse grid;
+    fitted, it gains more of a person who is smaller or strides. Our choice."""
+    outside_weight: float = Field(1.0, ge=0, le=10)
+    """Weight of the added term of the likelihood: object area outside every measurement, against measured area that
+    no object covers. Equation (8) alone does not punish it, so objects could drift off wherever another one covers
+    their measurement. 1 treats both ways of disagreeing alike; 0 is the paper's equation."""
+    newcomer_length: float = Field(0.6, ge=0, le=1)
+    """Share of a person's length that must show of a new object, outside what others cover. Our choice: a person from
+    the knees up; a suitcase has less."""
+    min_length: float = Field(0.5, ge=0, le=1)
+    """The same of a known object; what is shorter shares its measurement with an older one (occlusion), or is a thing,
+    and is pruned after ``existence.occluded_patience_s``. Our choice: a person from the hips up."""
 
 
-class FilterParams(Params):
+class FloorPlaneParams(Params):
+    """Ellipses on the plan-view occupancy map: the size of bodies from above, and who may be new."""
+
+    person_area_m2: float = Field(0.4, gt=0, le=5)
+    """Surface that a person shows to one camera [m^2] (1.7 m by 0.4 m, less gaps). Our choice; occupancy at half its
+    mean density over the person's ellipse counts as full foreground."""
+    half_length_m: float = Field(0.26, gt=0, le=2)
+    """Half the shoulder width, arms included [m]."""
+    aspect: float = Field(0.75, gt=0, le=1)
+    """Depth over width of a body; between a standing adult's 0.55 and the 1.0 of a stride. Our choice."""
+    separation_m: float = Field(0.42, ge=0, le=1)
+    """Smallest distance between two people [m], a shoulder breadth less what clothes give."""
+    reach_m: float = Field(0.5, gt=0, le=2)
+    """How far from an ellipse's centre its body's points are taken for the axis and the height [m]. Our choice: half a
+    shoulder breadth, a bent arm, and the offset between the visible side and the axis."""
+    angle_spread_deg: float = Field(45.0, gt=0, le=90)
+    """Standard deviation of a measured length axis [deg]: from above a body may point anywhere."""
+    angle_walk_deg: float = Field(30.0, gt=0, le=90)
+    """Stationary deviation of a tracked object's length axis [deg]. Our choice."""
+    height_min_m: float = Field(1.2, gt=0, le=2.5)
+    """Until confirmed, a person must reach so high [m]: a seated adult; chairs and shadows do not."""
+    head_m: float = Field(0.13, gt=0, le=1)
+    """How far from an ellipse's centre the highest point may lie [m]: a head's breadth less than half."""
+    body_m: float = Field(0.2, gt=0, le=1)
+    """Half the side of the square in which the visible surface is summed [m]: half of W_avg."""
+    confirm_s: float = Field(0.4, ge=0, le=60)
+    """How long a newcomer must be tracked [s]: clumps of depth between two people last for a few frames."""
+    arm_m: float = Field(0.9, ge=0, le=5)
+    """What is this near to a confirmed person [m] and small beside that person is carried, or a limb: an arm's length
+    and half a box."""
+    piece_area: float = Field(0.35, ge=0, le=1)
+    """Small means less than this share of that person's visible surface."""
+
+
+class ParticleFilterParams(Params):
     """The particle filter of sections III and IV."""
 
     particles: int = Field(1000, ge=10, le=100_000)
@@ -73,93 +101,55 @@ class FilterParams(Params):
     """Deviation of the acceleration in the constant-velocity model [m/s^2]: walkers stop and turn within a second."""
     jitter_m: float = Field(0.03, ge=0, le=1)
     """Deviation of the position per frame beside that [m]: an outline is not a rigid body. Our choice."""
-    birth_speed_mps: float = Field(1.2, gt=0, le=20)
-    """Deviation of each velocity component at birth [m/s]: walking speed."""
+    spawn_speed_mps: float = Field(1.2, gt=0, le=20)
+    """Deviation of each velocity component of a new object [m/s]: walking speed."""
     shape_spread: float = Field(0.08, gt=0, le=1)
     """Stationary deviation of ln length and ln width of an object's ellipse about the prior. Our choice."""
-    angle_spread_deg: float = Field(5.0, gt=0, le=90)
-    """Stationary deviation of an object's length axis [deg]. Our choice: lean of a walker."""
     shape_time_s: float = Field(1.0, gt=0, le=100)
     """Time in which size and angle forget [s]: a step."""
     overlap_deviation: float = Field(0.12, gt=0, le=10)
     """Deviation of the area difference in equation (8), as a share of one object's area. Our choice: a measured
     ellipse moved by a fifth of its width."""
-    outside_weight: float = Field(1.0, ge=0, le=10)
-    """Weight of the added term: object area outside every measurement, against measured area that no object explains.
-    Equation (8) alone does not punish it, so objects could drift off wherever another one explains their measurement.
-    1 treats both ways of disagreeing alike; 0 is the paper's equation."""
     resampling: Literal["systematic", "multinomial"] = "systematic"
     """Multinomial is plain SIR; systematic has less variance for the same cost."""
 
 
-class LifeParams(Params):
-    """Births and deaths of section V."""
+class ExistenceParams(Params):
+    """When an object exists and when it has left (section V)."""
 
     false_alarms: float = Field(0.2, gt=0, le=100)
     """Expected false measurements per frame, the paper's parameter of the binomial. Our choice."""
     entries: float = Field(0.1, gt=0, le=100)
-    """Expected new objects per frame; with ``false_alarms`` the prior that an unexplained measurement is an object."""
+    """Expected new objects per frame; with ``false_alarms`` the prior that an uncovered measurement is an object."""
     detection: float = Field(0.85, gt=0, lt=1)
     """Probability of measuring a present object. Our choice."""
     repetition: float = Field(0.25, gt=0, lt=1)
     """Probability that a false measurement repeats in the same place. Our choice."""
-    believe: float = Field(0.8, gt=0.5, lt=1)
+    confirm_probability: float = Field(0.8, gt=0.5, lt=1)
     """Probability above which a new object is confirmed."""
-    seen_overlap: float = Field(0.35, gt=0, lt=1)
-    """Share of an object's ellipse that measurements must cover to count as seen; a measurement covered to less than
-    this share is unexplained. Our choice."""
-    newcomer_length: float = Field(0.6, ge=0, le=1)
-    """Image plane: share of a person's length that must show of a new object, outside what others cover. Our choice: a
-    person from the knees up; a suitcase has less."""
-    least_length: float = Field(0.5, ge=0, le=1)
-    """Image plane: the same of a known object; what is shorter shares its measurement with an older one (occlusion), or
-    is a thing, and is gone after ``occluded_patience_s``. Our choice: a person from the hips up."""
+    min_overlap: float = Field(0.35, gt=0, lt=1)
+    """Share of an object's ellipse that measurements must cover to count as measured; a measurement of which objects
+    cover less than this share is uncovered. Our choice."""
     patience_s: float = Field(2.0, gt=0, le=600)
-    """Mean N_t of the Gamma distribution: time unseen after which an object has left [s]. Our choice."""
+    """Mean N_t of the Gamma distribution: time without measurement after which an object has left [s]. Our choice."""
     occluded_patience_s: float = Field(4.0, gt=0, le=600)
     """The same for an object that shares its measurement with another one (occlusion) [s]. Our choice."""
-    gamma_shape: float = Field(4.0, gt=0, le=100)
-    """Shape of the Gamma distribution: 4 makes it a sum of four waits, with half the mean as its deviation."""
     leave: float = Field(0.8, gt=0, lt=1)
-    """Probability of having left above which an object is removed."""
+    """Probability of having left above which an object is pruned."""
     reattach_m: float = Field(1.5, ge=0, le=20)
-    """Farthest a lost object is found again from its prediction [m]. Harville 2002 uses 2 m from the last sight."""
-
-
-class NewcomerParams(Params):
-    """Floor plane: who may be new; values as the template tracker has them, our choice where it names no source."""
-
-    height_min_m: float = Field(1.2, gt=0, le=2.5)
-    """Until believed, a person must reach so high [m]: a seated adult; chairs and shadows do not."""
-    head_m: float = Field(0.13, gt=0, le=1)
-    """How far from an ellipse's centre his highest point may lie [m]: a head's breadth less than half."""
-    body_m: float = Field(0.2, gt=0, le=1)
-    """Half the side of the square in which his visible surface is summed [m]: half of W_avg."""
-    confirm_s: float = Field(0.4, ge=0, le=60)
-    """How long he must be followed [s]: clumps of depth between two people last for a few frames."""
-    arm_m: float = Field(0.9, ge=0, le=5)
-    """What is this near to somebody known [m] and small beside him is what he carries, or a limb: an arm's length and
-    half a box."""
-    piece_area: float = Field(0.35, ge=0, le=1)
-    """Small means less than this share of his visible surface."""
+    """Farthest a lost object is reacquired from its prediction [m]. Harville 2002 uses 2 m from the last sight."""
 
 
 class EllipseParticleParams(Params):
-    """All parameters of ``EllipseParticleTracker``."""
+    """All parameters of ``EllipseParticleTracker``; which plane it works in is up to the recording."""
 
-    plane: Literal["image", "floor"] = "image"
-    """"image": ellipses on image foreground, no calibration needed; "floor": on the plan-view occupancy map."""
-    seed: int = Field(0, ge=0, le=2**32 - 1)
-    """Seed of the only random generator."""
-    detection: DetectionParams = DetectionParams()
-    """Foreground."""
+    image: ImagePlaneParams = ImagePlaneParams()
+    """In the image of one camera."""
+    floor: FloorPlaneParams = FloorPlaneParams()
+    """On the floor below a stereo camera."""
     fit: EllipseFitParams = EllipseFitParams()
     """Ellipses."""
-    size: SizeParams = SizeParams()
-    """Sizes."""
-    filter: FilterParams = FilterParams()
+    filter: ParticleFilterParams = ParticleFilterParams()
     """Particles."""
-    life: LifeParams = LifeParams()
-    """Births and deaths."""
-    newcomers: NewcomerParams = NewcomerParams()
-    """Births on the floor."""
+    existence: ExistenceParams = ExistenceParams()
+    """Who exists."""

@@ -9,12 +9,28 @@ import numpy as np
 
 from calib.types import F64, I64, U8
 from planview.tracking.ellipse_particle import _kernels as kernels
+from planview.tracking.ellipse_particle._kernels import (
+    ANGLE,
+    COVERED,
+    LN_A,
+    LN_B,
+    OUTSIDE,
+    VX,
+    VY,
+    Transition,
+    X,
+    Y,
+)
 from planview.tracking.ellipse_particle.fit import _area as ellipse_kernels
-from planview.tracking.ellipse_particle.fit.ellipses import SizePrior, paint_union
-from planview.tracking.ellipse_particle.params import FilterParams
+from planview.tracking.ellipse_particle.fit.ellipses import paint_union
+from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
+from planview.tracking.ellipse_particle.params import ParticleFilterParams
 
-X, Y, VX, VY, LN_A, LN_B, ANGLE = range(7)
-"""Columns of an object's state: position and velocity in cells (per second), ellipse relative to the size prior."""
+STATE = 7
+"""Length of an object's state, columns ``X`` to ``ANGLE``."""
+YIELDING = 0.25
+"""Deviation of the distance between two bodies from the least, as a share of it: bodies give and ellipses slip. Our
+choice."""
 
 
 class ParticleFilter:
@@ -27,18 +43,19 @@ class ParticleFilter:
         particles: (P, N, 7) float64, the N objects' states in each particle.
     """
 
-    def __init__(self, params: FilterParams, rng: np.random.Generator) -> None:
+    def __init__(self, params: ParticleFilterParams, plane: PlaneModel, rng: np.random.Generator) -> None:
         self._params = params
+        self._plane = plane
         self._rng = rng
         self._surprise = np.zeros((params.particles, 0))
-        self.particles: F64 = np.zeros((params.particles, 0, 7))
+        self.particles: F64 = np.zeros((params.particles, 0, STATE))
 
     def __len__(self) -> int:
         return int(self.particles.shape[1])
 
     def add(self, ellipse: F64, prior: SizePrior, cells_per_m: float, velocity: F64 | None = None) -> None:
         """Append an object around a measured ellipse; an unknown velocity is drawn from walking speeds."""
-        self.particles = np.concatenate([self.particles, np.empty((self._params.particles, 1, 7))], axis=1)
+        self.particles = np.concatenate([self.particles, np.empty((self._params.particles, 1, STATE))], axis=1)
         self._surprise = np.concatenate([self._surprise, np.zeros((self._params.particles, 1))], axis=1)
         self.place(len(self) - 1, ellipse, prior, cells_per_m, velocity)
 
@@ -46,17 +63,17 @@ class ParticleFilter:
         """Redraw object n around a measured ellipse (x, y, a, b, angle)."""
         p = self._params
         half = prior.half_length(float(ellipse[1]))
-        mean = np.zeros(7)
+        mean = np.zeros(STATE)
         mean[[X, Y]] = ellipse[:2]
         mean[[VX, VY]] = 0.0 if velocity is None else velocity
         mean[LN_A] = math.log(ellipse[2] / half)
         mean[LN_B] = math.log(ellipse[3] / (half * prior.aspect))
         mean[ANGLE] = ellipse[4]
-        speed = p.birth_speed_mps * cells_per_m * (1.0 if velocity is None else 0.5)
+        speed = p.spawn_speed_mps * cells_per_m * (1.0 if velocity is None else 0.5)
         place = 0.1 * ellipse[3]
-        angle = math.radians(p.angle_spread_deg) / 2
+        angle = self._plane.angle_walk / 2
         deviation = np.array([place, place, speed, speed, p.shape_spread / 2, p.shape_spread / 2, angle])
-        self.particles[:, n] = mean + deviation * self._rng.standard_normal((p.particles, 7))
+        self.particles[:, n] = mean + deviation * self._rng.standard_normal((p.particles, STATE))
 
     def remove(self, keep: Sequence[int]) -> None:
         """Keep only the objects of these columns."""
@@ -71,13 +88,13 @@ class ParticleFilter:
             cells_per_m: (N,) cells per metre where each object is.
         """
         p = self._params
-        noise = self._rng.standard_normal((p.particles, len(self), 7), dtype=np.float32)
+        noise = self._rng.standard_normal((p.particles, len(self), STATE), dtype=np.float32)
         push = p.acceleration_mps2 * cells_per_m * dt_s
         pull = np.hypot(0.5 * push * dt_s, p.jitter_m * cells_per_m)
         keep = math.exp(-dt_s / p.shape_time_s)
-        spread = np.array([p.shape_spread, p.shape_spread, math.radians(p.angle_spread_deg)])
+        spread = np.array([p.shape_spread, p.shape_spread, self._plane.angle_walk])
         fresh = math.sqrt(1.0 - keep * keep) * spread
-        kernels.propagate(self.particles, noise, dt_s, pull, push, keep, fresh, self._surprise)
+        kernels.propagate(self.particles, noise, Transition(dt_s, pull, push, keep, fresh), self._surprise)
 
     def weigh(self, members: I64, measured: F64, prior: SizePrior, area: float) -> F64:
         """Logarithm of the likelihood of equation (8) for a group, plus the term for area outside measurements.
@@ -94,27 +111,27 @@ class ParticleFilter:
             (P,) float64.
         """
         out = np.empty((self._params.particles, 2))
-        kernels.union_overlap(self.particles, members, measured, measured, *prior.law, out)
-        missed = float(measured[:, -1].sum()) - out[:, 0]
+        kernels.union_overlap(self.particles, members, measured, measured, prior.law, out)
+        missed = float(measured[:, -1].sum()) - out[:, COVERED]
         sigma = self._params.overlap_deviation * area * math.sqrt(len(members))
-        return np.asarray(-0.5 * (missed**2 + self._params.outside_weight * out[:, 1] ** 2) / sigma**2)
+        return np.asarray(-0.5 * (missed**2 + self._plane.outside_weight * out[:, OUTSIDE] ** 2) / sigma**2)
 
-    def apart(self, members: I64, least: float) -> F64:
+    def apart(self, members: I64, distance: float) -> F64:
         """Logarithm of the likelihood that bodies stand where a group's centres are: no body stands inside another.
 
-        Ours (the paper works in images, where people hide one another): what two centres lack of the least distance
-        is Gaussian, with a quarter of it as the deviation, since bodies give and ellipses slip.
+        Ours (the paper works in images, where people hide one another): what two centres lack of the smallest distance
+        is Gaussian, with the share ``YIELDING`` of it as the deviation.
 
         Args:
-            least: distance [cells].
+            distance: smallest distance of two centres [cells].
         Returns:
             (P,) float64.
         """
         out = np.zeros(self._params.particles)
         for k, n in enumerate(members):
             offset = self.particles[:, members[:k], :2] - self.particles[:, n, None, :2]
-            lacking = np.maximum(0.0, 1.0 - np.hypot(offset[..., 0], offset[..., 1]) / least)
-            out -= 0.5 * np.sum((lacking / 0.25) ** 2, axis=1)
+            lacking = np.maximum(0.0, 1.0 - np.hypot(offset[..., 0], offset[..., 1]) / distance)
+            out -= 0.5 * np.sum((lacking / YIELDING) ** 2, axis=1)
         return out
 
     def partition(
@@ -144,9 +161,9 @@ class ParticleFilter:
             others = paint_union(np.delete(ellipses, k, axis=0), shape)
             alone = np.array([n])
             left, allowed = _prefix(target & (1 - others)), _prefix(target | others)
-            kernels.union_overlap(self.particles, alone, left, allowed, *prior.law, out)
-            missed = out[:, 0].max() - out[:, 0]
-            log_likelihood = -0.5 * (missed**2 + self._params.outside_weight * out[:, 1] ** 2) / sigma**2
+            kernels.union_overlap(self.particles, alone, left, allowed, prior.law, out)
+            missed = out[:, COVERED].max() - out[:, COVERED]
+            log_likelihood = -0.5 * (missed**2 + self._plane.outside_weight * out[:, OUTSIDE] ** 2) / sigma**2
             favour += log_likelihood[self.resample(alone, log_likelihood)]
         return favour
 

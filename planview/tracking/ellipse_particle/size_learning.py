@@ -8,8 +8,8 @@ import numpy as np
 
 from calib.types import F32, F64
 from planview.foreground.blobs import find_blobs
-from planview.tracking.ellipse_particle.fit.ellipses import SizePrior
-from planview.tracking.ellipse_particle.params import SizeParams
+from planview.tracking.ellipse_particle.fit.prior import SizePrior
+from planview.tracking.ellipse_particle.params import ImagePlaneParams
 
 PER_FRAME = 12
 """Largest regions kept of a frame; a frame full of specks must not outvote the others."""
@@ -50,13 +50,13 @@ class SizeLearner:
     width of their boxes.
     """
 
-    def __init__(self, params: SizeParams) -> None:
+    def __init__(self, params: ImagePlaneParams) -> None:
         self._params = params
         self._samples: F64 = np.zeros((0, 4))
         self._frames = 0
         self._stride = 1
         self._taken = 0
-        self._next_fit = params.least_samples
+        self._next_fit = params.min_samples
         self._closed = False
         self.prior: SizePrior | None = None
 
@@ -94,7 +94,7 @@ class SizeLearner:
         fitted = np.maximum(levels[:, None] + slopes[:, None] * row, 1.0)
         best = int(np.argmax(log_density(length, fitted) @ weight))
         inliers = np.abs(length - fitted[best]) < AGREE * deviation(fitted[best])
-        if inliers.sum() < self._params.least_samples / 2:
+        if inliers.sum() < self._params.min_samples / 2:
             return None
         x, y, tilted = row[inliers], length[inliers], bool(slopes[best] > 0)
         nearness = np.exp(-0.5 * ((y - fitted[best][inliers]) / deviation(fitted[best][inliers])) ** 2)

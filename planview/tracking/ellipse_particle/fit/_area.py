@@ -12,6 +12,18 @@ from numba import njit
 
 from calib.types import F32, F64, I64, U8
 
+AREA, VALUE, OWN_VALUE, OWN_AREA = range(4)
+"""Columns of what ``claim`` and ``exclusive`` give per ellipse: cells in the grid, sum of the values inside, and of
+both the part that belongs to no other ellipse: the sum of its values, its cells."""
+SHOWN, ROWS = range(2)
+"""Columns of what ``shown_rows`` gives per ellipse: rows in which it shows, its rows in the grid."""
+
+
+@njit(cache=True, nogil=True, inline="always")
+def half_length(law, y):  # type: ignore[no-untyped-def]
+    """Half length expected of an ellipse centred in row y, by a ``SizeLaw``."""
+    return max(law.half_min, law.half_0 + law.slope * y)
+
 
 @njit(cache=True, nogil=True, inline="always")
 def conic(a, b, angle):  # type: ignore[no-untyped-def]
@@ -40,6 +52,15 @@ def rows_of(y, a, b, angle, n_rows):  # type: ignore[no-untyped-def]
     c = math.cos(angle)
     reach = math.sqrt(a * a * c * c + b * b * s * s)
     return max(0, math.ceil(y - reach)), min(n_rows - 1, math.floor(y + reach))
+
+
+@njit(cache=True, nogil=True, inline="always")
+def columns_of(x, form, dy, n_cols):  # type: ignore[no-untyped-def]
+    """First and last column whose centres lie in an ellipse (centre column x, ``conic`` form) in the row dy below its
+    centre, clipped to the grid; first > last when there are none."""
+    qxx, qxy, qyy = form
+    lo, hi = span(qxx, qxy, qyy, dy)
+    return max(0, math.ceil(lo + x)), min(n_cols - 1, math.floor(hi + x))
 
 
 @njit(cache=True, nogil=True)
@@ -92,49 +113,73 @@ def paint(mask: U8, ellipses: F64, value: int) -> None:
     n_rows, n_cols = mask.shape
     for k in range(ellipses.shape[0]):
         x, y, a, b, angle = ellipses[k]
-        qxx, qxy, qyy = conic(a, b, angle)
+        form = conic(a, b, angle)
         first, last = rows_of(y, a, b, angle, n_rows)
         for r in range(first, last + 1):
-            lo, hi = span(qxx, qxy, qyy, r - y)
-            c0 = max(0, math.ceil(lo + x))
-            c1 = min(n_cols - 1, math.floor(hi + x))
+            c0, c1 = columns_of(x, form, r - y, n_cols)
             for c in range(c0, c1 + 1):
                 mask[r, c] = value
 
 
 @njit(cache=True, nogil=True)
 def claim(prefix: F64, ellipses: F64, order: I64, out: F64) -> None:
-    """Per ellipse: area in the grid, values inside, values not inside an ellipse earlier in the order, area likewise.
+    """What each ellipse covers of the values, and what of it no ellipse earlier in the order covers.
 
-    out: (N, 4) float64.
+    out: (N, 4) float64, columns ``AREA``, ``VALUE``, ``OWN_VALUE``, ``OWN_AREA``.
     """
     n_rows = prefix.shape[0]
     n_cols = prefix.shape[1] - 1
     taken = np.zeros((n_rows, n_cols), dtype=np.uint8)
-    for i in range(order.shape[0]):
-        k = order[i]
+    for k in order:
         x, y, a, b, angle = ellipses[k]
-        qxx, qxy, qyy = conic(a, b, angle)
+        form = conic(a, b, angle)
         first, last = rows_of(y, a, b, angle, n_rows)
-        for j in range(4):
-            out[k, j] = 0.0
+        out[k] = 0.0
         for r in range(first, last + 1):
-            lo, hi = span(qxx, qxy, qyy, r - y)
-            c0 = max(0, math.ceil(lo + x))
-            c1 = min(n_cols - 1, math.floor(hi + x))
+            c0, c1 = columns_of(x, form, r - y, n_cols)
             for c in range(c0, c1 + 1):
                 value = prefix[r, c + 1] - prefix[r, c]
-                out[k, 0] += 1.0
-                out[k, 1] += value
+                out[k, AREA] += 1.0
+                out[k, VALUE] += value
                 if taken[r, c] == 0:
                     taken[r, c] = 1
-                    out[k, 2] += value
-                    out[k, 3] += 1.0
+                    out[k, OWN_VALUE] += value
+                    out[k, OWN_AREA] += 1.0
+
+
+@njit(cache=True, nogil=True)
+def exclusive(prefix: F64, ellipses: F64, out: F64) -> None:
+    """What each ellipse covers of the values, and what of it no other ellipse covers; out as in ``claim``."""
+    n_rows = prefix.shape[0]
+    n_cols = prefix.shape[1] - 1
+    count = np.zeros((n_rows, n_cols), dtype=np.int32)
+    for k in range(ellipses.shape[0]):
+        x, y, a, b, angle = ellipses[k]
+        form = conic(a, b, angle)
+        first, last = rows_of(y, a, b, angle, n_rows)
+        for r in range(first, last + 1):
+            c0, c1 = columns_of(x, form, r - y, n_cols)
+            for c in range(c0, c1 + 1):
+                count[r, c] += 1
+    for k in range(ellipses.shape[0]):
+        x, y, a, b, angle = ellipses[k]
+        form = conic(a, b, angle)
+        first, last = rows_of(y, a, b, angle, n_rows)
+        out[k] = 0.0
+        for r in range(first, last + 1):
+            c0, c1 = columns_of(x, form, r - y, n_cols)
+            for c in range(c0, c1 + 1):
+                value = prefix[r, c + 1] - prefix[r, c]
+                out[k, AREA] += 1.0
+                out[k, VALUE] += value
+                if count[r, c] == 1:
+                    out[k, OWN_VALUE] += value
+                    out[k, OWN_AREA] += 1.0
 
 
 @njit(cache=True, nogil=True)
 def shown_rows(mask: F32, ellipses: F64, order: I64, limb: F64, filled: float, out: F64) -> None:
-    """Per ellipse: rows in which it shows, and its rows in the grid; out (N, 2).
+    """Per ellipse: rows in which it shows, and its rows in the grid; out (N, 2), columns ``SHOWN``, ``ROWS``.
 
     It shows in a row when the values that are in no ellipse earlier in the order sum up to ``limb`` (N,) [cells], and
     to the share ``filled`` of the row's cells where earlier ellipses have as much as ``limb`` of what it covers.
@@ -143,13 +188,11 @@ def shown_rows(mask: F32, ellipses: F64, order: I64, limb: F64, filled: float, o
     taken = np.zeros((n_rows, n_cols), dtype=np.uint8)
     for k in order:
         x, y, a, b, angle = ellipses[k]
-        qxx, qxy, qyy = conic(a, b, angle)
+        form = conic(a, b, angle)
         first, last = rows_of(y, a, b, angle, n_rows)
         out[k] = 0.0
         for r in range(first, last + 1):
-            lo, hi = span(qxx, qxy, qyy, r - y)
-            c0 = max(0, math.ceil(lo + x))
-            c1 = min(n_cols - 1, math.floor(hi + x))
+            c0, c1 = columns_of(x, form, r - y, n_cols)
             own = 0.0
             others = 0.0
             for c in range(c0, c1 + 1):
@@ -159,33 +202,6 @@ def shown_rows(mask: F32, ellipses: F64, order: I64, limb: F64, filled: float, o
                 else:
                     others += mask[r, c]
             if c1 >= c0:
-                out[k, 1] += 1.0
+                out[k, ROWS] += 1.0
                 if own >= limb[k] and (others < limb[k] or own >= filled * (c1 + 1 - c0)):
-                    out[k, 0] += 1.0
-
-
-@njit(cache=True, nogil=True)
-def exclusive(prefix: F64, ellipses: F64, out: F64) -> None:
-    """Per ellipse: cells, values inside, values in no other ellipse, cells in no other ellipse; out (N, 4)."""
-    n_rows = prefix.shape[0]
-    n_cols = prefix.shape[1] - 1
-    count = np.zeros((n_rows, n_cols), dtype=np.int32)
-    for turn in range(2):
-        for k in range(ellipses.shape[0]):
-            x, y, a, b, angle = ellipses[k]
-            qxx, qxy, qyy = conic(a, b, angle)
-            first, last = rows_of(y, a, b, angle, n_rows)
-            if turn == 1:
-                out[k, :] = 0.0
-            for r in range(first, last + 1):
-                lo, hi = span(qxx, qxy, qyy, r - y)
-                for c in range(max(0, math.ceil(lo + x)), min(n_cols - 1, math.floor(hi + x)) + 1):
-                    if turn == 0:
-                        count[r, c] += 1
-                    else:
-                        value = prefix[r, c + 1] - prefix[r, c]
-                        out[k, 0] += 1.0
-                        out[k, 1] += value
-                        if count[r, c] == 1:
-                            out[k, 2] += value
-                            out[k, 3] += 1.0
+                    out[k, SHOWN] += 1.0

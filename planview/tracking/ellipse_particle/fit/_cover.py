@@ -28,7 +28,7 @@ def cover(score: F32, half_length: F64, aspect: float, stride: int, accept: floa
 
     score: (R, C) gain of covering each cell; set to 0 where covered (overwritten).
     half_length: (R,) half length expected of an object centred in each row [cells].
-    accept: least gain of an ellipse as a share of its area in the grid (at least half its area): what lies outside
+    accept: smallest gain of an ellipse as a share of its area in the grid (at least half its area): what lies outside
     speaks for nothing.
     Returns (N, 5), N <= limit, in order of gain share.
     """
@@ -47,7 +47,7 @@ def cover(score: F32, half_length: F64, aspect: float, stride: int, accept: floa
         x = float(j * stride)
         a = half_length[i * stride]
         b = a * aspect
-        found[n, 0], found[n, 1], found[n, 2], found[n, 3], found[n, 4] = x, y, a, b, 0.0
+        found[n] = np.array([x, y, a, b, 0.0])
         n += 1
         _take(score, prefix, x, y, a, b)
         _refresh(gain, prefix, half_length, aspect, stride, x, y, a, b)

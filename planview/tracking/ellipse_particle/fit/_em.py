@@ -6,45 +6,35 @@ import numpy as np
 from numba import njit
 
 from calib.types import F64
-from planview.tracking.ellipse_particle.fit._area import conic
+from planview.tracking.ellipse_particle.fit._area import conic, half_length
+from planview.tracking.ellipse_particle.fit.prior import SizeLaw
 
 
 @njit(cache=True, nogil=True)
-def em_step(
-    points: F64,
-    ellipses: F64,
-    half0: float,
-    half1: float,
-    least: float,
-    aspect: float,
-    strength: float,
-    outlier: float,
-    upright: bool,
-) -> None:
+def em_step(points: F64, ellipses: F64, law: SizeLaw, strength: float, outlier: float, upright: bool) -> None:
     """One step of expectation-maximisation of a mixture of ellipses, updated in place.
 
     points: (P, 3) x, y, weight of the foreground cells. Each ellipse is the two-sigma contour of a Gaussian
     (the Gaussian with the second moments of a uniform ellipse), next to a uniform density of outliers.
-    max(least, half0 + half1 * y): half length expected in row y;
     strength: mass of the prior in units of the ellipse's area (the inverse-Wishart prior of a covariance, so the
     step maximises the posterior);
     upright: the length axis stays nearer the rows' direction than the columns'.
     """
     sums = moments(points, ellipses, outlier)
     for k in range(ellipses.shape[0]):
-        mass = sums[k, 0]
+        mass, sx, sy, sxx, sxy, syy = sums[k]
         if mass <= 1e-9:
             continue
-        mx = sums[k, 1] / mass
-        my = sums[k, 2] / mass
+        mx = sx / mass
+        my = sy / mass
         ellipses[k, 0] += mx
         ellipses[k, 1] += my
-        a0 = max(least, half0 + half1 * ellipses[k, 1])
-        b0 = a0 * aspect
+        a0 = half_length(law, ellipses[k, 1])
+        b0 = a0 * law.aspect
         weight = strength * math.pi * a0 * b0
-        vxx = (4.0 * (sums[k, 3] - mass * mx * mx) + weight * b0 * b0) / (mass + weight)
-        vyy = (4.0 * (sums[k, 5] - mass * my * my) + weight * a0 * a0) / (mass + weight)
-        vxy = 4.0 * (sums[k, 4] - mass * mx * my) / (mass + weight)
+        vxx = (4.0 * (sxx - mass * mx * mx) + weight * b0 * b0) / (mass + weight)
+        vyy = (4.0 * (syy - mass * my * my) + weight * a0 * a0) / (mass + weight)
+        vxy = 4.0 * (sxy - mass * mx * my) / (mass + weight)
         set_axes(ellipses, k, vxx, vxy, vyy, upright)
 
 

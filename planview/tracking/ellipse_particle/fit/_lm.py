@@ -1,15 +1,47 @@
 """Compiled Levenberg-Marquardt refinement; ``tests/reference/ellipses.py`` defines it in plain numpy."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from calib.types import F32, F64, I64
-from planview.tracking.ellipse_particle.fit._area import conic, rows_of, span
+from planview.tracking.ellipse_particle.fit._area import conic, half_length, rows_of, span
+from planview.tracking.ellipse_particle.fit.prior import SizeLaw
 
 EDGE = 5.0
 """Widths of the soft edge beyond which nothing is left of an ellipse (0.7 %)."""
+
+
+class Prior(NamedTuple):
+    """Deviations from the prior and how far an ellipse may go from it.
+
+    Attributes:
+        size_spread: deviation of ln half length and ln half width from the size law.
+        angle_spread: deviation of the angle [rad].
+        size_limit: largest |ln size ratio|.
+        angle_limit: largest |angle| [rad].
+    """
+
+    size_spread: float
+    angle_spread: float
+    size_limit: float
+    angle_limit: float
+
+
+class Match(NamedTuple):
+    """How the union of ellipses is compared with the mask.
+
+    Attributes:
+        deviation: of a cell's residual.
+        background: weight of a background cell against 1 of a foreground cell.
+        soft: width of the logistic edge of an ellipse [cells].
+    """
+
+    deviation: float
+    background: float
+    soft: float
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -56,12 +88,10 @@ def free_of(ellipses: F64, k: int, soft: float, window: I64, free: F64) -> None:
 
 
 @njit(cache=True, nogil=True)
-def normal_equations(
-    mask: F32, ellipse: F64, window: I64, free: F64, background: float, soft: float, grad: F64, hess: F64
-) -> float:
+def normal_equations(mask: F32, ellipse: F64, window: I64, free: F64, match: Match, grad: F64, hess: F64) -> float:
     """Half the weighted squared residual of the union of ellipses against the mask in a window.
 
-    Residual of a cell: mask - (1 - (1 - inside) free), weight 1 for foreground and ``background`` for the rest.
+    Residual of a cell: mask - (1 - (1 - inside) free), weight 1 for foreground and ``match.background`` for the rest.
     grad (5,) and hess (5, 5) receive the Gauss-Newton terms for (x, y, ln a, ln b, angle) of the ellipse.
     """
     x0, y0, a, b, angle = ellipse
@@ -81,14 +111,14 @@ def normal_equations(
             u = dx * s + dy * c
             v = dx * c - dy * s
             rho = max(1e-6, math.sqrt(u * u * ia + v * v * ib))
-            z = (rho - 1.0) * b / soft
+            z = (rho - 1.0) * b / match.soft
             own = 0.0 if z > EDGE else 1.0 / (1.0 + math.exp(z))
             others = free[r - r0, col - c0]
             f = mask[r, col]
-            weight = f + background * (1.0 - f)
+            weight = f + match.background * (1.0 - f)
             residual = f - (1.0 - (1.0 - own) * others)
             cost += 0.5 * weight * residual * residual
-            slope = others * own * (1.0 - own) * b / soft
+            slope = others * own * (1.0 - own) * b / match.soft
             if slope < 1e-4:
                 continue
             # d union / d p = -slope * d rho / d p; the residual falls as the union grows.
@@ -109,39 +139,29 @@ def normal_equations(
 
 
 @njit(cache=True, nogil=True)
-def refine(
-    mask: F32, ellipses: F64, half0: float, half1: float, least: float, aspect: float, spread: F64, limits: F64,
-    background: float, soft: float, sweeps: int,
-) -> None:  # fmt: skip
-    """Levenberg-Marquardt on one ellipse at a time, the others held, ``sweeps`` times round; in place.
-
-    max(least, half0 + half1 * y): half length expected in row y; aspect: width / length;
-    spread: (4,) deviations of ln a, ln b, angle from the prior, and the deviation of a cell's residual;
-    limits: (2,) largest |ln size ratio| and |angle|.
-    """
+def refine(mask: F32, ellipses: F64, law: SizeLaw, prior: Prior, match: Match, sweeps: int) -> None:
+    """Levenberg-Marquardt on one ellipse at a time, the others held, ``sweeps`` times round; in place."""
     n_rows, n_cols = mask.shape
     grad = np.empty(5)
     hess = np.empty((5, 5))
     step = np.empty(5)
     damping = np.full(ellipses.shape[0], 0.01)
-    precision = 1.0 / (spread[3] * spread[3])
+    precision = 1.0 / (match.deviation * match.deviation)
     free = np.empty((n_rows, n_cols))
     window = np.empty(4, dtype=np.int64)
     for _ in range(sweeps):
         for k in range(ellipses.shape[0]):
-            a0 = max(least, half0 + half1 * ellipses[k, 1])
-            window[0], window[1], window[2], window[3] = window_of(ellipses, k, soft, n_rows, n_cols)
-            free_of(ellipses, k, soft, window, free)
-            cost = normal_equations(mask, ellipses[k], window, free, background, soft, grad, hess) * precision
-            cost += _prior(ellipses, k, a0, aspect, spread, grad, hess, precision)
+            window[0], window[1], window[2], window[3] = window_of(ellipses, k, match.soft, n_rows, n_cols)
+            free_of(ellipses, k, match.soft, window, free)
+            cost = normal_equations(mask, ellipses[k], window, free, match, grad, hess) * precision
+            cost += add_prior(ellipses[k], law, prior, precision, grad, hess)
             old = ellipses[k].copy()
             for i in range(5):
                 hess[i, i] = hess[i, i] * (1.0 + damping[k]) + 1e-3 * precision
             step[:] = np.linalg.solve(hess, grad)
-            move(ellipses, k, step, half0, half1, least, aspect, limits)
-            a0 = max(least, half0 + half1 * ellipses[k, 1])
-            after = normal_equations(mask, ellipses[k], window, free, background, soft, grad, hess) * precision
-            after += _prior(ellipses, k, a0, aspect, spread, grad, hess, precision)
+            move(ellipses[k], step, law, prior)
+            after = normal_equations(mask, ellipses[k], window, free, match, grad, hess) * precision
+            after += add_prior(ellipses[k], law, prior, precision, grad, hess)
             if after <= cost:
                 damping[k] = max(1e-4, damping[k] * 0.3)
             else:
@@ -150,39 +170,33 @@ def refine(
 
 
 @njit(cache=True, nogil=True)
-def move(
-    ellipses: F64, k: int, step: F64, half0: float, half1: float, least: float, aspect: float, limits: F64
-) -> None:
+def move(ellipse: F64, step: F64, law: SizeLaw, prior: Prior) -> None:
     """Take a step in (x, y, ln a, ln b, angle), at most 3 cells, within the limits about the size at the new place."""
-    ellipses[k, 0] += min(max(step[0], -3.0), 3.0)
-    ellipses[k, 1] += min(max(step[1], -3.0), 3.0)
-    a0 = max(least, half0 + half1 * ellipses[k, 1])
-    la = math.log(ellipses[k, 2] / a0) + step[2]
-    lb = math.log(ellipses[k, 3] / (a0 * aspect)) + step[3]
-    ellipses[k, 2] = max(0.7, a0 * math.exp(min(max(la, -limits[0]), limits[0])))
-    ellipses[k, 3] = max(0.7, a0 * aspect * math.exp(min(max(lb, -limits[0]), limits[0])))
-    ellipses[k, 4] = min(max(ellipses[k, 4] + step[4], -limits[1]), limits[1])
+    ellipse[0] += min(max(step[0], -3.0), 3.0)
+    ellipse[1] += min(max(step[1], -3.0), 3.0)
+    a0 = half_length(law, ellipse[1])
+    la = math.log(ellipse[2] / a0) + step[2]
+    lb = math.log(ellipse[3] / (a0 * law.aspect)) + step[3]
+    limit = prior.size_limit
+    ellipse[2] = max(0.7, a0 * math.exp(min(max(la, -limit), limit)))
+    ellipse[3] = max(0.7, a0 * law.aspect * math.exp(min(max(lb, -limit), limit)))
+    ellipse[4] = min(max(ellipse[4] + step[4], -prior.angle_limit), prior.angle_limit)
 
 
 @njit(cache=True, nogil=True)
-def _prior(
-    ellipses: F64, k: int, a0: float, aspect: float, spread: F64, grad: F64, hess: F64, precision: float
-) -> float:
+def add_prior(ellipse: F64, law: SizeLaw, prior: Prior, precision: float, grad: F64, hess: F64) -> float:
     """Scale the data terms by the precision and add the prior's; returns the prior's cost."""
-    cost = 0.0
     for i in range(5):
         grad[i] *= precision
         for j in range(5):
             hess[i, j] *= precision
+    a0 = half_length(law, ellipse[1])
+    offsets = (math.log(ellipse[2] / a0), math.log(ellipse[3] / (a0 * law.aspect)), ellipse[4])
+    spreads = (prior.size_spread, prior.size_spread, prior.angle_spread)
+    cost = 0.0
     for i in range(3):
-        if i == 0:
-            off = math.log(ellipses[k, 2] / a0)
-        elif i == 1:
-            off = math.log(ellipses[k, 3] / (a0 * aspect))
-        else:
-            off = ellipses[k, 4]
-        w = 1.0 / (spread[i] * spread[i])
-        grad[2 + i] -= w * off
+        w = 1.0 / (spreads[i] * spreads[i])
+        grad[2 + i] -= w * offsets[i]
         hess[2 + i, 2 + i] += w
-        cost += 0.5 * w * off * off
+        cost += 0.5 * w * offsets[i] * offsets[i]
     return cost

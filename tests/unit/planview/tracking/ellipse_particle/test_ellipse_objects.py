@@ -1,22 +1,23 @@
-"""Which measurements objects explain, where they may be found again, and when they have left the view."""
+"""What measurements and objects cover, where objects may be reacquired, and when they have left the view."""
 
 import numpy as np
 import pytest
 
-from planview.tracking.ellipse_particle.explain import measured_shares, reachable, unexplained
-from planview.tracking.ellipse_particle.fit.ellipses import SizePrior
+from planview.tracking.ellipse_particle.coverage import measured_shares, reachable, uncovered
+from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
 from planview.tracking.ellipse_particle.objects import Objects
-from planview.tracking.ellipse_particle.params import FilterParams, LifeParams
+from planview.tracking.ellipse_particle.params import ExistenceParams, ParticleFilterParams
 
 SHAPE = (60, 80)
 PRIOR = SizePrior(10.0, 0.0, 0.4)
+UPRIGHT = PlaneModel(0.1, 0.35, 0.09, 0.0, 0.5, 1.0)
 HERE, BESIDE = np.array([20.0, 30, 10, 4, 0]), np.array([50.0, 30, 10, 4, 0])
 
 
 def objects_at(*ellipses: np.ndarray) -> Objects:
-    objects = Objects(FilterParams(particles=200), LifeParams(), np.random.default_rng(0))
+    objects = Objects(ParticleFilterParams(particles=200), ExistenceParams(), UPRIGHT, np.random.default_rng(0))
     for ellipse in ellipses:
-        objects.bear(ellipse, 0.7, 1, PRIOR, 12.0, "")
+        objects.spawn(ellipse, 0.7, 1, PRIOR, 12.0, "")
     return objects
 
 
@@ -25,13 +26,13 @@ def test_share_of_a_double_is_measured_but_not_its_own():
     np.testing.assert_allclose(shares, [[1, 1], [1, 0], [0, 0]], atol=0.05)
 
 
-def test_share_of_somebody_cut_by_the_border_counts_the_part_inside():
+def test_share_of_an_object_cut_by_the_border_counts_the_part_inside():
     cut = np.array([[-0.5, 30.0, 10, 4, 0]])
     assert measured_shares(cut, cut, SHAPE)[0] == pytest.approx([1, 1], abs=0.05)
 
 
-def test_measurement_that_no_object_covers_is_unexplained():
-    assert unexplained(np.array([HERE, BESIDE]), HERE[None], SHAPE, 0.35).tolist() == [False, True]
+def test_measurement_that_no_object_covers_is_uncovered():
+    assert uncovered(np.array([HERE, BESIDE]), HERE[None], SHAPE, 0.35).tolist() == [False, True]
 
 
 def test_nearest_measurement_within_reach_comes_first():
@@ -44,17 +45,31 @@ def test_nearest_measurement_within_reach_comes_first():
 
 
 @pytest.mark.parametrize(("x", "stays"), [(0.0, True), (-1.5, True), (-3.0, False), (80.5, True), (82.0, False)])
-def test_objects_are_followed_until_three_quarters_have_left_the_view(x, stays):
+def test_objects_are_tracked_until_three_quarters_have_left_the_view(x, stays):
     objects = objects_at(np.array([x, 30.0, 10, 4, 0]))
     objects.states[0, 0] = x
-    objects.bury(SHAPE, PRIOR)
+    objects.prune(SHAPE, PRIOR)
     assert len(objects) == stays
 
 
 def test_objects_are_chosen_by_what_is_known_of_them():
     objects = objects_at(HERE, BESIDE)
-    objects.lives[1].confirmed, objects.lives[1].seen = True, False
-    assert objects.that(seen=True).tolist() == [True, False]
-    assert objects.that(confirmed=True).tolist() == [False, True]
-    assert objects.that(seen=True, confirmed=True).tolist() == [False, False]
-    assert objects.that().tolist() == [True, True]
+    objects.evidence[1].who.confirmed, objects.evidence[1].measured = True, False
+    assert objects.measured.tolist() == [True, False]
+    assert objects.confirmed.tolist() == [False, True]
+
+
+def test_object_that_is_measured_again_and_again_is_confirmed_lost_and_reacquired():
+    objects, kinds = objects_at(HERE), []
+    for covered in (1.0, 1.0, 0.0, 0.0, 1.0):
+        objects.cycle.begin(0.0)
+        objects.observe(0, covered > 0.5, covered > 0.5, 0.1, True, covered)
+        kinds += [d.kind for d in objects.cycle.decisions]
+    assert kinds == ["confirmed", "lost", "reacquired"]
+
+
+def test_object_against_which_more_than_time_speaks_stays_tentative():
+    objects = objects_at(HERE)
+    for _ in range(5):
+        objects.observe(0, True, True, 0.1, False, 1.0)
+    assert objects.evidence[0].who.state == "tentative"

@@ -1,24 +1,28 @@
-"""The particle filter, births and deaths, groups and size learning, on numbers that can be checked by hand."""
+"""The particle filter, existence, groups and size learning, on numbers that can be checked by hand."""
 
 import math
 
 import numpy as np
 import pytest
 
-from planview.tracking.ellipse_particle.fit.ellipses import SizePrior, paint_union
+from planview.tracking.ellipse_particle.existence import Evidence, departure, spawn_log_odds
+from planview.tracking.ellipse_particle.fit.ellipses import paint_union
+from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
 from planview.tracking.ellipse_particle.groups import group, overlaps
-from planview.tracking.ellipse_particle.life import Life, birth, gone, observe
-from planview.tracking.ellipse_particle.params import FilterParams, LifeParams, SizeParams
+from planview.tracking.ellipse_particle.params import ExistenceParams, ImagePlaneParams, ParticleFilterParams
 from planview.tracking.ellipse_particle.particles import ParticleFilter, ellipses_of, normalised, union_prefix
 from planview.tracking.ellipse_particle.size_learning import SizeLearner, line, regions
+from planview.tracking.lifecycle import Existence
 
 PRIOR = SizePrior(12.0, 0.0, 0.4)
 SHAPE = (60, 120)
+UPRIGHT = PlaneModel(0.1, 0.35, math.radians(5), 0.0, 0.5, 1.0)
+PARAMS = ExistenceParams()
 HERE = np.array([40.0, 30, 12, 4.8, 0.0])
 
 
-def filter_with(*ellipses: np.ndarray, **params: object) -> ParticleFilter:
-    particles = ParticleFilter(FilterParams(**params), np.random.default_rng(0))
+def filter_with(*ellipses: np.ndarray, plane: PlaneModel = UPRIGHT, **params: object) -> ParticleFilter:
+    particles = ParticleFilter(ParticleFilterParams(**params), plane, np.random.default_rng(0))
     for ellipse in ellipses:
         particles.add(ellipse, PRIOR, 14.0, np.zeros(2))
     return particles
@@ -45,11 +49,11 @@ def test_likelihood_is_largest_where_ellipses_cover_the_measurement():
 
 
 def test_outside_weight_zero_is_the_equation_of_the_paper():
-    # One measurement, two objects: equation (8) lets the second be anywhere once the first explains all.
+    # One measurement, two objects: equation (8) lets the second be anywhere once the first covers all.
     second = HERE + np.array([50.0, 0, 0, 0, 0])
     args = (np.array([0, 1]), union_prefix(HERE[None], SHAPE), PRIOR, math.pi * 12 * 4.8)
-    papers = filter_with(HERE, second, outside_weight=0.0).weigh(*args)
-    ours = filter_with(HERE, second, outside_weight=1.0).weigh(*args)
+    papers = filter_with(HERE, second, plane=UPRIGHT._replace(outside_weight=0.0)).weigh(*args)
+    ours = filter_with(HERE, second).weigh(*args)
     assert papers.max() > -0.5
     # One object's area outside, at a deviation of 0.12 sqrt(2) areas, is 17.4; small differences of size add to it.
     assert -30 < np.median(ours) < -17
@@ -109,63 +113,77 @@ def test_overlaps_grow_with_the_margin():
     assert overlaps(HERE[None], far[None], np.array([[15.0, 0]]))[0, 0]
 
 
-def seen(life: Life, times: int, seen: bool = True, own: bool = True, dt: float = 0.1) -> None:
+def new(fill: float = 0.5, candidates: int = 1) -> Evidence:
+    return Evidence(Existence(1, 0.0, 0.0), (0, 0), spawn_log_odds(fill, candidates, PARAMS))
+
+
+def confirmed() -> Evidence:
+    evidence = new()
+    evidence.who.confirmed = True
+    return evidence
+
+
+def follow(evidence: Evidence, times: int, measured: bool = True, own: bool = True, dt: float = 0.1) -> None:
     for _ in range(times):
-        observe(life, seen, own, dt, LifeParams())
+        evidence.update(measured, own, dt, PARAMS)
 
 
-def test_birth_is_believed_after_repeated_measurements():
-    life = birth(1, (0, 0), 0.5, 1, LifeParams())
-    assert life.probability == pytest.approx(0.1 / 0.3)  # one entry for two false alarms
-    seen(life, 1)
-    assert life.state == "tentative"
-    seen(life, 1)
+def test_repeated_measurements_speak_for_a_new_object():
+    evidence = new()
+    assert evidence.probability == pytest.approx(0.1 / 0.3)  # one entry for two false alarms
+    follow(evidence, 1)
+    assert evidence.probability < PARAMS.confirm_probability
+    follow(evidence, 1)
     # 0.5 (0.85 / 0.25)^2 = 5.8 to 1
-    assert life.state == "confirmed"
+    assert evidence.probability == pytest.approx(5.78 / 6.78)
 
 
-def test_births_of_a_frame_full_of_measurements_are_doubted():
-    assert birth(1, (0, 0), 0.5, 14, LifeParams()).probability == pytest.approx(0.1 / 10.1)
+def test_new_objects_of_a_frame_full_of_measurements_are_doubted():
+    assert new(candidates=14).probability == pytest.approx(0.1 / 10.1)
 
 
-def test_birth_in_a_small_group_is_as_probable_as_alone():
-    alone, together = (birth(1, (0, 0), 0.5, n, LifeParams()).log_odds for n in (1, 4))
-    assert together == alone
+def test_new_object_in_a_small_group_is_as_probable_as_alone():
+    assert new(candidates=4).log_odds == new(candidates=1).log_odds
 
 
-def test_fill_of_a_birth_counts_at_most_as_much_as_being_seen_again():
+def test_fill_of_a_new_object_counts_at_most_as_much_as_a_second_measurement():
     one_frame = math.log(0.85 / 0.25)
-    odds = [birth(1, (0, 0), fill, 1, LifeParams()).log_odds for fill in (0.0, 0.5, 0.575, 1.0)]
+    odds = [new(fill).log_odds for fill in (0.0, 0.5, 0.575, 1.0)]
     assert np.diff(odds) == pytest.approx([one_frame, one_frame / 2, one_frame / 2])
 
 
-def test_birth_that_is_not_seen_again_is_soon_gone():
-    life = birth(1, (0, 0), 0.5, 1, LifeParams())
-    seen(life, 1, seen=False, own=False)
-    assert gone(life, LifeParams()) > LifeParams().believe
+def test_new_object_that_is_not_measured_again_has_soon_left():
+    evidence = new()
+    follow(evidence, 1, measured=False, own=False)
+    assert departure(evidence, PARAMS) > PARAMS.confirm_probability
 
 
-def test_death_follows_the_gamma_of_the_time_unseen():
-    life = birth(1, (0, 0), 0.5, 1, LifeParams())
-    seen(life, 4)
-    seen(life, 10, seen=False, own=False)  # 1 s, half the mean
-    assert life.state == "lost"
-    assert gone(life, LifeParams()) < 0.2
-    seen(life, 20, seen=False, own=False)  # 3 s
-    assert gone(life, LifeParams()) > 0.8
+def test_departure_follows_the_gamma_of_the_time_without_measurement():
+    evidence = confirmed()
+    follow(evidence, 10, measured=False, own=False)  # 1 s, half the mean
+    assert departure(evidence, PARAMS) < 0.2
+    follow(evidence, 20, measured=False, own=False)  # 3 s
+    assert departure(evidence, PARAMS) > 0.8
 
 
-def test_hidden_object_outlives_an_unseen_one():
-    hidden, unseen = (birth(i, (0, 0), 0.5, 1, LifeParams()) for i in (1, 2))
-    for life, visible in ((hidden, True), (unseen, False)):
-        seen(life, 4)
-        seen(life, 20, seen=visible, own=False)
-    assert gone(hidden, LifeParams()) < gone(unseen, LifeParams())
+def test_object_that_shares_its_measurement_outlives_an_unmeasured_one():
+    shared, unmeasured = confirmed(), confirmed()
+    follow(shared, 20, own=False)
+    follow(unmeasured, 20, measured=False, own=False)
+    assert departure(shared, PARAMS) < departure(unmeasured, PARAMS)
+
+
+def test_object_that_shares_its_measurement_for_long_is_a_prediction_only():
+    evidence = confirmed()
+    follow(evidence, 6, own=False)
+    assert evidence.observed
+    follow(evidence, 2, own=False)
+    assert not evidence.observed
 
 
 def test_learned_size_follows_the_row_in_spite_of_specks_and_groups():
     rng = np.random.default_rng(3)
-    learner = SizeLearner(SizeParams(least_samples=10))
+    learner = SizeLearner(ImagePlaneParams(min_samples=10))
     prior = None
     for frame in range(40):
         people = []
@@ -184,7 +202,7 @@ def test_learned_size_follows_the_row_in_spite_of_specks_and_groups():
 
 
 def test_size_learning_stops_after_its_time():
-    learner = SizeLearner(SizeParams(least_samples=4, learn_s=5))
+    learner = SizeLearner(ImagePlaneParams(min_samples=4, learn_s=5))
     small, large = (paint_union(np.array([[50.0, 50, a, 0.4 * a, 0]]), (100, 100)).astype(np.float32) for a in (10, 20))
     for frame in range(11):
         before = learner.update(small, frame)

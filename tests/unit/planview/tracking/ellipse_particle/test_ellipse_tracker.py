@@ -1,4 +1,4 @@
-"""The ellipse-particle tracker on painted people whose paths are known, and on input that nobody would wish for."""
+"""The ellipse-particle tracker on painted people whose paths are known, and on unusual input."""
 
 import math
 from itertools import pairwise
@@ -12,20 +12,19 @@ from hypothesis.extra import numpy as hnp
 from calib.ground_camera import GroundCamera
 from planview.tracking.base import Observation
 from planview.tracking.ellipse_particle import (
-    DetectionParams,
     EllipseParticleParams,
     EllipseParticleTracker,
-    FilterParams,
-    SizeParams,
+    ImagePlaneParams,
+    ParticleFilterParams,
+    image_ellipse_tracker,
 )
 from planview.tracking.ellipse_particle.fit.ellipses import paint_union
 from planview.trajectories.state import TrackState
 
 SHAPE = (120, 160)
 GIVEN = EllipseParticleParams(
-    detection=DetectionParams(source="given"),
-    size=SizeParams(half_length_px=15, aspect=0.4),
-    filter=FilterParams(particles=300),
+    image=ImagePlaneParams(source="given", half_length_px=15, aspect=0.4),
+    filter=ParticleFilterParams(particles=300),
 )
 
 
@@ -44,7 +43,7 @@ def near(states: tuple[TrackState, ...], x: float) -> TrackState:
 
 
 def test_walker_is_confirmed_and_followed_with_one_id():
-    out = follow(EllipseParticleTracker(GIVEN), [foreground((20 + 2 * i, 60)) for i in range(40)])
+    out = follow(image_ellipse_tracker(GIVEN), [foreground((20 + 2 * i, 60)) for i in range(40)])
     assert [s.state for s in out[-1]] == ["confirmed"]
     assert {s.track_id for states in out for s in states} == {1}
     left, top, width, height = out[-1][0].box_px
@@ -54,7 +53,7 @@ def test_walker_is_confirmed_and_followed_with_one_id():
 
 def test_two_people_keep_their_ids_when_they_cross():
     masks = [foreground((20 + 3 * i, 60), (140 - 3 * i, 66)) for i in range(40)]
-    out = follow(EllipseParticleTracker(GIVEN), masks)
+    out = follow(image_ellipse_tracker(GIVEN), masks)
     first, second = near(out[8], 44).track_id, near(out[8], 116).track_id
     assert first != second
     assert near(out[-1], 137).track_id == first
@@ -65,13 +64,13 @@ def test_id_survives_an_occlusion_by_something_static():
     masks = [foreground((20 + 3 * i, 60)) for i in range(40)]
     for mask in masks:
         mask[:, 66:84] = 0  # a pillar wider than the person
-    out = follow(EllipseParticleTracker(GIVEN), masks)
+    out = follow(image_ellipse_tracker(GIVEN), masks)
     assert {s.track_id for states in out for s in states if s.state == "confirmed"} == {1}
     assert [s.state for s in out[-1]] == ["confirmed"]
 
 
 def test_person_who_leaves_is_removed_with_a_reason():
-    tracker = EllipseParticleTracker(GIVEN)
+    tracker = image_ellipse_tracker(GIVEN)
     reasons = []
     for i in range(80):
         mask = foreground((80, 60)) if i < 20 else foreground()
@@ -82,27 +81,26 @@ def test_person_who_leaves_is_removed_with_a_reason():
 
 
 def test_sizes_are_learned_without_being_given():
-    params = EllipseParticleParams(detection=DetectionParams(source="given"), filter=FilterParams(particles=300))
-    out = follow(EllipseParticleTracker(params), [foreground((20 + 2 * i, 50), (140 - 2 * i, 80)) for i in range(30)])
+    params = EllipseParticleParams(image=ImagePlaneParams(source="given"), filter=ParticleFilterParams(particles=300))
+    out = follow(image_ellipse_tracker(params), [foreground((20 + 2 * i, 50), (140 - 2 * i, 80)) for i in range(30)])
     assert len(out[-1]) == 2
     assert all(s.box_px[3] == pytest.approx(30, rel=0.2) for s in out[-1])
 
 
 def test_same_seed_same_tracks_and_reset_starts_again():
     masks = [foreground((20 + 3 * i, 60), (140 - 3 * i, 66)) for i in range(30)]
-    tracker = EllipseParticleTracker(GIVEN)
+    tracker = image_ellipse_tracker(GIVEN)
     first = follow(tracker, masks)
     tracker.reset()
     assert follow(tracker, masks) == first
-    assert follow(EllipseParticleTracker(GIVEN), masks) == first
-    other = EllipseParticleTracker(GIVEN.model_copy(update={"seed": 5}))
-    assert follow(other, masks) != first
+    assert follow(image_ellipse_tracker(GIVEN), masks) == first
+    assert follow(image_ellipse_tracker(GIVEN, seed=5), masks) != first
 
 
 @pytest.mark.parametrize("joint", [True, False])
 def test_joint_and_factored_filters_follow_two_people_apart(joint):
-    params = GIVEN.model_copy(update={"filter": FilterParams(particles=600, joint=joint)})
-    out = follow(EllipseParticleTracker(params), [foreground((20 + 2 * i, 40), (140 - 2 * i, 90)) for i in range(25)])
+    params = GIVEN.model_copy(update={"filter": ParticleFilterParams(particles=600, joint=joint)})
+    out = follow(image_ellipse_tracker(params), [foreground((20 + 2 * i, 40), (140 - 2 * i, 90)) for i in range(25)])
     assert len(out[-1]) == 2
     assert near(out[-1], 68).box_px[1] == pytest.approx(25, abs=4)
 
@@ -112,8 +110,8 @@ def test_camera_gives_floor_positions_and_heights():
     foot, head = camera.project([0.5, 6.0, 0.0]), camera.project([0.5, 6.0, 1.8])
     centre, half = (foot + head) / 2, float(foot[1] - head[1]) / 2
     mask = paint_union(np.array([[*centre, half, 0.4 * half, 0.0]]), (480, 640)) * np.uint8(255)
-    params = GIVEN.model_copy(update={"size": SizeParams(half_length_px=half, aspect=0.4)})
-    state = follow(EllipseParticleTracker(params, camera), [mask] * 8)[-1][0]
+    params = GIVEN.model_copy(update={"image": ImagePlaneParams(source="given", half_length_px=half, aspect=0.4)})
+    state = follow(image_ellipse_tracker(params, camera), [mask] * 8)[-1][0]
     assert (state.x_m, state.y_m) == pytest.approx((0.5, 6.0), abs=0.25)
     assert state.height_m == pytest.approx(1.8, abs=0.12)
 
@@ -121,8 +119,10 @@ def test_camera_gives_floor_positions_and_heights():
 def test_mixture_of_gaussians_finds_a_walker_in_images():
     rng = np.random.default_rng(0)
     scene = rng.integers(60, 160, (*SHAPE, 3), dtype=np.uint8)
-    tracker = EllipseParticleTracker(
-        EllipseParticleParams(size=SizeParams(half_length_px=15, aspect=0.4), filter=FilterParams(particles=300))
+    tracker = image_ellipse_tracker(
+        EllipseParticleParams(
+            image=ImagePlaneParams(half_length_px=15, aspect=0.4), filter=ParticleFilterParams(particles=300)
+        )
     )
     for i in range(60):
         image = scene.copy()
@@ -136,11 +136,9 @@ def test_mixture_of_gaussians_finds_a_walker_in_images():
 def test_mixture_does_not_absorb_a_walker_who_stops():
     scene = np.random.default_rng(0).integers(60, 160, (*SHAPE, 3), dtype=np.uint8)
     params = EllipseParticleParams(
-        size=SizeParams(half_length_px=15, aspect=0.4),
-        detection=DetectionParams(history=100),
-        filter=FilterParams(particles=300),
+        image=ImagePlaneParams(half_length_px=15, aspect=0.4, history=100), filter=ParticleFilterParams(particles=300)
     )
-    tracker = EllipseParticleTracker(params)
+    tracker = image_ellipse_tracker(params)
     for i in range(150):
         image = scene.copy()
         if i >= 20:
@@ -150,7 +148,7 @@ def test_mixture_does_not_absorb_a_walker_who_stops():
 
 
 def test_debug_shows_measurements_objects_and_particles():
-    tracker = EllipseParticleTracker(GIVEN)
+    tracker = image_ellipse_tracker(GIVEN)
     assert tracker.debug().drawings == ()
     follow(tracker, [foreground((80, 60))] * 5)
     drawings = {d.name: d for d in tracker.debug().drawings}
@@ -163,26 +161,26 @@ def test_debug_shows_measurements_objects_and_particles():
 def test_flooded_frames_measure_nothing_and_people_are_found_again():
     people = [foreground((20 + 2 * i, 60)) for i in range(40)]
     people[20:24] = [np.full(SHAPE, 255, dtype=np.uint8)] * 4
-    out = follow(EllipseParticleTracker(GIVEN), people)
+    out = follow(image_ellipse_tracker(GIVEN), people)
     assert [s.state for s in out[22]] == ["lost"]
     assert [(s.track_id, s.state) for s in out[-1]] == [(1, "confirmed")]
 
 
 @pytest.mark.parametrize("value", [0, 255])
 def test_no_foreground_and_foreground_everywhere_give_no_tracks(value):
-    params = EllipseParticleParams(detection=DetectionParams(source="given"))
+    params = EllipseParticleParams(image=ImagePlaneParams(source="given"))
     masks = [np.full(SHAPE, value, dtype=np.uint8)] * 5
-    assert follow(EllipseParticleTracker(params), masks) == [()] * 5
+    assert follow(image_ellipse_tracker(params), masks) == [()] * 5
 
 
 def test_one_frame_and_missing_images_are_no_trouble():
-    tracker = EllipseParticleTracker()
+    tracker = image_ellipse_tracker()
     assert tracker.update(Observation(0, 0.0)) == ()
     assert tracker.update(Observation(1, 0.1, image=np.zeros((48, 64, 3), dtype=np.uint8))) == ()
 
 
 def test_video_that_changes_size_starts_anew_and_says_so():
-    tracker = EllipseParticleTracker(GIVEN)
+    tracker = image_ellipse_tracker(GIVEN)
     follow(tracker, [foreground((80, 60))] * 8)
     tracker.update(Observation(8, 0.8, foreground=np.zeros((60, 80), dtype=np.uint8)))
     assert [d.kind for d in tracker.decisions] == ["pruned"]
@@ -191,7 +189,7 @@ def test_video_that_changes_size_starts_anew_and_says_so():
 
 def test_wrong_arrays_are_refused():
     with pytest.raises(ValueError, match="uint8 foreground"):
-        EllipseParticleTracker(GIVEN).update(Observation(0, 0.0, foreground=np.zeros((5, 5, 3), dtype=np.uint8)))
+        image_ellipse_tracker(GIVEN).update(Observation(0, 0.0, foreground=np.zeros((5, 5, 3), dtype=np.uint8)))
 
 
 @settings(max_examples=15, deadline=None)
@@ -205,8 +203,9 @@ def test_wrong_arrays_are_refused():
     st.booleans(),
 )
 def test_random_masks_and_times_give_finite_states(masks, dt, learn):
-    size = SizeParams(least_samples=2) if learn else SizeParams(half_length_px=5)
-    tracker = EllipseParticleTracker(GIVEN.model_copy(update={"size": size, "filter": FilterParams(particles=20)}))
+    size = {"min_samples": 2} if learn else {"half_length_px": 5}
+    image = ImagePlaneParams.model_validate({"source": "given", **size})
+    tracker = image_ellipse_tracker(EllipseParticleParams(image=image, filter=ParticleFilterParams(particles=20)))
     for i, mask in enumerate(masks):
         for state in tracker.update(Observation(i, i * dt, foreground=mask)):
             assert np.isfinite(state.box_px).all()

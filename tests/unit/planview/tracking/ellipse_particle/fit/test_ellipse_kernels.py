@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planview.tracking.ellipse_particle._kernels import copy_particles, propagate, union_overlap
+from planview.tracking.ellipse_particle._kernels import Transition, copy_particles, propagate, union_overlap
 from planview.tracking.ellipse_particle.fit import _area as kernels
 from planview.tracking.ellipse_particle.fit._cover import cover
 from planview.tracking.ellipse_particle.fit._em import em_step
-from planview.tracking.ellipse_particle.fit._lm import free_of, normal_equations, refine
+from planview.tracking.ellipse_particle.fit._lm import Match, Prior, free_of, normal_equations, refine
+from planview.tracking.ellipse_particle.fit.prior import SizeLaw
 from tests.reference import ellipses as reference
 from tests.reference import particles as particle_reference
 
@@ -70,10 +71,10 @@ def test_union_overlap_agrees_with_its_twin(seed):
     particles = np.zeros((6, 4, 7))
     particles[..., 0], particles[..., 1] = rng.uniform(-3, 53, (6, 4)), rng.uniform(-3, 43, (6, 4))
     particles[..., 4:] = rng.normal(0, 0.3, (6, 4, 3))
-    law = (3.0, 0.1, 4.0, 0.5)
+    law = SizeLaw(3.0, 0.1, 4.0, 0.5)
     members = np.array([0, 2, 3])
     out = np.empty((6, 2))
-    union_overlap(particles, members, kernels.row_prefix(measured), kernels.row_prefix(allowed), *law, out)
+    union_overlap(particles, members, kernels.row_prefix(measured), kernels.row_prefix(allowed), law, out)
     for p in range(6):
         x, y, _, _, ln_a, ln_b, angle = particles[p, members].T
         half = np.maximum(4.0, 3.0 + 0.1 * y)
@@ -87,7 +88,7 @@ def test_union_overlap_counts_shared_area_once():
     twice = np.zeros((1, 2, 7))
     twice[..., :2] = 30.0
     out = np.empty((1, 2))
-    union_overlap(twice, np.array([0, 1]), full, none, 20.0, 0.0, 1.0, 0.5, out)
+    union_overlap(twice, np.array([0, 1]), full, none, SizeLaw(20.0, 0.0, 1.0, 0.5), out)
     # Tall ellipses are summed over every third row.
     assert out[0] == pytest.approx([math.pi * 20 * 10] * 2, rel=0.03)
 
@@ -109,9 +110,9 @@ def test_em_step_agrees_with_its_twin():
     rows, cols = np.nonzero(mask)
     points = np.column_stack([cols, rows, rng.uniform(0.3, 1, len(rows))]).astype(np.float64)
     start = np.array([[14.0, 17, 10, 4, 0.0], [28, 21, 10, 4, 0.0]])
-    law = (9.0, 0.05, 2.0, 0.4)
+    law = SizeLaw(9.0, 0.05, 2.0, 0.4)
     expected = reference.em_step(points, start, law, 0.5, 1e-4)
-    em_step(points, start, *law, 0.5, 1e-4, True)
+    em_step(points, start, law, 0.5, 1e-4, True)
     np.testing.assert_allclose(start, expected, atol=1e-9)
 
 
@@ -124,7 +125,7 @@ def test_normal_equations_are_the_slope_of_the_squared_residual():
     free, window = np.empty(shape), np.array([0, 59, 0, 59])
     free_of(ellipses, 0, soft, window, free)
     np.testing.assert_allclose(1 - free, reference.soft_union(ellipses[1:], shape, soft, ellipses[1:, 3]), atol=8e-3)
-    normal_equations(mask, ellipses[0], window, free, background, soft, grad, hess)
+    normal_equations(mask, ellipses[0], window, free, Match(0.7, background, soft), grad, hess)
     weight = mask + background * (1 - mask)
 
     def cost(step: np.ndarray) -> float:
@@ -144,9 +145,9 @@ def test_normal_equations_are_the_slope_of_the_squared_residual():
 def test_refine_agrees_with_its_twin():
     mask = reference.paint(np.array([[20.0, 20, 12, 4.5, 0.1], [27, 22, 11, 4, -0.1]]), SHAPE).astype(np.float32)
     start = np.array([[18.5, 18, 10, 4, 0.0], [28, 24, 12, 4.5, 0.05]])
-    law, spread, limits = (9.0, 0.05, 2.0, 0.4), np.array([0.12, 0.12, 0.1, 0.7]), np.array([0.34, 0.35])
+    law, spread, limits = SizeLaw(9.0, 0.05, 2.0, 0.4), np.array([0.12, 0.12, 0.1, 0.7]), np.array([0.34, 0.35])
     expected = reference.refine(mask, start, law, spread, limits, 0.4, 0.7, 3)
-    refine(mask, start, *law, spread, limits, 0.4, 0.7, 3)
+    refine(mask, start, law, Prior(0.12, 0.1, 0.34, 0.35), Match(0.7, 0.4, 0.7), 3)
     np.testing.assert_allclose(start, expected, atol=1e-6)
 
 
@@ -164,7 +165,7 @@ def test_propagate_agrees_with_its_twin():
     pull, push, fresh = rng.uniform(size=3), rng.uniform(size=3), rng.uniform(size=3)
     expected, surprise = particle_reference.propagate(particles, noise, 0.2, pull, push, 0.7, fresh)
     out = np.empty((6, 3))
-    propagate(particles, noise, 0.2, pull, push, 0.7, fresh, out)
+    propagate(particles, noise, Transition(0.2, pull, push, 0.7, fresh), out)
     np.testing.assert_allclose(particles, expected)
     np.testing.assert_allclose(out, surprise, rtol=1e-6)
 

@@ -1,4 +1,4 @@
-"""Which measurements the objects explain, and how much of each object is measured."""
+"""How much of each object measurements cover, which measurements objects cover, and where objects may be again."""
 
 from __future__ import annotations
 
@@ -8,30 +8,34 @@ from calib.types import F64, Bool
 from planview.tracking.ellipse_particle.fit import _area as kernels
 from planview.tracking.ellipse_particle.particles import union_prefix
 
-QUARTER = 0.25
-"""An object that is inside the grid by less is not followed."""
+INSIDE_MIN = 0.25
+"""An object of which less is inside the grid is not tracked any longer. Our choice."""
+OUTLINE_M = 0.4
+"""Two outlines of one object may be this far apart [m]: half a shoulder breadth for each."""
+REACH_SIGMAS = 2.5
+"""How far from its prediction an object may be reacquired, in deviations of its particles beyond that. Our choice."""
 
 
 def measured_shares(measured: F64, objects: F64, shape: tuple[int, int]) -> F64:
     """(N, 2) share of each object's ellipse that is measured, and that is measured and in no older object.
 
-    Of somebody who is cut by the border only the part inside counts, or a quarter where less is inside.
+    Of an object that is cut by the border only the part inside counts, or ``INSIDE_MIN`` where less is inside.
 
     Args:
-        measured, objects: (M, 5), (N, 5) ellipses; objects in the order of their birth.
+        measured, objects: (M, 5), (N, 5) ellipses; objects in the order of their ids.
         shape: (R, C) of the grid.
     """
     out = np.zeros((len(objects), 4))
     kernels.claim(union_prefix(measured, shape), objects, np.arange(len(objects)), out)
-    area = np.maximum(out[:, 0], np.maximum(QUARTER * np.pi * objects[:, 2] * objects[:, 3], 1.0))
-    return out[:, 1:3] / area[:, None]
+    area = np.maximum(out[:, kernels.AREA], np.maximum(INSIDE_MIN * np.pi * objects[:, 2] * objects[:, 3], 1.0))
+    return out[:, [kernels.VALUE, kernels.OWN_VALUE]] / area[:, None]
 
 
-def unexplained(measured: F64, objects: F64, shape: tuple[int, int], least: float) -> Bool:
-    """(M,) measurements of which objects cover less than the share ``least``."""
+def uncovered(measured: F64, objects: F64, shape: tuple[int, int], share: float) -> Bool:
+    """(M,) measurements of which objects cover less than a share."""
     out = np.zeros((len(measured), 4))
     kernels.claim(union_prefix(objects, shape), measured, np.arange(len(measured)), out)
-    return np.asarray(out[:, 1] < least * np.maximum(out[:, 0], 1.0))
+    return np.asarray(out[:, kernels.VALUE] < share * np.maximum(out[:, kernels.AREA], 1.0))
 
 
 def reachable(
@@ -39,8 +43,8 @@ def reachable(
 ) -> list[tuple[float, int, int]]:
     """(distance [m], object, measurement) of the measurements at which objects may be again, nearest first.
 
-    The farther an object's particles have spread the farther it may be: 0.4 m, half a shoulder breadth for each of
-    two outlines, and 2.5 deviations, at most ``reach_m``.
+    The farther an object's particles have spread the farther it may be: ``OUTLINE_M`` and ``REACH_SIGMAS`` deviations,
+    at most ``reach_m``.
 
     Args:
         measured: (M, 5) ellipses.
@@ -49,5 +53,5 @@ def reachable(
     """
     away = np.hypot(*(measured[None, :, :2] - positions[:, None]).transpose(2, 0, 1)) / cells_per_m
     spread = np.hypot(*deviations.T)[:, None] / cells_per_m
-    near = away <= np.minimum(reach_m, 0.4 + 2.5 * spread)
+    near = away <= np.minimum(reach_m, OUTLINE_M + REACH_SIGMAS * spread)
     return sorted((float(away[n, m]), int(n), int(m)) for n, m in np.argwhere(near))

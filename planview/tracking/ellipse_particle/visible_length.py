@@ -1,4 +1,4 @@
-"""How much of a person's length shows: what is much shorter is a thing, or a piece of somebody."""
+"""How much of a person's length shows: what is much shorter is a thing, or a part of a person."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from calib.types import F32, F64, I64
 from planview.tracking.ellipse_particle.background import UNSURE
 from planview.tracking.ellipse_particle.fit import _area as kernels
-from planview.tracking.ellipse_particle.fit.ellipses import SizePrior
+from planview.tracking.ellipse_particle.fit.prior import SizePrior
 
 LIMB = 0.03
 """Least breadth of what shows in a row, over the length of a person: half a leg, 0.1 m of 1.7 m. Legs together, one
@@ -18,7 +18,7 @@ ROW_FILLED = 0.4
 what sticks out of the older one. Our choice: two bodies side by side fill so much each."""
 
 
-def length_shown(mask: F32, ellipses: F64, order: I64, prior: SizePrior) -> F64:
+def visible_length(mask: F32, ellipses: F64, order: I64, prior: SizePrior) -> F64:
     """Rows of each ellipse in which a body shows, over the length of a person there inside the grid.
 
     Only what is surely foreground counts; a shadow label is long and may be a shadow.
@@ -35,5 +35,5 @@ def length_shown(mask: F32, ellipses: F64, order: I64, prior: SizePrior) -> F64:
     sure = np.maximum((mask - np.float32(UNSURE)) / np.float32(1 - UNSURE), np.float32(0))
     lengths = 2 * prior.half_lengths(ellipses[:, 1])
     kernels.shown_rows(sure, ellipses, order, LIMB * lengths, ROW_FILLED, out)
-    inside = out[:, 1] / (2 * ellipses[:, 2])
-    return np.asarray(out[:, 0] / np.maximum(1.0, inside * lengths))
+    inside = out[:, kernels.ROWS] / (2 * ellipses[:, 2])
+    return np.asarray(out[:, kernels.SHOWN] / np.maximum(1.0, inside * lengths))

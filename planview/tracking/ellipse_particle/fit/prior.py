@@ -1,0 +1,89 @@
+"""What is expected of an ellipse before anything is measured: its size per row, and what its plane allows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.types import F64
+
+
+class SizeLaw(NamedTuple):
+    """A size prior as kernels take it.
+
+    Attributes:
+        half_0: half length of an object centred in row 0 [cells].
+        slope: its growth per row [cells/cell].
+        half_min: smallest half length [cells].
+        aspect: width / length.
+    """
+
+    half_0: float
+    slope: float
+    half_min: float
+    aspect: float
+
+
+@dataclass(frozen=True)
+class SizePrior:
+    """Size expected of an object, linear in the row of its centre, in cells of the grid it is fitted on.
+
+    A linear law of the centre row is a linear law of the foot row too (foot = centre + half the length); it holds for
+    objects on a plane seen by a camera without roll, so no calibration is asked for.
+
+    Attributes:
+        half_length_0: half length of an object centred in row 0 [cells].
+        half_length_slope: its growth per row [cells/cell].
+        aspect: width / length.
+        half_length_min: half length below which nothing is expected, however far away [cells]; a line must not run on
+            to objects of no size at the horizon.
+    Raises:
+        ValueError: aspect not positive.
+    """
+
+    half_length_0: float
+    half_length_slope: float
+    aspect: float
+    half_length_min: float = 1.0
+
+    def __post_init__(self) -> None:
+        values = tuple(self.law)
+        if not all(math.isfinite(v) for v in values) or min(self.aspect, self.half_length_min) <= 0:
+            raise ValueError(f"expected finite sizes and a positive aspect and minimum, got {values}")
+
+    @property
+    def law(self) -> SizeLaw:
+        return SizeLaw(
+            float(self.half_length_0), float(self.half_length_slope), float(self.half_length_min), float(self.aspect)
+        )
+
+    def half_length(self, row: float) -> float:
+        """Half length in cells of an object centred in a row."""
+        return max(self.half_length_min, self.half_length_0 + self.half_length_slope * row)
+
+    def half_lengths(self, rows: F64) -> F64:
+        """``half_length`` of many rows, (N,) float64."""
+        return np.asarray(np.maximum(self.half_length_min, self.half_length_0 + self.half_length_slope * rows))
+
+
+class PlaneModel(NamedTuple):
+    """What the plane in which ellipses lie says about them.
+
+    Attributes:
+        angle_spread: deviation of the length axis from the +row direction where an ellipse is measured [rad].
+        angle_limit: largest angle of a measured ellipse [rad].
+        angle_walk: stationary deviation of the length axis of a tracked object [rad].
+        separation: smallest distance of two centres, in half lengths; 0 where people hide one another.
+        proposal: part of ``EllipseFitParams.min_gain`` with which the cover proposes an ellipse.
+        outside_weight: weight of object area outside every measurement in the likelihood of the particles.
+    """
+
+    angle_spread: float
+    angle_limit: float
+    angle_walk: float
+    separation: float
+    proposal: float
+    outside_weight: float
