@@ -67,6 +67,13 @@ class Motion:
     def exists(self, t: float) -> bool:
         return self.first_s <= t < self.last_s
 
+    def places(self, times: F64) -> F64:
+        """(N, 2) hips at times (N,) [s]; NaN while the person does not exist."""
+        ticks = self.first_s + np.arange(len(self.xy)) / TICK_HZ
+        xy = np.column_stack([np.interp(times, ticks, self.xy[:, c]) for c in (0, 1)])
+        xy[(times < self.first_s) | (times >= self.last_s)] = np.nan
+        return xy
+
     def at(self, t: float) -> tuple[F64, float, float, float, F64]:
         """Hips (2,), heading, phase, speed and action weights at a time [s]."""
         u = np.clip((t - self.first_s) * TICK_HZ, 0, len(self.xy) - 1)

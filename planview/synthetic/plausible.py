@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.types import F64
-from planview.synthetic.motion import Motion, scripted_motion
+from planview.synthetic.motion import scripted_motion
 from planview.synthetic.scene import Scene
 from planview.synthetic.stage import Stage
 from planview.synthetic.wandering import Obstacles, wander
@@ -23,18 +23,12 @@ def implausible(scene: Scene, stage: Stage) -> str:
     scripted = [scripted_motion(p, furniture, scene.duration_s) for p in scene.people]
     times = np.arange(0.0, scene.duration_s, STEP_S)
     walks = any(p.wander for p in scene.people)
-    reason = _gaps([_places(m, times) for m in scripted], scene, wandering=walks)
-    if reason or not walks:
-        places = [_places(m, times) for m in scripted]
-    else:
-        places = [_places(m, times) for m in wander(scene, scripted)]
+    places = [m.places(times) for m in scripted]
+    reason = _gaps(places, scene, wandering=walks)
+    if walks and not reason:
+        places = [m.places(times) for m in wander(scene, scripted)]
         reason = _gaps(places, scene, wandering=False)
     return reason or _through_things(places, scene) or _out_of_view(places, stage)
-
-
-def _places(motion: Motion, times: F64) -> F64:
-    """(T, 2) hips, NaN while the person is not there."""
-    return np.array([motion.at(t)[0] if motion.exists(t) else (np.nan, np.nan) for t in times])
 
 
 def _gaps(places: list[F64], scene: Scene, *, wandering: bool) -> str:
