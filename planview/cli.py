@@ -10,6 +10,7 @@ from cyclopts import App
 COMMANDS = {
     "demo": "Run the committed clip and print its metrics.",
     "run": "Track people in a recording.",
+    "refine": "Improve the tracks of a finished run, knowing the whole recording.",
     "evaluate": "Score tracks against truth.",
     "doctor": "Check a recording and its calibration before trusting results.",
     "synth": "Render a recording with exact truth from a TOML scene.",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import cast
 
 import numpy as np
 
@@ -13,8 +12,8 @@ from planview.analytics.params import AnalyticsParams
 from planview.analytics.rules import Rules
 from planview.analytics.stream import Analytics
 from planview.analytics.totals import Counts
-from planview.trajectories.state import State, TrackState
-from planview.trajectories.table import IGNORED, Trajectories
+from planview.trajectories.state import TrackState
+from planview.trajectories.table import IGNORED, Trajectories, row_state
 
 TRUTH_ZONE_HYSTERESIS_M = 0.05
 """For true occupancy: a head sways by as much when a person stands on the outline [m]; our choice."""
@@ -75,18 +74,7 @@ def frames_of(tracks: Trajectories, clock: Clock) -> Iterator[tuple[int, float, 
     frames, starts = np.unique(tracks.frame, return_index=True)
     ends = np.searchsorted(tracks.frame, frames, side="right")
     for frame, moment, start, end in zip(frames, clock.at(frames), starts, ends, strict=True):
-        yield int(frame), float(moment), [_state(tracks, row) for row in range(start, end)]
-
-
-def _state(tracks: Trajectories, row: int) -> TrackState:
-    left, top, width, height = (float(v) for v in tracks.box_px[row])
-    return TrackState(
-        int(tracks.track_id[row]),
-        cast(State, str(tracks.state[row])),
-        float(tracks.x_m[row]),
-        float(tracks.y_m[row]),
-        box_px=(left, top, width, height),
-    )
+        yield int(frame), float(moment), [row_state(tracks, row) for row in range(start, end)]
 
 
 def _require_positions(tracks: Trajectories, rules: Rules) -> None:

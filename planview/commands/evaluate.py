@@ -15,6 +15,7 @@ from calib.errors import InputError
 from planview.commands.options import checked
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
+from planview.runs.info import read_run_info
 from planview.trajectories.layouts import load_tracks, load_truth
 from planview.trajectories.pairs import FilePair, file_pairs
 from planview.trajectories.table import Trajectories
@@ -97,15 +98,28 @@ def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, in
 def _json(pairs: list[FilePair], results: dict[str, Evaluation], together: Evaluation) -> dict[str, Any]:
     """The figures of all, with those of every recording under its name where there are several."""
     if len(results) == 1:
-        return {"tracks": str(pairs[0].tracks), **together.to_json()}
-    return {**together.to_json(), "recordings": {name: result.to_json() for name, result in results.items()}}
+        return {"tracks": str(pairs[0].tracks), "refined": _refined(pairs[0].tracks), **together.to_json()}
+    recordings = {
+        pair.name: {"tracks": str(pair.tracks), "refined": _refined(pair.tracks), **results[pair.name].to_json()}
+        for pair in pairs
+    }
+    return {**together.to_json(), "recordings": recordings}
 
 
 def _print_all(pairs: list[FilePair], results: dict[str, Evaluation], together: Evaluation, console: Console) -> None:
     for pair in pairs:
-        print_evaluation(results[pair.name], console, str(pair.tracks))
+        kind = {True: " (refined)", False: " (online)", None: ""}[_refined(pair.tracks)]
+        print_evaluation(results[pair.name], console, f"{pair.tracks}{kind}")
     if len(pairs) > 1:
         print_evaluation(together, console, f"{len(pairs)} recordings together", listed=False)
+
+
+def _refined(tracks: Path) -> bool | None:
+    """Whether the tracks of a run are refined; None where no run.json tells."""
+    info = tracks.parent / "run.json"
+    if tracks.name not in ("tracks.csv", "tracks_online.csv") or not info.is_file():
+        return None
+    return tracks.name == "tracks.csv" and read_run_info(info).refined
 
 
 def print_evaluation(result: Evaluation, console: Console, title: str, *, listed: bool = True) -> None:

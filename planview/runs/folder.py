@@ -12,8 +12,8 @@ from calib.errors import InputError, WorkError
 from planview.runs.info import RunInfo, read_run_info
 
 PRODUCTS = (
-    "tracks.csv", "events.csv", "decisions.csv", "counts.json", "run.json", "run.json.part", "run.rrd",
-    "report.html", "report.html.part",
+    "tracks.csv", "tracks_online.csv", "refinement.csv", "events.csv", "decisions.csv", "counts.json",
+    "run.json", "run.json.part", "run.rrd", "report.html", "report.html.part",
 )  # fmt: skip
 """Everything that a run may leave in its folder."""
 

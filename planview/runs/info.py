@@ -36,6 +36,8 @@ class RunInfo(InfoPart):
     """planview, Python and the libraries that matter."""
     config: dict[str, JsonValue] = Field(default_factory=dict)
     """The full effective configuration, a table per stage."""
+    refined: bool = False
+    """tracks.csv was refined after the run (``planview refine``); tracks_online.csv holds what was tracked online."""
     frames_read: int = 0
     frames_skipped: int = 0
     skipped: list[SkippedFrame] = Field(default_factory=list)

@@ -7,14 +7,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, cast
 
 import numpy as np
 
 from calib.errors import InputError
 from calib.types import F64, I64, Bool
 from planview.trajectories.rows import require_unique
-from planview.trajectories.state import TrackState
+from planview.trajectories.state import State, TrackState
 
 TRACK_COLUMNS = (
     "frame", "timestamp_s", "id", "x_m", "y_m", "vx_mps", "vy_mps", "height_m", "state",
@@ -101,13 +101,35 @@ def write_rows(file: IO[str], frame: int, timestamp_s: float, tracks: Sequence[T
     for track in tracks:
         cells = [
             str(frame),
-            f"{timestamp_s:.4f}",
+            _cell(timestamp_s, 4),
             str(track.track_id),
             *(_cell(v, 4) for v in (track.x_m, track.y_m, track.vx_mps, track.vy_mps, track.height_m)),
             track.state,
             *(_cell(v, 1) for v in track.box_px),
         ]
         file.write(",".join(cells) + "\n")
+
+
+def write_table(file: IO[str], table: Trajectories) -> None:
+    """All of ``tracks.csv``: the header and every row."""
+    write_header(file)
+    for row in range(len(table)):
+        write_rows(file, int(table.frame[row]), float(table.timestamp_s[row]), [row_state(table, row)])
+
+
+def row_state(table: Trajectories, row: int) -> TrackState:
+    """One row as a tracker gave it."""
+    left, top, width, height = (float(value) for value in table.box_px[row])
+    return TrackState(
+        track_id=int(table.track_id[row]),
+        state=cast(State, str(table.state[row])),
+        x_m=float(table.x_m[row]),
+        y_m=float(table.y_m[row]),
+        vx_mps=float(table.velocity_mps[row, 0]),
+        vy_mps=float(table.velocity_mps[row, 1]),
+        height_m=float(table.height_m[row]),
+        box_px=(left, top, width, height),
+    )
 
 
 class TrajectoryCollector:

@@ -1,0 +1,1 @@
+"""Trajectories of a finished recording, decided over the whole of it: the future is known."""
