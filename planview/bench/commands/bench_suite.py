@@ -115,8 +115,8 @@ def _watched(work: Sequence[SuiteJob], jobs: int, console: Console) -> list[Suit
 
 
 def print_suite(scores: Sequence[SuiteScore], together: SuiteTotals, console: Console) -> None:
-    """A row per scene, and all together."""
-    table = Table("scene", "seed", "rows", "significant errors", "MOTA", "IDF1", "switches", "position cm", "height cm")
+    """A row per scene, and all together: significant errors, switches, mean errors of position and height [cm]."""
+    table = Table("scene", "seed", "rows", "significant", "MOTA", "IDF1", "switch", "pos cm", "height")
     for column in (*table.columns[1:3], *table.columns[4:]):
         column.justify = "right"
     for item in scores:

@@ -11,6 +11,7 @@ from planview.synthetic.motion import scripted_motion, step_length_m
 from planview.synthetic.persons import Person
 from planview.synthetic.posing import pose_at
 from planview.synthetic.scene import load_scene, parse_scene
+from planview.synthetic.setting import Furniture
 from planview.synthetic.texture import Palette
 from planview.synthetic.varying import varied
 
@@ -114,6 +115,32 @@ def test_planted_foot_does_not_slide():
         now, then = (body.pose(*pose_at(0, 1.75, motion, u)).mesh.vertices for u in (t, t + 1 / 15))
         slid.append(np.linalg.norm((then - now)[now[:, 2] < 0.012], axis=1).min(initial=1.0))
     assert np.median(slid) < 0.04  # the body moves 8 cm per frame
+
+
+def test_cartwheel_puts_the_head_down_half_way_and_ends_upright_at_its_point():
+    person = walker({"cartwheel": (0, 2)}, height_m=1.75)
+    motion, body = scripted_motion(person, {}, 6), Body(person, Palette())
+    tops = [body.pose(*pose_at(0, 1.75, motion, t)).top_m for t in np.arange(0.0, 5.0, 0.05)]
+    assert min(tops) < 0.9
+    assert (tops[0], tops[-1]) == pytest.approx((1.75, 1.75), abs=0.03)
+    assert motion.at(5.0)[0] == pytest.approx([0, 2], abs=0.01)
+
+
+def test_crouching_lowers_the_head_and_a_low_bench_more_than_a_chair():
+    seats = {n: Furniture(kind=k, name=n, at_m=(2, 0), size_m=s) for n, k, s in
+             (("low", "bench", (0.45, 0.5, 0.33)), ("chair", "chair", None))}  # fmt: skip
+    tops = {}
+    for name, step in (
+        ("crouch", {"crouch_s": 4}),
+        ("low", {"sit_s": 9, "on": "low"}),
+        ("chair", {"sit_s": 9, "on": "chair"}),
+    ):
+        person = walker(step, height_m=1.75)
+        motion = scripted_motion(person, seats, 12)
+        t = 2.0 if name == "crouch" else 9.0
+        tops[name] = Body(person, Palette()).pose(*pose_at(0, 1.75, motion, t)).top_m
+    assert 0.8 < tops["crouch"] < 1.25
+    assert 0.9 < tops["low"] < tops["chair"] - 0.1 < 1.3
 
 
 def test_person_exists_from_entering_until_leaving():
