@@ -13,11 +13,12 @@ from calib.errors import InputError
 from planview.analytics.geometry import RulePlane
 from planview.analytics.rules import load_rules
 from planview.analytics.stream import Analytics
+from planview.maps.recording import is_maps
 from planview.pipeline.config import load_config
 from planview.pipeline.engine import Engine
-from planview.pipeline.factory import TrackerName, open_engine
+from planview.pipeline.factory import TrackerName, base_config, open_engine
 from planview.runs.folder import check_folder, prepare_folder
-from planview.runs.log import NoLog, RunLog
+from planview.runs.log import RunLog
 from planview.runs.progress import FrameProgress, summary
 from planview.runs.report.page import write_report
 from planview.runs.run import RunOptions
@@ -35,6 +36,7 @@ def run(
     config: Path | None = None,
     set_: Annotated[Sequence[str], Parameter(name="--set")] = (),
     rrd: Annotated[bool, Parameter(negative="")] = False,
+    save_maps: Annotated[bool, Parameter(negative="")] = False,
     debug: Annotated[bool, Parameter(negative="")] = False,
     overwrite: Annotated[bool, Parameter(negative="")] = False,
     frames: int = 0,
@@ -44,12 +46,18 @@ def run(
 
     Example: planview run my_recording --out out --rrd
 
+    Example of saving the plan-view maps and tracking them again: planview run my_recording --out out --save-maps, then
+    planview run out/maps.h5 --out again --tracker ellipse-particle
+
     Example with one camera: planview run street.mp4 --tracker human-model --camera camera.toml --out out
 
     Parameters
     ----------
     recording
-        Folder with left/ and right/ images or videos (or one side-by-side video) and a calibration; or one video.
+        Folder with left/ and right/ images or videos (or one side-by-side video) and a calibration; or one video;
+        or maps.h5 of an earlier run. Maps are tracked with the parameters that made them, changed by --config and
+        --set: with the same tracker and parameters the tracks are the same, with others they are an approximation,
+        since the earlier tracker's feedback to the foreground stays in the maps.
     out
         Folder for the results; made if need be.
     tracker
@@ -66,6 +74,8 @@ def run(
         One parameter, e.g. --set foreground.learning_rate=0.002; may be given several times.
     rrd
         Also write run.rrd, to be looked at with planview view.
+    save_maps
+        Also write maps.h5: foreground points of every frame as disparities and coarse colour codes, without images.
     debug
         Also write decisions.csv: every decision of the tracker with its reason.
     overwrite
@@ -77,25 +87,32 @@ def run(
     """
     if frames < 0:
         raise InputError(f"--frames: expected a number from 0, found {frames}")
-    settings = load_config(config, set_)
-    check_folder(out, overwrite)
+    settings = load_config(config, set_, base_config(recording))
+    check_folder(out, overwrite, recording)
     console = Console(stderr=True, markup=False)
     with console.status("opening the recording, aligning rows, finding the floor"):
         engine = open_engine(recording, tracker, settings, camera, calibration)
+    if save_maps and (engine.stereo is None or is_maps(recording)):
+        raise InputError(f"--save-maps: expected a stereo recording, found {recording}")
     analytics = Analytics(load_rules(rules, RulePlane(engine.camera, engine.size))) if rules else None
     prepare_folder(out, overwrite)
     options = RunOptions(tracker=tracker, analytics=analytics, debug=debug, max_frames=frames)
     with FrameProgress(console, min(frames or engine.recording.n_frames, engine.recording.n_frames)) as progress:
-        info = run_engine(engine, out, options, _log(engine, out, rrd), progress)
+        info = run_engine(engine, out, options, _logs(engine, out, rrd, save_maps), progress)
     write_report(out)
     summary(console, info, out)
     if json_output:
         print(info.model_dump_json())
 
 
-def _log(engine: Engine, out: Path, wanted: bool) -> RunLog:
-    if not wanted:
-        return NoLog()
-    from planview.runs.rerun.log import RerunLog
+def _logs(engine: Engine, out: Path, rrd: bool, save_maps: bool) -> list[RunLog]:
+    logs: list[RunLog] = []
+    if save_maps:
+        from planview.runs.maps_log import MapsLog
 
-    return RerunLog(engine, out / "run.rrd")
+        logs.append(MapsLog(engine, out / "maps.h5"))
+    if rrd:
+        from planview.runs.rerun.log import RerunLog
+
+        logs.append(RerunLog(engine, out / "run.rrd"))
+    return logs

@@ -31,7 +31,8 @@ def sweep(
     Parameters
     ----------
     recordings
-        Stereo recordings.
+        Stereo recordings, or maps.h5 that planview run --save-maps wrote: for parameters of the tracker, ten times as
+        fast; truth.csv is looked for beside them.
     out
         Folder in which each run gets a folder of its own; finished runs found there are kept, not repeated.
     vary
@@ -56,7 +57,7 @@ def _table(rows: Sequence[tuple[Job, dict[str, float]]]) -> Table:
     table = Table("recording", "settings", "people", "mota", "idf1", "position [m]", "significant errors")
     for job, row in rows:
         figures = (_text(row.get(key)) for key in ("people", "mota", "idf1", "position_error_mean_m", "errors"))
-        table.add_row(job.recording.name, " ".join(job.settings) or "defaults", *figures)
+        table.add_row(job.folder.parent.name, " ".join(job.settings) or "defaults", *figures)
     return table
 
 

@@ -53,8 +53,8 @@ class Config(Params):
     ellipse_particle: EllipseParticleParams = EllipseParticleParams()
 
 
-def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Config:
-    """Defaults, then the file, then overrides like ``foreground.learning_rate=0.002``.
+def load_config(path: Path | None = None, overrides: Sequence[str] = (), base: Config | None = None) -> Config:
+    """The base (the defaults when None), then the file, then overrides like ``foreground.learning_rate=0.002``.
 
     Raises:
         InputError: an unreadable file, an unknown key, or a value out of range, by name.
@@ -65,10 +65,10 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Conf
             tables = tomllib.loads(path.read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
             raise InputError(f"{path}: expected a TOML configuration, found {error}") from error
-        _validate(tables, str(path))
+        _validate(tables, str(path), base)
     for override in overrides:
         _apply(tables, override)
-    return _validate(tables, "--set" if overrides else str(path))
+    return _validate(tables, "--set" if overrides else str(path), base)
 
 
 def _apply(tables: dict[str, Any], override: str) -> None:
@@ -96,8 +96,8 @@ def _over(defaults: dict[str, Any], tables: dict[str, Any]) -> dict[str, Any]:
     return both
 
 
-def _validate(tables: dict[str, Any], source: str) -> Config:
+def _validate(tables: dict[str, Any], source: str, base: Config | None) -> Config:
     try:
-        return Config.model_validate(_over(Config().model_dump(), tables))
+        return Config.model_validate(_over((base or Config()).model_dump(), tables))
     except ValidationError as error:
         raise InputError(f"{source}: {first_problem(error)}") from error

@@ -8,8 +8,9 @@ import numpy as np
 
 from calib.ground_camera import GroundCamera
 from calib.types import F64
-from planview.pipeline.engine import StereoView
+from planview.maps.view import StereoView
 from planview.pipeline.info import CameraInfo, FloorInfo
+from stereo.floor_camera import StereoFloorCamera
 
 VIEW_DISTANCE_M = 15.0
 """The outline of the view on the floor ends here [m]."""
@@ -43,6 +44,30 @@ def stereo_floor_info(view: StereoView) -> FloorInfo:
         world_SE3_left=floor.world_SE3_left.matrix.tolist(),
         source=view.floor_source,
     )
+
+
+class StereoDescription:
+    """What an ``Engine`` tells about its rectified pair."""
+
+    stereo: StereoView
+
+    @property
+    def camera(self) -> StereoFloorCamera:
+        """The rectified left camera above the floor."""
+        return self.stereo.camera
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the rectified images [px]."""
+        return self.stereo.geometry.size
+
+    def camera_info(self) -> CameraInfo:
+        """See ``Engine``."""
+        return stereo_camera_info(self.stereo)
+
+    def floor_info(self) -> FloorInfo:
+        """See ``Engine``."""
+        return stereo_floor_info(self.stereo)
 
 
 def ground_camera_info(camera: GroundCamera) -> CameraInfo:

@@ -9,16 +9,13 @@ from time import perf_counter
 from typing import Any, Protocol
 
 from calib.ground_camera import GroundCamera
-from calib.rig import Floor
 from calib.types import F32
-from planview.maps.grid import Grid
+from planview.maps.view import StereoView
 from planview.pipeline.config import Config
 from planview.pipeline.info import CameraInfo, FloorInfo
 from planview.tracking.base import Decision, Observation, Tracker
 from planview.trajectories.state import TrackState
-from stereo.depth import RectifiedGeometry
 from stereo.floor_camera import StereoFloorCamera
-from stereo.matcher import DisparityRange
 from stereo.recording import Skipped
 
 STAGES = ("read", "rectify", "match", "foreground", "maps", "track")
@@ -46,41 +43,6 @@ class FrameResult:
     observation: Observation
     disparity: F32 | None
     stages_ms: dict[str, float]
-
-
-@dataclass(frozen=True, eq=False)
-class StereoView:
-    """A rectified pair above its floor.
-
-    Attributes:
-        geometry: of the rectified pair.
-        floor: pose of the rectified left camera and how well it is known.
-        floor_source: "found" in the recording, or the file that gave it.
-        calibration: file or folder the calibration came from; empty when unknown.
-        vertical_residual_px: row offset left after rectification [px]; NaN when unknown.
-        disparities: range searched.
-        grid: cells of the plan-view maps.
-        reduction: foreground and maps use every ``reduction``-th row and column of the rectified image.
-    """
-
-    geometry: RectifiedGeometry
-    floor: Floor
-    floor_source: str
-    calibration: str
-    vertical_residual_px: float
-    disparities: DisparityRange
-    grid: Grid
-    reduction: int
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(height, width) of disparity and foreground at the reduced size."""
-        return -(-self.geometry.height // self.reduction), -(-self.geometry.width // self.reduction)
-
-    @property
-    def camera(self) -> StereoFloorCamera:
-        """The rectified left camera above the floor."""
-        return StereoFloorCamera(self.geometry, self.floor.world_SE3_left)
 
 
 class AnyRecording(Protocol):

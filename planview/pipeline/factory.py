@@ -7,8 +7,10 @@ from typing import Literal, get_args
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera
+from planview.maps.recording import MapsRecording, is_maps
 from planview.pipeline.config import Config
 from planview.pipeline.engine import Engine
+from planview.pipeline.maps_pipeline import MapsPipeline, recorded_config
 from planview.pipeline.pipeline import Pipeline, SingleCameraPipeline
 from planview.tracking.base import ImageTracker, Tracker
 from planview.tracking.ellipse_particle import floor_ellipse_tracker, image_ellipse_tracker
@@ -29,17 +31,21 @@ def open_engine(
     camera: Path | None = None,
     calibration: Path | None = None,
 ) -> Engine:
-    """Open a recording with the tracker asked for.
+    """Open a recording, or the plan-view maps of one, with the tracker asked for.
 
-    The template tracker needs a stereo recording; the human-model tracker a video and its ``camera.toml``; the
-    ellipse-particle tracker takes either: of a stereo recording it tracks the plan-view occupancy map.
+    The template tracker needs a stereo recording or its maps; the human-model tracker a video and its ``camera.toml``;
+    the ellipse-particle tracker takes any: of a stereo recording it tracks the plan-view occupancy map.
 
+    Args:
+        config: the defaults when None; of plan-view maps the parameters that made them (see ``base_config``).
     Raises:
         InputError: a recording, camera or calibration that is missing or does not fit.
         WorkError: no floor is visible.
     """
     if tracker not in get_args(TrackerName):
         raise InputError(f"--tracker: expected one of {', '.join(get_args(TrackerName))}, found {tracker!r}")
+    if is_maps(path):
+        return _open_maps(path, tracker, config, camera or calibration)
     config = config or Config()
     if tracker == "template" or (tracker == "ellipse-particle" and is_stereo(path, calibration)):
         return Pipeline.from_recording(path, config, calibration, floor_tracker(tracker, config))
@@ -51,6 +57,25 @@ def open_engine(
 def is_stereo(path: Path, calibration: Path | None = None) -> bool:
     """Whether a path holds a pair of cameras rather than one."""
     return calibration is not None or (path.is_dir() and any(path.glob("left*")) and any(path.glob("right*")))
+
+
+def base_config(path: Path) -> Config:
+    """What parameters are changed from: those that made the plan-view maps, else the defaults.
+
+    Raises:
+        InputError: maps that cannot be read.
+    """
+    return recorded_config(MapsRecording(path)) if is_maps(path) else Config()
+
+
+def _open_maps(path: Path, tracker: TrackerName, config: Config | None, foreign: Path | None) -> MapsPipeline:
+    if tracker == "human-model":
+        raise InputError(f"{path}: expected a tracker of plan-view maps (template, ellipse-particle), found {tracker}")
+    if foreign is not None:
+        raise InputError(f"{foreign}: expected no calibration beside plan-view maps, which hold their own")
+    recording = MapsRecording(path)
+    config = config or recorded_config(recording)
+    return MapsPipeline(recording, floor_tracker(tracker, config), config)
 
 
 def floor_tracker(tracker: FloorTrackerName, config: Config) -> Tracker:

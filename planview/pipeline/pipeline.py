@@ -13,17 +13,17 @@ from calib.ground_camera import GroundCamera
 from calib.types import F32, U8
 from planview.foreground.mixture import Foreground
 from planview.maps.builder import MapBuilder
+from planview.maps.view import StereoView
 from planview.pipeline.boxes import BodyBoxes
 from planview.pipeline.config import Config
-from planview.pipeline.describe import ground_camera_info, ground_floor_info, stereo_camera_info, stereo_floor_info
-from planview.pipeline.engine import FrameResult, StageClock, StereoView
+from planview.pipeline.describe import StereoDescription, ground_camera_info, ground_floor_info
+from planview.pipeline.engine import FrameResult, StageClock
 from planview.pipeline.feedback import Feedback
 from planview.pipeline.info import CameraInfo, FloorInfo
 from planview.pipeline.setup import Setup, set_up
 from planview.pipeline.single_camera import SingleCamera
 from planview.tracking.base import ImageTracker, Observation, Tracker
 from planview.tracking.template import TemplateTracker
-from stereo.floor_camera import StereoFloorCamera
 from stereo.matcher import Matcher, SgbmMatcher
 from stereo.readers import open_recording
 from stereo.readers.prefetch import prefetch
@@ -51,7 +51,7 @@ class MatchedFrame:
     stages_ms: dict[str, float]
 
 
-class Pipeline:
+class Pipeline(StereoDescription):
     """Rectify, match, separate foreground, build maps, track: an ``Engine`` for stereo recordings.
 
     Attributes:
@@ -109,24 +109,6 @@ class Pipeline:
         config = config or Config()
         recording = open_recording(Path(path), calibration)
         return Pipeline(recording, set_up(recording, config), config, tracker, matcher)
-
-    @property
-    def camera(self) -> StereoFloorCamera:
-        """The rectified left camera above the floor."""
-        return self.stereo.camera
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """(width, height) of the rectified images [px]."""
-        return self.stereo.geometry.size
-
-    def camera_info(self) -> CameraInfo:
-        """See ``Engine``."""
-        return stereo_camera_info(self.stereo)
-
-    def floor_info(self) -> FloorInfo:
-        """See ``Engine``."""
-        return stereo_floor_info(self.stereo)
 
     def reset(self) -> None:
         """Forget people, background and feedback."""

@@ -13,19 +13,24 @@ from planview.runs.info import RunInfo, read_run_info
 
 PRODUCTS = (
     "tracks.csv", "tracks_online.csv", "refinement.csv", "events.csv", "decisions.csv", "counts.json",
-    "run.json", "run.json.part", "run.rrd", "report.html", "report.html.part",
+    "run.json", "run.json.part", "run.rrd", "maps.h5", "report.html", "report.html.part",
 )  # fmt: skip
 """Everything that a run may leave in its folder."""
 
 
-def check_folder(folder: Path, overwrite: bool) -> None:
+def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -> None:
     """Whether results may go to a folder; to be asked before any work is done.
 
+    Args:
+        recording: the input, which must not be among the files that are replaced.
+
     Raises:
-        InputError: the folder holds a finished run and ``overwrite`` is not set, or it is a file.
+        InputError: the folder holds a finished run and ``overwrite`` is not set, or the input, or it is a file.
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder for the results, found a file")
+    if recording is not None and recording.name in PRODUCTS and recording.resolve().parent == folder.resolve():
+        raise InputError(f"{folder}: expected another folder than that of the input, found {recording} in it")
     if _holds_finished_run(folder) and not overwrite:
         raise InputError(f"{folder}: holds a finished run; choose another folder or add --overwrite")
 

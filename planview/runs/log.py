@@ -1,4 +1,4 @@
-"""Where a run shows itself: a seam for rerun, and its null twin."""
+"""Where a run shows or keeps itself besides its tables."""
 
 from __future__ import annotations
 
@@ -13,13 +13,3 @@ class RunLog(Protocol):
     def frame(self, result: FrameResult) -> None: ...
 
     def close(self) -> None: ...
-
-
-class NoLog:
-    """Shows nothing."""
-
-    def frame(self, result: FrameResult) -> None:
-        """Ignore a frame."""
-
-    def close(self) -> None:
-        """Nothing to close."""

@@ -7,8 +7,8 @@ import json
 import os
 import platform
 import time
-from collections.abc import Callable, Iterator
-from contextlib import closing, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -25,7 +25,7 @@ from planview.analytics.totals import Counts
 from planview.pipeline.engine import Engine, FrameResult
 from planview.runs.folder import FrameFile
 from planview.runs.info import RunInfo, SkippedFrame, write_run_info, write_whole
-from planview.runs.log import NoLog, RunLog
+from planview.runs.log import RunLog
 from planview.tracking.base import Decision
 from planview.trajectories.table import write_header, write_rows
 
@@ -87,7 +87,7 @@ def run(
     engine: Engine,
     folder: Path,
     options: RunOptions | None = None,
-    log: RunLog | None = None,
+    logs: Sequence[RunLog] = (),
     watch: Callable[[FrameResult], None] | None = None,
 ) -> RunInfo:
     """Track a recording and write the output folder.
@@ -97,27 +97,31 @@ def run(
 
     Args:
         engine: from ``open_engine``, or composed by hand.
+        logs: take every frame; closed at the end, whatever happens.
         watch: called after every frame, e.g. to show progress.
     Raises:
         WorkError: the disk is full, or no frame can be used.
         KeyboardInterrupt: passed on after the files are closed.
     """
-    options, log = options or RunOptions(), log or NoLog()
+    options = options or RunOptions()
     info, started, progress = _start(engine, options), time.monotonic(), _Progress()
     finished = False
     try:
-        write_run_info(info, folder / "run.json")
-        with closing(_Files(folder, options)) as files:
+        with ExitStack() as stack:
+            for log in logs:
+                stack.callback(log.close)
+            write_run_info(info, folder / "run.json")
+            files = stack.enter_context(closing(_Files(folder, options)))
             for result in _limited(engine, options.max_frames):
                 progress.take(result)
                 files.add(result, progress)
-                log.frame(result)
+                for log in logs:
+                    log.frame(result)
                 if watch:
                     watch(result)
         _refuse_empty(engine, progress)
         finished = True
     finally:
-        log.close()
         info = _finish(info, engine, progress, options, time.monotonic() - started, finished)
         _write_end(info, folder)
     return info

@@ -9,8 +9,9 @@ from pathlib import Path
 
 from calib.errors import InputError
 from planview.evaluation.evaluate import evaluate_tracks
+from planview.maps.recording import is_maps
 from planview.pipeline.config import load_config
-from planview.pipeline.factory import open_engine
+from planview.pipeline.factory import base_config, open_engine
 from planview.runs.folder import finished_run, prepare_folder
 from planview.runs.report.page import write_report
 from planview.runs.run import run
@@ -22,7 +23,7 @@ class Job:
     """One run.
 
     Attributes:
-        recording: what to track.
+        recording: what to track: a stereo recording, or maps.h5 of one.
         settings: overrides like "maps.cell_m=0.04".
         config: parameters common to all runs.
         folder: where the results go.
@@ -40,19 +41,24 @@ def jobs_of(recordings: Sequence[Path], vary: Sequence[str], config: Path | None
     Raises:
         InputError: two recordings of one name, or a setting that is not a known parameter in its range.
     """
-    names = [recording.resolve().name for recording in recordings]
+    names = [_name(recording) for recording in recordings]
     if len(set(names)) < len(names):
         raise InputError(f"expected recordings with different names, found {sorted(names)}")
     choices = [_choices(text) for text in vary]
     jobs = []
     for recording, settings in itertools.product(recordings, itertools.product(*choices)):
-        load_config(config, settings)
+        load_config(config, settings, base_config(recording))
         label = "_".join(setting.replace("=", "-") for setting in settings) or "defaults"
-        jobs.append(Job(recording, tuple(settings), config, out / recording.resolve().name / label))
+        jobs.append(Job(recording, tuple(settings), config, out / _name(recording) / label))
     folders = [job.folder for job in jobs]
     if len(set(folders)) < len(folders):
         raise InputError(f"--vary: expected different settings for every run, found one twice in {list(vary)}")
     return jobs
+
+
+def _name(recording: Path) -> str:
+    path = recording.resolve()
+    return path.parent.name if is_maps(path) else path.name
 
 
 def _choices(text: str) -> list[str]:
@@ -91,7 +97,7 @@ def run_job(job: Job) -> dict[str, float]:
     Raises:
         InputError: the folder holds a finished run with other parameters.
     """
-    config = load_config(job.config, job.settings)
+    config = load_config(job.config, job.settings, base_config(job.recording))
     info = finished_run(job.folder)
     if info is None:
         prepare_folder(job.folder, overwrite=False)
@@ -100,7 +106,7 @@ def run_job(job: Job) -> dict[str, float]:
     elif info.config != config.model_dump(mode="json"):
         raise InputError(f"{job.folder}: holds a run with other parameters; choose another folder for this sweep")
     figures: dict[str, float] = {"people": info.people, "elapsed_s": info.elapsed_s}
-    truth = job.recording / "truth.csv"
+    truth = (job.recording.parent if is_maps(job.recording) else job.recording) / "truth.csv"
     if truth.is_file():
         scores = evaluate_tracks(load_tracks(job.folder / "tracks.csv"), load_truth(truth))
         summary = scores.to_json()

@@ -75,7 +75,7 @@ def test_rerun_is_stopped_before_the_disk_is_full(
     room = iter([200 << 20] * 4 + [10 << 20] * 100)
     monkeypatch.setattr(rerun_log.shutil, "disk_usage", lambda _: SimpleNamespace(free=next(room)))
     with pytest.raises(WorkError, match=r"run\.rrd: expected at least 64 MB of free disk, found 10"):
-        run(engine, tmp_path, log=rerun_log.RerunLog(engine, tmp_path / "run.rrd"))
+        run(engine, tmp_path, logs=[rerun_log.RerunLog(engine, tmp_path / "run.rrd")])
     assert not read_run_info(tmp_path / "run.json").finished
     rerun = Path(sysconfig.get_path("scripts")) / "rerun"
     assert subprocess.run([rerun, "rrd", "verify", tmp_path / "run.rrd"], timeout=60).returncode == 0

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import rerun.blueprint as rrb
 
-from planview.pipeline.engine import Engine, StereoView
+from planview.maps.view import StereoView
+from planview.pipeline.engine import Engine
 
 
 def blueprint(engine: Engine) -> rrb.Blueprint:

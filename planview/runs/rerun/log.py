@@ -16,7 +16,8 @@ import rerun as rr
 from calib.errors import WorkError
 from calib.images import encode_image
 from calib.types import F32, U8
-from planview.pipeline.engine import Engine, FrameResult, StereoView
+from planview.maps.view import StereoView
+from planview.pipeline.engine import Engine, FrameResult
 from planview.runs.rerun.blueprint import blueprint, shown_floor
 from planview.tracking.base import Drawing
 from planview.trajectories.state import TrackState

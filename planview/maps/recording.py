@@ -1,0 +1,289 @@
+"""Plan-view recordings: the foreground points of every frame in one HDF5 file, without images.
+
+Height and occupancy maps are functions of the points (Harville 2002, section 3), and a point of its pixel and
+disparity, so that these two are stored, without loss, and the maps are built anew by the code that built them first.
+A point's appearance is its colour code (``planview.maps.colour``).
+
+Layout: attributes ``format``, ``version``, ``config`` (JSON), ``fps``; groups ``rig``, ``floor`` and ``grid`` with
+attributes named as in the classes they hold; per frame ``frames/index``, ``frames/timestamp_s`` and ``frames/end``
+(where its points end); per point ``points/pixel``, ``points/disparity`` and, optionally, ``points/appearance``;
+``skipped/index`` and ``skipped/why``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from calib.errors import InputError, WorkError
+from calib.pose import SE3
+from calib.rig import Floor
+from calib.types import F32, I32, U8, AnyArray
+from planview.maps.builder import FloorPoints
+from planview.maps.colour import CODES
+from planview.maps.grid import Grid
+from planview.maps.view import StereoView
+from stereo.depth import RectifiedGeometry
+from stereo.matcher import DisparityRange
+from stereo.recording import Skipped
+
+FORMAT = "planview maps"
+VERSION = 1
+"""Changes when an older reader would misunderstand the file."""
+BLOCK_FRAMES = 32
+"""Frames written and read at a time."""
+CHUNK = 32768
+"""Values compressed together."""
+_FRAME_COLUMNS: dict[str, type] = {"index": np.int64, "timestamp_s": np.float64, "end": np.int64}
+_POINT_COLUMNS: dict[str, type] = {"pixel": np.int32, "disparity": np.float32}
+
+
+@dataclass(frozen=True, eq=False)
+class MapsFrame:
+    """The foreground points of one frame.
+
+    Attributes:
+        index, timestamp_s: as in the recording.
+        pixels: (N,) int32, row * width + column at the size of foreground and maps, ascending.
+        disparities: (N,) float32 [px of the rectified image].
+        colours: (N,) uint8 colour codes; None when not recorded.
+    """
+
+    index: int
+    timestamp_s: float
+    pixels: I32
+    disparities: F32
+    colours: U8 | None = None
+
+    @staticmethod
+    def of(index: int, timestamp_s: float, points: FloorPoints, disparity: F32) -> MapsFrame:
+        """The points of a frame, with their values in its (H, W) disparity at the size of foreground and maps."""
+        return MapsFrame(index, timestamp_s, points.pixels, disparity.reshape(-1)[points.pixels], points.colours)
+
+
+class MapsWriter:
+    """Writes a plan-view recording; ``close`` it, or it cannot be read.
+
+    Args:
+        path: the file to make.
+        view: the rig, its floor and the grid of the maps.
+        config: JSON of the configuration that made the points.
+        fps: nominal frames per second.
+    Raises:
+        WorkError: the file cannot be written.
+    """
+
+    def __init__(self, path: Path, view: StereoView, config: str, fps: float) -> None:
+        self._path = path
+        self._block: list[MapsFrame] = []
+        self._end = 0
+        with _writing(path):
+            self._file = h5py.File(path, "w")
+            self._file.attrs.update(format=FORMAT, version=VERSION, config=config, fps=fps)
+            _write_view(self._file, view)
+            for name, kind in _FRAME_COLUMNS.items():
+                self._column(f"frames/{name}", kind)
+            for name, kind in _POINT_COLUMNS.items():
+                self._column(f"points/{name}", kind)
+
+    def add(self, frame: MapsFrame) -> None:
+        """Append a frame.
+
+        Raises:
+            WorkError: the disk is full.
+        """
+        self._block.append(frame)
+        if len(self._block) == BLOCK_FRAMES:
+            self._flush()
+
+    def close(self, skipped: Sequence[Skipped] = ()) -> None:
+        """Write what is left, and the frames passed over.
+
+        Raises:
+            WorkError: the disk is full.
+        """
+        try:
+            self._flush()
+            with _writing(self._path):
+                self._file["skipped/index"] = np.array([frame.index for frame in skipped], dtype=np.int64)
+                self._file["skipped/why"] = np.array([frame.why for frame in skipped], dtype=h5py.string_dtype())
+        finally:
+            with _writing(self._path):
+                self._file.close()
+
+    def _flush(self) -> None:
+        block, self._block = self._block, []
+        if not block:
+            return
+        ends = self._end + np.cumsum([len(frame.pixels) for frame in block])
+        self._end = int(ends[-1])
+        columns: dict[str, Any] = {
+            "points/pixel": np.concatenate([frame.pixels for frame in block]),
+            "points/disparity": np.concatenate([frame.disparities for frame in block]),
+            "frames/index": [frame.index for frame in block],
+            "frames/timestamp_s": [frame.timestamp_s for frame in block],
+            "frames/end": ends,
+        }
+        codes = [frame.colours for frame in block if frame.colours is not None]
+        if codes and len(codes) != len(block):
+            raise ValueError("expected colours in all frames or in none")
+        with _writing(self._path):
+            if codes:
+                if "points/appearance" not in self._file:
+                    self._column("points/appearance", np.uint8).attrs["codes"] = CODES
+                columns["points/appearance"] = np.concatenate(codes)
+            for name, values in columns.items():
+                column = self._file[name]
+                start = len(column)
+                column.resize(start + len(values), axis=0)
+                column[start:] = values
+
+    def _column(self, name: str, kind: Any) -> Any:
+        return self._file.create_dataset(
+            name, (0,), kind, maxshape=(None,), chunks=(CHUNK,), compression="gzip", compression_opts=4, shuffle=True
+        )
+
+
+class MapsRecording:
+    """A plan-view recording: iterate it for its ``MapsFrame``.
+
+    Attributes:
+        path: the file.
+        view: the rig, its floor and the grid of the maps.
+        config: JSON of the configuration that made the points.
+        n_frames, fps, skipped: see ``stereo.recording.Recording``.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Read all but the points.
+
+        Raises:
+            InputError: no such file, not a plan-view recording, cut short, damaged, or of another version.
+        """
+        self.path = path
+        with _reading(path), h5py.File(path, "r") as file:
+            _check_version(path, file)
+            self.view = _read_view(file)
+            self.config = str(file.attrs["config"])
+            self.fps = float(file.attrs["fps"])
+            self._indices, self._times, self._ends = (_values(file, f"frames/{name}") for name in _FRAME_COLUMNS)
+            why = file["skipped/why"].asstr()[:]
+            self.skipped = [Skipped(int(i), str(w)) for i, w in zip(file["skipped/index"][:], why, strict=True)]
+            self._check_lengths(file)
+        self.n_frames = len(self._indices)
+
+    def __iter__(self) -> Iterator[MapsFrame]:
+        """Every frame in order.
+
+        Raises:
+            InputError: points that are damaged or outside the image.
+        """
+        with _reading(self.path), h5py.File(self.path, "r") as file:
+            for first in range(0, self.n_frames, BLOCK_FRAMES):
+                yield from self._block(file["points"], first, min(first + BLOCK_FRAMES, self.n_frames))
+
+    def _block(self, points: Any, first: int, last: int) -> Iterator[MapsFrame]:
+        start, end = int(self._ends[first - 1]) if first else 0, int(self._ends[last - 1])
+        pixels, disparities = points["pixel"][start:end], points["disparity"][start:end]
+        colours = points["appearance"][start:end] if "appearance" in points else None
+        height, width = self.view.shape
+        if len(pixels) and not (pixels.min() >= 0 and pixels.max() < height * width):
+            raise InputError(f"{self.path}: expected points inside {width}x{height} pixels, found them outside")
+        cuts = (self._ends[first : last - 1] - start).astype(int)
+        parts = [np.split(column, cuts) for column in (pixels, disparities)]
+        codes = np.split(colours, cuts) if colours is not None else [None] * (last - first)
+        for i in range(last - first):
+            index, time = int(self._indices[first + i]), float(self._times[first + i])
+            yield MapsFrame(index, time, parts[0][i], parts[1][i], codes[i])
+
+    def _check_lengths(self, file: Any) -> None:
+        n = len(self._indices)
+        if not n == len(self._times) == len(self._ends):
+            raise ValueError("columns of frames that differ in length")
+        n_points = int(self._ends[-1]) if n else 0
+        if (np.diff(self._indices) <= 0).any() or (np.diff(self._ends, prepend=0) < 0).any():
+            raise ValueError("frames out of order")
+        lengths = {name: len(column) for name, column in file["points"].items()}
+        if set(_POINT_COLUMNS) - lengths.keys() or set(lengths.values()) != {n_points}:
+            raise ValueError(f"columns of points of lengths {lengths} where frames end with {n_points}")
+
+
+def is_maps(path: Path) -> bool:
+    """Whether a path is a file of HDF5, by its name or its first bytes."""
+    if not path.is_file():
+        return False
+    return path.suffix in (".h5", ".hdf5") or bool(h5py.is_hdf5(path))
+
+
+def _check_version(path: Path, file: Any) -> None:
+    if file.attrs.get("format") != FORMAT:
+        raise ValueError("another HDF5 file")
+    if file.attrs["version"] != VERSION:
+        raise InputError(f"{path}: expected plan-view maps of version {VERSION}, found {file.attrs['version']}")
+    if "points/appearance" in file and file["points/appearance"].attrs["codes"] != CODES:
+        found = file["points/appearance"].attrs["codes"]
+        raise InputError(f"{path}: expected colours in {CODES} codes, found {found}: another version wrote them")
+
+
+def _write_view(file: Any, view: StereoView) -> None:
+    floor, rig = view.floor, asdict(view.geometry) | asdict(view.disparities)
+    rig |= {"reduction": view.reduction, "calibration": view.calibration}
+    rig["vertical_residual_px"] = view.vertical_residual_px
+    file.create_group("rig").attrs.update(rig)
+    file.create_group("floor").attrs.update(
+        world_SE3_left=floor.world_SE3_left.matrix, inlier_fraction=floor.inlier_fraction,
+        residual_m=floor.residual_m, source=view.floor_source,
+    )  # fmt: skip
+    if floor.extent_m is not None:
+        file["floor"].attrs["extent_m"] = floor.extent_m
+    file.create_group("grid").attrs.update(asdict(view.grid))
+
+
+def _read_view(file: Any) -> StereoView:
+    rig, floor = dict(file["rig"].attrs), dict(file["floor"].attrs)
+    extent = tuple(float(v) for v in floor["extent_m"]) if "extent_m" in floor else None
+    return StereoView(
+        geometry=RectifiedGeometry(**_typed(rig, RectifiedGeometry)),
+        floor=Floor(
+            SE3.from_matrix(floor["world_SE3_left"]), float(floor["inlier_fraction"]), float(floor["residual_m"]),
+            extent_m=extent,  # type: ignore[arg-type]
+        ),
+        floor_source=str(floor["source"]),
+        calibration=str(rig["calibration"]),
+        vertical_residual_px=float(rig["vertical_residual_px"]),
+        disparities=DisparityRange(**_typed(rig, DisparityRange)),
+        grid=Grid(**_typed(dict(file["grid"].attrs), Grid)),
+        reduction=int(rig["reduction"]),
+    )  # fmt: skip
+
+
+def _typed(attributes: dict[str, Any], kind: Any) -> dict[str, Any]:
+    """The fields of a dataclass among attributes, as Python's own numbers."""
+    return {name: attributes[name].item() for name in kind.__dataclass_fields__}
+
+
+def _values(file: Any, name: str) -> AnyArray:
+    return np.asarray(file[name][:])
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        raise WorkError(f"{path}: cannot be written ({error})") from error
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
+        text = " ".join(str(error).split())
+        raise InputError(f"{path}: expected plan-view maps (planview run --save-maps), found {text}") from error

@@ -1,0 +1,171 @@
+"""``planview run --save-maps``, and tracking what it wrote."""
+
+import shutil
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from toy_run import FRAMES, Say, one_sentence, run_few
+
+from planview.maps.recording import MapsRecording
+from planview.pipeline.engine import FrameResult
+from planview.pipeline.maps_pipeline import MapsPipeline, recorded_config
+from planview.pipeline.pipeline import Pipeline
+from planview.runs.info import read_run_info
+from planview.runs.maps_log import MapsLog
+from planview.runs.run import RunOptions, run
+from planview.tracking.template import TemplateTracker
+
+PRODUCTS = ("tracks.csv", "decisions.csv")
+
+
+@pytest.fixture(scope="module")
+def live(engine: Pipeline, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[FrameResult]]:
+    """The folder of a run that saved its maps, and its results."""
+    folder = tmp_path_factory.mktemp("live")
+    results: list[FrameResult] = []
+    run(engine, folder, RunOptions(debug=True), [MapsLog(engine, folder / "maps.h5")], results.append)
+    return folder, results
+
+
+@pytest.fixture
+def maps(live: tuple[Path, list[FrameResult]], tmp_path: Path) -> Path:
+    """A copy to be damaged."""
+    return Path(shutil.copy(live[0] / "maps.h5", tmp_path / "maps.h5"))
+
+
+def test_maps_are_tracked_again_bit_for_bit(
+    say: Say, live: tuple[Path, list[FrameResult]], maps: Path, tmp_path: Path
+) -> None:
+    status, told = say("run", maps, "--out", tmp_path / "again", "--debug")
+    assert status == 0, told
+    for name in PRODUCTS:
+        assert (tmp_path / "again" / name).read_bytes() == (live[0] / name).read_bytes()
+    again, before = read_run_info(tmp_path / "again" / "run.json"), read_run_info(live[0] / "run.json")
+    assert (again.floor, again.rig, again.config) == (before.floor, before.rig, before.config)
+    assert again.frames_read == FRAMES
+
+
+def test_maps_built_from_the_recording_are_those_of_the_run(
+    live: tuple[Path, list[FrameResult]], engine: Pipeline
+) -> None:
+    recording = MapsRecording(live[0] / "maps.h5")
+    config = recorded_config(recording)
+    again = list(MapsPipeline(recording, TemplateTracker(config.template, config.maps.height_max_m), config))
+    assert len(again) == len(live[1]) == FRAMES
+    for before, after in zip(live[1], again, strict=True):
+        old, new = before.observation.maps, after.observation.maps
+        assert old is not None and new is not None
+        np.testing.assert_array_equal(new.height, old.height, strict=True)
+        np.testing.assert_array_equal(new.occupancy, old.occupancy, strict=True)
+        for name in ("xyz", "area", "pixels", "colours"):
+            np.testing.assert_array_equal(getattr(new.points, name), getattr(old.points, name), strict=True)
+        assert after.tracks == before.tracks
+
+
+def test_another_tracker_follows_the_same_maps(say: Say, maps: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    status, told = say("run", maps, "--out", out, "--tracker", "ellipse-particle", "--set", "seed=3")
+    assert status == 0, told
+    info = read_run_info(out / "run.json")
+    assert (info.tracker, info.config["seed"], info.frames_read) == ("ellipse-particle", 3, FRAMES)
+
+
+def test_the_command_saves_maps_without_any_image(say: Say, copy: Path, tmp_path: Path) -> None:
+    status, told = run_few(say, copy, tmp_path / "out", "--save-maps", "--frames", 12)
+    assert status == 0, told
+    with h5py.File(tmp_path / "out" / "maps.h5") as file:
+        assert set(file["points"]) == {"pixel", "disparity", "appearance"}
+        assert len(file["frames/index"]) == 12
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["--set", "foreground.learning_rate=0.1"], "expected foreground as recorded"),
+        (["--set", "maps.height_max_m=3"], "expected maps.height_max_m as recorded"),
+        (["--tracker", "human-model"], "human-model"),
+        (["--calibration", "rig.toml"], "rig.toml"),
+        (["--save-maps"], "--save-maps"),
+    ],
+)
+def test_words_that_do_not_go_with_maps_are_refused(
+    say: Say, maps: Path, tmp_path: Path, words: list[str], named: str
+) -> None:
+    status, told = say("run", maps, "--out", tmp_path / "out", *words)
+    assert status == 2
+    assert named in one_sentence(told)
+    assert not (tmp_path / "out").exists()
+
+
+def test_maps_are_not_replaced_by_their_own_tracking(say: Say, maps: Path) -> None:
+    status, told = say("run", maps, "--out", maps.parent, "--overwrite")
+    assert status == 2
+    assert "another folder" in one_sentence(told)
+    assert maps.exists()
+
+
+def test_maps_cut_short_are_refused(say: Say, maps: Path, tmp_path: Path) -> None:
+    maps.write_bytes(maps.read_bytes()[:-5000])
+    status, told = say("run", maps, "--out", tmp_path / "out")
+    assert status == 2
+    assert f"{maps}: expected plan-view maps" in one_sentence(told)
+
+
+def damage_version(file: h5py.File) -> None:
+    file.attrs["version"] = 99
+
+
+def damage_parameters(file: h5py.File) -> None:
+    file.attrs["config"] = '{"telepathy": {}}'
+
+
+def damage_rig(file: h5py.File) -> None:
+    file["rig"].attrs["focal_u_px"] = 2 * file["rig"].attrs["focal_u_px"]
+
+
+def damage_columns(file: h5py.File) -> None:
+    file["points/disparity"].resize(3, axis=0)
+
+
+def damage_pixels(file: h5py.File) -> None:
+    file["points/pixel"][0] = 10**6
+
+
+def damage_disparity(file: h5py.File) -> None:
+    file["points/disparity"][0] = np.nan
+
+
+def damage_codes(file: h5py.File) -> None:
+    file["points/appearance"].attrs["codes"] = 7
+
+
+@pytest.mark.parametrize(
+    ("damage", "named"),
+    [
+        (damage_version, "version 1, found 99"),
+        (damage_parameters, "another version"),
+        (damage_rig, "another rig"),
+        (damage_columns, "columns of points"),
+        (damage_pixels, "outside"),
+        (damage_disparity, "damaged"),
+        (damage_codes, "another version"),
+    ],
+)
+def test_maps_of_another_version_or_rig_or_damaged_are_refused_in_one_sentence(
+    say: Say, maps: Path, tmp_path: Path, damage, named: str
+) -> None:
+    with h5py.File(maps, "r+") as file:
+        damage(file)
+    status, told = say("run", maps, "--out", tmp_path / "out")
+    assert status == 2
+    assert str(maps) in told and named in one_sentence(told)
+
+
+def test_another_hdf5_file_is_refused(say: Say, tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["x"] = [1, 2]
+    status, told = say("run", tmp_path / "other.h5", "--out", tmp_path / "out")
+    assert status == 2
+    assert "expected plan-view maps" in one_sentence(told)
