@@ -1,126 +1,25 @@
-"""Calibration boards: what they look like and where their corners are in an image."""
+"""Where the corners of a board are in an image."""
 
 from __future__ import annotations
 
-import re
-from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+import math
 
 import cv2
 import numpy as np
 
 from calib.board.model import Corners
-from calib.errors import InputError
+from calib.board.pattern import Board, dictionaries
 from calib.images import as_grey
-from calib.length import parse_length
-from calib.types import F64, U8
+from calib.types import F64, I64, U8
 
-MIN_SQUARE_M, MAX_SQUARE_M = 0.002, 0.5
-"""Squares outside this range are a slip of the unit: boards are held in a hand or stood in a room (our choice)."""
-_MIN_CORNERS, _MAX_CORNERS = 3, 60
-_DETECT_WIDTH = 1280
-"""Boards are looked for in images no wider than this and refined at full size [px]."""
+_MIN_WIDTH, _MAX_WIDTH = 640, 1280
+"""Boards are looked for in images of such widths [px], smaller ones enlarged and larger ones reduced: OpenCV's
+detectors want squares of some 20 pixels, and take seconds for large images. Corners are refined at full size."""
 _WINDOW_SHARE = 0.25
 """Half the refinement window as a share of the corner distance: no other corner may reach into the window, and
 larger windows average more noise. Measured on OpenCV's pairs: 0.25 gives 0.20 px, 0.4 already 0.24 px."""
 _MAX_WINDOW_PX = 15
-_MIN_CHARUCO_CORNERS = 8
-_TRIAL_IMAGES = 3
-_MARKER_SHARES = (0.75, 0.7, 0.8, 0.6, 0.5)
-
-
-@dataclass(frozen=True)
-class Board:
-    """A printed board.
-
-    Attributes:
-        cols, rows: inner corners along a row and a column.
-        square_m: side of a square [m].
-        dictionary: ArUco dictionary of a ChArUco board; empty for a chessboard.
-        marker_m: side of a marker [m].
-        legacy: ChArUco layout of OpenCV before 4.6.
-    Raises:
-        ValueError: counts or sizes that no board has.
-    """
-
-    cols: int
-    rows: int
-    square_m: float
-    dictionary: str = ""
-    marker_m: float = 0.0
-    legacy: bool = False
-
-    def __post_init__(self) -> None:
-        if not all(_MIN_CORNERS <= n <= _MAX_CORNERS for n in (self.cols, self.rows)):
-            raise ValueError(
-                f"expected {_MIN_CORNERS} to {_MAX_CORNERS} inner corners a side, found {self.cols}x{self.rows}"
-            )
-        if not MIN_SQUARE_M <= self.square_m <= MAX_SQUARE_M:
-            raise ValueError(f"expected squares of {MIN_SQUARE_M} to {MAX_SQUARE_M} m, found {self.square_m:g} m")
-        if self.dictionary and not 0 < self.marker_m < self.square_m:
-            raise ValueError(f"expected markers smaller than the squares, found {self.marker_m:g} m")
-
-    @property
-    def points(self) -> F64:
-        """(cols * rows, 3) corners on the board [m], row by row, z = 0."""
-        col, row = np.meshgrid(np.arange(self.cols), np.arange(self.rows))
-        points = np.stack([col.ravel(), row.ravel(), np.zeros(col.size)], axis=-1)
-        return np.asarray(points * self.square_m, dtype=np.float64)
-
-    @property
-    def name(self) -> str:
-        """For messages."""
-        kind = f"ChArUco ({self.dictionary})" if self.dictionary else "chessboard"
-        return f"{kind} of {self.cols}x{self.rows} inner corners, {1000 * self.square_m:g} mm squares"
-
-
-def parse_board(text: str | None, square_m: float, marker: str | None, dictionary: str | None) -> Board | None:
-    """A board from what the user typed.
-
-    Args:
-        text: ``9x6`` (inner corners), ``charuco:8x6`` (squares), or None to find a chessboard's counts in the images.
-        square_m: side of a square [m].
-        marker: side of a ChArUco marker with its unit, None to try usual ones.
-        dictionary: e.g. ``DICT_4X4_50``; None to try all.
-    Returns:
-        The board; None when the counts are to be found. A ChArUco board with an empty dictionary or marker size 0 is
-        completed by ``complete_charuco``.
-    Raises:
-        InputError: text that describes no board.
-    """
-    if not MIN_SQUARE_M <= square_m <= MAX_SQUARE_M:
-        raise InputError(
-            f"--square: expected the side of one square, {1000 * MIN_SQUARE_M:g} mm to {100 * MAX_SQUARE_M:g} cm, "
-            f"found {1000 * square_m:g} mm"
-        )
-    if text is None:
-        if marker or dictionary:
-            raise InputError("--marker, --dictionary: expected --board charuco:COLSxROWS with them, found no --board")
-        return None
-    match = re.fullmatch(r"\s*(charuco)?[\s:]*(\d{1,3})\s*[xX×]\s*(\d{1,3})\s*", text)
-    if match is None:
-        raise InputError(f"--board: expected 9x6 (inner corners) or charuco:8x6 (squares), found {text!r}")
-    cols, rows = int(match[2]), int(match[3])
-    try:
-        if not match[1]:
-            return Board(cols, rows, square_m)
-        marker_m = parse_length(marker, "--marker") if marker else _MARKER_SHARES[0] * square_m
-        names = dictionaries()
-        chosen = dictionary or next(iter(names))
-        chosen = chosen if chosen.startswith("DICT_") else f"DICT_{chosen}"
-        if chosen not in names:
-            raise InputError(f"--dictionary: expected one of {', '.join(names)}, found {dictionary!r}")
-        return Board(cols - 1, rows - 1, square_m, chosen, marker_m)
-    except ValueError as error:
-        raise InputError(f"--board: {error}") from error
-
-
-def dictionaries() -> dict[str, int]:
-    """Names of the ArUco dictionaries this OpenCV knows, with their numbers."""
-    found = {name: int(getattr(cv2.aruco, name)) for name in dir(cv2.aruco) if name.startswith("DICT_")}
-    # Aliases differ in case only; keep one name for each.
-    return {name: number for name, number in found.items() if name.upper() == name or name.upper() not in found}
+_MIN_CORNERS = 8
 
 
 class Detector:
@@ -128,7 +27,7 @@ class Detector:
 
     Attributes:
         board: what to look for.
-        thorough: look again, slowly, where a quick look finds nothing; for images that were taken to show the board.
+        thorough: take the slow detector before the quick one; for images that were taken to show the board.
     """
 
     def __init__(self, board: Board, *, thorough: bool = True) -> None:
@@ -142,7 +41,7 @@ class Detector:
         Args:
             image: (H, W) or (H, W, 3) uint8.
         Returns:
-            Corners; all of a chessboard's or those visible of a ChArUco board; None when the board is not there.
+            Corners; all of a chessboard's or the visible ones of a ChArUco board; None when the board is not there.
         """
         grey = as_grey(image)
         return self._find_chessboard(grey) if self._charuco is None else self._find_charuco(grey)
@@ -155,26 +54,48 @@ class Detector:
 
     def _find_charuco(self, grey: U8) -> Corners | None:
         corners, ids, _, _ = self._charuco.detectBoard(grey)  # type: ignore[union-attr]
-        if ids is None or len(ids) < _MIN_CHARUCO_CORNERS:
+        if ids is None:
             return None
         found = np.asarray(ids, dtype=np.int64).reshape(-1)
-        if len(set(found // self.board.cols)) < 2 or len(set(found % self.board.cols)) < 2:
+        if not spans_a_plane(self.board, found):
             return None
         return Corners(found, np.asarray(corners, dtype=np.float64).reshape(-1, 2))
 
 
+def spans_a_plane(board: Board, ids: I64) -> bool:
+    """Whether these corners are enough of the board to tell its pose: several, and not all in one line."""
+    lines = ids // board.cols, ids % board.cols
+    return len(ids) >= _MIN_CORNERS and all(len(set(line)) > 1 for line in lines)
+
+
 def find_chessboard(grey: U8, cols: int, rows: int, *, thorough: bool = True) -> F64 | None:
-    """(cols * rows, 2) corners, coarse, in rows of ``cols``, in the order of a board seen from its front."""
-    scale = min(1.0, _DETECT_WIDTH / grey.shape[1])
-    small = grey if scale == 1.0 else cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-    found, pixels = cv2.findChessboardCorners(small, (cols, rows), flags=flags | cv2.CALIB_CB_FAST_CHECK)
-    if not found and thorough:
-        found, pixels = cv2.findChessboardCornersSB(small, (cols, rows), flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+    """(cols * rows, 2) corners, coarse, in rows of ``cols``, in the order of a board viewed from its front.
+
+    OpenCV's sector-based detector comes first where time allows: it finds blurred boards, and is not content with a
+    part of a larger board, which the older one is.
+    """
+    sized, scale = at_detection_width(grey)
+    found, pixels = False, None
+    if thorough:
+        found, pixels = cv2.findChessboardCornersSB(sized, (cols, rows), flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+    if not found:
+        flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+        quick = 0 if thorough else cv2.CALIB_CB_FAST_CHECK
+        found, pixels = cv2.findChessboardCorners(sized, (cols, rows), flags=flags | quick)
     if not found or pixels is None:
         return None
     corners = (np.asarray(pixels, dtype=np.float64).reshape(-1, 2) + 0.5) / scale - 0.5
     return _facing(corners, cols)
+
+
+def at_detection_width(grey: U8) -> tuple[U8, float]:
+    """The image at a width that OpenCV's detectors like, and how many times larger it is now."""
+    width = grey.shape[1]
+    if _MIN_WIDTH <= width <= _MAX_WIDTH:
+        return grey, 1.0
+    scale = float(math.ceil(_MIN_WIDTH / width)) if width < _MIN_WIDTH else _MAX_WIDTH / width
+    how = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
+    return np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=how), dtype=np.uint8), scale
 
 
 def _facing(corners: F64, cols: int) -> F64:
@@ -200,8 +121,8 @@ def refine(grey: U8, corners: F64, cols: int) -> F64:
 def same_order(board: Board, left: Corners, right: Corners) -> Corners:
     """The right corners in the order of the left ones.
 
-    A chessboard looks alike when turned by half (a square one by a quarter), so that each image's order is a guess;
-    two cameras side by side see it turned nearly alike.
+    A chessboard looks the same when turned by half (a square one by a quarter), so that each image's order is a guess;
+    in two cameras side by side it is turned nearly alike.
     """
     if board.dictionary:
         return right
@@ -214,50 +135,6 @@ def same_order(board: Board, left: Corners, right: Corners) -> Corners:
     return Corners(right.ids, np.ascontiguousarray(turns[int(np.argmin(away))].reshape(-1, 2)))
 
 
-def find_counts(images: Iterable[U8]) -> tuple[int, int] | None:
-    """Inner corners (more, fewer) of the chessboard in the images, None when none is found.
-
-    A small pattern is grown as far as it goes in each image; the grown sizes that most images confirm exactly win.
-    """
-    greys = [_small(as_grey(image)) for image in images]
-    votes = Counter(size for grey in greys if (size := _grown(grey)) is not None)
-    if not votes:
-        return None
-    (size, count), *others = votes.most_common(4)
-    if count > sum(n for _, n in others):
-        return size
-    best = max(votes.most_common(4), key=lambda item: (_confirmed(greys, item[0]), item[1], item[0]))
-    return best[0]
-
-
-def better_counts(images: Iterable[U8], given: tuple[int, int]) -> tuple[int, int] | None:
-    """Inner corners (more, fewer) that the images show instead of the given ones; None when these are right."""
-    greys = [_small(as_grey(image)) for image in images]
-    found = find_counts(greys)
-    if found is None or found == (max(given), min(given)):
-        return None
-    # Edges of the board itself can look like another row of squares, so that what is grown may be one too large.
-    return found if _confirmed(greys, found) > _confirmed(greys, given) else None
-
-
-def _small(grey: U8) -> U8:
-    scale = min(1.0, _DETECT_WIDTH / grey.shape[1])
-    return grey if scale == 1.0 else np.asarray(cv2.resize(grey, None, fx=scale, fy=scale), dtype=np.uint8)
-
-
-def _grown(grey: U8) -> tuple[int, int] | None:
-    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
-    found, _, meta = cv2.findChessboardCornersSBWithMeta(grey, (_MIN_CORNERS, _MIN_CORNERS), flags)
-    if not found or meta is None or meta.ndim != 2:
-        return None
-    rows, cols = (int(n) for n in meta.shape)
-    return (max(rows, cols), min(rows, cols)) if rows * cols > _MIN_CORNERS**2 else None
-
-
-def _confirmed(greys: Sequence[U8], size: tuple[int, int]) -> int:
-    return sum(bool(cv2.findChessboardCornersSB(grey, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)[0]) for grey in greys)
-
-
 def _charuco_detector(board: Board) -> cv2.aruco.CharucoDetector:
     dictionary = cv2.aruco.getPredefinedDictionary(dictionaries()[board.dictionary])
     squares = (board.cols + 1, board.rows + 1)
@@ -266,32 +143,3 @@ def _charuco_detector(board: Board) -> cv2.aruco.CharucoDetector:
     made = cv2.aruco.CharucoBoard(squares, board.square_m, board.marker_m, dictionary)
     made.setLegacyPattern(board.legacy)
     return cv2.aruco.CharucoDetector(made)
-
-
-def complete_charuco(board: Board, images: Sequence[U8], *, any_dictionary: bool, any_marker: bool) -> Board:
-    """The ChArUco board with the dictionary, marker size and layout that find most in a few images."""
-    greys = [as_grey(image) for image in images[:_TRIAL_IMAGES]]
-    if any_dictionary:
-        wanted = (board.cols + 1) * (board.rows + 1) // 2
-        name = max(dictionaries(), key=lambda name: (_markers(name, wanted, greys), -dictionaries()[name]))
-        board = replace(board, dictionary=name)
-    board = max((replace(board, legacy=legacy) for legacy in (False, True)), key=lambda one: _found(one, greys))
-    if not any_marker:
-        return board
-    sizes = [replace(board, marker_m=share * board.square_m) for share in _MARKER_SHARES]
-    return max(sizes, key=lambda one: _found(one, greys))
-
-
-def _markers(dictionary: str, wanted: int, greys: Sequence[U8]) -> int:
-    """Markers of a dictionary in the images whose ids a board with so many of them can hold."""
-    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(dictionaries()[dictionary]))
-    found = 0
-    for grey in greys:
-        _, ids, _ = detector.detectMarkers(grey)
-        found += 0 if ids is None else len({int(i) for i in np.asarray(ids).ravel() if i < wanted})
-    return found
-
-
-def _found(board: Board, images: Sequence[U8]) -> int:
-    detector = Detector(board)
-    return sum(len(corners.ids) for image in images if (corners := detector(image)) is not None)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from calib.board.model import Corners, View
+from calib.board.model import BoardView, Corners
 from calib.types import F64, U8
 
 MAX_VIEWS = 40
@@ -34,7 +34,7 @@ def sharpness(grey: U8, corners: Corners) -> float:
 
 
 def select_views(
-    views: Sequence[View], sharp: Sequence[float], size: tuple[int, int], limit: int = MAX_VIEWS
+    views: Sequence[BoardView], sharp: Sequence[float], size: tuple[int, int], limit: int = MAX_VIEWS
 ) -> list[int]:
     """Indices of the views to use, in order.
 
@@ -42,7 +42,7 @@ def select_views(
     place, size and tilt of the board.
 
     Args:
-        views: with corners in both images.
+        views: to choose from.
         sharp: of each, the lesser of both images.
         size: (width, height) [px].
     """
@@ -60,12 +60,9 @@ def select_views(
     return sorted(taken)
 
 
-def _features(view: View, size: tuple[int, int]) -> F64:
+def _features(view: BoardView, size: tuple[int, int]) -> F64:
     """Place, log size, slant and perspective of the board in the left image, each about one wide."""
-    corners = view.left or view.right
-    if corners is None:
-        raise ValueError("expected a view that shows the board")
-    normal = (corners.pixels - [size[0] / 2, size[1] / 2]) / size[0]
+    normal = (view.left - [size[0] / 2, size[1] / 2]) / size[0]
     centre = normal.mean(axis=0)
     spread = np.cov((normal - centre).T)
     scale = np.sqrt(np.trace(spread))

@@ -1,4 +1,4 @@
-"""A stereo rig from views of a board: joint adjustment, outlier views, and what is refused."""
+"""A stereo rig from views of a board: fit, choice of the lens, outlier views, and what is refused."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.board.adjust import adjust
-from calib.board.detect import Board
-from calib.board.guess import first_guess
-from calib.board.lens import LENSES, LensChoice, choose_lens, compare_lenses, with_lens
-from calib.board.model import SIDES, Adjusted, Corners, Side, View, rms
+from calib.board.fit import FitError, Lens, fit_camera, standard_deviations
+from calib.board.lens import LENSES, LensChoice, best_base, choose_lens, compare_lenses, fit_lens
+from calib.board.model import SIDES, BoardView, RigFit, Side, rig_parameters, rms
+from calib.board.pattern import Board
 from calib.camera import LensModel
 from calib.errors import InputError
 from calib.rig import MAX_BASELINE_M, MIN_BASELINE_M, StereoRig
@@ -49,28 +48,24 @@ class BoardCalibration:
         rig: the result.
         board: the board it was made from.
         views: the pairs used, with their corners.
-        adjusted: errors, covariance and board poses of the final adjustment.
+        fit: reprojection errors and board poses.
+        std: standard deviation of every parameter, by the names of ``rig_parameters``.
         rejected: pairs that were not used.
         lenses: models tried, simplest first.
     """
 
     rig: StereoRig
     board: Board
-    views: tuple[View, ...]
-    adjusted: Adjusted
+    views: tuple[BoardView, ...]
+    fit: RigFit
+    std: dict[str, float]
     rejected: tuple[RejectedView, ...]
     lenses: tuple[LensChoice, ...]
 
     @property
-    def std(self) -> dict[str, float]:
-        """Standard deviation of every parameter by its name."""
-        values = np.sqrt(np.maximum(np.diag(self.adjusted.covariance), 0.0))
-        return {name: float(value) for name, value in zip(self.adjusted.names, values, strict=True)}
-
-    @property
-    def pairs_used(self) -> int:
-        """Pairs with the board in both images."""
-        return sum(view.left is not None and view.right is not None for view in self.views)
+    def parameters(self) -> dict[str, float]:
+        """Every parameter by its name."""
+        return rig_parameters(self.rig)
 
     @property
     def chosen_lens(self) -> LensChoice:
@@ -78,10 +73,9 @@ class BoardCalibration:
         return choose_lens(self.lenses)
 
     @property
-    def baseline_std_m(self) -> float:
-        """Standard deviation of the baseline [m]."""
-        direction = self.rig.right_SE3_left.translation / self.rig.baseline_m
-        return math.sqrt(max(float(direction @ self.adjusted.covariance[-3:, -3:] @ direction), 0.0))
+    def baseline_squares(self) -> float:
+        """Baseline in sides of a square: what the images alone tell, whatever the square's size."""
+        return self.rig.baseline_m / self.board.square_m
 
     @property
     def row_rms_px(self) -> float:
@@ -90,8 +84,7 @@ class BoardCalibration:
 
     def coverage(self, side: Side, cols: int = 8, rows: int = 6) -> F64:
         """(rows, cols) number of corners in each cell of the image."""
-        seen = [corners.pixels for view in self.views if (corners := view.side(side)) is not None]
-        pixels = np.concatenate(seen)
+        pixels = np.concatenate([view.image_points(side) for view in self.views])
         edges = (
             np.linspace(-0.5, self.rig.left.height - 0.5, rows + 1),
             np.linspace(-0.5, self.rig.left.width - 0.5, cols + 1),
@@ -104,7 +97,7 @@ class BoardCalibration:
 
 
 def solve_board(
-    views: Sequence[View],
+    views: Sequence[BoardView],
     board: Board,
     size: tuple[int, int],
     *,
@@ -115,49 +108,61 @@ def solve_board(
     """Calibrate a stereo rig.
 
     Args:
-        views: corners per pair; pairs without the board in both images may help one camera.
-        board: what was seen.
+        views: corners per pair.
+        board: the board they belong to.
         size: (width, height) of all images [px].
         model: lens model; None chooses among all; which coefficients it gets is judged by views left out of the fit.
         rejected: pairs that were refused before, to be named with those refused here.
         source: for messages and the rig.
     Raises:
-        InputError: too few or degenerate views, or views that no two cameras side by side can have seen.
+        InputError: too few or degenerate views, or views that no two cameras side by side can have taken.
     """
-    points = board.points
     _refuse_few(views, rejected, board, source)
     _refuse_repeated(views, size, source)
-    kept, out = list(views), list(rejected)
-    lenses = [one for one in LENSES if model in {None, one.model}]
-    fit = adjust(kept, points, first_guess(kept, points, size, lenses, source))
-    fit, kept = _without_outliers(fit, kept, out, points, source)
-    # A better lens will explain more, but not this much more.
+    try:
+        return _solve(views, board, size, [one for one in LENSES if model in {None, one.model}], rejected, source)
+    except FitError as error:
+        raise InputError(f"{source}: expected views of a flat board by two fixed cameras: {error}") from error
+
+
+def _solve(
+    views: Sequence[BoardView],
+    board: Board,
+    size: tuple[int, int],
+    lenses: Sequence[Lens],
+    rejected: Sequence[RejectedView],
+    source: str,
+) -> BoardCalibration:
+    points, kept, out = board.points, list(views), list(rejected)
+    base, fit = best_base(kept, points, size, lenses)
+    fit, kept = _without_outliers(fit, kept, out, points, base, source)
+    # A better lens will fit better, but not this much better.
     _refuse_unfit(fit, size, source, slack=3.0)
-    tried = compare_lenses(kept, points, fit.estimate, lenses)
-    fit = adjust(kept, points, with_lens(fit.estimate, choose_lens(tried).lens))
-    fit, kept = _without_outliers(fit, kept, out, points, source)
-    rig = _checked_rig(fit, size, source)
-    return BoardCalibration(rig, board, tuple(kept), fit, tuple(out), tried)
+    _refuse_open_focal(kept, points, size, base, source)
+    tried = compare_lenses(kept, points, size, lenses)
+    lens = choose_lens(tried).lens
+    fit, kept = _without_outliers(fit_lens(kept, points, size, lens), kept, out, points, lens, source)
+    std = standard_deviations(kept, points, fit, lens)
+    rig = _checked_rig(fit, std, size, source)
+    return BoardCalibration(rig, board, tuple(kept), replace(fit, rig=rig), std, tuple(out), tried)
 
 
-def _refuse_few(views: Sequence[View], rejected: Sequence[RejectedView], board: Board, source: str) -> None:
-    both = sum(view.left is not None and view.right is not None for view in views)
-    if both < MIN_PAIRS:
+def _refuse_few(views: Sequence[BoardView], rejected: Sequence[RejectedView], board: Board, source: str) -> None:
+    if len(views) < MIN_PAIRS:
         first = f", e.g. {rejected[0].name}: {rejected[0].why}" if rejected else ""
         raise InputError(
             f"{source}: expected at least {MIN_PAIRS} pairs that show a {board.name} in both images, "
-            f"found {both} of {len(views) + len(rejected)}{first}"
+            f"found {len(views)} of {len(views) + len(rejected)}{first}"
         )
 
 
-def _refuse_repeated(views: Sequence[View], size: tuple[int, int], source: str) -> None:
+def _refuse_repeated(views: Sequence[BoardView], size: tuple[int, int], source: str) -> None:
     """Fewer than three clearly different board poses cannot determine a camera, however many images show them."""
     limit = 0.02 * size[0]
-    distinct: list[Corners] = []
+    distinct: list[BoardView] = []
     for view in views:
-        corners = view.left
-        if corners is not None and all(_apart(corners, other) > limit for other in distinct):
-            distinct.append(corners)
+        if all(_apart(view, other) > limit for other in distinct):
+            distinct.append(view)
     if len(distinct) < 3:
         raise InputError(
             f"{source}: expected the board in different places and tilts, found {len(distinct)} different "
@@ -165,20 +170,20 @@ def _refuse_repeated(views: Sequence[View], size: tuple[int, int], source: str) 
         )
 
 
-def _apart(one: Corners, other: Corners) -> float:
-    """Largest distance between the same corners of two views; infinite when they share none."""
+def _apart(one: BoardView, other: BoardView) -> float:
+    """Largest distance between the same corners of two left images; infinite when they share none."""
     _, i, j = np.intersect1d(one.ids, other.ids, return_indices=True)
     # A chessboard's order is known up to half a turn, so that turned orders count as the same pose.
     if len(i) == 0:
         return math.inf
-    a, b = one.pixels[i], other.pixels[j]
+    a, b = one.left[i], other.left[j]
     return float(min(np.linalg.norm(a - b, axis=1).max(), np.linalg.norm(a - b[::-1], axis=1).max()))
 
 
 def _without_outliers(
-    fit: Adjusted, views: list[View], out: list[RejectedView], points: F64, source: str
-) -> tuple[Adjusted, list[View]]:
-    """Drop the worst view and adjust again, until none stands out."""
+    fit: RigFit, views: list[BoardView], out: list[RejectedView], points: F64, lens: Lens, source: str
+) -> tuple[RigFit, list[BoardView]]:
+    """Drop the worst view and fit again, until none stands out."""
     total = len(views)
     while True:
         each = fit.view_rms_px()
@@ -193,33 +198,39 @@ def _without_outliers(
                 f"{source}: expected views that agree on one rig, found {total - len(views)} of {total} that do not, "
                 f"the last {out[-1].name} with a {why}"
             )
-        poses = np.delete(fit.estimate.poses, worst, axis=0)
-        fit = adjust(views, points, replace(fit.estimate, poses=poses))
+        # From the start: what the bad view did to the cameras must not linger.
+        fit = fit_lens(views, points, fit.rig.left.size, lens)
 
 
-def _refuse_unfit(fit: Adjusted, size: tuple[int, int], source: str, slack: float = 1.0) -> None:
-    """Refuse views that no fixed pair of cameras explains, or that leave a focal length open."""
+def _refuse_unfit(fit: RigFit, size: tuple[int, int], source: str, slack: float = 1.0) -> None:
+    """Refuse views that no fixed pair of cameras explains."""
     if not fit.rms_px <= slack * MAX_RMS_WIDTHS * size[0]:
         raise InputError(
             f"{source}: expected pairs taken at the same moment by two fixed cameras, found a reprojection error "
             f"of {fit.rms_px:.2f} px"
         )
+
+
+def _refuse_open_focal(views: Sequence[BoardView], points: F64, size: tuple[int, int], lens: Lens, source: str) -> None:
+    """Refuse views that leave a focal length open, by the deviation that OpenCV gives for one camera."""
     for side in SIDES:
-        camera, place = fit.estimate.camera(side), fit.names.index(f"{side} fx")
-        std = math.sqrt(max(float(fit.covariance[place, place]), 0.0))
-        if camera is not None and not std <= MAX_FOCAL_STD * camera.fx:
-            raise InputError(
-                f"{source}: expected views that determine the {side} focal length, found {camera.fx:.0f} +- "
-                f"{std:.0f} px: tilt the board more, towards all sides"
-            )
+        fit = fit_camera(views, points, side, size, lens)
+        _refuse_deviation(side, fit.camera.fx, fit.focal_std_px, source)
 
 
-def _checked_rig(fit: Adjusted, size: tuple[int, int], source: str) -> StereoRig:
-    left, right = fit.estimate.left, fit.estimate.right
-    if left is None or right is None:
-        raise ValueError("expected an adjustment of two cameras")
+def _refuse_deviation(side: Side, focal_px: float, std_px: float, source: str) -> None:
+    if std_px > MAX_FOCAL_STD * focal_px:
+        raise InputError(
+            f"{source}: expected views that determine the {side} focal length, found {focal_px:.0f} +- "
+            f"{std_px:.0f} px: tilt the board more, towards all sides"
+        )
+
+
+def _checked_rig(fit: RigFit, std: dict[str, float], size: tuple[int, int], source: str) -> StereoRig:
     _refuse_unfit(fit, size, source)
-    rig = StereoRig(left, right, fit.estimate.right_SE3_left, source)
+    for side in SIDES:
+        _refuse_deviation(side, getattr(fit.rig, side).fx, std[f"{side} fx"], source)
+    rig = replace(fit.rig, source=source)
     turn = math.degrees(float(np.linalg.norm(rig.right_SE3_left.rotvec)))
     if turn > MAX_TURN_DEG:
         raise InputError(f"{source}: expected cameras that look the same way, found {turn:.0f} degrees between them")
@@ -231,14 +242,11 @@ def _checked_rig(fit: Adjusted, size: tuple[int, int], source: str) -> StereoRig
     return rig.check(source)
 
 
-def _row_errors(rig: StereoRig, views: Sequence[View]) -> list[F64]:
+def _row_errors(rig: StereoRig, views: Sequence[BoardView]) -> list[F64]:
     """(n, 2) per pair: zero and the row difference after rectification [px]."""
     errors = []
     for view in views:
-        if view.left is None or view.right is None:
-            continue
-        _, i, j = np.intersect1d(view.left.ids, view.right.ids, return_indices=True)
-        rays = (rig.left.unproject(view.left.pixels[i]), rig.right.unproject(view.right.pixels[j]))
+        rays = rig.left.unproject(view.left), rig.right.unproject(view.right)
         rows = [(ray @ turn.T) for ray, turn in zip(rays, rig.rectifying_rotations(), strict=True)]
         away = (rows[0][:, 1] / rows[0][:, 2] - rows[1][:, 1] / rows[1][:, 2]) * rig.left.fy
         errors.append(np.column_stack([np.zeros(len(away)), away]))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.board.detect import Board
-from calib.board.model import Corners, View
+from calib.board.model import BoardView
+from calib.board.pattern import Board
 from calib.camera import Camera, LensModel
 from calib.pose import SE3
 from calib.rig import StereoRig
@@ -43,8 +43,8 @@ LENS_NAMES = tuple(_LENSES)
 
 def board_views(
     rig: StereoRig, board: Board, n: int, noise_px: float, rng: np.random.Generator, tilt_rad: float = 0.45
-) -> list[View]:
-    """Pairs in which both cameras see the whole board, at places and tilts all over the left image.
+) -> list[BoardView]:
+    """Pairs in which both images show the whole board, at places and tilts all over the left image.
 
     Args:
         noise_px: standard deviation of each corner coordinate.
@@ -53,7 +53,7 @@ def board_views(
     points, extent = board.points, float(board.points.max())
     near = 1.5 * extent * rig.left.fx / rig.left.width
     ids = np.arange(len(points))
-    views: list[View] = []
+    views: list[BoardView] = []
     while len(views) < n:
         turn = SE3.from_rotvec(rng.normal(size=3) * [tilt_rad, tilt_rad, 0.3])
         middle = rig.left.unproject([rng.uniform(0.12, 0.88, 2) * rig.left.size])[0] * rng.uniform(near, 2.5 * near)
@@ -62,5 +62,5 @@ def board_views(
         right = rig.right.project(rig.right_SE3_left @ (left_SE3_board @ points))
         if all(((p > 0) & (p < np.array(rig.left.size) - 1)).all() for p in (left, right)):
             noise = noise_px * rng.normal(size=(2, *left.shape))
-            views.append(View(f"view {len(views):02d}", Corners(ids, left + noise[0]), Corners(ids, right + noise[1])))
+            views.append(BoardView(f"view {len(views):02d}", ids, left + noise[0], right + noise[1]))
     return views

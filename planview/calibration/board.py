@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from calib.board.detect import Board, Detector, better_counts, complete_charuco, find_counts, same_order
-from calib.board.model import View
+from calib.board.complete import complete_charuco, find_counts, larger_counts
+from calib.board.detect import Detector, same_order, spans_a_plane
+from calib.board.model import BoardView, common_view
+from calib.board.pattern import Board
 from calib.board.select import MAX_VIEWS, select_views, sharpness
 from calib.board.solve import BoardCalibration, RejectedView, solve_board
 from calib.camera import LensModel
@@ -54,15 +56,14 @@ def calibrate_images(
     """
     images = BoardImages(path)
     board = _board(images, request)
-    views, sharp, rejected, size = _detect(images, board, progress)
+    found = _detect(images, board, progress)
+    views, rejected = found.views, found.rejected
     if images.is_video or len(views) > 2 * MAX_VIEWS:
-        whole = [i for i, view in enumerate(views) if view.left is not None and view.right is not None]
-        taken = select_views([views[i] for i in whole], [sharp[i] for i in whole], size)
-        views = [views[whole[i]] for i in taken]
+        views = [views[i] for i in select_views(views, found.sharpness, found.size)]
         rejected = [] if images.is_video else rejected
-    if images.is_video is False and not views:
-        _refuse_unseen(images, board, rejected)
-    return solve_board(views, board, size, model=request.model, rejected=rejected, source=str(path))
+    if not images.is_video and not views:
+        raise InputError(f"{path}: expected images of a {board.name}, found it in none of {len(rejected)} pairs")
+    return solve_board(views, board, found.size, model=request.model, rejected=rejected, source=str(path))
 
 
 def _sample(images: BoardImages, pairs: int = _SAMPLE_PAIRS) -> list[U8]:
@@ -85,7 +86,7 @@ def _board(images: BoardImages, request: BoardRequest) -> Board:
                 "(give --board COLSxROWS inner corners, or --board charuco:COLSxROWS squares)"
             )
         return Board(*counts, request.square_m)
-    counts = better_counts(sample, (request.board.cols, request.board.rows))
+    counts = larger_counts(sample, (request.board.cols, request.board.rows))
     if counts is not None:
         raise InputError(
             f"{images.path}: expected a board of {request.board.cols}x{request.board.rows} inner corners (--board), "
@@ -94,59 +95,62 @@ def _board(images: BoardImages, request: BoardRequest) -> Board:
     return request.board
 
 
-def _detect(
-    images: BoardImages, board: Board, progress: Callable[[int, int], None]
-) -> tuple[list[View], list[float], list[RejectedView], tuple[int, int]]:
+@dataclass(frozen=True, eq=False)
+class _Detected:
+    """The pairs that show the board, how sharp each is, the others, and the size of all images (width, height)."""
+
+    views: list[BoardView]
+    sharpness: list[float]
+    rejected: list[RejectedView]
+    size: tuple[int, int]
+
+
+def _detect(images: BoardImages, board: Board, progress: Callable[[int, int], None]) -> _Detected:
     detector = Detector(board, thorough=not images.is_video)
-    views: list[View] = []
-    sharp: list[float] = []
-    rejected: list[RejectedView] = []
-    size: tuple[int, int] | None = None
+    found = _Detected([], [], [], (0, 0))
     for done, pair in enumerate(images, 1):
         progress(done, len(images))
         if pair.left is None or pair.right is None:
-            rejected.append(RejectedView(pair.name, pair.why))
+            found.rejected.append(RejectedView(pair.name, pair.why))
             continue
-        size = _same_size(images.path, pair, size)
-        view, value = _look(pair, detector, board)
-        missing = [side for side in ("left", "right") if getattr(view, side) is None]
-        if missing:
-            rejected.append(RejectedView(pair.name, f"no {board.name} found in the {' and '.join(missing)} image"))
-        if len(missing) < 2:
-            views.append(view)
-            sharp.append(value)
-    if size is None:
-        why = f", e.g. {rejected[0].name}: {rejected[0].why}" if rejected else ""
+        found = replace(found, size=_same_size(images.path, pair, found.size))
+        result = _look(pair, detector, board)
+        if isinstance(result, RejectedView):
+            found.rejected.append(result)
+        else:
+            found.views.append(result[0])
+            found.sharpness.append(result[1])
+    if found.size == (0, 0):
+        why = f", e.g. {found.rejected[0].name}: {found.rejected[0].why}" if found.rejected else ""
         raise InputError(f"{images.path}: expected pairs of images, found none that can be read{why}")
-    return views, sharp, rejected, size
+    return found
 
 
-def _same_size(path: Path, pair: BoardPair, size: tuple[int, int] | None) -> tuple[int, int]:
+def _same_size(path: Path, pair: BoardPair, size: tuple[int, int]) -> tuple[int, int]:
+    """The size of the pair's images, which is that of the earlier ones (0, 0 before the first)."""
     for side, image in (("left", pair.left), ("right", pair.right)):
         if image is None:
             continue
         found = (image.shape[1], image.shape[0])
-        if size is not None and found != size:
+        if size not in {(0, 0), found}:
             raise InputError(
                 f"{path}: expected images of one size, {size[0]}x{size[1]}, "
                 f"found {found[0]}x{found[1]} in {pair.name} ({side})"
             )
         size = found
-    if size is None:
-        raise ValueError("expected a pair with images")
     return size
 
 
-def _look(pair: BoardPair, detector: Detector, board: Board) -> tuple[View, float]:
+def _look(pair: BoardPair, detector: Detector, board: Board) -> tuple[BoardView, float] | RejectedView:
+    """The corners that both images show and how sharp the lesser image is, or why the pair is of no use."""
     if pair.left is None or pair.right is None:
         raise ValueError("expected a pair with images")
     left, right = detector(pair.left), detector(pair.right)
-    if left is not None and right is not None:
-        right = same_order(board, left, right)
-    seen = [(image, corners) for image, corners in ((pair.left, left), (pair.right, right)) if corners is not None]
-    value = min((sharpness(as_grey(image), corners) for image, corners in seen), default=0.0)
-    return View(pair.name, left, right), value
-
-
-def _refuse_unseen(images: BoardImages, board: Board, rejected: Sequence[RejectedView]) -> None:
-    raise InputError(f"{images.path}: expected images of a {board.name}, found it in none of {len(rejected)} pairs")
+    if left is None or right is None:
+        missing = " and ".join(side for side, corners in (("left", left), ("right", right)) if corners is None)
+        return RejectedView(pair.name, f"no {board.name} found in the {missing} image")
+    view = common_view(pair.name, left, same_order(board, left, right))
+    if not spans_a_plane(board, view.ids):
+        return RejectedView(pair.name, f"only {len(view.ids)} corners of the {board.name} are in both images")
+    sharp = [sharpness(as_grey(image), corners) for image, corners in ((pair.left, left), (pair.right, right))]
+    return view, min(sharp)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from calib.errors import InputError
@@ -18,6 +19,8 @@ from stereo.readers.videos import VideoFile
 
 MAX_FRAMES = 240
 """Frames of a video that are searched for the board, evenly spread: enough to choose 40 good views from."""
+_DEEP_SUFFIXES = frozenset({".png", ".tif", ".tiff", ".pgm", ".ppm"})
+"""Formats that can hold more than 8 bits."""
 _SIDE_BY_SIDE_ASPECT = 2.0
 """Wider images are two pictures side by side: no single sensor is that wide."""
 
@@ -82,7 +85,7 @@ class BoardImages:
             return
         for index in indices:
             if self._layout.wide:
-                yield _split(self._layout.wide[index].name, read_image(self._layout.wide[index]))
+                yield _split(self._layout.wide[index].name, _read(self._layout.wide[index]))
             else:
                 yield _read_pair(*self._layout.pairs[index])
 
@@ -174,11 +177,22 @@ def _read_pair(left: Path | None, right: Path | None) -> BoardPair:
     name = _pair_name(left, right)
     if left is None or right is None:
         return BoardPair(name, None, None, "has no mate from the other camera")
-    images = [read_image(file) for file in (left, right)]
+    images = [_read(file) for file in (left, right)]
     for file, image in zip((left, right), images, strict=True):
         if image is None:
             return BoardPair(name, None, None, f"{file.parent.name}/{file.name} cannot be decoded")
     return BoardPair(name, images[0], images[1])
+
+
+def _read(file: Path) -> U8 | None:
+    """(H, W) or (H, W, 3) uint8, None when it cannot be decoded; deeper images are stretched to fill 8 bits."""
+    image = read_image(file)
+    if image is None or file.suffix.lower() not in _DEEP_SUFFIXES:
+        return image
+    deep = cv2.imdecode(np.fromfile(file, dtype=np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+    if deep is None or deep.dtype == np.uint8:
+        return image
+    return np.asarray(cv2.normalize(deep, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U), dtype=np.uint8)  # type: ignore[call-overload]
 
 
 def _pair_name(left: Path | None, right: Path | None) -> str:

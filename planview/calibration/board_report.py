@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from calib.board.lens import FOLDS
-from calib.board.model import SIDES, Side, coefficient_names, rms
+from calib.board.model import SIDES, Side, rms
 from calib.board.solve import BoardCalibration
 from calib.images import as_colour, encode_image
 from calib.types import F64, U8
@@ -65,38 +65,38 @@ def write_report(result: BoardCalibration, images: Path, path: Path) -> Path:
 def _figures(result: BoardCalibration) -> list[tuple[str, str]]:
     turn = math.degrees(float(np.linalg.norm(result.rig.right_SE3_left.rotvec)))
     return [
-        ("stereo rms", f"{result.adjusted.rms_px:.3f} px"),
+        ("stereo rms", f"{result.fit.rms_px:.3f} px"),
         ("rows after rectification, rms", f"{result.row_rms_px:.3f} px"),
-        ("baseline", f"{1000 * result.rig.baseline_m:.2f} ± {1000 * result.baseline_std_m:.2f} mm"),
+        ("baseline", f"{1000 * result.rig.baseline_m:.2f} ± {1000 * result.std['baseline']:.2f} mm"),
+        ("baseline in squares", f"{result.baseline_squares:.3f}"),
         ("between the cameras", f"{turn:.2f}°"),
-        ("pairs used", f"{result.pairs_used} of {result.pairs_used + len(result.rejected)}"),
+        ("pairs used", f"{len(result.views)} of {len(result.views) + len(result.rejected)}"),
         ("lens", result.rig.left.model),
     ]
 
 
 def _parameters(result: BoardCalibration) -> list[tuple[str, str, str]]:
-    estimate, rows = result.adjusted.estimate, []
-    values: list[float] = []
-    for camera in (result.rig.left, result.rig.right):
-        values += [camera.fx, camera.fy, camera.cx, camera.cy, *camera.coefficients[: len(coefficient_names(camera))]]
-    values += [float(v) for v in estimate.stereo]
-    for (name, std), value in zip(result.std.items(), values, strict=True):
-        if name.startswith("rotation"):
-            rows.append((name, f"{math.degrees(value):.4f}°", f"{math.degrees(std):.4f}°"))
-        elif name.startswith("translation"):
-            rows.append((name, f"{1000 * value:.3f} mm", f"{1000 * std:.3f} mm"))
-        elif name.split()[1] in {"fx", "fy", "cx", "cy"}:
-            rows.append((name, f"{value:.3f} px", f"{std:.3f} px"))
-        else:
-            rows.append((name, f"{value:.6f}", f"{std:.6f}"))
+    rows = []
+    for name, value in result.parameters.items():
+        scale, unit, digits = _shown_as(name)
+        shown, deviation = (f"{scale * one:.{digits}f}{unit}" for one in (value, result.std[name]))
+        rows.append((name, shown, deviation))
     return rows
+
+
+def _shown_as(name: str) -> tuple[float, str, int]:
+    """Factor, unit and digits with which a parameter is shown."""
+    if name.startswith("rotation"):
+        return math.degrees(1), "°", 4
+    if name.startswith("translation") or name == "baseline":
+        return 1000.0, " mm", 3
+    return (1.0, " px", 3) if name.split()[1] in {"fx", "fy", "cx", "cy"} else (1.0, "", 6)
 
 
 def _rectified_pair(result: BoardCalibration, images: Path) -> tuple[str, U8]:
     """The pair with the median error, rectified side by side with lines across both."""
-    usable = [i for i, view in enumerate(result.views) if view.left is not None and view.right is not None]
-    order = sorted(usable, key=lambda i: float(result.adjusted.view_rms_px()[i]))
-    name = result.views[order[len(order) // 2]].name
+    order = np.argsort(result.fit.view_rms_px())
+    name = result.views[int(order[len(order) // 2])].name
     source = BoardImages(images)
     pair = next(source.at([source.names.index(name)]))
     if pair.left is None or pair.right is None:
@@ -122,9 +122,8 @@ def _error_figure(result: BoardCalibration) -> Figure:
 
 def _draw_scatter(axes: Axes, result: BoardCalibration) -> None:
     for side, colour in zip(SIDES, ("tab:blue", "tab:orange"), strict=True):
-        errors = np.concatenate([view[side] for view in result.adjusted.errors if side in view])
-        axes.plot(*errors.T, ".", ms=2.5, alpha=0.5, color=colour, label=side)
-    reach = 1.1 * max(np.abs(e).max() for view in result.adjusted.errors for e in view.values())
+        axes.plot(*np.concatenate(result.fit.side_errors(side)).T, ".", ms=2.5, alpha=0.5, color=colour, label=side)
+    reach = 1.1 * max(np.abs(error).max() for error in result.fit.errors)
     axes.set(xlim=(-reach, reach), ylim=(reach, -reach), xlabel="x error [px]", ylabel="y error [px]", aspect="equal")
     axes.grid(alpha=0.3)
     axes.legend(loc="upper right")
@@ -133,9 +132,9 @@ def _draw_scatter(axes: Axes, result: BoardCalibration) -> None:
 def _draw_views(axes: Axes, result: BoardCalibration) -> None:
     place = np.arange(len(result.views))
     for shift, side, colour in zip((-0.2, 0.2), SIDES, ("tab:blue", "tab:orange"), strict=True):
-        heights = [rms([view[side]]) if side in view else 0.0 for view in result.adjusted.errors]
+        heights = [rms([error]) for error in result.fit.side_errors(side)]
         axes.bar(place + shift, heights, 0.4, color=colour, label=side)
-    axes.axhline(result.adjusted.rms_px, color="black", lw=0.8, ls="--", label="all")
+    axes.axhline(result.fit.rms_px, color="black", lw=0.8, ls="--", label="all")
     names = [view.name.split()[0] for view in result.views]
     axes.set_xticks(place, names, rotation=90, fontsize=7)
     axes.set(ylabel="rms error [px]", title="per view")
@@ -143,9 +142,8 @@ def _draw_views(axes: Axes, result: BoardCalibration) -> None:
 
 
 def _draw_arrows(axes: Axes, result: BoardCalibration, side: Side) -> None:
-    pixels = [corners.pixels for view in result.views if (corners := view.side(side)) is not None]
-    errors = [view[side] for view in result.adjusted.errors if side in view]
-    p, e = np.concatenate(pixels), -_ARROW_SCALE * np.concatenate(errors)
+    p = np.concatenate([view.image_points(side) for view in result.views])
+    e = -_ARROW_SCALE * np.concatenate(result.fit.side_errors(side))
     axes.quiver(
         *p.T, *e.T, np.linalg.norm(e, axis=1), angles="xy", scale_units="xy", scale=1, cmap="viridis", width=0.002
     )
@@ -160,9 +158,7 @@ def _coverage_figure(result: BoardCalibration) -> Figure:
         shown = np.where(counts > 0, counts, np.nan)
         axes.imshow(shown, extent=(-0.5, w - 0.5, h - 0.5, -0.5), cmap="YlGn", vmin=0)
         for view in result.views:
-            corners = view.side(side)
-            if corners is not None:
-                axes.plot(*corners.pixels.T, ".", ms=1.5, color="black", alpha=0.6)
+            axes.plot(*view.image_points(side).T, ".", ms=1.5, color="black", alpha=0.6)
         _as_image(axes, result, f"{side}: {100 * result.coverage_share(side):.0f} % covered")
     return figure
 

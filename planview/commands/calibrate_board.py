@@ -12,11 +12,10 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from calib.board.detect import parse_board
+from calib.board.pattern import parse_board, parse_square
 from calib.board.solve import BoardCalibration
 from calib.errors import InputError
 from calib.formats import write_rig
-from calib.length import parse_length
 from planview.calibration.board import BoardRequest, calibrate_images
 from planview.calibration.board_report import write_report
 
@@ -44,12 +43,13 @@ def calibrate_board(
     images
         Folder with left/ and right/, with names that tell left from right, with images side by side, or a video.
     square
-        Side of a square with its unit, e.g. 24.23mm.
+        Side of a square with its unit, e.g. 24.23mm; a bare number is refused. When it is not known, give any size: the
+        baseline is also told in squares, but distances measured with the rig are as wrong as the size.
     out
         Rig to write.
     board
-        Inner corners of a chessboard, 9x6, found by itself when not given; or charuco:8x6, the squares of a ChArUco
-        board.
+        Inner corners of a chessboard, 9x6, found by itself when not given (give it for small or blurred images); or
+        charuco:8x6, the squares of a ChArUco board.
     marker
         Side of a ChArUco marker, e.g. 18mm; usual sizes are tried when not given.
     dictionary
@@ -59,7 +59,7 @@ def calibrate_board(
     json_
         Print one JSON object on stdout.
     """
-    square_m = parse_length(square, "--square")
+    square_m = parse_square(square)
     request = BoardRequest(
         parse_board(board, square_m, marker, dictionary),
         square_m,
@@ -81,12 +81,12 @@ def calibrate_board(
 def _calibrate(images: Path, request: BoardRequest) -> BoardCalibration:
     console = Console(stderr=True)
     with Progress(console=console, transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task("looking for the board", total=None)
+        task = bar.add_task("detecting the board", total=None)
 
         def progress(done: int, total: int) -> None:
             bar.update(task, completed=done, total=total)
             if done == total:
-                bar.update(task, description="adjusting")
+                bar.update(task, description="calibrating")
 
         return calibrate_images(images, request, progress)
 
@@ -96,7 +96,7 @@ def _print_summary(result: BoardCalibration, files: list[Path]) -> None:
     rig, std = result.rig, result.std
     for one in result.rejected:
         console.print(f"not used: {one.name}: {one.why}", highlight=False)
-    table = Table(title=f"{result.board.name}, {result.pairs_used} pairs, {rig.left.width}x{rig.left.height}")
+    table = Table(title=f"{result.board.name}, {len(result.views)} pairs, {rig.left.width}x{rig.left.height}")
     for column in ("", "left", "right"):
         table.add_column(column)
     for key in ("fx", "fy", "cx", "cy"):
@@ -109,8 +109,9 @@ def _print_summary(result: BoardCalibration, files: list[Path]) -> None:
         folds = ", turns back inside the image" if lens.folds_back else ""
         console.print(f"{lens.name}: {lens.held_out_px:.4f} px on views left out{folds}{chosen}", highlight=False)
     console.print(
-        f"baseline {1000 * rig.baseline_m:.2f} ± {1000 * result.baseline_std_m:.2f} mm, stereo rms "
-        f"{result.adjusted.rms_px:.3f} px, rows after rectification {result.row_rms_px:.3f} px",
+        f"baseline {1000 * rig.baseline_m:.2f} ± {1000 * std['baseline']:.2f} mm "
+        f"({result.baseline_squares:.3f} squares), stereo rms {result.fit.rms_px:.3f} px, "
+        f"rows after rectification {result.row_rms_px:.3f} px",
         highlight=False,
     )
     console.print(f"wrote {', '.join(map(str, files))}", highlight=False, soft_wrap=True)
@@ -118,10 +119,11 @@ def _print_summary(result: BoardCalibration, files: list[Path]) -> None:
 
 def _as_json(result: BoardCalibration, files: list[Path]) -> dict[str, Any]:
     return {
-        "stereo_rms_px": result.adjusted.rms_px,
+        "stereo_rms_px": result.fit.rms_px,
         "baseline_m": result.rig.baseline_m,
-        "baseline_std_m": result.baseline_std_m,
-        "views_used": result.pairs_used,
+        "baseline_squares": result.baseline_squares,
+        "baseline_std_m": result.std["baseline"],
+        "views_used": len(result.views),
         "views_rejected": [{"name": one.name, "why": one.why} for one in result.rejected],
         "row_rms_px": result.row_rms_px,
         "board": result.board.name,
@@ -129,7 +131,7 @@ def _as_json(result: BoardCalibration, files: list[Path]) -> dict[str, Any]:
         "lenses": [
             {"name": one.name, "held_out_px": one.held_out_px, "folds_back": one.folds_back} for one in result.lenses
         ],
-        "views": {v.name: float(r) for v, r in zip(result.views, result.adjusted.view_rms_px(), strict=True)},
+        "views": {v.name: float(r) for v, r in zip(result.views, result.fit.view_rms_px(), strict=True)},
         "std": result.std,
         "coverage": {side: result.coverage_share(side) for side in ("left", "right")},
         "files": [str(path) for path in files],

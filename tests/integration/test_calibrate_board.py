@@ -61,6 +61,24 @@ def test_opencv_pairs_reach_the_accuracy_asked(pairs: Path, tmp_path: Path, caps
     assert "http" not in page.replace("http://www.w3.org", "")
 
 
+@pytest.mark.parametrize("kind", ["RGBA", "12 bits in 16"])
+def test_small_images_of_a_named_board_give_the_rig(
+    kind: str, pairs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number in (*SIX, "02", "04"):
+        for side in ("left", "right"):
+            grey = cv2.imread(str(pairs / f"{side}{number}.jpg"), cv2.IMREAD_GRAYSCALE)
+            assert grey is not None
+            small = cv2.resize(grey, (320, 240), interpolation=cv2.INTER_AREA)
+            stored = cv2.cvtColor(small, cv2.COLOR_GRAY2BGRA) if kind == "RGBA" else small.astype(np.uint16) * 16
+            cv2.imwrite(str(tmp_path / f"{side}_{number}.png"), stored)
+    out = ("--board", "9x6", "--square", "25mm", "--model", "brown", "--out", str(tmp_path / "rig.toml"))
+    result = calibrated(capsys, str(tmp_path), *out)
+    assert result["views_used"] == 8
+    assert result["stereo_rms_px"] < 0.15
+    assert result["baseline_squares"] == pytest.approx(3.34, rel=0.01)
+
+
 def test_wrong_counts_are_refused(pairs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = copy(pairs, tmp_path / "p", SIX)
     said = refused(capsys, str(folder), "--square", "25mm", "--board", "8x6", "--out", str(tmp_path / "r.toml"))
@@ -99,7 +117,7 @@ def test_too_few_blank_mixed_and_unreadable_images_are_refused(
 
 
 def test_square_without_unit_is_refused(pairs: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert "--square: expected a length with its unit" in refused(capsys, str(pairs), "--square", "25")
+    assert "found '25' without one: type --square 25mm" in refused(capsys, str(pairs), "--square", "25")
 
 
 def test_pairs_side_by_side_in_a_video_give_the_same_rig(

@@ -4,8 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
-from calib.board.detect import Board, Detector, complete_charuco, dictionaries, find_counts, parse_board, same_order
+from calib.board.complete import complete_charuco, find_counts, larger_counts
+from calib.board.detect import Detector, same_order
 from calib.board.model import Corners
+from calib.board.pattern import Board, dictionaries, parse_board, parse_square
 from calib.board.select import select_views, sharpness
 from calib.errors import InputError
 from calib.types import U8
@@ -15,7 +17,7 @@ PX = 30
 
 
 def drawn(cols: int, rows: int) -> U8:
-    """A chessboard seen straight on: corner (0, 0) at pixel (3 PX - 0.5, 3 PX - 0.5)."""
+    """A chessboard from straight ahead: corner (0, 0) at pixel (3 PX - 0.5, 3 PX - 0.5)."""
     y, x = np.mgrid[: (rows + 1) * PX, : (cols + 1) * PX]
     board = (((x // PX + y // PX) % 2) * 200 + 25).astype(np.uint8)
     framed = cv2.copyMakeBorder(board, 2 * PX, 2 * PX, 2 * PX, 2 * PX, cv2.BORDER_CONSTANT, value=225)
@@ -32,6 +34,20 @@ def test_corners_are_found_to_a_hundredth_of_a_pixel() -> None:
 
 def test_counts_of_a_board_are_found() -> None:
     assert find_counts([drawn(8, 5)] * 3) == (8, 5)
+
+
+def test_corners_of_a_board_in_a_small_image_are_found_at_its_own_pixels() -> None:
+    image = np.asarray(cv2.resize(drawn(9, 6), None, fx=1 / 3, fy=1 / 3, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    corners = Detector(Board(9, 6, 0.025))(image)
+    assert corners is not None
+    expected = Board(9, 6, 0.1).points[:, :2] / 0.1 * PX / 3 + PX - 0.5
+    assert min(np.abs(order - expected).max() for order in (corners.pixels, corners.pixels[::-1])) < 0.1
+
+
+def test_a_part_of_a_board_is_told_from_the_whole() -> None:
+    images = [drawn(8, 5)] * 3
+    assert larger_counts(images, (4, 3)) == (8, 5)
+    assert larger_counts(images, (5, 8)) is None
 
 
 def test_no_board_is_found_in_blank_and_noisy_images() -> None:
@@ -98,6 +114,12 @@ def test_board_text_without_sense_is_refused(text: str) -> None:
 def test_square_of_a_wrong_unit_is_refused(square_m: float) -> None:
     with pytest.raises(InputError, match="--square"):
         parse_board(None, square_m, None, None)
+
+
+@pytest.mark.parametrize("text", ["25", " 24.23 ", "2,5"])
+def test_square_without_unit_is_refused_with_what_to_type(text: str) -> None:
+    with pytest.raises(InputError, match=rf"type --square {text.strip()}mm"):
+        parse_square(text)
 
 
 def test_unknown_dictionary_and_a_marker_larger_than_its_square_are_refused() -> None:

@@ -1,0 +1,255 @@
+"""Cameras and rigs from views of a board, by OpenCV's own calibration.
+
+``calibrateCameraExtended`` and ``fisheye.calibrate`` start each camera; ``stereoCalibrateExtended`` and
+``fisheye.stereoCalibrate`` then fit both cameras, the transform between them and all board poses together.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from scipy.optimize import least_squares
+
+from calib.board.model import SIDES, BoardView, RigFit, Side, rig_parameters
+from calib.camera import Camera, LensModel
+from calib.pose import SE3
+from calib.rig import StereoRig
+from calib.types import F64
+
+opencv: Any = cv2
+"""Its type stubs know the argument types of one version only, and no empty camera matrix."""
+Coefficient = Literal["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"]
+_MAX_ITERATIONS = 100
+REFIT_ITERATIONS = 20
+"""Enough for a fit that starts beside its optimum: with a few of the views left out."""
+_FOCAL_WIDTHS = (0.4, 0.8, 1.6)
+"""First guesses of the focal length [image widths] where OpenCV's own, from vanishing points, leads nowhere."""
+_JACKKNIFE_GROUPS = 10
+"""Groups of views left out in turn: a deviation from g groups is itself uncertain by 1 / sqrt(2 (g - 1)), 24 %."""
+
+
+class FitError(Exception):
+    """OpenCV finds no camera or rig that could have taken the views."""
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A lens model to fit.
+
+    Attributes:
+        name: for messages.
+        model: OpenCV's family.
+        count: number of coefficients kept, in OpenCV's order.
+        free: the coefficients that are fitted; the others stay zero.
+    """
+
+    name: str
+    model: LensModel
+    count: int
+    free: frozenset[Coefficient]
+
+    @property
+    def flags(self) -> int:
+        """OpenCV's calibration flags."""
+        if self.model == "fisheye":
+            return _fisheye_flag("CALIB_FIX_SKEW") | _fisheye_flag("CALIB_RECOMPUTE_EXTRINSIC")
+        flags = cv2.CALIB_RATIONAL_MODEL if self.model == "rational" else 0
+        flags |= 0 if "p1" in self.free else cv2.CALIB_ZERO_TANGENT_DIST
+        for name, flag in (("k1", cv2.CALIB_FIX_K1), ("k2", cv2.CALIB_FIX_K2), ("k3", cv2.CALIB_FIX_K3)):
+            flags |= 0 if name in self.free else flag
+        return flags
+
+    def camera(self, size: tuple[int, int], matrix: Any, coefficients: Any) -> Camera:
+        """The camera of OpenCV's matrix and coefficients.
+
+        Raises:
+            FitError: values that no camera has.
+        """
+        k = np.asarray(matrix, dtype=np.float64)
+        distortion = np.asarray(coefficients, dtype=np.float64).ravel()[: self.count]
+        try:
+            return Camera(*size, k[0, 0], k[1, 1], k[0, 2], k[1, 2], self.model, tuple(map(float, distortion)))
+        except ValueError as error:
+            raise FitError(str(error)) from error
+
+
+@dataclass(frozen=True)
+class CameraFit:
+    """One camera fitted on its own.
+
+    Attributes:
+        camera: the result.
+        rms_px: reprojection error.
+        focal_std_px: the larger of OpenCV's standard deviations of fx and fy; NaN for a fisheye, where it gives none.
+    """
+
+    camera: Camera
+    rms_px: float
+    focal_std_px: float
+
+
+def fit_camera(views: Sequence[BoardView], points: F64, side: Side, size: tuple[int, int], lens: Lens) -> CameraFit:
+    """One camera from its own images.
+
+    Args:
+        views: image points of the board.
+        points: (m, 3) the board's points [m].
+        side: which camera.
+        size: (width, height) of the images [px].
+        lens: model to fit.
+    Raises:
+        FitError: no camera fits.
+    """
+    shown = _same_lengths(views) if lens.model == "fisheye" else views
+    objects, pixels = [points[view.ids] for view in shown], [view.image_points(side) for view in shown]
+    for start in (None, *(_plain_camera(size, widths, lens) for widths in _FOCAL_WIDTHS)):
+        with suppress(cv2.error, FitError):
+            return _fit_camera(objects, pixels, size, lens, start)
+    raise FitError(f"no {lens.name} camera fits the {side} images")
+
+
+def _plain_camera(size: tuple[int, int], focal_widths: float, lens: Lens) -> Camera:
+    focal, (width, height) = focal_widths * size[0], size
+    return Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2, lens.model, (0.0,) * lens.count)
+
+
+def _fit_camera(
+    objects: list[F64], pixels: list[F64], size: tuple[int, int], lens: Lens, start: Camera | None
+) -> CameraFit:
+    fisheye, std = lens.model == "fisheye", math.nan
+    matrix, coefficients = (None, None) if start is None else (start.matrix, start.coefficients)
+    guess = 0 if start is None else cv2.CALIB_USE_INTRINSIC_GUESS
+    points = _stacked(objects, fisheye), _stacked(pixels, fisheye)
+    given: tuple[Any, ...] = (*points, size, matrix, coefficients)
+    if fisheye:
+        error, matrix, coefficients, *_ = opencv.fisheye.calibrate(
+            *given, flags=lens.flags | guess, criteria=_criteria(_MAX_ITERATIONS)
+        )
+    else:
+        result = opencv.calibrateCameraExtended(*given, flags=lens.flags | guess, criteria=_criteria(_MAX_ITERATIONS))
+        error, matrix, coefficients, _, _, stds, *_ = result
+        std = float(np.max(np.ravel(stds)[:2]))
+    if not math.isfinite(error):
+        raise FitError("the fit does not converge")
+    return CameraFit(lens.camera(size, matrix, coefficients), float(error), std)
+
+
+def fit_rig(
+    views: Sequence[BoardView],
+    points: F64,
+    cameras: tuple[Camera, Camera],
+    lens: Lens,
+    max_iterations: int = _MAX_ITERATIONS,
+) -> RigFit:
+    """Both cameras, the transform between them and all board poses together.
+
+    Args:
+        views: image points of the board.
+        points: (m, 3) the board's points [m].
+        cameras: left and right, to start from.
+        lens: their model.
+        max_iterations: of the joint fit.
+    Raises:
+        FitError: no rig fits.
+    """
+    size, fisheye = cameras[0].size, lens.model == "fisheye"
+    shown = _same_lengths(views) if fisheye else views
+    given: tuple[Any, ...] = (
+        _stacked([points[view.ids] for view in shown], fisheye),
+        *(_stacked([view.image_points(side) for view in shown], fisheye) for side in SIDES),
+        *(value for camera in cameras for value in (camera.matrix, camera.coefficients)),
+        size,
+    )
+    flags = lens.flags | cv2.CALIB_USE_INTRINSIC_GUESS
+    try:
+        if fisheye:
+            found: Any = opencv.fisheye.stereoCalibrate(*given, flags=flags, criteria=_criteria(max_iterations))
+            _, k1, d1, k2, d2, rotation, translation, rvecs, tvecs = found
+        else:
+            found = opencv.stereoCalibrateExtended(*given, None, None, flags=flags, criteria=_criteria(max_iterations))
+            _, k1, d1, k2, d2, rotation, translation, _, _, rvecs, tvecs, _ = found
+        pose = SE3(np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64).reshape(3))
+    except (cv2.error, ValueError) as error:
+        raise FitError(f"no pair of {lens.name} cameras fits the views") from error
+    rig = StereoRig(lens.camera(size, k1, d1), lens.camera(size, k2, d2), pose)
+    poses = np.hstack([np.asarray(one, dtype=np.float64).reshape(-1, 3) for one in (rvecs, tvecs)])
+    errors = tuple(view_errors(rig, view, points, pose) for view, pose in zip(views, poses, strict=True))
+    if not all(np.isfinite(error).all() for error in errors):
+        raise FitError("the fit puts corners behind a camera")
+    return RigFit(rig, poses, errors)
+
+
+def view_errors(rig: StereoRig, view: BoardView, points: F64, pose: F64) -> F64:
+    """(2, n, 2) reprojection errors [px] in the left and the right image for a board at ``pose`` (6,); NaN behind."""
+    in_left = SE3.from_rotvec(pose[:3], pose[3:]) @ points[view.ids]
+    found = rig.left.project(in_left), rig.right.project(rig.right_SE3_left @ in_left)
+    return np.stack([found[0] - view.left, found[1] - view.right])
+
+
+def held_out_error(rig: StereoRig, view: BoardView, points: F64, start: F64) -> float:
+    """Mean square error [px^2] of a view that the rig was not fitted to, its board's pose fitted alone.
+
+    OpenCV has no pose of one board for a rig of two cameras: scipy's Levenberg-Marquardt finds it.
+    """
+
+    def residuals(pose: F64) -> F64:
+        return np.nan_to_num(view_errors(rig, view, points, pose).ravel(), nan=1e3)
+
+    pose = least_squares(residuals, start, method="lm", x_scale="jac", xtol=1e-6, ftol=1e-6).x
+    return float((residuals(pose) ** 2).sum() / (2 * len(view.ids)))
+
+
+def standard_deviations(views: Sequence[BoardView], points: F64, fit: RigFit, lens: Lens) -> dict[str, float]:
+    """Standard deviation of every parameter of the rig, from fits with groups of views left out (jackknife).
+
+    OpenCV gives none for the transform between the cameras, nor for a fisheye. Source: Efron and Tibshirani, An
+    Introduction to the Bootstrap, 1993, section 11.5 (delete-d, disjoint groups): the variance is (g - 1) / g times
+    the sum of squares of the g fits about their mean.
+
+    Returns:
+        By the names of ``rig_parameters``.
+    """
+    groups, cameras = min(_JACKKNIFE_GROUPS, len(views)), (fit.rig.left, fit.rig.right)
+    fits = []
+    for group in range(groups):
+        kept = [view for i, view in enumerate(views) if i % groups != group]
+        try:
+            fits.append(rig_parameters(fit_rig(kept, points, cameras, lens, REFIT_ITERATIONS).rig))
+        except FitError:
+            # Without these views there is no rig: nothing is known about any parameter.
+            return dict.fromkeys(rig_parameters(fit.rig), math.inf)
+    table = np.array([list(one.values()) for one in fits])
+    spread = np.sqrt((groups - 1) * table.var(axis=0))
+    return {name: float(value) for name, value in zip(fits[0], spread, strict=True)}
+
+
+def _criteria(max_iterations: int) -> tuple[int, int, float]:
+    """OpenCV's: so many steps, or parameters that change by less than this share."""
+    return cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, max_iterations, 1e-8
+
+
+def _same_lengths(views: Sequence[BoardView]) -> list[BoardView]:
+    """Views with equal numbers of corners, the first ones repeated where some are hidden.
+
+    OpenCV's fisheye calibration demands equal numbers (opencv/opencv issues 6388 and 21748).
+    """
+    longest = max(len(view.ids) for view in views)
+    repeats = [np.resize(np.arange(len(view.ids)), longest) for view in views]
+    return [BoardView(v.name, v.ids[i], v.left[i], v.right[i]) for v, i in zip(views, repeats, strict=True)]
+
+
+def _stacked(arrays: Sequence[F64], fisheye: bool) -> list[Any]:
+    """Points per view in the shape and type that OpenCV takes: (1, n, k), float64 for a fisheye, else float32."""
+    kind = np.float64 if fisheye else np.float32
+    return [np.ascontiguousarray(array, dtype=kind).reshape(1, -1, array.shape[1]) for array in arrays]
+
+
+def _fisheye_flag(name: str) -> int:
+    """OpenCV 4 has a fisheye's flags in their own namespace with their own values, OpenCV 5 beside all others."""
+    return int(getattr(cv2.fisheye, name, None) or getattr(cv2, name))
