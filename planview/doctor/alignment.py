@@ -17,7 +17,8 @@ MATCHES_LEAST = 60
 """Fewest corners found in both images on which the geometry is judged."""
 OFFSET_MOST = 1.5
 """Row offset of the calibration as it is [px of 640]: a factory calibration after some years has up to 0.5. The offset
-itself is taken out of the images, but a rig that moved this far has also moved along the rows, where nobody sees it."""
+itself is taken out of the images, but a rig that moved this far has also moved along the rows, where it cannot be
+measured."""
 RESIDUAL_MOST = 0.5
 """Row offset that is left [px]: block matching loses half of its matches beyond (our choice)."""
 TREND_MOST = 4.0
@@ -74,7 +75,7 @@ def turn_of(matches: F64, geometry: RectifiedGeometry) -> F64:
 
     To first order a rotation (a, b, c) about x, y and z moves the point (x, y) at unit depth by
     a (1 + y^2) - b x y - c x along its column (Longuet-Higgins and Prazdny 1980); depth has no part in it, so that even
-    pan shows, which shifts disparities unseen. Fitted by iteratively reweighted least squares.
+    pan shows, which shifts disparities. Fitted by iteratively reweighted least squares.
 
     Args:
         matches: (N, 4) as from ``match_corners``.

@@ -38,8 +38,8 @@ def people_checks(evidence: Evidence, person_height_m: float | None) -> list[Che
         note = "of moving people; no known height was given"
         return [between("person height", value, PLAUSIBLE_M, "m", note)]
     limits = (person_height_m * (1 - TOLERANCE), person_height_m * (1 + TOLERANCE))
-    seen = f"known to be {person_height_m:g} m" if math.isfinite(value) else "nobody was seen to measure"
-    return [between("person height", value, limits, "m", f"{seen}: baseline and units", needed=True)]
+    note = f"known to be {person_height_m:g} m" if math.isfinite(value) else "no person was found to measure"
+    return [between("person height", value, limits, "m", f"{note}: baseline and units", needed=True)]
 
 
 def person_heights(evidence: Evidence) -> F64:
@@ -65,12 +65,12 @@ def _things(disparity: F32, background: F32, geometry: RectifiedGeometry, world_
     mask = cv2.morphologyEx(stands_out.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     blobs = find_blobs(np.asarray(mask, dtype=np.uint8))
     surface = depth * depth
-    least, most = (share * mask.size for share in SHARE_OF_IMAGE)
+    min_px, max_px = (share * mask.size for share in SHARE_OF_IMAGE)
     found = []
     for label in range(1, len(blobs)):
         if blobs.box_px[label, 1] <= 2:
             continue  # its head may be outside
-        if least <= blobs.area_px[label] <= most:
+        if min_px <= blobs.area_px[label] <= max_px:
             of_it = (blobs.labels == label) & np.isfinite(above)
             found.append((float(np.percentile(above[of_it], TALLEST_PERCENTILE)), float(surface[of_it].sum())))
     return np.array(found, dtype=np.float64).reshape(-1, 2)

@@ -78,7 +78,7 @@ def test_a_calibration_with_the_right_camera_on_the_left_is_told(say: Say, copy:
     rig = toy_rig()
     save_rig(StereoRig(rig.right, rig.left, rig.right_SE3_left.inverse(), "swapped"), copy / "rig.toml")
     status, told = run_few(say, copy, tmp_path / "out")
-    assert status in (1, 2)
+    assert status == 2
     assert "swapped" in one_sentence(told)
 
 
@@ -96,7 +96,7 @@ def test_cameras_that_saw_different_things_are_told(say: Say, pairs: list[Pair],
     recording = write_toy_recording(tmp_path / "strangers", toy_rig(), strangers)
     status, told = run_few(say, recording, tmp_path / "out")
     assert status == 1
-    assert "calibration" in one_sentence(told) or "floor" in told
+    assert "no floor found in 4 frames" in one_sentence(told)
 
 
 def test_no_floor_in_view_is_a_failure_told_in_one_sentence(say: Say, tmp_path: Path) -> None:
@@ -104,7 +104,7 @@ def test_no_floor_in_view_is_a_failure_told_in_one_sentence(say: Say, tmp_path: 
     recording = write_toy_recording(tmp_path / "wall", rig, [world.pair(rig, (), i) for i in range(4)])
     status, told = run_few(say, recording, tmp_path / "out")
     assert status == 1
-    assert "floor" in one_sentence(told)
+    assert "no floor found" in one_sentence(told)
 
 
 def test_frames_that_are_all_unusable_are_a_failure(engine: Pipeline, recording: Path, tmp_path: Path) -> None:
