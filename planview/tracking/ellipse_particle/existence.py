@@ -11,6 +11,8 @@ from scipy.special import gammainc
 from planview.tracking.ellipse_particle.params import ExistenceParams
 from planview.tracking.lifecycle import Existence
 
+OCCLUDED = 2.0
+"""An object that shares its measurement is waited for so many times as long as one without any. Our choice."""
 HIDDEN_S = 0.7
 """An object without measured area of its own for longer than this is reported as predicted only [s]. Our choice."""
 GROUP = 4
@@ -115,5 +117,5 @@ def departure(evidence: Evidence, params: ExistenceParams) -> float:
     if not evidence.who.confirmed:
         return 1.0 - evidence.probability if evidence.waited_s > 0.0 else 0.0
     unmeasured = gammainc(GAMMA_SHAPE, GAMMA_SHAPE * evidence.unmeasured_s / params.patience_s)
-    shared = gammainc(GAMMA_SHAPE, GAMMA_SHAPE * evidence.shared_s / params.occluded_patience_s)
+    shared = gammainc(GAMMA_SHAPE, GAMMA_SHAPE * evidence.shared_s / (OCCLUDED * params.patience_s))
     return float(max(unmeasured, shared))

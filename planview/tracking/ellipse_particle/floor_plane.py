@@ -20,6 +20,23 @@ from planview.tracking.ellipse_particle.planes import Estimates, PlaneView
 from planview.tracking.newcomers import is_part_of, top_height_m
 from planview.trajectories.state import TrackState
 
+REACH_M = 0.5
+"""How far from an ellipse's centre its body's points are taken for the axis and the height [m]. Our choice: half a
+shoulder breadth, a bent arm, and the offset between the visible side and the axis."""
+HEAD_M = 0.13
+"""How far from an ellipse's centre the highest point may lie [m]: a head's breadth less than half."""
+BODY_M = 0.2
+"""Half the side of the square in which the visible surface is summed [m]: half of W_avg (Harville 2002, section 4)."""
+ANYWHERE = PlaneModel(
+    angle_spread=math.radians(45.0),
+    angle_limit=math.radians(90.0),
+    angle_walk=math.radians(30.0),
+    separation=0.0,
+    proposal=1.0,
+    outside_weight=0.0,
+)
+"""From above a body may point anywhere. A person who is hidden leaves no occupancy, and must not be pulled to those in
+front: equation (8) as it is, without a weight outside. Our choice."""
 CELLS_PER_HALF = 4
 """Half a body's length on the floor spans at least so many cells; maps finer than that are averaged."""
 
@@ -35,19 +52,11 @@ class FloorPlane:
         self.confirm_s = params.confirm_s
         body = math.pi * params.half_length_m**2 * params.aspect
         self._full_density = 0.5 * params.person_area_m2 / body
-        self.model = PlaneModel(
-            angle_spread=math.radians(params.angle_spread_deg),
-            angle_limit=math.pi / 2,
-            angle_walk=math.radians(params.angle_walk_deg),
-            separation=params.separation_m / params.half_length_m,
-            proposal=1.0,
-            # Who is hidden leaves no occupancy, and must not be pulled to those in front: equation (8) as it is.
-            outside_weight=0.0,
-        )
+        self.model = ANYWHERE._replace(separation=params.separation_m / params.half_length_m)
         self.reset()
 
     def reset(self) -> None:
-        self._bodies = BodyMeasures(self._params.reach_m)
+        self._bodies = BodyMeasures(REACH_M)
 
     def __call__(self, observation: Observation) -> PlaneView | None:
         """The frame's cells; None when the observation has no maps."""
@@ -83,10 +92,10 @@ class FloorPlane:
         """As high as a person, and no part of a known person."""
         p, maps = self._params, _maps(view)
         here = _place(view, cell)
-        if top_height_m(maps, here, p.head_m) < p.height_min_m:
+        if top_height_m(maps, here, HEAD_M) < p.height_min_m:
             return False
         others = [_place(view, other) for other in known]
-        return not any(is_part_of(maps, here, other, p.piece_area, p.arm_m, p.body_m) for other in others)
+        return not any(is_part_of(maps, here, other, p.piece_area, p.arm_m, BODY_M) for other in others)
 
     def is_separate(self, view: PlaneView, cell: F64, known: F64) -> bool:
         """Whether depth noise cannot have split the place off a known person's body."""

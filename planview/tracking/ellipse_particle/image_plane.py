@@ -22,6 +22,19 @@ from planview.tracking.ellipse_particle.size_learning import SizeLearner
 from planview.tracking.ellipse_particle.visible_length import visible_length
 from planview.trajectories.state import TrackState
 
+PERSON_M = 1.7
+"""Body height of an adult [m], which turns speeds in m/s into cells."""
+UPRIGHT = PlaneModel(
+    angle_spread=math.radians(6.0),
+    angle_limit=math.radians(20.0),
+    angle_walk=math.radians(5.0),
+    separation=0.0,
+    proposal=0.5,
+    outside_weight=1.0,
+)
+"""People in an image: walkers lean by 5 or 6 degrees, at most three deviations, and hide one another. An ellipse that
+is proposed has the expected size and lies on a coarse grid; fitted, it gains more of a person who is smaller or
+strides. Our choice."""
 SPECKLED = 0.02
 """A frame with more specks than this share of its pixels is noisy. The outlines of ten people, each a tenth of the
 image high, lose a quarter of it to the same filter. Our choice."""
@@ -41,14 +54,7 @@ class ImagePlane:
         self._params = params
         self._camera = camera
         self.needs_foreground = params.source == "given"
-        self.model = PlaneModel(
-            angle_spread=math.radians(params.angle_spread_deg),
-            angle_limit=math.radians(params.angle_limit_deg),
-            angle_walk=math.radians(params.angle_walk_deg),
-            separation=0.0,
-            proposal=params.proposed_share,
-            outside_weight=params.outside_weight,
-        )
+        self.model = UPRIGHT._replace(outside_weight=params.outside_weight)
         self.reset()
 
     def reset(self) -> None:
@@ -98,16 +104,15 @@ class ImagePlane:
     def prior(self, view: PlaneView) -> SizePrior | None:
         """The given size, else the learned one; an image of another size is another scene."""
         p = self._params
-        if p.half_length_px is not None:
-            middle = (view.mask.shape[0] - 1) / 2
-            return SizePrior(p.half_length_px / view.scale - p.slope * middle, p.slope, p.aspect)
+        if p.person_height_px is not None:
+            return SizePrior(p.person_height_px / 2 / view.scale, 0.0, p.aspect)
         shape = (view.mask.shape[0], view.mask.shape[1])
         if self._learned_on != shape:
             self._learner, self._learned_on = SizeLearner(p), shape
         return self._learner.update(view.mask, view.observation.timestamp_s)
 
     def cells_per_m(self, view: PlaneView, prior: SizePrior, rows: F64) -> F64:
-        return np.asarray(2.0 * prior.half_lengths(rows) / self._params.object_length_m)
+        return np.asarray(2.0 * prior.half_lengths(rows) / PERSON_M)
 
     def turns(self, measured: Bool, confirmed: Bool) -> list[I64]:
         return [np.flatnonzero(measured)]

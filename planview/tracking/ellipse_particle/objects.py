@@ -169,11 +169,10 @@ class Objects:
         keep = np.ones(len(self), dtype=np.bool_)
         for n, e in enumerate(self.evidence):
             probability = departure(e, self._params)
-            limit = self._params.leave if e.who.confirmed else self._params.confirm_probability
             if outside[n]:
                 keep[n] = False
                 self.cycle.prune(e.who, "it has left the view")
-            elif probability > limit:
+            elif probability > self._params.confirm_probability:
                 keep[n] = False
                 why = f"unmeasured or shared for {e.waited_s:.1f} s, left with probability {probability:.2f}"
                 self.cycle.prune(e.who, why, probability)

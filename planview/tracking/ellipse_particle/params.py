@@ -22,27 +22,12 @@ class ImagePlaneParams(Params):
     columns: int = Field(160, ge=40, le=2000)
     """Ellipses are fitted on a grid of at most about this many columns: a person 1/8 of the image high is then still
     15 cells high. Our choice; it is what bounds the time per frame."""
-    half_length_px: float | None = Field(None, gt=0, le=10_000)
-    """Half the height of an object centred at the middle row [px]; None learns it."""
-    slope: float = Field(0.0, ge=-2, le=2)
-    """Growth of ``half_length_px`` per row [px/px] when it is given."""
+    person_height_px: float | None = Field(None, gt=0, le=20_000)
+    """Height of a person in the image [px], the same in all rows; None learns it, row by row."""
     aspect: float = Field(0.36, gt=0, le=1)
     """Width over height of an object when its size is given. Our choice: 0.6 m of arms and stride over 1.7 m."""
     learn_s: float = Field(60.0, gt=0, le=3600)
     """Time over which the size is learned [s]: the first minute."""
-    min_samples: int = Field(4, ge=2, le=1000)
-    """Isolated regions needed before a learned size is used. Our choice: one person in four frames, or two in two."""
-    object_length_m: float = Field(1.7, gt=0, le=10)
-    """Real length of an object [m], which turns speeds in m/s into cells. Body height of an adult."""
-    angle_spread_deg: float = Field(6.0, gt=0, le=90)
-    """Standard deviation of a measured length axis from the vertical [deg]. Our choice: lean of a walker."""
-    angle_limit_deg: float = Field(20.0, gt=0, le=90)
-    """Largest angle of a measured length axis from the vertical [deg] (three deviations of angle_spread_deg)."""
-    angle_walk_deg: float = Field(5.0, gt=0, le=90)
-    """Stationary deviation of a tracked object's length axis [deg]. Our choice: lean of a walker."""
-    proposed_share: float = Field(0.5, gt=0, le=1)
-    """Part of ``fit.min_gain`` with which the cover proposes an ellipse: it is of the expected size on a coarse grid;
-    fitted, it gains more of a person who is smaller or strides. Our choice."""
     outside_weight: float = Field(1.0, ge=0, le=10)
     """Weight of the added term of the likelihood: object area outside every measurement, against measured area that
     no object covers. Equation (8) alone does not punish it, so objects could drift off wherever another one covers
@@ -52,7 +37,7 @@ class ImagePlaneParams(Params):
     the knees up; a suitcase has less."""
     min_length: float = Field(0.5, ge=0, le=1)
     """The same of a known object; what is shorter shares its measurement with an older one (occlusion), or is a thing,
-    and is pruned after ``existence.occluded_patience_s``. Our choice: a person from the hips up."""
+    and is pruned after twice ``existence.patience_s``. Our choice: a person from the hips up."""
 
 
 class FloorPlaneParams(Params):
@@ -67,19 +52,8 @@ class FloorPlaneParams(Params):
     """Depth over width of a body; between a standing adult's 0.55 and the 1.0 of a stride. Our choice."""
     separation_m: float = Field(0.42, ge=0, le=1)
     """Smallest distance between two people [m], a shoulder breadth less what clothes give."""
-    reach_m: float = Field(0.5, gt=0, le=2)
-    """How far from an ellipse's centre its body's points are taken for the axis and the height [m]. Our choice: half a
-    shoulder breadth, a bent arm, and the offset between the visible side and the axis."""
-    angle_spread_deg: float = Field(45.0, gt=0, le=90)
-    """Standard deviation of a measured length axis [deg]: from above a body may point anywhere."""
-    angle_walk_deg: float = Field(30.0, gt=0, le=90)
-    """Stationary deviation of a tracked object's length axis [deg]. Our choice."""
     height_min_m: float = Field(1.2, gt=0, le=2.5)
     """Until confirmed, a person must reach so high [m]: a seated adult; chairs and shadows do not."""
-    head_m: float = Field(0.13, gt=0, le=1)
-    """How far from an ellipse's centre the highest point may lie [m]: a head's breadth less than half."""
-    body_m: float = Field(0.2, gt=0, le=1)
-    """Half the side of the square in which the visible surface is summed [m]: half of W_avg."""
     confirm_s: float = Field(0.4, ge=0, le=60)
     """How long a newcomer must be tracked [s]: clumps of depth between two people last for a few frames."""
     arm_m: float = Field(0.9, ge=0, le=5)
@@ -99,19 +73,13 @@ class ParticleFilterParams(Params):
     overlap are filtered jointly and the rest apart, since a joint filter of many objects has few particles for each."""
     acceleration_mps2: float = Field(2.0, gt=0, le=50)
     """Deviation of the acceleration in the constant-velocity model [m/s^2]: walkers stop and turn within a second."""
-    jitter_m: float = Field(0.03, ge=0, le=1)
-    """Deviation of the position per frame beside that [m]: an outline is not a rigid body. Our choice."""
     spawn_speed_mps: float = Field(1.2, gt=0, le=20)
     """Deviation of each velocity component of a new object [m/s]: walking speed."""
     shape_spread: float = Field(0.08, gt=0, le=1)
     """Stationary deviation of ln length and ln width of an object's ellipse about the prior. Our choice."""
-    shape_time_s: float = Field(1.0, gt=0, le=100)
-    """Time in which size and angle forget [s]: a step."""
     overlap_deviation: float = Field(0.12, gt=0, le=10)
     """Deviation of the area difference in equation (8), as a share of one object's area. Our choice: a measured
     ellipse moved by a fifth of its width."""
-    resampling: Literal["systematic", "multinomial"] = "systematic"
-    """Multinomial is plain SIR; systematic has less variance for the same cost."""
 
 
 class ExistenceParams(Params):
@@ -126,16 +94,14 @@ class ExistenceParams(Params):
     repetition: float = Field(0.25, gt=0, lt=1)
     """Probability that a false measurement repeats in the same place. Our choice."""
     confirm_probability: float = Field(0.8, gt=0.5, lt=1)
-    """Probability above which a new object is confirmed."""
+    """Probability of being an object above which a new one is confirmed, and of having left above which it is
+    pruned."""
     min_overlap: float = Field(0.35, gt=0, lt=1)
     """Share of an object's ellipse that measurements must cover to count as measured; a measurement of which objects
     cover less than this share is uncovered. Our choice."""
     patience_s: float = Field(2.0, gt=0, le=600)
-    """Mean N_t of the Gamma distribution: time without measurement after which an object has left [s]. Our choice."""
-    occluded_patience_s: float = Field(4.0, gt=0, le=600)
-    """The same for an object that shares its measurement with another one (occlusion) [s]. Our choice."""
-    leave: float = Field(0.8, gt=0, lt=1)
-    """Probability of having left above which an object is pruned."""
+    """Mean N_t of the Gamma distribution: time without measurement after which an object has left [s];
+    twice as long where it shares its measurement with another one (occlusion). Our choice."""
     reattach_m: float = Field(1.5, ge=0, le=20)
     """Farthest a lost object is reacquired from its prediction [m]. Harville 2002 uses 2 m from the last sight."""
 

@@ -28,6 +28,10 @@ from planview.tracking.ellipse_particle.params import ParticleFilterParams
 
 STATE = 7
 """Length of an object's state, columns ``X`` to ``ANGLE``."""
+JITTER_M = 0.03
+"""Deviation of the position per frame beside the acceleration's [m]: an outline is not a rigid body. Our choice."""
+SHAPE_TIME_S = 1.0
+"""Time in which size and angle forget [s]: a step."""
 YIELDING = 0.25
 """Deviation of the distance between two bodies from the least, as a share of it: bodies give and ellipses slip. Our
 choice."""
@@ -90,8 +94,8 @@ class ParticleFilter:
         p = self._params
         noise = self._rng.standard_normal((p.particles, len(self), STATE), dtype=np.float32)
         push = p.acceleration_mps2 * cells_per_m * dt_s
-        pull = np.hypot(0.5 * push * dt_s, p.jitter_m * cells_per_m)
-        keep = math.exp(-dt_s / p.shape_time_s)
+        pull = np.hypot(0.5 * push * dt_s, JITTER_M * cells_per_m)
+        keep = math.exp(-dt_s / SHAPE_TIME_S)
         spread = np.array([p.shape_spread, p.shape_spread, self._plane.angle_walk])
         fresh = math.sqrt(1.0 - keep * keep) * spread
         kernels.propagate(self.particles, noise, Transition(dt_s, pull, push, keep, fresh), self._surprise)
@@ -187,17 +191,14 @@ class ParticleFilter:
         return np.asarray(np.einsum("pk,pks->ks", near, states) / near.sum(axis=0)[:, None])
 
     def resample(self, members: I64, log_likelihood: F64) -> I64:
-        """Draw particles of a group in proportion to their weights; systematic, or multinomial (SIR).
+        """Draw particles of a group in proportion to their weights, systematically: plain SIR with less variance.
 
         Returns:
             (P,) the particle from which each was copied.
         """
         weights = normalised(log_likelihood)
         n = self._params.particles
-        if self._params.resampling == "systematic":
-            where = (np.arange(n) + self._rng.random()) / n
-        else:
-            where = np.sort(self._rng.random(n))
+        where = (np.arange(n) + self._rng.random()) / n
         index = np.minimum(np.searchsorted(np.cumsum(weights), where), n - 1)
         kernels.copy_particles(self.particles, self._surprise, members, index)
         return np.asarray(index)

@@ -11,6 +11,8 @@ from planview.foreground.blobs import find_blobs
 from planview.tracking.ellipse_particle.fit.prior import SizePrior
 from planview.tracking.ellipse_particle.params import ImagePlaneParams
 
+MIN_SAMPLES = 4
+"""Isolated regions needed before a learned size is used. Our choice: one person in four frames, or two in two."""
 PER_FRAME = 12
 """Largest regions kept of a frame; a frame full of specks must not outvote the others."""
 KEPT = 600
@@ -56,7 +58,7 @@ class SizeLearner:
         self._frames = 0
         self._stride = 1
         self._taken = 0
-        self._next_fit = params.min_samples
+        self._next_fit = MIN_SAMPLES
         self._closed = False
         self.prior: SizePrior | None = None
 
@@ -94,7 +96,7 @@ class SizeLearner:
         fitted = np.maximum(levels[:, None] + slopes[:, None] * row, 1.0)
         best = int(np.argmax(log_density(length, fitted) @ weight))
         inliers = np.abs(length - fitted[best]) < AGREE * deviation(fitted[best])
-        if inliers.sum() < self._params.min_samples / 2:
+        if inliers.sum() < MIN_SAMPLES / 2:
             return None
         x, y, tilted = row[inliers], length[inliers], bool(slopes[best] > 0)
         nearness = np.exp(-0.5 * ((y - fitted[best][inliers]) / deviation(fitted[best][inliers])) ** 2)

@@ -30,6 +30,8 @@ SIZE_LIMIT = 1.4
 """Largest ratio of a measured ellipse to the expected size, either way: three deviations of ``size_spread``."""
 EM_STEPS = 4
 """Steps of expectation-maximisation. Our choice: the start is within a third of a width already."""
+PRIOR_MASS = 0.5
+"""Weight of the prior covariance in expectation-maximisation, in object areas. Our choice."""
 SWEEPS = 3
 """Rounds of Levenberg-Marquardt over all ellipses. Our choice."""
 SOFT_EDGE = 0.7
@@ -53,8 +55,6 @@ class EllipseFitParams(Params):
     """Smallest gain that an ellipse must add on its own, as a share of its area. Our choice: a silhouette that fills
     two thirds gains 0.53, so a person hidden by half is still proposed, and a bag or a shadow of a third of a person
     is not."""
-    prior_mass: float = Field(0.5, gt=0, le=10)
-    """Weight of the prior covariance in expectation-maximisation, in object areas. Our choice."""
     cell_deviation: float = Field(0.7, gt=0, le=10)
     """Deviation of a cell's residual, correlation of neighbouring cells included. Our choice: a residual of 0.35 per
     cell (holes, limbs), the same over patches of 2 x 2 cells: 0.35 sqrt(4)."""
@@ -104,7 +104,7 @@ def _expect_and_maximise(
     points = np.column_stack([cols, rows, mask[rows, cols]]).astype(np.float64)
     stray = STRAY / (math.pi * prior.half_length(mask.shape[0] / 2) ** 2 * prior.aspect)
     for _ in range(EM_STEPS):
-        em_step(points, ellipses, prior.law, params.prior_mass, stray, plane.angle_limit < math.pi / 4)
+        em_step(points, ellipses, prior.law, PRIOR_MASS, stray, plane.angle_limit < math.pi / 4)
     a0 = prior.half_lengths(ellipses[:, 1])
     b0 = a0 * prior.aspect
     ellipses[:, 2] = np.clip(ellipses[:, 2], a0 / SIZE_LIMIT, a0 * SIZE_LIMIT)

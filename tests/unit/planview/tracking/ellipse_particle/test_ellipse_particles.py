@@ -59,9 +59,8 @@ def test_outside_weight_zero_is_the_equation_of_the_paper():
     assert -30 < np.median(ours) < -17
 
 
-@pytest.mark.parametrize("kind", ["systematic", "multinomial"])
-def test_resampling_copies_particles_in_proportion_to_their_weights(kind):
-    particles = filter_with(HERE, resampling=kind)
+def test_resampling_copies_particles_in_proportion_to_their_weights():
+    particles = filter_with(HERE)
     weights = np.full(1000, 1e-12)
     weights[10], weights[20] = 0.75, 0.25
     index = particles.resample(np.array([0]), np.log(weights))
@@ -183,7 +182,7 @@ def test_object_that_shares_its_measurement_for_long_is_a_prediction_only():
 
 def test_learned_size_follows_the_row_in_spite_of_specks_and_groups():
     rng = np.random.default_rng(3)
-    learner = SizeLearner(ImagePlaneParams(min_samples=10))
+    learner = SizeLearner(ImagePlaneParams())
     prior = None
     for frame in range(40):
         people = []
@@ -202,7 +201,7 @@ def test_learned_size_follows_the_row_in_spite_of_specks_and_groups():
 
 
 def test_size_learning_stops_after_its_time():
-    learner = SizeLearner(ImagePlaneParams(min_samples=4, learn_s=5))
+    learner = SizeLearner(ImagePlaneParams(learn_s=5))
     small, large = (paint_union(np.array([[50.0, 50, a, 0.4 * a, 0]]), (100, 100)).astype(np.float32) for a in (10, 20))
     for frame in range(11):
         before = learner.update(small, frame)

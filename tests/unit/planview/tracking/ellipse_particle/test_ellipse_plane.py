@@ -73,7 +73,7 @@ def test_visible_length_leaves_to_an_older_one_what_sticks_out_of_it():
 
 
 def test_suitcase_is_no_person_and_a_person_is():
-    image = ImagePlaneParams(source="given", half_length_px=15, aspect=0.4)
+    image = ImagePlaneParams(source="given", person_height_px=30, aspect=0.4)
     params = EllipseParticleParams(image=image, filter=FEW)
     for mask, expected in ((painted(WHOLE), 1), (painted([40.0, 38, 6, 5, 0.0]), 0)):
         tracker = image_ellipse_tracker(params)

@@ -23,7 +23,7 @@ from planview.trajectories.state import TrackState
 
 SHAPE = (120, 160)
 GIVEN = EllipseParticleParams(
-    image=ImagePlaneParams(source="given", half_length_px=15, aspect=0.4),
+    image=ImagePlaneParams(source="given", person_height_px=30, aspect=0.4),
     filter=ParticleFilterParams(particles=300),
 )
 
@@ -110,7 +110,7 @@ def test_camera_gives_floor_positions_and_heights():
     foot, head = camera.project([0.5, 6.0, 0.0]), camera.project([0.5, 6.0, 1.8])
     centre, half = (foot + head) / 2, float(foot[1] - head[1]) / 2
     mask = paint_union(np.array([[*centre, half, 0.4 * half, 0.0]]), (480, 640)) * np.uint8(255)
-    params = GIVEN.model_copy(update={"image": ImagePlaneParams(source="given", half_length_px=half, aspect=0.4)})
+    params = GIVEN.model_copy(update={"image": ImagePlaneParams(source="given", person_height_px=2 * half, aspect=0.4)})
     state = follow(image_ellipse_tracker(params, camera), [mask] * 8)[-1][0]
     assert (state.x_m, state.y_m) == pytest.approx((0.5, 6.0), abs=0.25)
     assert state.height_m == pytest.approx(1.8, abs=0.12)
@@ -121,7 +121,7 @@ def test_mixture_of_gaussians_finds_a_walker_in_images():
     scene = rng.integers(60, 160, (*SHAPE, 3), dtype=np.uint8)
     tracker = image_ellipse_tracker(
         EllipseParticleParams(
-            image=ImagePlaneParams(half_length_px=15, aspect=0.4), filter=ParticleFilterParams(particles=300)
+            image=ImagePlaneParams(person_height_px=30, aspect=0.4), filter=ParticleFilterParams(particles=300)
         )
     )
     for i in range(60):
@@ -136,7 +136,7 @@ def test_mixture_of_gaussians_finds_a_walker_in_images():
 def test_mixture_does_not_absorb_a_walker_who_stops():
     scene = np.random.default_rng(0).integers(60, 160, (*SHAPE, 3), dtype=np.uint8)
     params = EllipseParticleParams(
-        image=ImagePlaneParams(half_length_px=15, aspect=0.4, history=100), filter=ParticleFilterParams(particles=300)
+        image=ImagePlaneParams(person_height_px=30, aspect=0.4, history=100), filter=ParticleFilterParams(particles=300)
     )
     tracker = image_ellipse_tracker(params)
     for i in range(150):
@@ -203,7 +203,7 @@ def test_wrong_arrays_are_refused():
     st.booleans(),
 )
 def test_random_masks_and_times_give_finite_states(masks, dt, learn):
-    size = {"min_samples": 2} if learn else {"half_length_px": 5}
+    size = {} if learn else {"person_height_px": 10}
     image = ImagePlaneParams.model_validate({"source": "given", **size})
     tracker = image_ellipse_tracker(EllipseParticleParams(image=image, filter=ParticleFilterParams(particles=20)))
     for i, mask in enumerate(masks):
