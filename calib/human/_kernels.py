@@ -18,7 +18,7 @@ INFEASIBLE = 1e3
 
 @njit(cache=True, nogil=True)
 def sample_error(
-    focal: float, height: float, tilt: float, k: float, flat: F64, seen: F64, circles: F64, person: float
+    focal: float, height: float, tilt: float, k: float, flat: F64, marked: F64, circles: F64, person: float
 ) -> float:
     """Weighted error of one sample (see calib.human.calibration.sample_errors).
 
@@ -26,7 +26,7 @@ def sample_error(
         focal: focal length [px]; height: of the camera [m]; tilt: from straight down [rad].
         k: lens distortion [1/px].
         flat: (4,) head and foot without lens distortion, from the image centre [px].
-        seen: (8,) left, top, right, bottom, head and foot as seen, from the image centre [px].
+        marked: (8,) left, top, right, bottom, head and foot as marked, from the image centre [px].
         circles: (n, 3) outline points of the model at the origin [m].
         person: height of the model [m].
     """
@@ -41,25 +41,27 @@ def sample_error(
         top, bottom = min(top, v), max(bottom, v)
     head_u, head_v = _project(focal, height, s, c, k, x, y, person)
     foot_u, foot_v = _project(focal, height, s, c, k, x, y, 0.0)
-    width, tall = seen[2] - seen[0], seen[3] - seen[1]
+    m_left, m_top, m_right, m_bottom = marked[0], marked[1], marked[2], marked[3]
+    m_head_u, m_head_v, m_foot_u, m_foot_v = marked[4], marked[5], marked[6], marked[7]
+    width, tall = m_right - m_left, m_bottom - m_top
     radius = 0.5 * (math.sqrt(width * tall / math.pi) + math.sqrt((right - left) * (bottom - top) / math.pi))
-    apart = 0.5 * (math.hypot(head_u - seen[4], head_v - seen[5]) + math.hypot(foot_u - seen[6], foot_v - seen[7]))
-    common = max(0.0, min(right, seen[2]) - max(left, seen[0])) * max(0.0, min(bottom, seen[3]) - max(top, seen[1]))
+    apart = 0.5 * (math.hypot(head_u - m_head_u, head_v - m_head_v) + math.hypot(foot_u - m_foot_u, foot_v - m_foot_v))
+    common = max(0.0, min(right, m_right) - max(left, m_left)) * max(0.0, min(bottom, m_bottom) - max(top, m_top))
     union = width * tall + (right - left) * (bottom - top) - common
-    weight = min(1.0, math.hypot(seen[4] - seen[6], seen[5] - seen[7]) / math.hypot(width, tall))
+    weight = min(1.0, math.hypot(m_head_u - m_foot_u, m_head_v - m_foot_v) / math.hypot(width, tall))
     error: float = weight * apart / radius + (1.0 - weight) * (1.0 - common / union)
     return error
 
 
 @njit(cache=True, nogil=True)
 def candidate_errors(
-    cameras: F64, k: float, flat: F64, seen: F64, circles: F64, person: float, limit: float, out: F64
+    cameras: F64, k: float, flat: F64, marked: F64, circles: F64, person: float, limit: float, out: F64
 ) -> None:
     """Mean error over the samples for every candidate.
 
     Args:
         cameras: (m, 3) focal [px], height [m], tilt [rad].
-        flat, seen: (n, 4) and (n, 8), rows as in ``sample_error``.
+        flat, marked: (n, 4) and (n, 8), rows as in ``sample_error``.
         limit: a candidate is given up once its mean must exceed this.
         out: (m,) mean errors, written.
     """
@@ -67,7 +69,7 @@ def candidate_errors(
     for j in range(cameras.shape[0]):
         total = 0.0
         for i in range(n):
-            total += sample_error(cameras[j, 0], cameras[j, 1], cameras[j, 2], k, flat[i], seen[i], circles, person)
+            total += sample_error(cameras[j, 0], cameras[j, 1], cameras[j, 2], k, flat[i], marked[i], circles, person)
             if total > limit * n:
                 break
         out[j] = total / n
@@ -75,7 +77,7 @@ def candidate_errors(
 
 @njit(cache=True, nogil=True)
 def _stand(focal: float, height: float, s: float, c: float, flat: F64, person: float) -> tuple[float, float]:
-    """Floor position whose head and foot are seen nearest to the sample's.
+    """Floor position whose head and foot are imaged nearest to the sample's.
 
     Both points give two equations linear in the position, x (Y s + d c) = f X and y (Y s + d c) = f (d s - Y c) with
     d the drop from the camera; divided by their depths they are distances in the image.

@@ -34,7 +34,7 @@ class HumanCalibrationParams(Params):
     steps: int = Field(default=14, ge=1, le=30)
     """Finer steps, each halving the cells [1]; 14 reach 0.001 degrees (our choice)."""
     max_error: float = Field(default=0.25, gt=0)
-    """Largest believable error [1]: beyond it the samples are not standing people seen without roll (our choice)."""
+    """Largest plausible error [1]: beyond it the samples are not standing people in an upright image (our choice)."""
     max_height_std: float = Field(default=0.25, gt=0)
     """Relative deviation of the height from which height and focal length count as inseparable (our choice)."""
     max_distance_m: float = Field(default=60.0, gt=1, le=500)
@@ -43,14 +43,14 @@ class HumanCalibrationParams(Params):
 
 @dataclass(frozen=True, eq=False)
 class HumanCalibration:
-    """A camera and how well it explains the samples.
+    """A camera and how well it fits the samples.
 
     Attributes:
         camera: the best one.
         model: the person it was found with.
         error: mean weighted error E = whf Ehf + wbb Ebb over the samples.
         sample_errors: (n,) float64 E per sample.
-        std: deviations of (height [relative], tilt [rad], focal length [relative]) for points drawn to 2 px.
+        std: deviations of (height [relative], tilt [rad], focal length [relative]) for points marked to 2 px.
         girth: width of the sampled people against the model's [1].
         boxes_only: whether heads and feet were but the middles of the boxes' edges (``human_refine.only_boxes``).
         search_s: duration of the search [s].
@@ -90,7 +90,7 @@ def calibrate_from_people(
         name: of the samples' source, for messages.
     Raises:
         InputError: samples from which no camera can be told.
-        WorkError: no camera explains them.
+        WorkError: no camera fits them.
         ValueError: an unknown lens.
     """
     check_samples(samples, size, name)
@@ -104,16 +104,7 @@ def calibrate_from_people(
     found = min((_fit(problem, params) for problem in problems), key=lambda fit: fit.refined.cost)
     elapsed = time.perf_counter() - start
     errors = found.problem.each(found.refined.camera)
-    if found.error > params.max_error:
-        raise WorkError(
-            f"{name}: no camera explains the samples: best error {found.error:.2f} (at most {params.max_error:g}); "
-            "are they standing people of one size, seen by an upright camera at this image size?"
-        )
-    if found.refined.std[0] > params.max_height_std:
-        raise WorkError(
-            f"{name}: camera height and focal length cannot be told apart from these samples (height known to "
-            f"{min(found.refined.std[0], 10):.0%}): add people nearer to and farther from the camera"
-        )
+    _check_fit(found, params, name)
     return HumanCalibration(
         found.refined.camera,
         model,
@@ -131,6 +122,20 @@ class _Fit:
     problem: _Problem
     error: float
     refined: Refined
+
+
+def _check_fit(found: _Fit, params: HumanCalibrationParams, name: str) -> None:
+    if found.error > params.max_error:
+        raise WorkError(
+            f"{name}: no camera fits the samples: best error {found.error:.2f} (at most {params.max_error:g}); "
+            "are they standing people of one size in upright images of this size?"
+        )
+    height_std = found.refined.std[0]
+    if height_std > params.max_height_std:
+        raise WorkError(
+            f"{name}: camera height and focal length cannot be told apart from these samples (height known to "
+            f"{min(height_std, 10):.0%}): add people nearer to and farther from the camera"
+        )
 
 
 def _fit(problem: _Problem, params: HumanCalibrationParams) -> _Fit:
@@ -155,8 +160,8 @@ class _Problem:
         self.rows, self.size, self.lens, self.model = rows, size, lens, model
         self.k = LENS_K_320[lens] * 320.0 / size[0]
         centre = np.tile([(size[0] - 1) / 2, (size[1] - 1) / 2], 4)
-        self.seen = np.ascontiguousarray(rows - centre)
-        points = self.seen[:, 4:].reshape(-1, 2, 2)
+        self.marked = np.ascontiguousarray(rows - centre)
+        points = self.marked[:, 4:].reshape(-1, 2, 2)
         root = 1.0 + 4.0 * self.k * np.hypot(points[..., 0], points[..., 1])
         scale = np.where(root > 0, 2.0 / (1.0 + np.sqrt(np.maximum(root, 0.0))), np.nan)
         self.flat = np.ascontiguousarray((points * scale[..., None]).reshape(-1, 4))
@@ -168,7 +173,7 @@ class _Problem:
         out = np.empty(len(cameras))
         if not np.isfinite(self.flat).all():
             return np.full(len(cameras), INFEASIBLE)
-        candidate_errors(cameras, self.k, self.flat, self.seen, self.circles, self.model.height_m, limit, out)
+        candidate_errors(cameras, self.k, self.flat, self.marked, self.circles, self.model.height_m, limit, out)
         return out
 
     def camera(self, candidate: F64) -> GroundCamera:
@@ -178,18 +183,18 @@ class _Problem:
     def each(self, camera: GroundCamera) -> F64:
         """(n,) error of every sample."""
         upright = _Problem(_turned(self.rows, self.size, -camera.roll_rad), self.size, self.lens, self.model)
-        one = [(upright.flat[i : i + 1], upright.seen[i : i + 1]) for i in range(len(self.rows))]
+        one = [(upright.flat[i : i + 1], upright.marked[i : i + 1]) for i in range(len(self.rows))]
         values = np.array([[camera.focal_px, camera.height_m, camera.tilt_rad]])
         out = np.empty((len(one), 1))
-        for row, (flat, seen) in zip(out, one, strict=True):
-            candidate_errors(values, self.k, flat, seen, self.circles, self.model.height_m, np.inf, row)
+        for row, (flat, marked) in zip(out, one, strict=True):
+            candidate_errors(values, self.k, flat, marked, self.circles, self.model.height_m, np.inf, row)
         return out[:, 0]
 
     def bounds(self, params: HumanCalibrationParams) -> tuple[F64, F64]:
         """Lower and upper (log focal, log height, tilt) that the samples allow (section 3.3)."""
-        box = self.seen[:, 2:4] - self.seen[:, :2]
+        box = self.marked[:, 2:4] - self.marked[:, :2]
         diagonal = np.hypot(box[:, 0], box[:, 1])
-        upright = (self.seen[:, 7] - self.seen[:, 5]) / diagonal
+        upright = (self.marked[:, 7] - self.marked[:, 5]) / diagonal
         low_tilt, high_tilt = math.radians(-89.0), math.radians(89.0)
         # Heads above feet everywhere: the point below the camera is beneath the image's people, so it looks forward.
         if upright.min() > 0.5:
@@ -233,8 +238,8 @@ def _search(problem: _Problem, params: HumanCalibrationParams) -> tuple[F64, F64
 
 def _warm_up() -> None:
     """Have the kernel compiled, so that durations are the search's own."""
-    flat, seen = np.zeros((1, 4)), np.array([[-1.0, -1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0]])
-    candidate_errors(np.array([[1.0, 3.0, 0.0]]), 0.0, flat, seen, np.zeros((1, 3)), 1.7, 1.0, np.empty(1))
+    flat, marked = np.zeros((1, 4)), np.array([[-1.0, -1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0]])
+    candidate_errors(np.array([[1.0, 3.0, 0.0]]), 0.0, flat, marked, np.zeros((1, 3)), 1.7, 1.0, np.empty(1))
 
 
 def _turned(rows: F64, size: tuple[int, int], angle_rad: float) -> F64:

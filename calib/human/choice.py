@@ -11,14 +11,14 @@ from calib.types import F64, I64
 
 
 def choose_spread(samples: Sequence[HumanSample], count: int) -> tuple[HumanSample, ...]:
-    """Samples that cover the places where people were seen.
+    """Samples that cover the places where people were observed.
 
     The feet are divided into ``count`` areas (k-means from farthest-point seeds). Of each area the sample is taken
     whose box is the median in height among those near the area's centre: a stoop, a stride or half a person differ
     from the median, so no odd one is taken.
 
     Args:
-        samples: all that were seen.
+        samples: all there are.
         count: how many to take at most.
     Returns:
         At most ``count`` samples, in the order given.

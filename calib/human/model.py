@@ -79,7 +79,7 @@ class HumanModel:
         """Pixels of the circles' points, whose convex hull is the person's outline (figure 3).
 
         Args:
-            camera: who looks.
+            camera: of the image.
             xy_m: (..., 2) floor positions [m].
         Returns:
             (..., 4 * CIRCLE_POINTS, 2) float64 [px]; NaN for points behind the camera.
@@ -93,7 +93,7 @@ class HumanModel:
         """Convex hulls of people at many positions.
 
         Args:
-            camera: who looks.
+            camera: of the image.
             xy_m: (..., 2) floor positions [m].
         Returns:
             (..., HULL_POINTS, 2) float64 [px], a convex polygon in order of angle (vertices may repeat);

@@ -50,7 +50,7 @@ class HumanSample:
         if width <= 0 or height <= 0:
             raise ValueError(f"expected a box of positive width and height, got {width:g}x{height:g}")
         for name, (u, v) in (("head", self.head_px), ("foot", self.foot_px)):
-            # A hand-drawn point may miss the box by some pixels, not by a quarter of the person.
+            # A point marked by hand may miss the box by some pixels, not by a quarter of the person.
             slack = 8.0 + 0.25 * max(width, height)
             inside = left - slack <= u <= left + width + slack and top - slack <= v <= top + height + slack
             if not inside:

@@ -48,7 +48,7 @@ def measure(progress: Callable[[str], None] = lambda _: None) -> tuple[Row, ...]
 
 def _rendered(name: str, truth: GroundCamera) -> list[Row]:
     found = [
-        calibrate_from_people(seen_people(truth, SAMPLES, seed, NOISE_PX), truth.size, truth.lens)
+        calibrate_from_people(noisy_people(truth, SAMPLES, seed, NOISE_PX), truth.size, truth.lens)
         for seed in range(SEEDS)
     ]
     errors = {
@@ -65,7 +65,7 @@ def _rendered(name: str, truth: GroundCamera) -> list[Row]:
     return [*rows, Row(f"people, {name}: search", slowest, "s", SEARCH_LIMIT_S, slowest <= SEARCH_LIMIT_S)]
 
 
-def seen_people(camera: GroundCamera, count: int, seed: int, noise_px: float) -> list[HumanSample]:
+def noisy_people(camera: GroundCamera, count: int, seed: int, noise_px: float) -> list[HumanSample]:
     """People of the model's size in different areas of the image, every edge and point off by Gaussian noise."""
     rng, model = np.random.default_rng(seed), HumanModel()
     feet = camera.back_project(rng.uniform((0, 0), (camera.width, camera.height), (1500, 2)))

@@ -82,29 +82,40 @@ def calibrate_human(
     check_samples(taken, size, str(samples))
     model = HumanModel().scaled(person_height)
     found = calibrate_from_people(taken, size, lens, model=model, name=str(samples))
-    camera = found.camera
-    picture, collected = (out.with_suffix(s) for s in (".png", ".samples.json"))
+    written = _write(found, taken, video, out, out.with_suffix(".samples.json") if auto else None)
+    _summarise(found, len(taken), console)
+    console.print(f"wrote {' and '.join(str(path) for path in written)}")
+    if json_output:
+        print(json.dumps(_report(found, taken, out)))
+
+
+def _write(
+    found: HumanCalibration, samples: Sequence[HumanSample], video: Video | None, out: Path, collected: Path | None
+) -> tuple[Path, Path]:
+    """Camera and picture, and samples that were collected."""
+    picture = out.with_suffix(".png")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        save_ground_camera(camera, out)
-        write_image(picture, _picture(found, taken, video))
-        if auto:
-            write_samples(taken, collected, size)
+        save_ground_camera(found.camera, out)
+        write_image(picture, _picture(found, samples, video))
+        if collected is not None:
+            write_samples(samples, collected, found.camera.size)
     except OSError as error:
         raise InputError(f"{out}: expected a place to write to, found {error}") from error
-    height_std, tilt_std, focal_std = found.std
+    return out, picture
+
+
+def _summarise(found: HumanCalibration, n_samples: int, console: Console) -> None:
+    camera, (height_std, tilt_std, focal_std) = found.camera, found.std
     console.print(
         f"camera {camera.height_m:.2f} m (+-{height_std * camera.height_m:.2f}) above the floor, tilt "
         f"{math.degrees(camera.tilt_rad):.1f} (+-{math.degrees(tilt_std):.1f}) degrees, roll "
         f"{math.degrees(camera.roll_rad):.1f}, focal length {camera.focal_px:.0f} "
-        f"(+-{focal_std * camera.focal_px:.0f}) px, lens {camera.lens}; error {found.error:.3f} over {len(taken)} "
+        f"(+-{focal_std * camera.focal_px:.0f}) px, lens {camera.lens}; error {found.error:.3f} over {n_samples} "
         f"samples, search {found.search_s:.2f} s"
     )
     if found.boxes_only:
         console.print("heads and feet are the middles of the boxes' edges: the focal length rests on the lens class")
-    console.print(f"wrote {out} and {picture}")
-    if json_output:
-        print(json.dumps(_report(found, taken, out)))
 
 
 def _size(text: str | None, video: Video | None, recorded: tuple[int, int] | None, samples: Path) -> tuple[int, int]:
