@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from planview.pipeline.pipeline import Pipeline, SingleCameraPipeline
     from planview.runs.run import run
     from planview.tracking.base import Observation
-    from planview.tracking.ellipse_particle.tracker import EllipseParticleTracker
+    from planview.tracking.ellipse_particle import floor_ellipse_tracker, image_ellipse_tracker
     from planview.tracking.human_model.tracker import HumanModelTracker
     from planview.tracking.template import TemplateTracker
     from planview.trajectories.state import TrackState
@@ -41,7 +41,7 @@ _HOMES = {
     "planview.pipeline.pipeline": ("Pipeline", "SingleCameraPipeline"),
     "planview.runs.run": ("run",),
     "planview.tracking.base": ("Observation",),
-    "planview.tracking.ellipse_particle.tracker": ("EllipseParticleTracker",),
+    "planview.tracking.ellipse_particle": ("floor_ellipse_tracker", "image_ellipse_tracker"),
     "planview.tracking.human_model.tracker": ("HumanModelTracker",),
     "planview.tracking.template": ("TemplateTracker",),
     "planview.trajectories.state": ("TrackState",),
@@ -54,7 +54,6 @@ _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names
 
 __all__ = [
     "Config",
-    "EllipseParticleTracker",
     "Engine",
     "Foreground",
     "FrameResult",
@@ -70,6 +69,8 @@ __all__ = [
     "Trajectories",
     "TrajectoryCollector",
     "evaluate_tracks",
+    "floor_ellipse_tracker",
+    "image_ellipse_tracker",
     "load_config",
     "open_engine",
     "open_recording",

@@ -49,7 +49,6 @@ class FloorPlane:
 
     def __init__(self, params: FloorPlaneParams) -> None:
         self._params = params
-        self.confirm_s = params.confirm_s
         body = math.pi * params.half_length_m**2 * params.aspect
         self._full_density = 0.5 * params.person_area_m2 / body
         self.model = ANYWHERE._replace(separation=params.separation_m / params.half_length_m)
@@ -111,7 +110,7 @@ class FloorPlane:
     def states(self, view: PlaneView, estimates: Estimates) -> list[TrackState]:
         """Floor positions of the bodies' axes and heights."""
         places = view.to_plane(estimates.ellipses[:, :2])
-        self._bodies.update(estimates.evidence, places, _maps(view))
+        self._bodies.update(estimates.evidence, places, _maps(view), view.observation.timestamp_s)
         rows = zip(estimates.evidence, places, estimates.velocities, strict=True)
         return [floor_state(e.who, self._bodies.of(e.who), place, velocity) for e, place, velocity in rows]
 

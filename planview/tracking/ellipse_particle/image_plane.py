@@ -48,7 +48,6 @@ class ImagePlane:
     """
 
     name: Literal["image", "floor"] = "image"
-    confirm_s = 0.0
 
     def __init__(self, params: ImagePlaneParams, camera: GroundCamera | None = None) -> None:
         self._params = params

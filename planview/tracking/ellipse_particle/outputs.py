@@ -22,8 +22,9 @@ HEIGHT_MAX_M = 2.5
 """No person reaches higher [m]."""
 HEIGHTS_M = np.linspace(0.3, HEIGHT_MAX_M, 45)
 """Heights at which a vertical line is tried against an image row [m]."""
-KEPT = 0.5
-"""Share of the last offset and height kept per frame: averages the noise of two or three frames. Our choice."""
+SMOOTHING_S = 0.1
+"""Time constant of a body's offset and height [s]: averages the noise of two or three frames. Our choice; without it
+positions are 0.067 m instead of 0.065 m off on the demo clip, and 0.14 m instead of 0.11 m at 8 m."""
 
 
 def image_state(
@@ -88,17 +89,21 @@ class BodyMeasures:
     def __init__(self, reach_m: float) -> None:
         self._reach_m = reach_m
         self._bodies: dict[int, BodyMeasure] = {}
+        self._time_s = math.nan
 
     def of(self, who: Existence) -> BodyMeasure:
         """The measure of an object; unknown at first."""
         return self._bodies.get(who.track_id, BodyMeasure())
 
-    def update(self, evidence: Sequence[Evidence], places: F64, maps: PlanViewMaps) -> None:
+    def update(self, evidence: Sequence[Evidence], places: F64, maps: PlanViewMaps, time_s: float) -> None:
         """Measure every object that is measured on its own in this frame; forget the others' predecessors.
 
         Args:
             places: (N, 2) centres of the objects' ellipses [m].
+            time_s: of the frame.
         """
+        share = 0.0 if math.isnan(self._time_s) else math.exp(-max(0.0, time_s - self._time_s) / SMOOTHING_S)
+        self._time_s = time_s
         self._bodies = {e.who.track_id: self.of(e.who) for e in evidence}
         clear = [n for n, e in enumerate(evidence) if e.measured and not e.shares]
         if not clear:
@@ -107,12 +112,12 @@ class BodyMeasures:
         for n, axis in zip(clear, axes, strict=True):
             (x, y), body = places[n], self._bodies[evidence[n].who.track_id]
             if not math.isnan(axis.x_m):
-                keep = 0.0 if math.isnan(body.height_m) else KEPT
+                keep = 0.0 if math.isnan(body.height_m) else share
                 dx, dy = body.offset_m
                 body.offset_m = (keep * dx + (1 - keep) * (axis.x_m - x), keep * dy + (1 - keep) * (axis.y_m - y))
             if not math.isnan(axis.height_m):
                 old = axis.height_m if math.isnan(body.height_m) else body.height_m
-                body.height_m = KEPT * old + (1 - KEPT) * axis.height_m
+                body.height_m = share * old + (1 - share) * axis.height_m
 
 
 def floor_state(who: Existence, body: BodyMeasure, place: F64, velocity: F64) -> TrackState:

@@ -31,7 +31,8 @@ class ImagePlaneParams(Params):
     outside_weight: float = Field(1.0, ge=0, le=10)
     """Weight of the added term of the likelihood: object area outside every measurement, against measured area that
     no object covers. Equation (8) alone does not punish it, so objects could drift off wherever another one covers
-    their measurement. 1 treats both ways of disagreeing alike; 0 is the paper's equation."""
+    their measurement. 1 treats both ways of disagreeing alike; 0 is the paper's equation, with which 7 instead of 8
+    people are counted up the pavement clip."""
     newcomer_length: float = Field(0.6, ge=0, le=1)
     """Share of a person's length that must show of a new object, outside what others cover. Our choice: a person from
     the knees up; a suitcase has less."""
@@ -54,8 +55,6 @@ class FloorPlaneParams(Params):
     """Smallest distance between two people [m], a shoulder breadth less what clothes give."""
     height_min_m: float = Field(1.2, gt=0, le=2.5)
     """Until confirmed, a person must reach so high [m]: a seated adult; chairs and shadows do not."""
-    confirm_s: float = Field(0.4, ge=0, le=60)
-    """How long a newcomer must be tracked [s]: clumps of depth between two people last for a few frames."""
     arm_m: float = Field(0.9, ge=0, le=5)
     """What is this near to a confirmed person [m] and small beside that person is carried, or a limb: an arm's length
     and half a box."""

@@ -61,13 +61,11 @@ class Plane(Protocol):
         name: of the plane.
         model: what it says about ellipses.
         needs_foreground: observations must hold foreground and motion.
-        confirm_s: how long an object must be tracked before it is confirmed [s].
     """
 
     name: Literal["image", "floor"]
     model: PlaneModel
     needs_foreground: bool
-    confirm_s: float
 
     def reset(self) -> None:
         """Forget everything."""

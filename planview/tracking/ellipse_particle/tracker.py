@@ -177,10 +177,7 @@ class EllipseParticleTracker:
 
     def _confirmable(self, n: int, view: PlaneView) -> bool:
         """Whether nothing but time speaks against confirming an object."""
-        objects = self._objects
-        if objects.cycle.age_s(objects.evidence[n].who) < self._plane.confirm_s - 1e-9:
-            return False
-        cell, known = objects.states[n, [X, Y]], self._known()
+        cell, known = self._objects.states[n, [X, Y]], self._known()
         return self._plane.is_person(view, cell, known) and self._plane.is_separate(view, cell, known)
 
     def _known(self) -> F64:

@@ -70,10 +70,10 @@ def test_centres_nearer_than_a_body_are_unlikely():
     assert likely[:4] == pytest.approx([0.0, -2.0, -8.0, 0.0])
 
 
-def test_walker_is_confirmed_after_a_time_and_keeps_one_id():
+def test_walker_is_confirmed_within_half_a_second_and_keeps_one_id():
     _, states = follow(*[[(-1.0 + 0.1 * i, 0.0, 1.7)] for i in range(16)])
     confirmed = [i for i, found in enumerate(states) if any(s.state == "confirmed" for s in found)]
-    assert confirmed[0] == pytest.approx(0.4 * 10, abs=1.01)
+    assert confirmed[0] <= 5  # frames at 10 Hz
     assert {s.track_id for found in states for s in found} == {1}
     assert states[-1][0].x_m == pytest.approx(0.5, abs=0.1)
 
