@@ -15,6 +15,8 @@ from calib.types import F32, F64, I32
 
 MAX_NODES = 4_000_000
 """Refuse to allocate larger model maps."""
+MIN_VISIBLE = 0.05
+"""Visible fraction of the model below which no person is expected (our choice)."""
 
 
 class HumanModelMapParams(Params):
@@ -29,8 +31,6 @@ class HumanModelMapParams(Params):
     min_height_px: float = Field(default=20.0, ge=0, le=1000)
     """Longest side of a person's box in the image below which no person is expected [px]. Our choice: a known person
     can be followed until the legs are a pixel wide each."""
-    min_visible: float = Field(default=0.05, ge=0, lt=1)
-    """Visible fraction of the model below which no person is expected [1]. Our choice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +152,7 @@ def _entries(
     visibility = np.zeros(len(keep))
     visibility[finite] = visible_fraction(hulls[finite], camera.width, camera.height)
     size = (hulls.max(axis=1) - hulls.min(axis=1)).max(axis=1)
-    expected = (visibility > params.min_visible) & (size >= params.min_height_px)
+    expected = (visibility > MIN_VISIBLE) & (size >= params.min_height_px)
     keep, hulls, visibility = keep[expected], hulls[expected], visibility[expected]
     columns = (foot[keep], model.head(camera, floor[keep]), floor[keep], hulls, visibility)
     return keep.astype(np.int32), tuple(c.astype(np.float32) for c in columns)

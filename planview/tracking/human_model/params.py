@@ -72,9 +72,6 @@ class PostureParams(Params):
     """Share of the silhouette remembered on a seat below which it looks empty. Our choice: leaning moves less."""
     empty_s: float = Field(default=0.3, ge=0, le=10)
     """Time for which it must look so [s]. Our choice: longer than foreground flickers, shorter than two steps."""
-    hasty_s: float = Field(default=2.0, ge=0, le=10)
-    """Time after sitting down in which a new target alike nearby is that person [s]. Our choice: it takes a second to
-    walk out of what was taken for a seated person."""
     advantage: float = Field(default=0.1, ge=0, le=2)
     """Gain of the matching score, in standing model areas, that makes a person sit down or stand up. Our choice."""
 
@@ -93,8 +90,6 @@ class NewTargetParams(Params):
     """Visibility: fraction of the model inside the image. Our choice."""
     min_travel_m: float = Field(default=0.4, ge=0, le=5)
     """Motion salience: distance walked before a target is confirmed [m]. Our choice: a torso's width."""
-    tentative_s: float = Field(default=2.0, gt=0, le=30)
-    """Time after which a target that was never confirmed is pruned [s]. Our choice."""
 
 
 class PruneParams(Params):
@@ -103,9 +98,6 @@ class PruneParams(Params):
     merge_alone: float = Field(default=0.2, ge=0, lt=1)
     """Foreground that only this model covers, as a fraction of its area, below which the target adds nothing to the
     matching score. Our choice: a head, an arm or noise."""
-    merge_after_s: float = Field(default=2.0, gt=0, le=30)
-    """It and those that cover it must have been moving for so long [s]. Our choice: people who cross overlap for
-    less."""
     patience_s: float = Field(default=3.0, gt=0, le=60)
     """How long a fully visible target without blob is predicted [s]. Our choice: passing behind a car or a column."""
     border_visible: float = Field(default=0.6, gt=0, le=1)
@@ -135,6 +127,10 @@ class HumanModelParams(Params):
     """Height of the average person [m]. Table 1."""
     height_spread: float = Field(default=0.15, ge=0, le=0.5)
     """Largest deviation of a person's height from the average, as a fraction of it. Our choice: 1.5 to 2.0 m."""
+    settle_s: float = Field(default=2.0, gt=0, le=30)
+    """Time for which a change is provisional [s]: a target that has not walked by then is pruned, walkers that cover
+    each other for longer are one person, and a new target beside a person who sat down less long ago is that person.
+    Our choice: people who cross overlap for less, and it takes a second to walk out of what was taken for a sitter."""
     map: HumanModelMapParams = HumanModelMapParams()
     """Where people are expected."""
     match: HumanMatchParams = HumanMatchParams()

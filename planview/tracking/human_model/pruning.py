@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from calib.types import F64
-from planview.tracking.human_model.params import HumanModelParams, PruneParams
+from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.target import Target
 from planview.tracking.lifecycle import LifeCycle
 
@@ -26,7 +26,7 @@ def has_walked(target: Target, params: HumanModelParams) -> bool:
 
 
 def redundant(
-    targets: Sequence[Target], params: PruneParams, now_s: float, touch: Callable[[Target, Target], bool]
+    targets: Sequence[Target], settle_s: float, now_s: float, touch: Callable[[Target, Target], bool]
 ) -> list[tuple[Target, Target]]:
     """Targets that add nothing to the matching score, with whom each is one.
 
@@ -40,7 +40,7 @@ def redundant(
         others = [t for t in targets if t is not target and t not in gone and touch(t, target)]
         clocks = [target.covered_since_s, target.moving_since_s, *(t.moving_since_s for t in others)]
         # NaN where one of the clocks does not run.
-        if others and now_s - float(np.max(clocks)) >= params.merge_after_s:
+        if others and now_s - float(np.max(clocks)) >= settle_s:
             found.append((target, others[0]))
     return found
 
@@ -49,7 +49,7 @@ def prune_reason(target: Target, params: HumanModelParams, life: LifeCycle) -> s
     """Why a target is not, or no longer, a person in view; empty if it stays."""
     prune, who = params.prune, target.existence
     if not who.confirmed:
-        if life.age_s(who) > params.spawn.tentative_s:
+        if life.age_s(who) > params.settle_s:
             return "never walked"
         if not who.observed:
             return "no blob before it was confirmed"
@@ -82,7 +82,7 @@ def reacquirable(
     for target in targets:
         like = likeness(target)
         lost = target.existence.state == "lost" and not like < params.prune.min_likeness
-        hasty = target.seat is not None and now_s - target.seat.since_s < params.posture.hasty_s
+        hasty = target.seat is not None and now_s - target.seat.since_s < params.settle_s
         if not (lost or (hasty and like >= params.prune.min_likeness)):
             continue
         distance = math.hypot(*(target.xy_m - xy_m))

@@ -169,7 +169,7 @@ class HumanModelTracker:
             self._identity.learn(existence, appearance)
 
     def _merge(self) -> None:
-        for target, other in redundant(self.targets, self.params.prune, self._life.now_s, self._touch):
+        for target, other in redundant(self.targets, self.params.settle_s, self._life.now_s, self._touch):
             self.targets.remove(target)
             self._life.prune(target.existence, f"walks on {other.existence.track_id}", kind="merged")
 

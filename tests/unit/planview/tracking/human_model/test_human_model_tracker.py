@@ -14,7 +14,7 @@ from planview.foreground.masks import BACKGROUND, PERSON
 from planview.tracking.base import Observation
 from planview.tracking.human_model import HumanModelParams, HumanModelTracker
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
-from planview.tracking.human_model.params import NewTargetParams, PruneParams, StabilityParams
+from planview.tracking.human_model.params import NewTargetParams, StabilityParams
 from planview.tracking.human_model.pruning import prune_reason, reacquirable, redundant
 from planview.tracking.human_model.scene import ModelScene
 from planview.tracking.human_model.seat import Seat
@@ -357,10 +357,10 @@ def test_person_who_has_just_sat_down_and_walks_on_is_the_same(now_s: float, lik
 def test_covered_walkers_merge_only_after_long() -> None:
     first, second = (_target(track_id=k, moving_since_s=0.0) for k in (1, 2))
     second.covered_since_s = 1.0
-    assert not redundant([first, second], PruneParams(), 2.5, lambda a, b: True)
-    assert redundant([first, second], PruneParams(), 3.1, lambda a, b: True) == [(second, first)]
+    assert not redundant([first, second], 2.0, 2.5, lambda a, b: True)
+    assert redundant([first, second], 2.0, 3.1, lambda a, b: True) == [(second, first)]
 
 
 def test_covered_people_who_stand_do_not_merge() -> None:
     first, second = _target(track_id=1), _target(track_id=2, moving_since_s=0.0, covered_since_s=0.0)
-    assert not redundant([first, second], PruneParams(), 9.0, lambda a, b: True)
+    assert not redundant([first, second], 2.0, 9.0, lambda a, b: True)
