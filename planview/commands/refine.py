@@ -43,7 +43,7 @@ def refine(
     json_output
         Print the number of changes of each kind as one JSON object.
     """
-    refined = refine_run(out, checked(RefineParams, join_s=join, fill_s=fill))
+    refined = refine_run(out, checked(RefineParams, join_s=join, fill_s=fill)).refined
     kinds = Counter(change.kind for change in refined.changes)
     counts = {kind: kinds[kind] for kind in ("join", "begin", "fill", "smooth")}
     if json_output:

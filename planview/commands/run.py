@@ -20,6 +20,7 @@ from planview.pipeline.factory import TrackerName, base_config, open_engine
 from planview.runs.folder import check_folder, prepare_folder
 from planview.runs.log import RunLog
 from planview.runs.progress import FrameProgress, summary
+from planview.runs.refine import refine_run
 from planview.runs.report.page import write_report
 from planview.runs.run import RunOptions
 from planview.runs.run import run as run_engine
@@ -40,6 +41,7 @@ def run(
     debug: Annotated[bool, Parameter(negative="")] = False,
     overwrite: Annotated[bool, Parameter(negative="")] = False,
     frames: int = 0,
+    refine: Annotated[bool, Parameter(negative="")] = False,
     json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> None:
     """Track people in a recording: tracks.csv, run.json and report.html in a folder.
@@ -82,6 +84,8 @@ def run(
         Replace a finished run in the folder.
     frames
         Stop after so many frames; 0 for all.
+    refine
+        Refine the tracks afterwards, knowing the whole recording (as planview refine does).
     json_output
         Print run.json to standard output at the end.
     """
@@ -100,6 +104,8 @@ def run(
     with FrameProgress(console, min(frames or engine.recording.n_frames, engine.recording.n_frames)) as progress:
         info = run_engine(engine, out, options, _logs(engine, out, rrd, save_maps), progress)
     write_report(out)
+    if refine:
+        info = refine_run(out).info
     summary(console, info, out)
     if json_output:
         print(info.model_dump_json())

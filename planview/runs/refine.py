@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import NamedTuple
 
 from calib.errors import InputError
 from planview.refinement.changes import changes_csv
@@ -11,14 +12,21 @@ from planview.refinement.joining import FragmentSimilarity
 from planview.refinement.params import RefineParams
 from planview.refinement.refine import Refined, refine
 from planview.runs.folder import finished_run
-from planview.runs.info import write_run_info, write_whole
+from planview.runs.info import RunInfo, write_run_info, write_whole
 from planview.runs.report.page import write_report
 from planview.trajectories.table import read_tracks, write_table
 
 
+class RefinedRun(NamedTuple):
+    """What ``refine_run`` wrote: the tracks with their changes, and run.json."""
+
+    refined: Refined
+    info: RunInfo
+
+
 def refine_run(
     folder: Path, params: RefineParams | None = None, similarity: FragmentSimilarity | None = None
-) -> Refined:
+) -> RefinedRun:
     """Write ``tracks.csv`` anew from ``tracks_online.csv``, and ``refinement.csv`` with the reason of every change.
 
     The first time the online tracks become ``tracks_online.csv``; every time is a refinement of these. ``run.json``
@@ -41,12 +49,13 @@ def refine_run(
         refined = refine(found, params, similarity)
     except InputError as error:
         raise InputError(f"{source}: {error}") from error
-    if not info.refined:
+    if source is tracks:
         write_whole(online, tracks.read_text(encoding="utf-8"))
-    write_run_info(info.model_copy(update={"refined": True}), folder / "run.json")
+    info = info.model_copy(update={"refined": True})
+    write_run_info(info, folder / "run.json")
     write_whole(folder / "refinement.csv", changes_csv(refined.changes))
     text = io.StringIO()
     write_table(text, refined.tracks)
     write_whole(tracks, text.getvalue())
     write_report(folder)
-    return refined
+    return RefinedRun(refined, info)
