@@ -1,4 +1,4 @@
-"""New people in what is left of the maps after everybody known is cleared (Harville 2002, section 4)."""
+"""Newcomers in what is left of the maps after all tracked people are cleared (Harville 2002, section 4)."""
 
 from __future__ import annotations
 
@@ -18,32 +18,36 @@ from planview.tracking.body_axis import BodyAxis
 _MAX_CANDIDATES = 20
 
 
-class DetectionParams(Params):
-    """What counts as a person nobody knew of; our choices where no source is named."""
+class PersonDetectionParams(Params):
+    """What counts as a person who is not tracked yet; our choices where no source is named."""
 
     height_min_m: float = Field(1.2, gt=0.0)
     """Plausible minimum height [m] (Harville 2002, section 4): above chair backs (about 1.1 m) and below the head of
     a seated adult (about 1.3 m)."""
+    low_m: float = Field(0.4, gt=0.0)
+    """The same where a person was lost [m]: people crouch and sit on the floor (head at about 0.75 m), and are looked
+    for where they vanished before anything else is thought of."""
     area_min_m2: float = Field(0.06, gt=0.0)
     """Visible surface within W_avg [m^2] ("high occupancy"): a head and neck seen over a partition."""
     head_width_max_m: float = Field(0.55, gt=0.0)
     """Widest extent, across the viewing ray, of what lies within a head's height of the top [m]: shoulders of a broad
     person are 0.5 m; doors, shelves and boards are wider."""
     separation_m: float = Field(0.45, gt=0.0)
-    """Smallest distance between somebody new and somebody known [m]: shoulders side by side. Along the viewing ray it
-    grows with the depth noise, see ``inseparable``."""
+    """Smallest distance between a newcomer and a tracked person [m]: shoulders side by side. Nearer it may be an arm,
+    or a far body's second clump of depth. Along the viewing ray it grows with the depth noise (``inseparable``)."""
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """A place where somebody may stand.
+class PersonCandidate:
+    """A place where a person may stand.
 
     Attributes:
-        x_m, y_m: centroid of what is seen, of the head where it is seen [m].
+        x_m, y_m: centroid of the visible surface, of the head where it is visible [m].
         axis_m: (x, y) of the body's axis [m].
         height_m: how tall [m].
         area_m2: visible surface within W_avg [m^2].
-        part_of: index of the known person whom it cannot be told apart from, None for somebody new.
+        part_of: index of the tracked person that it cannot be told apart from, None for a separate one.
+        low: too low for a newcomer; it may be a lost person only.
     """
 
     x_m: float
@@ -52,9 +56,10 @@ class Candidate:
     height_m: float
     area_m2: float
     part_of: int | None = None
+    low: bool = False
 
 
-class NewPeople:
+class PersonDetector:
     """Finds local occupancy maxima with a person's height and head.
 
     Args:
@@ -62,26 +67,35 @@ class NewPeople:
         width_m: W_avg [m].
     """
 
-    def __init__(self, params: DetectionParams, axis: BodyAxis, width_m: float) -> None:
+    def __init__(self, params: PersonDetectionParams, axis: BodyAxis, width_m: float) -> None:
         self.params = params
         self._axis = axis
         self._width_m = width_m
 
     def __call__(
-        self, maps: PlanViewMaps, height: F32, occupancy: F32, taken: Sequence[tuple[float, float]]
-    ) -> list[Candidate]:
-        """Candidates, largest visible surface first; those that may be part of somebody known say of whom.
+        self,
+        maps: PlanViewMaps,
+        height: F32,
+        occupancy: F32,
+        taken: Sequence[tuple[float, float]],
+        lost: Sequence[tuple[float, float]] = (),
+    ) -> list[PersonCandidate]:
+        """Candidates, largest visible surface first; those that may be part of a tracked person say of whom.
 
         Args:
             maps: the frame's maps (grid, points, view).
             height, occupancy: (n_rows, n_cols) float32, cleared under known people.
-            taken: (x, y) of known people [m].
+            taken: (x, y) of tracked people [m].
+            lost: (x, y) where people vanished [m].
         """
         tall = height >= self.params.height_min_m
+        for place in lost:
+            near = self._around(maps, place)
+            tall[near] |= height[near] >= self.params.low_m
         if not tall.any():
             return []
         area, cells, (row0, col0) = self._areas(maps, tall, occupancy)
-        found: list[Candidate] = []
+        found: list[PersonCandidate] = []
         for _ in range(_MAX_CANDIDATES):
             row, col = divmod(int(np.argmax(area)), area.shape[1])
             peak = float(area[row, col])
@@ -93,6 +107,12 @@ class NewPeople:
             r = cells
             area[max(0, row - r) : row + r + 1, max(0, col - r) : col + r + 1] = 0.0
         return found
+
+    def _around(self, maps: PlanViewMaps, place: tuple[float, float]) -> tuple[slice, slice]:
+        """Cells within 2 W_avg of a place."""
+        row, col = (round(i) for i in maps.grid.index_of(*place))
+        reach = round(2 * self._width_m / maps.grid.cell_m)
+        return slice(max(0, row - reach), max(0, row + reach + 1)), slice(max(0, col - reach), max(0, col + reach + 1))
 
     def _areas(self, maps: PlanViewMaps, tall: Bool, occupancy: F32) -> tuple[F32, int, tuple[int, int]]:
         """Visible surface within W_avg around each cell, zero where nothing tall is near; W_avg in cells.
@@ -117,7 +137,7 @@ class NewPeople:
         peak: tuple[int, int],
         cells: int,
         area: float,
-    ) -> Candidate | None:
+    ) -> PersonCandidate | None:
         row, col = peak
         half = cells // 2
         r0, c0 = max(0, row - half), max(0, col - half)
@@ -130,16 +150,16 @@ class NewPeople:
         x, y = maps.grid.centre_of(r0 + row_mean, c0 + col_mean)
         measured = self._axis(maps.points, np.array([(x, y), *taken]), self._width_m)[0]
         top = measured.height_m
-        if not top >= self.params.height_min_m:
+        if not top >= self.params.low_m:
             return None
         if self._head_width(maps, occupancy, x, y, top) > self.params.head_width_max_m:
             return None
         if measured.from_head:
             x, y = measured.seen_m
-        return Candidate(x, y, (measured.x_m, measured.y_m), top, area)
+        return PersonCandidate(x, y, (measured.x_m, measured.y_m), top, area, low=top < self.params.height_min_m)
 
     def _head_width(self, maps: PlanViewMaps, occupancy: F32, x: float, y: float, top: float) -> float:
-        """Extent across the viewing ray of nobody else's points near the top [m]: root of 12 times their variance."""
+        """Extent across the viewing ray of free points near the top [m]: root of 12 times their variance."""
         xyz, area = maps.points.xyz, maps.points.area
         across, along, ray = maps.view.footprint(x, y, 2 * self._width_m)
         near = (np.abs(xyz[:, 0] - x) < along) & (np.abs(xyz[:, 1] - y) < along) & (xyz[:, 2] > top - 0.25)
@@ -152,10 +172,12 @@ class NewPeople:
         mean = np.average(sideways[inside], weights=weight)
         return math.sqrt(12 * float(np.average((sideways[inside] - mean) ** 2, weights=weight)))
 
-    def _owner(self, maps: PlanViewMaps, candidate: Candidate, taken: Sequence[tuple[float, float]]) -> int | None:
+    def _owner(
+        self, maps: PlanViewMaps, candidate: PersonCandidate, taken: Sequence[tuple[float, float]]
+    ) -> int | None:
         return next((i for i, other in enumerate(taken) if self._one_body(maps, candidate, other)), None)
 
-    def _one_body(self, maps: PlanViewMaps, candidate: Candidate, other: tuple[float, float]) -> bool:
+    def _one_body(self, maps: PlanViewMaps, candidate: PersonCandidate, other: tuple[float, float]) -> bool:
         return inseparable(maps.view, (candidate.x_m, candidate.y_m), other, self.params.separation_m)
 
 

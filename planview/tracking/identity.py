@@ -20,14 +20,19 @@ from calib.params import Params
 from calib.types import F32, F64
 from planview.tracking.lifecycle import Existence
 
+STRANGER_COST = 4.6
+"""Negative log-likelihood of a look that one person shows once in a hundred: strangers look at least as different."""
+HEIGHT_COST_MAX = 4.5
+"""The most that height alone may say: three deviations. A person known only from sitting is measured far taller."""
+
 
 class IdentityParams(Params):
     """Identity by appearance; our choices."""
 
     enabled: bool = True
     """Compare appearance at all; off gives the papers' trackers."""
-    looks: int = Field(5, ge=1, le=100)
-    """Clear measurements needed on either side of a contact before it is judged: a third of a second at 15 Hz."""
+    looks: int = Field(3, ge=1, le=100)
+    """Clear measurements needed on either side of a contact before it is judged: a fifth of a second at 15 Hz."""
     confidence: float = Field(0.95, gt=0.5, lt=1.0)
     """Probability that an exchange happened from which on it is mended: one mended wrongly in twenty."""
     doubt_s: float = Field(15.0, gt=0, le=600)
@@ -91,21 +96,22 @@ class Memory:
         return float(np.percentile(self.heights, 75)) if self.heights else math.nan
 
 
-def dissimilarity(one: Memory, other: Memory, params: IdentityParams) -> float:
-    """Half the squared difference of two memories in deviations of one person: a negative log-likelihood.
+def dissimilarity(fresh: Memory, known: Memory, params: IdentityParams) -> float:
+    """How unlikely fresh measurements are of a known person: a negative log-likelihood, 0 the likeliest.
 
-    Colours by the Hellinger distance, averaged over the parts that both have; heights by their difference. NaN where
-    nothing can be compared.
+    Colours by the squared Hellinger distance in deviations of one person, averaged over the parts that both have. A
+    person measured taller than known is unlikely to be the same; lower tells nothing, since people sit and stoop. NaN
+    where nothing can be compared.
     """
-    both = (one.counts > 0) & (other.counts > 0)
     terms = []
+    both = (fresh.counts > 0) & (known.counts > 0)
     if both.any():
-        p, q = (m.colours[both] / m.counts[both, None] for m in (one, other))
+        p, q = (m.colours[both] / m.counts[both, None] for m in (fresh, known))
         squared = np.clip(1.0 - np.sqrt(p * q).sum(axis=1), 0.0, 1.0)
         terms.append(float(squared.mean()) / (2 * params.colour_scatter**2))
-    gap = one.height_m - other.height_m
+    gap = fresh.height_m - known.height_m
     if not math.isnan(gap):
-        terms.append(gap**2 / (2 * 2 * params.height_std_m**2))
+        terms.append(min((max(gap, 0.0) / params.height_std_m) ** 2 / 4, HEIGHT_COST_MAX))
     return sum(terms) if terms else math.nan
 
 
@@ -165,32 +171,52 @@ class IdentityLayer:
         store = self._fresh if self.in_doubt(who) else self._memory
         store.setdefault(who.track_id, Memory.empty(appearance)).learn(appearance)
 
-    def likeness(self, who: Existence, appearance: Appearance) -> float:
-        """How well a measurement fits a remembered person: 1 the same, 0 another; NaN where nothing is known."""
+    def unlikelihood(self, who: Existence, appearance: Appearance) -> float:
+        """How unlikely a measurement is of a remembered person: a negative log-likelihood, NaN where unknown."""
         memory = self._memory.get(who.track_id)
         if memory is None or not self.params.enabled:
             return math.nan
         fresh = Memory.empty(appearance)
         fresh.learn(appearance)
-        return math.exp(-dissimilarity(memory, fresh, self.params))
+        return dissimilarity(fresh, memory, self.params)
+
+    def known_as(self, who: Existence, absent: Sequence[Existence]) -> tuple[Existence, float] | None:
+        """Which of the people absent a newcomer is by appearance, and the confidence; None for a new person.
+
+        That it is somebody else has the cost of a look at the far end of one person's own variation.
+        """
+        memory = self._memory.get(who.track_id)
+        known = [other for other in absent if other.track_id in self._memory]
+        if memory is None or memory.looks < self.params.looks or not known:
+            return None
+        costs = [dissimilarity(memory, self._memory[other.track_id], self.params) for other in known]
+        odds = np.exp(-np.nan_to_num(np.array([STRANGER_COST, *costs]), nan=np.inf))
+        best = int(np.argmax(odds))
+        confidence = float(odds[best] / odds.sum())
+        return (known[best - 1], confidence) if best > 0 and confidence >= self.params.confidence else None
+
+    def forget(self, who: Existence) -> None:
+        """A track is no person any more."""
+        for store in (self._memory, self._fresh):
+            store.pop(who.track_id, None)
 
     def exchanges(self, people: Sequence[Existence], now_s: float) -> list[Exchange]:
-        """Judge every group in contact whose members have all been measured clearly since, or are lost.
+        """Judge every group in contact of which somebody has been measured clearly since.
 
         Args:
             people: everybody tracked, lost people too.
         Returns:
-            What to mend; groups that were judged are settled either way.
+            What to mend. A group is settled once all who are observed have been measured.
         """
         known = {who.track_id: who for who in people}
         self._expire(known, now_s)
         found = []
         for group in self._groups():
             ready = [i for i in group if self._looks(i) >= self.params.looks]
-            if len(ready) == sum(known[i].observed for i in group) and ready:
-                exchange = self._judge([known[i] for i in group], [known[i] for i in ready])
+            exchange = self._judge([known[i] for i in group], [known[i] for i in ready])
+            found += [exchange] if exchange else []
+            if exchange or len(ready) == sum(known[i].observed for i in group) > 0:
                 self._settle(group, exchange)
-                found += [exchange] if exchange else []
         return found
 
     def _looks(self, track_id: int) -> int:
@@ -204,8 +230,6 @@ class IdentityLayer:
         for track_id in list(self._fresh):
             if track_id not in known or not self.in_doubt(known[track_id]):
                 self._merge(track_id, self._fresh.pop(track_id))
-        for track_id in [i for i in self._memory if i not in known]:
-            del self._memory[track_id]
 
     def _merge(self, track_id: int, fresh: Memory) -> None:
         memory = self._memory.setdefault(track_id, Memory(np.zeros_like(fresh.colours), np.zeros_like(fresh.counts)))

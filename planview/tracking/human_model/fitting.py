@@ -121,7 +121,7 @@ class Fitter:
         appearance = self.appearance(position, target.model_scale, frame)
         if appearance is None:
             return False
-        return self._identity.likeness(target.existence, appearance) < self.params.prune.min_likeness
+        return math.exp(-self._identity.unlikelihood(target.existence, appearance)) < self.params.prune.min_likeness
 
     def _refine(self, target: Target, i: int, measured: Measurement, frame: Frame) -> None:
         """Lay head and foot of a model on the ends of its blob, and learn the person's height, when all of it shows."""

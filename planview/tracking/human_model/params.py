@@ -116,8 +116,8 @@ class PruneParams(Params):
     """A new target this near to where a lost one is predicted, and alike, is that one [m]. Our choice: a second of
     walking."""
     min_likeness: float = Field(default=1e-6, ge=0, le=1)
-    """Likeness of colours (``IdentityLayer.likeness``) below which a target is another person than the lost one. Our
-    choice: a Bhattacharyya coefficient of 0.6 between one frame and the memory."""
+    """Likeness of colours (exp of minus ``IdentityLayer.unlikelihood``) below which a target is another person than the
+    lost one. Our choice: a Bhattacharyya coefficient of 0.6 between one frame and the memory."""
 
 
 class HumanModelParams(Params):

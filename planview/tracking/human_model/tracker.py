@@ -153,7 +153,9 @@ class HumanModelTracker:
         appearance = self._fitter.appearance(foot, scale, frame)
 
         def likeness(target: Target) -> float:
-            return math.nan if appearance is None else self._identity.likeness(target.existence, appearance)
+            if appearance is None:
+                return math.nan
+            return math.exp(-self._identity.unlikelihood(target.existence, appearance))
 
         xy = np.array([kalman.x_m, kalman.y_m])
         lost = reacquirable(self.targets, xy, likeness, self.params, self._life.now_s)

@@ -11,45 +11,63 @@ import numpy as np
 from calib.types import F32, F64
 from planview.maps.builder import PlanViewMaps
 from planview.tracking.kalman import FloorKalman
+from planview.tracking.lifecycle import Existence
 from planview.trajectories.state import State
 
 
 @dataclass(eq=False)
-class Person:
-    """Everything that changes over time about a person.
+class TemplatePerson:
+    """Everything that changes over time about a tracked person.
 
     Attributes:
+        existence: id, state and times of life.
         kalman: of the visible surface on which the templates are centred.
         axis: of the body axis, which is reported.
         template_height, template_occupancy: T_H and T_O, (n, n) float32.
-        at_m: where the visible surface was last seen [m].
-        born_m, born_s: where and when it was first seen.
-        offset_m: from there to the body axis [m].
-        seen_s: when it was last seen.
+        at_m: where the visible surface was last observed [m].
+        spawned_m: where it was first observed [m].
+        height_m: smoothed height of the top of the head [m].
         tallest_m: greatest height so far [m].
-        matched: found in this frame.
-        too_low: now lower than anybody who is not yet believed may be.
-        score, reach_cells, searched_m: of the last search, for people to look at.
+        offset_m: from the visible surface to the body axis [m].
+        head: the head was measured in this frame.
+        head_in_view: the top of the head has been inside the image; until then the height is not known.
+        clear_s: time of the last clear measurement of the appearance [s].
+        too_low: now lower than a newcomer may be.
+        score, reach_cells, searched_m: of the last search, for debugging.
     """
 
-    track_id: int
+    existence: Existence
     kalman: FloorKalman
     axis: FloorKalman
     template_height: F32
     template_occupancy: F32
     at_m: tuple[float, float]
-    born_m: tuple[float, float]
-    born_s: float
-    seen_s: float
+    spawned_m: tuple[float, float]
     height_m: float
     tallest_m: float
-    state: State = "tentative"
     offset_m: tuple[float, float] = (0.0, 0.0)
-    matched: bool = True
+    head: bool = False
+    head_in_view: bool = False
+    clear_s: float = -math.inf
     too_low: bool = False
     score: float = math.nan
     reach_cells: int = 0
     searched_m: tuple[float, float] = (math.nan, math.nan)
+
+    @property
+    def observed(self) -> bool:
+        """Matched in this frame."""
+        return self.existence.observed
+
+    @property
+    def state(self) -> State:
+        """As reported."""
+        return self.existence.state
+
+    @property
+    def predicted_m(self) -> tuple[float, float]:
+        """Where the visible surface is predicted or filtered [m]."""
+        return self.kalman.x_m, self.kalman.y_m
 
     def jump(self, kalman: FloorKalman) -> None:
         """Go on from another place, where the axis is still to be measured."""

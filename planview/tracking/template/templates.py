@@ -1,4 +1,4 @@
-"""Templates follow what is seen around their person, and are re-centered when they slip (Harville 2002, section 4)."""
+"""Templates adapt to the maps around their person, and are re-centered when they slip (Harville 2002, section 4)."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from calib.types import F64
 from planview.tracking.template._kernels import adapt, occupancy_peak
 from planview.tracking.template.params import TemplateTrackerParams
-from planview.tracking.template.state import Frame, Person
+from planview.tracking.template.state import Frame, TemplatePerson
 
 
-def blend(frame: Frame, person: Person, people: F64, me: int, gain: float) -> tuple[float, float]:
-    """Blend the maps around a person into his templates.
+def blend(frame: Frame, person: TemplatePerson, people: F64, me: int, gain: float) -> tuple[float, float]:
+    """Blend the maps around a person into the person's templates.
 
     Args:
-        people: (K, 2) padded cells of everybody found; cells nearer to another are his.
+        people: (K, 2) padded cells of all people observed; cells nearer to another are that person's.
         me: the person's row in ``people``.
         gain: 1 copies, 0 keeps.
     Returns:
@@ -30,8 +30,8 @@ def blend(frame: Frame, person: Person, people: F64, me: int, gain: float) -> tu
     return share, math.hypot(off_row, off_col) * frame.maps.grid.cell_m
 
 
-def renew(frame: Frame, person: Person, found: Sequence[Person]) -> None:
-    """Replace a person's templates by what is seen at his place now."""
+def renew(frame: Frame, person: TemplatePerson, found: Sequence[TemplatePerson]) -> None:
+    """Replace a person's templates by the maps at the person's place."""
     person.template_height[:] = 0.0
     person.template_occupancy[:] = 0.0
     cells = frame.padded_cells([q.at_m for q in found])
@@ -40,15 +40,15 @@ def renew(frame: Frame, person: Person, found: Sequence[Person]) -> None:
 
 def slipped(share: float, offset_m: float, params: TemplateTrackerParams) -> str:
     """Why a template must be re-centered; empty when it sits well."""
-    if share < params.recentre_filled * params.recentre_body:
+    if share < params.recentre_filled:
         return f"template {share:.0%} filled"
     if offset_m > params.recentre_offset * params.width_m:
         return f"centroid {offset_m:.2f} m off"
     return ""
 
 
-def nearest_peak(frame: Frame, person: Person, people: F64, me: int) -> tuple[float, float] | None:
-    """The occupancy maximum within 2 W_avg that is nobody else's [m]; None when there is none."""
+def nearest_peak(frame: Frame, person: TemplatePerson, people: F64, me: int) -> tuple[float, float] | None:
+    """The occupancy maximum within 2 W_avg that is no other person's [m]; None when there is none."""
     n = len(person.template_height)
     grid = frame.maps.grid
     peak_row, peak_col = occupancy_peak(

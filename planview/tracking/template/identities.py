@@ -1,0 +1,127 @@
+"""The identity layer on plan-view maps: who is in contact, who is clear, and what is mended."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+
+from planview.maps.builder import PlanViewMaps
+from planview.tracking.appearance import appearances
+from planview.tracking.detection import PersonCandidate, inseparable
+from planview.tracking.identity import Exchange, IdentityLayer
+from planview.tracking.lifecycle import LifeCycle
+from planview.tracking.template.params import TemplateTrackerParams
+from planview.tracking.template.state import TemplatePerson
+
+CONTACT_M = 0.5
+"""Two people nearer than this (stretched along the ray by depth noise) may be exchanged [m]: shoulder to shoulder."""
+
+
+HEAD_ROOM_M = 0.05
+"""A height is measured only where this much above the head is in the image too [m]: else the image may cut it off."""
+
+
+class Identities:
+    """Feeds the identity layer with what the template tracker measures.
+
+    Two people are in contact while their templates overlap (2 W_avg); a person is clear of others when nobody is
+    within that distance, its head is measured and the match is good.
+    """
+
+    def __init__(self, params: TemplateTrackerParams, life: LifeCycle) -> None:
+        self._params, self._life = params, life
+        self._layer = IdentityLayer(params.identity)
+
+    def reset(self) -> None:
+        """Forget everybody."""
+        self._layer.reset()
+
+    def update(self, maps: PlanViewMaps, people: Sequence[TemplatePerson]) -> None:
+        """Note contacts, learn appearances, mend exchanges; once per frame, after everybody is located."""
+        if not self._params.identity.enabled:
+            return
+        nearest = self._contacts(maps, people)
+        measured = [q for q in people if q.observed]
+        heights = [q.height_m if self._head_in_view(maps, q) else math.nan for q in measured]
+        tops = [q.tallest_m for q in measured]
+        looks = appearances(maps.points, [q.at_m for q in measured], tops, heights, self._params.reach_m)
+        for person, look in zip(measured, looks, strict=True):
+            doubtful = self._layer.in_doubt(person.existence)
+            apart = nearest[id(person)] > (1.0 if doubtful else 2.0) * CONTACT_M
+            if apart and self._clear(person) and self._head_in_view(maps, person):
+                person.clear_s = self._life.now_s
+                self._layer.learn(person.existence, look)
+        confirmed = [q for q in people if q.existence.confirmed]
+        for exchange in self._layer.exchanges([q.existence for q in confirmed], self._life.now_s):
+            self._mend(exchange, confirmed)
+
+    def known_as(self, newcomer: TemplatePerson, people: Sequence[TemplatePerson]) -> TemplatePerson | None:
+        """The person not clearly observed now who a newcomer is by appearance; the identity moves to the newcomer.
+
+        Returns the track that the person was believed to be, which has none of its own any more.
+        """
+        p, now_s = self._params, self._life.now_s
+        absent = []
+        for person in people:
+            away_s = now_s - person.clear_s
+            reach_m = p.reach_m + p.speed_max_mps * away_s
+            if person.existence.confirmed and away_s > p.confirm_s and math.dist(newcomer.at_m, person.at_m) < reach_m:
+                absent.append(person)
+        found = self._layer.known_as(newcomer.existence, [person.existence for person in absent])
+        if found is None:
+            return None
+        who, confidence = found
+        person = next(q for q in absent if q.existence is who)
+        self._layer.forget(newcomer.existence)
+        newcomer.tallest_m = max(newcomer.tallest_m, person.tallest_m)
+        self._life.reassign([newcomer.existence, who], [who, newcomer.existence], confidence)
+        return person
+
+    def _contacts(self, maps: PlanViewMaps, people: Sequence[TemplatePerson]) -> dict[int, float]:
+        """Note who is in contact; distance to the nearest other person by ``id`` [m]."""
+        nearest = {id(person): math.inf for person in people}
+        for one, other in combinations(people, 2):
+            apart = math.dist(_place(one), _place(other))
+            for person in (one, other):
+                nearest[id(person)] = min(nearest[id(person)], apart)
+            if inseparable(maps.view, _place(one), _place(other), CONTACT_M):
+                self._layer.contact(one.existence, other.existence, self._life.now_s)
+        return nearest
+
+    def _clear(self, person: TemplatePerson) -> bool:
+        return person.head and person.score <= self._params.match.score_max / 2
+
+    def _head_in_view(self, maps: PlanViewMaps, person: TemplatePerson) -> bool:
+        return maps.view.sees(*person.at_m, person.height_m + HEAD_ROOM_M)
+
+    def _mend(self, exchange: Exchange, people: Sequence[TemplatePerson]) -> None:
+        """Identities move; what belongs to a person and not to a place moves along."""
+        by_id = {q.existence.track_id: q for q in people}
+        tallest = [by_id[who.track_id].tallest_m for who in exchange.identities]
+        places = [by_id[who.track_id] for who in exchange.places]
+        self._life.reassign(exchange.places, exchange.identities, exchange.confidence)
+        for person, height_m in zip(places, tallest, strict=True):
+            person.tallest_m = max(height_m, person.height_m)
+
+    def unlikelihood(
+        self, maps: PlanViewMaps, person: TemplatePerson, candidate: PersonCandidate, others: Sequence[TemplatePerson]
+    ) -> float:
+        """How unlikely a candidate's appearance is of a lost person: a negative log-likelihood, 0 where unknown.
+
+        Only a candidate clear of others is compared: in contact, points of other bodies are among its own.
+        """
+        where = (candidate.x_m, candidate.y_m)
+        if not maps.view.sees(*where, candidate.height_m + HEAD_ROOM_M):
+            return 0.0
+        crowded = any(math.dist(where, q.at_m) < 2 * self._params.width_m for q in others)
+        if crowded or self._layer.remembered(person.existence) is None:
+            return 0.0
+        (look,) = appearances(maps.points, [where], [person.tallest_m], [candidate.height_m], self._params.reach_m)
+        return float(np.nan_to_num(self._layer.unlikelihood(person.existence, look)))
+
+
+def _place(person: TemplatePerson) -> tuple[float, float]:
+    return person.at_m if person.observed else person.predicted_m
