@@ -20,6 +20,8 @@ CONTACT_M = 0.5
 """Two people nearer than this (stretched along the ray by depth noise) may be exchanged [m]: shoulder to shoulder."""
 
 
+LEARN_S = 0.2
+"""Time between two measurements of a person whose identity is not in doubt [s]: a person hardly turns in less."""
 HEAD_ROOM_M = 0.05
 """A height is measured only where this much above the head is in the image too [m]: else the image may cut it off."""
 
@@ -44,14 +46,15 @@ class Identities:
         if not self._params.identity.enabled:
             return
         nearest = self._contacts(maps, people)
-        measured = [q for q in people if q.observed]
-        heights = [q.height_m if self._head_in_view(maps, q) else math.nan for q in measured]
-        tops = [q.tallest_m for q in measured]
-        looks = appearances(maps.points, [q.at_m for q in measured], tops, heights, self._params.reach_m)
-        for person, look in zip(measured, looks, strict=True):
-            doubtful = self._layer.in_doubt(person.existence)
-            apart = nearest[id(person)] > (1.0 if doubtful else 2.0) * CONTACT_M
-            if apart and self._clear(person) and self._head_in_view(maps, person):
+        clear = [q for q in people if q.observed and self._clear(maps, q, nearest[id(q)])]
+        if clear:
+            others = [q for q in people if q.observed and q not in clear]
+            everybody = [*clear, *others]
+            looks = appearances(
+                maps.points, [q.at_m for q in everybody], [q.tallest_m for q in everybody],
+                [q.height_m for q in everybody], self._params.reach_m,
+            )  # fmt: skip
+            for person, look in zip(clear, looks, strict=False):
                 person.clear_s = self._life.now_s
                 self._layer.learn(person.existence, look)
         confirmed = [q for q in people if q.existence.confirmed]
@@ -91,11 +94,13 @@ class Identities:
                 self._layer.contact(one.existence, other.existence, self._life.now_s)
         return nearest
 
-    def _clear(self, person: TemplatePerson) -> bool:
-        return person.head and person.score <= self._params.match.score_max / 2
-
-    def _head_in_view(self, maps: PlanViewMaps, person: TemplatePerson) -> bool:
-        return maps.view.sees(*person.at_m, person.height_m + HEAD_ROOM_M)
+    def _clear(self, maps: PlanViewMaps, person: TemplatePerson, nearest_m: float) -> bool:
+        """Whether a measurement now is the person's alone; one every ``LEARN_S`` is enough of a person without doubt."""
+        doubtful = self._layer.in_doubt(person.existence) or not person.existence.confirmed
+        rested = doubtful or self._life.now_s - person.clear_s >= LEARN_S
+        apart = nearest_m > (1.0 if self._layer.in_doubt(person.existence) else 2.0) * CONTACT_M
+        well = person.head and person.score <= self._params.match.score_max / 2
+        return rested and apart and well and maps.view.sees(*person.at_m, person.height_m + HEAD_ROOM_M)
 
     def _mend(self, exchange: Exchange, people: Sequence[TemplatePerson]) -> None:
         """Identities move; what belongs to a person and not to a place moves along."""
