@@ -95,7 +95,7 @@ class Identities:
         return nearest
 
     def _clear(self, maps: PlanViewMaps, person: TemplatePerson, nearest_m: float) -> bool:
-        """Whether a measurement now is the person's alone; one every ``LEARN_S`` is enough where nothing is in doubt."""
+        """Whether a measurement now is the person's alone; one every ``LEARN_S`` is enough without doubt."""
         doubtful = self._layer.in_doubt(person.existence) or not person.existence.confirmed
         rested = doubtful or self._life.now_s - person.clear_s >= LEARN_S
         apart = nearest_m > (1.0 if self._layer.in_doubt(person.existence) else 2.0) * CONTACT_M
