@@ -1,1 +1,1 @@
-"""Image pairs: recordings, rectification, matching, depth, and rendered recordings."""
+"""Image pairs: recordings, rectification, matching, depth, floor."""

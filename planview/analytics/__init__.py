@@ -1,1 +1,1 @@
-"""Tripwires, zones, heat maps: what tracks mean for counting."""
+"""Tripwires and zones: what tracks mean for counting."""
