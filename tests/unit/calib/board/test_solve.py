@@ -60,8 +60,9 @@ def test_lens_is_chosen_by_views_left_out() -> None:
     _, views = views_of("fisheye", 8, seed=4)
     found = solve_board(views, BOARD, SIZE)
     assert found.rig.left.model in {"fisheye", "rational"}
-    by_name = {one.name: one.held_out_px for one in found.lenses}
-    assert by_name["fisheye (k1-k4)"] < by_name["brown (k1 k2)"]
+    # A lens that fits far worse than the best is not judged on other views, and not listed.
+    assert "fisheye (k1-k4)" in {one.name for one in found.lenses}
+    assert "no distortion" not in {one.name for one in found.lenses}
 
 
 def test_lens_without_distortion_is_recognised() -> None:
