@@ -29,6 +29,7 @@ BENCH = {
     "speed": "Time every stage side by side with plain OpenCV.",
     "accuracy": "Render every committed scene, track it and score it.",
     "suite": "Render challenges drawn from a seed, track and score them.",
+    "ablation": "Switch parts of the engine off and compare the variants.",
     "memory": "Watch the memory of a long run.",
     "calibration": "Score board, floor and human calibration against known truth.",
     "counting": "Score counts and occupancy on rendered and real recordings.",

@@ -1,0 +1,250 @@
+"""What each part of the engine contributes: variants of its configuration over the same recordings."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.types import F32, F64, I64, U8
+from planview.bench.accuracy import tracked
+from planview.bench.one_statistic import OneStatistic
+from planview.bench.suite import suite_recording
+from planview.bench.variants import CONFIGURED, Variant
+from planview.evaluation.evaluate import evaluate_tracks
+from planview.evaluation.result import KINDS, Evaluation, pooled
+from planview.foreground.mixture import Foreground
+from planview.maps.recording import MapsRecording
+from planview.pipeline.config import Config, load_config
+from planview.pipeline.engine import Engine
+from planview.pipeline.factory import floor_tracker
+from planview.pipeline.maps_pipeline import MapsPipeline
+from planview.pipeline.pipeline import Pipeline
+from planview.runs.maps_log import MapsLog
+from planview.trajectories.table import Trajectories, TrajectoryCollector, read_truth
+
+RESAMPLES = 2000
+"""Bootstrap samples: the ends of a 95 % interval then rest on 50 samples each."""
+
+
+@dataclass(frozen=True)
+class AblationRecording:
+    """A recording with truth: a folder, or a challenge of a seed that is rendered when it is needed.
+
+    Attributes:
+        path: the folder, or the challenge file.
+        seed: of the challenge; None for a folder.
+        cache: folder of rendered recordings.
+    """
+
+    path: Path
+    seed: int | None
+    cache: Path
+
+    @property
+    def name(self) -> str:
+        return self.path.resolve().name if self.seed is None else f"{self.path.stem}-{self.seed}"
+
+    def folder(self) -> Path:
+        """The recording's folder, rendered unless it exists.
+
+        Raises:
+            InputError: no truth in it.
+        """
+        folder = self.path if self.seed is None else suite_recording(self.path, self.seed, self.cache)[0]
+        if not (folder / "truth.csv").is_file():
+            raise InputError(f"{folder}: expected a recording with truth.csv, found none in it")
+        return folder
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One variant on one recording.
+
+    Attributes:
+        config: the configuration that the variant changes.
+        maps: plan-view recording of the engine as configured; made by that trial, read by those of trackers.
+    """
+
+    recording: AblationRecording
+    variant: Variant
+    config: Config
+    maps: Path
+
+
+@dataclass(frozen=True)
+class TrialScore:
+    """The scores of a trial."""
+
+    trial: Trial
+    evaluation: Evaluation
+
+
+class Interval(NamedTuple):
+    """A figure of all recordings together, with its 95 % bootstrap interval; NaN where there is none."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class AblationRow:
+    """One variant over all recordings.
+
+    Attributes:
+        significant: significant errors by kind and in total.
+        per_10_min: significant errors in ten minutes.
+        change_per_10_min: the same less that of the engine as configured, on the same recordings.
+        strict_per_10_min: strict identity changes in ten minutes.
+        misses, false_positives: share of truth rows.
+        position_error_m: mean over matches [m].
+    """
+
+    variant: Variant
+    significant: dict[str, int]
+    per_10_min: Interval
+    change_per_10_min: Interval
+    strict_per_10_min: Interval
+    misses: Interval
+    false_positives: Interval
+    position_error_m: Interval
+
+    def to_json(self) -> dict[str, Any]:
+        v = self.variant
+        figures = {name: value for name, value in vars(self).items() if isinstance(value, Interval)}
+        return {
+            "variant": v.name, "settings": v.settings, "statistic": v.statistic, "meaning": v.meaning,
+            "paper_significant_errors": v.paper, "significant_errors": self.significant,
+            **{name: [None if np.isnan(x) else x for x in value] for name, value in figures.items()},
+        }  # fmt: skip
+
+
+class ColourForeground(Foreground):
+    """Foreground that is found in colour alone."""
+
+    def update(self, image: U8, disparity: F32 | None, timestamp_s: float, feedback: U8 | None = None) -> U8:
+        """See ``Foreground``; the disparity is not used."""
+        return super().update(image, None, timestamp_s, feedback)
+
+
+def run_trial(trial: Trial) -> TrialScore:
+    """Track and score one variant on one recording.
+
+    The engine as configured runs in full and records its plan-view points; variants of the tracker track these, which
+    takes seconds, and keep the feedback of the engine as configured; other variants run in full.
+    """
+    folder = trial.recording.folder()
+    config = load_config(None, trial.variant.settings, trial.config)
+    if trial.variant == CONFIGURED:
+        tracks = _recorded(Pipeline.from_recording(folder, config), trial.maps)
+    else:
+        tracks = tracked(_engine(trial, folder, config), None, "template")
+    return TrialScore(trial, evaluate_tracks(tracks, read_truth(folder / "truth.csv")))
+
+
+def _recorded(engine: Pipeline, path: Path) -> Trajectories:
+    """All tracks of a recording, whose points are recorded."""
+    tracks = TrajectoryCollector()
+    with closing(MapsLog(engine, path)) as log:
+        for result in engine:
+            tracks.add(result.frame, result.timestamp_s, result.tracks)
+            log.frame(result)
+    return tracks.trajectories()
+
+
+def _engine(trial: Trial, folder: Path, config: Config) -> Engine:
+    variant, tracker = trial.variant, floor_tracker("template", config)
+    if variant.statistic:
+        tracker = OneStatistic(tracker, variant.statistic)
+    if variant.tracker_only:
+        return MapsPipeline(MapsRecording(trial.maps), tracker, config)
+    engine = Pipeline.from_recording(folder, config, tracker=tracker)
+    if not variant.depth_in_foreground:
+        engine.foreground = ColourForeground(config.foreground, engine.maps.shape)
+    return engine
+
+
+def run_trials(trials: Sequence[Trial], at_once: int) -> Iterator[TrialScore]:
+    """Scores in the order in which they are done; the engine as configured first, since others need its points."""
+    first = [trial for trial in trials if trial.variant == CONFIGURED]
+    yield from _run(first, at_once)
+    yield from _run([trial for trial in trials if trial.variant != CONFIGURED], at_once)
+
+
+def _run(trials: Sequence[Trial], at_once: int) -> Iterator[TrialScore]:
+    if at_once == 1:
+        yield from map(run_trial, trials)
+        return
+    from joblib import Parallel, delayed
+
+    yield from Parallel(n_jobs=at_once, return_as="generator_unordered")(delayed(run_trial)(t) for t in trials)
+
+
+def ablation_rows(
+    scores: Mapping[Variant, Sequence[Evaluation]], seed: int = 0, resamples: int = RESAMPLES
+) -> list[AblationRow]:
+    """One row per variant.
+
+    Args:
+        scores: of every variant, of the same recordings in the same order; with ``CONFIGURED``.
+        seed: of the bootstrap.
+        resamples: bootstrap samples of recordings.
+    """
+    n = len(scores[CONFIGURED])
+    samples = np.random.default_rng(seed).integers(0, n, (resamples, n))
+    base = _counts(scores[CONFIGURED], _n_significant)
+    return [_row(variant, parts, base, samples) for variant, parts in scores.items()]
+
+
+def _row(variant: Variant, parts: Sequence[Evaluation], base: F64, samples: I64) -> AblationRow:
+    minutes, rows = _counts(parts, lambda e: e.duration_s / 600), _counts(parts, lambda e: e.truth_rows)
+    errors = _counts(parts, _n_significant)
+    kinds = Counter(error.kind for error in pooled(parts).significant)
+
+    def figure(numerator: F64, denominator: F64) -> Interval:
+        return bootstrap(numerator, denominator, samples)
+
+    return AblationRow(
+        variant,
+        {"total": int(errors.sum()), **{kind: kinds[kind] for kind in KINDS}},
+        figure(errors, minutes),
+        figure(errors - base, minutes),
+        figure(_counts(parts, lambda e: e.strict_identity_changes), minutes),
+        figure(_counts(parts, lambda e: e.clear.misses), rows),
+        figure(_counts(parts, lambda e: e.clear.false_positives), rows),
+        figure(
+            _counts(parts, lambda e: float(e.position_error_m.sum())), _counts(parts, lambda e: len(e.position_error_m))
+        ),
+    )
+
+
+def bootstrap(numerator: F64, denominator: F64, samples: I64) -> Interval:
+    """The ratio of two sums over recordings, and its 95 % percentile interval.
+
+    Args:
+        numerator, denominator: (R,) of every recording.
+        samples: (B, R) recordings drawn with replacement.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        value = float(numerator.sum() / denominator.sum())
+        drawn = numerator[samples].sum(axis=1) / denominator[samples].sum(axis=1)
+    drawn = drawn[np.isfinite(drawn)]
+    if not len(drawn):
+        return Interval(value, float("nan"), float("nan"))
+    low, high = np.percentile(drawn, (2.5, 97.5))
+    return Interval(value, float(low), float(high))
+
+
+def _counts(parts: Sequence[Evaluation], of: Callable[[Evaluation], float]) -> F64:
+    return np.array([of(part) for part in parts], dtype=np.float64)
+
+
+def _n_significant(evaluation: Evaluation) -> int:
+    return len(evaluation.significant)

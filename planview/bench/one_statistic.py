@@ -1,0 +1,91 @@
+"""Tracking with one of the two plan-view statistics (Harville 2002, section 5)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from planview.maps.builder import FloorPoints, PlanViewMaps
+from planview.maps.grid import Grid
+from planview.tracking.base import Decision, Observation, Tracker, TrackerDebug
+from planview.trajectories.state import TrackState
+
+Statistic = Literal["height", "occupancy"]
+NOMINAL_HEIGHT_M = 1.7
+"""Height of everything where height is not measured [m]: an adult, so that no test of height refuses it."""
+
+
+class OneStatistic:
+    """A tracker of plan-view maps that is given one statistic; the other is a constant and carries no information.
+
+    Args:
+        tracker: follows the people.
+        statistic: what it is given.
+    """
+
+    def __init__(self, tracker: Tracker, statistic: Statistic) -> None:
+        self._tracker = tracker
+        self._reduce = height_only if statistic == "height" else occupancy_only
+
+    @property
+    def decisions(self) -> tuple[Decision, ...]:
+        """Decisions of the last update."""
+        return self._tracker.decisions
+
+    def update(self, observation: Observation) -> tuple[TrackState, ...]:
+        """Track one frame from what is left of its maps."""
+        maps = observation.maps
+        return self._tracker.update(replace(observation, maps=self._reduce(maps) if maps else None))
+
+    def debug(self) -> TrackerDebug:
+        """Shapes and tiles that explain the last update."""
+        return self._tracker.debug()
+
+    def reset(self) -> None:
+        """Forget everybody."""
+        self._tracker.reset()
+
+
+def height_only(maps: PlanViewMaps) -> PlanViewMaps:
+    """Maps without occupancy: a cell with height counts as full, and of its points the highest is left.
+
+    Height comes from the maps as they are: built with ``maps.occupancy_min=0`` it is not pruned by occupancy.
+    """
+    cell_m2 = np.float32(maps.grid.cell_m**2)
+    known = maps.height_raw > 0
+    full = np.where(known, cell_m2, np.float32(0.0))
+    return replace(
+        maps,
+        occupancy_raw=full,
+        occupancy=full,
+        height=np.where(known, maps.height, np.float32(0.0)),
+        occupancy_min=float(cell_m2) / 2,
+        points=highest_points(maps.points, maps.grid),
+    )
+
+
+def occupancy_only(maps: PlanViewMaps) -> PlanViewMaps:
+    """Maps without height: everything is ``NOMINAL_HEIGHT_M`` high."""
+    nominal = np.float32(NOMINAL_HEIGHT_M)
+    xyz = maps.points.xyz.copy()
+    xyz[:, 2] = nominal
+    return replace(
+        maps,
+        height_raw=np.where(maps.height_raw > 0, nominal, np.float32(0.0)),
+        height=np.where(maps.height > 0, nominal, np.float32(0.0)),
+        points=replace(maps.points, xyz=xyz),
+    )
+
+
+def highest_points(points: FloorPoints, grid: Grid) -> FloorPoints:
+    """The highest point of every cell, each with a cell's area."""
+    order = np.argsort(-points.xyz[:, 2], kind="stable")
+    cols = np.floor((points.xyz[order, 0] - grid.x_min_m) / grid.cell_m).astype(np.int64)
+    rows = np.floor((points.xyz[order, 1] - grid.y_min_m) / grid.cell_m).astype(np.int64)
+    _, first = np.unique(rows * grid.n_cols + cols, return_index=True)
+    kept = order[first]
+    area = np.full(len(kept), grid.cell_m**2, dtype=np.float32)
+    colours = None if points.colours is None else points.colours[kept]
+    return FloorPoints(points.xyz[kept], area, points.pixels[kept], colours)

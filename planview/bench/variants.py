@@ -1,0 +1,102 @@
+"""Variants of the engine for the ablation: what is switched off, and how."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from calib.errors import InputError
+from planview.bench.one_statistic import Statistic
+from planview.pipeline.maps_pipeline import FIXED_MAP_PARAMETERS, FIXED_TABLES
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One row of the table.
+
+    Attributes:
+        name: of the row.
+        settings: overrides of the configuration like "template.joint=false".
+        meaning: what the part that is switched off does.
+        statistic: the only statistic left to the tracker; None leaves both.
+        depth_in_foreground: whether foreground is found in colour and depth, not in colour alone.
+        paper: significant errors of Harville 2002, section 5, in about ten minutes; None where it has no such figure.
+    """
+
+    name: str
+    settings: tuple[str, ...] = ()
+    meaning: str = ""
+    statistic: Statistic | None = None
+    depth_in_foreground: bool = True
+    paper: int | None = None
+
+    @property
+    def tracker_only(self) -> bool:
+        """Whether recorded foreground points serve: nothing that decides which points there are differs."""
+        names = [setting.partition("=")[0] for setting in self.settings]
+        fixed = {f"maps.{name}" for name in FIXED_MAP_PARAMETERS}
+        return self.depth_in_foreground and not any(n.split(".")[0] in FIXED_TABLES or n in fixed for n in names)
+
+
+CONFIGURED = Variant("as configured", paper=1)
+"""What every other variant is compared with."""
+
+LADDER = (
+    Variant(
+        "height only",
+        ("maps.occupancy_min=0", "template.match.occupancy_weight=0"),
+        "occupancy: prunes heights, finds newcomers, is matched",
+        statistic="height",
+        paper=17,
+    ),
+    Variant(
+        "occupancy only",
+        ("template.match.height_weight=0",),
+        "height: refuses what is no person, re-centers, is matched",
+        statistic="occupancy",
+        paper=25,
+    ),
+    Variant("joint search off", ("template.joint=false",), "every order of matching among people in contact"),
+    Variant("identity layer off", ("template.identity.enabled=false",), "mends exchanges by appearance"),
+    Variant(
+        "re-centering off",
+        ("template.recentre_filled=0", "template.recentre_offset=1000"),
+        "moves a slipped template to the nearest occupancy maximum",
+    ),
+    Variant("feedback off", ("feedback.enabled=false",), "tracked people are not learned as background"),
+    Variant("activity off", ("foreground.activity_slowdown=1",), "active pixels learn more slowly"),
+    Variant("deepest surface off", ("foreground.deepest_weight=0.99",), "the deepest Gaussian is background early"),
+    Variant("foreground in colour", (), "depth in the foreground's mixture", depth_in_foreground=False),
+)
+"""Parts of the engine, each switched off alone."""
+
+RULES = (
+    Variant("head_reach_m", ("template.head_reach_m=0",), "position from the head where it is near the match"),
+    Variant("reach_m", ("template.reach_m=0.4",), "clears arms too, beyond the paper's W_avg"),
+    Variant("distance_weight", ("template.match.distance_weight=0",), "matches near the prediction are better"),
+    Variant("separation_weight", ("template.match.separation_weight=0",), "keeps away from people already placed"),
+    Variant("confirm_s", ("template.confirm_s=0",), "a newcomer is confirmed after some time only"),
+    Variant("part_area", ("template.part_area=0",), "small things near a person are carried, or limbs"),
+    Variant("moved_m", ("template.moved_m=0",), "low newcomers must have moved"),
+    Variant("grow_max_m", ("template.grow_max_m=1000",), "nobody grows: a taller newcomer is another person"),
+    Variant("speed_max_mps", ("template.speed_max_mps=1000",), "lost people go no faster than a fast walk"),
+    Variant("slow_down_s", ("template.slow_down_s=1000",), "the predicted velocity of lost people decays"),
+    Variant("lost_s", ("template.lost_s=0",), "lost people are reacquired"),
+    Variant("low_m", ("template.detection.low_m=1.2",), "lost people are also found crouching"),
+    Variant("head_width_max_m", ("template.detection.head_width_max_m=1000",), "doors and boards are no people"),
+    Variant("separation_m", ("template.detection.separation_m=0.01",), "nothing new within shoulders of a person"),
+)
+"""Special rules of the template tracker, each switched off alone."""
+
+
+def chosen_variants(variants: Sequence[Variant], names: Sequence[str]) -> tuple[Variant, ...]:
+    """``CONFIGURED``, then the variants named; all when none is.
+
+    Raises:
+        InputError: no such variant.
+    """
+    known = {variant.name: variant for variant in variants}
+    for name in names:
+        if name not in known:
+            raise InputError(f"--variant: expected one of {', '.join(known)}, found {name!r}")
+    return CONFIGURED, *(known[name] for name in names or known)
