@@ -45,14 +45,14 @@ LADDER = (
     Variant(
         "height only",
         ("maps.occupancy_min=0", "template.match.occupancy_weight=0"),
-        "occupancy: prunes heights, finds newcomers, is matched",
+        "without occupancy, which prunes heights, finds newcomers and is matched",
         statistic="height",
         paper=17,
     ),
     Variant(
         "occupancy only",
         ("template.match.height_weight=0",),
-        "height: refuses what is no person, re-centers, is matched",
+        "without height, which refuses what is no person, re-centers and is matched",
         statistic="occupancy",
         paper=25,
     ),

@@ -22,7 +22,7 @@ from planview.bench.variants import CONFIGURED, LADDER, RULES, Variant, chosen_v
 from planview.evaluation.result import KINDS, Evaluation
 from planview.pipeline.config import load_config
 
-TABLE_WIDTH = 128
+TABLE_WIDTH = 144
 """Columns of text that the table needs."""
 
 
@@ -121,20 +121,25 @@ def _watched(trials: Sequence[Trial], variants: Sequence[Variant], jobs: int) ->
 
 
 def print_ablation(rows: Sequence[AblationRow], console: Console) -> None:
-    """A row per variant; below every figure its interval."""
+    """A row per variant, below every figure its interval; then what each variant switches off."""
     table = Table(
-        "variant", "/".join(k.replace("_", " ") for k in KINDS), "significant\nper 10 min", "change", "paper",
-        "identity\nchanges", "misses %", "false\npositives %", "position cm", "switched off",
+        "variant", "lost, missed,\nswapped, false", "significant\nper 10 min", "change", "paper",
+        "identity\nper 10 min", "misses\n%", "false\npositives %", "position\ncm",
     )  # fmt: skip
+    for column in table.columns:
+        column.no_wrap = True
     for row in rows:
         v = row.variant
         table.add_row(
-            v.name, "/".join(str(row.significant[kind]) for kind in KINDS), _figure(row.per_10_min),
+            v.name, ", ".join(str(row.significant[kind]) for kind in KINDS), _figure(row.per_10_min),
             "" if v == CONFIGURED else _figure(row.change_per_10_min), "" if v.paper is None else str(v.paper),
             _figure(row.strict_per_10_min), _figure(row.misses, 100), _figure(row.false_positives, 100),
-            _figure(row.position_error_m, 100), v.meaning,
+            _figure(row.position_error_m, 100),
         )  # fmt: skip
     console.print(table)
+    for row in rows:
+        if row.variant.meaning:
+            console.print(f"{row.variant.name}: {row.variant.meaning}", highlight=False)
 
 
 def _figure(value: Interval, factor: float = 1.0) -> str:

@@ -4,10 +4,11 @@ import json
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from calib.errors import InputError
-from planview.bench.ablation import bootstrap
-from planview.bench.commands.bench_ablation import bench_ablation
+from planview.bench.ablation import AblationRow, Interval, bootstrap
+from planview.bench.commands.bench_ablation import TABLE_WIDTH, bench_ablation, print_ablation
 from planview.bench.one_statistic import NOMINAL_HEIGHT_M, height_only, occupancy_only
 from planview.bench.suite import suite_recording
 from planview.bench.variants import CONFIGURED, LADDER, RULES, chosen_variants
@@ -112,3 +113,16 @@ def test_command_compares_variants_with_the_engine_as_configured(tmp_path, capsy
 def test_command_refuses_a_recording_without_truth(tmp_path):
     with pytest.raises(InputError, match=r"truth\.csv"):
         bench_ablation(recording=[tmp_path])
+
+
+def test_table_has_every_figure_with_its_interval_and_the_papers_count(capsys):
+    some = Interval(0.104, 0.087, 0.116)
+    errors = {"total": 9, "lost": 5, "missed": 0, "swapped": 4, "false_track": 0}
+    rows = [AblationRow(v, errors, *[some] * 6) for v in (CONFIGURED, LADDER[0])]
+    print_ablation(rows, Console(width=TABLE_WIDTH))
+    text = capsys.readouterr().out
+    assert "5, 0, 4, 0" in text
+    assert "[8.7, 11.6]" in text
+    assert "17" in text
+    assert "height only: without occupancy" in text
+    assert "…" not in text
