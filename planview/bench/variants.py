@@ -78,12 +78,12 @@ RULES = (
     Variant("confirm_s", ("template.confirm_s=0",), "a newcomer is confirmed after some time only"),
     Variant("part_area", ("template.part_area=0",), "small things near a person are carried, or limbs"),
     Variant("moved_m", ("template.moved_m=0",), "low newcomers must have moved"),
-    Variant("grow_max_m", ("template.grow_max_m=1000",), "nobody grows: a taller newcomer is another person"),
+    Variant("grow_max_m", ("template.grow_max_m=1000",), "a newcomer taller than a lost person is another person"),
     Variant("speed_max_mps", ("template.speed_max_mps=1000",), "lost people go no faster than a fast walk"),
     Variant("slow_down_s", ("template.slow_down_s=1000",), "the predicted velocity of lost people decays"),
     Variant("lost_s", ("template.lost_s=0",), "lost people are reacquired"),
     Variant("low_m", ("template.detection.low_m=1.2",), "lost people are also found crouching"),
-    Variant("head_width_max_m", ("template.detection.head_width_max_m=1000",), "doors and boards are no people"),
+    Variant("head_width_max_m", ("template.detection.head_width_max_m=1000",), "doors and boards are not people"),
     Variant("separation_m", ("template.detection.separation_m=0.01",), "nothing new within shoulders of a person"),
 )
 """Special rules of the template tracker, each switched off alone."""
