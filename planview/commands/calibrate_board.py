@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from cyclopts import Parameter
 from rich.console import Console
@@ -18,20 +19,30 @@ from calib.errors import InputError
 from calib.formats import write_rig
 from planview.calibration.board import BoardRequest, calibrate_images
 from planview.calibration.board_report import write_report
+from planview.commands.options import JsonFlag
 
 
-def calibrate_board(
-    images: Path,
-    /,
-    *,
-    square: str,
-    out: Path = Path("rig.toml"),
-    board: str | None = None,
-    marker: str | None = None,
-    dictionary: str | None = None,
-    model: Literal["auto", "brown", "rational", "fisheye"] = "auto",
-    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
-) -> None:
+@Parameter(name="*")
+@dataclass(frozen=True)
+class BoardOptions:
+    """What is known of the board and the lens, and where results go."""
+
+    out: Path = Path("rig.toml")
+    """Rig to write."""
+    board: str | None = None
+    """Inner corners of a chessboard, 9x6, found by itself when not given (give it for small or blurred images); or
+    charuco:8x6, the squares of a ChArUco board."""
+    marker: str | None = None
+    """Side of a ChArUco marker, e.g. 18mm; usual sizes are tried when not given."""
+    dictionary: str | None = None
+    """ArUco dictionary, e.g. DICT_4X4_50; all are tried when not given."""
+    model: Literal["auto", "brown", "rational", "fisheye"] = "auto"
+    """Lens model; auto judges them on views left out of the fit."""
+    json_: JsonFlag = False
+    """Print one JSON object on stdout."""
+
+
+def calibrate_board(images: Path, /, *, square: str, options: BoardOptions | None = None) -> None:
     """Calibrate a stereo rig from chessboard or ChArUco images.
 
     Writes the rig (OUT), the same for OpenCV (.yml) and a report page (.html) beside it.
@@ -45,36 +56,27 @@ def calibrate_board(
     square
         Side of a square with its unit, e.g. 24.23mm; a bare number is refused. When it is not known, give any size: the
         baseline is also told in squares, but distances measured with the rig are as wrong as the size.
-    out
-        Rig to write.
-    board
-        Inner corners of a chessboard, 9x6, found by itself when not given (give it for small or blurred images); or
-        charuco:8x6, the squares of a ChArUco board.
-    marker
-        Side of a ChArUco marker, e.g. 18mm; usual sizes are tried when not given.
-    dictionary
-        ArUco dictionary, e.g. DICT_4X4_50; all are tried when not given.
-    model
-        Lens model; auto judges them on views left out of the fit.
-    json_
-        Print one JSON object on stdout.
     """
+    options = options or BoardOptions()
     square_m = parse_square(square)
     request = BoardRequest(
-        parse_board(board, square_m, marker, dictionary),
+        parse_board(options.board, square_m, options.marker, options.dictionary),
         square_m,
-        any_dictionary=dictionary is None,
-        any_marker=marker is None,
-        model=None if model == "auto" else model,
+        any_dictionary=options.dictionary is None,
+        any_marker=options.marker is None,
+        model=None if options.model == "auto" else options.model,
     )
-    if out.suffix.lower() != ".toml":
-        raise InputError(f"--out: expected a name that ends in .toml, found {out.name!r}")
-    out.parent.mkdir(parents=True, exist_ok=True)
+    if options.out.suffix.lower() != ".toml":
+        raise InputError(f"--out: expected a name that ends in .toml, found {options.out.name!r}")
+    options.out.parent.mkdir(parents=True, exist_ok=True)
     result = _calibrate(images, request)
-    files = [*write_rig(result.rig, out, "rig"), *write_rig(result.rig, out.with_suffix(".yml"), "opencv")]
-    files.append(write_report(result, images, out.with_suffix(".html")))
+    files = [
+        *write_rig(result.rig, options.out, "rig"),
+        *write_rig(result.rig, options.out.with_suffix(".yml"), "opencv"),
+    ]
+    files.append(write_report(result, images, options.out.with_suffix(".html")))
     _print_summary(result, files)
-    if json_:
+    if options.json_:
         print(json.dumps(_as_json(result, files)))
 
 

@@ -13,6 +13,7 @@ from calib.errors import InputError
 from calib.formats import load_rig, write_rig
 from calib.length import parse_length, parse_size
 from calib.rig import StereoRig
+from planview.commands.options import Flag, JsonFlag
 
 
 def calibrate_convert(
@@ -24,8 +25,8 @@ def calibrate_convert(
     size: str | None = None,
     unit: str | None = None,
     cameras: str | None = None,
-    swap: Annotated[bool, Parameter(negative="")] = False,
-    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    swap: Flag = False,
+    json_: JsonFlag = False,
 ) -> None:
     """Convert a calibration from one format to another.
 

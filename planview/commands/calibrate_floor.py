@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,26 +19,44 @@ from calib.floor.world_file import load_world, save_world
 from calib.images import write_image
 from calib.rig import Floor
 from planview.calibration.floor import FloorView, floor_from_tracks, given_floor, view_floor
+from planview.commands.options import Flag, JsonFlag
 from planview.pipeline.config import load_config
 from planview.pipeline.setup import floor_search
 from planview.trajectories.table import read_tracks
+from stereo.floor import FloorSearch
 from stereo.readers.opening import open_recording
 from stereo.readers.pair import StereoRecording
 
 
-def calibrate_floor(
-    recording: Path,
-    *,
-    out: Path | None = None,
-    save: Annotated[bool, Parameter(negative="")] = False,
-    points: Annotated[Sequence[str], Parameter(consume_multiple=True)] = (),
-    tracks: Path | None = None,
-    calibration: Path | None = None,
-    frames: int | None = None,
-    picture: Path | None = None,
-    config: Path | None = None,
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
-) -> None:
+@Parameter(name="*")
+@dataclass(frozen=True)
+class FloorOptions:
+    """Where the floor is taken from, and where it is written."""
+
+    out: Path | None = None
+    """world.toml to write, with a picture of a metric grid on the floor beside it."""
+    save: Flag = False
+    """Write them into the recording (a video: beside it). Later runs and calibrations take that floor and search no
+    more."""
+    points: Annotated[Sequence[str], Parameter(consume_multiple=True)] = ()
+    """Three or more floor points instead: u,v pixels of the rectified left image (their depth is looked up), or
+    x,y,z metres in the rectified left camera (x right, y down, z forward)."""
+    tracks: Path | None = None
+    """tracks.csv of a run on this recording: refine its floor (run.json or world.toml) by where people's feet and
+    heads are, for floors that are hidden or without texture."""
+    calibration: Path | None = None
+    """Calibration of the pair, when it does not lie in the recording."""
+    frames: int | None = None
+    """How many frames to look at, spread over the recording; analysis.setup_frames when not given."""
+    picture: Path | None = None
+    """Picture of a metric grid on the floor; beside world.toml, with .png, when not given."""
+    config: Path | None = None
+    """TOML file with the parameters of a run: analysis.setup_frames and tables rectify, sgbm, range, floor."""
+    json_output: JsonFlag = False
+    """Print one JSON object to standard output."""
+
+
+def calibrate_floor(recording: Path, *, options: FloorOptions | None = None) -> None:
     """Find the floor in a stereo recording as a run does; print it, and write world.toml where told.
 
     Example: planview calibrate floor my_recording --out floor/world.toml
@@ -50,57 +69,41 @@ def calibrate_floor(
     ----------
     recording
         Folder with left/ and right/ images or videos and a calibration.
-    out
-        world.toml to write, with a picture of a metric grid on the floor beside it.
-    save
-        Write them into the recording (a video: beside it). Later runs and calibrations take that floor and search no
-        more.
-    points
-        Three or more floor points instead: u,v pixels of the rectified left image (their depth is looked up), or
-        x,y,z metres in the rectified left camera (x right, y down, z forward).
-    tracks
-        tracks.csv of a run on this recording: refine its floor (run.json or world.toml) by where people's feet and
-        heads are, for floors that are hidden or without texture.
-    calibration
-        Calibration of the pair, when it does not lie in the recording.
-    frames
-        How many frames to look at, spread over the recording; analysis.setup_frames when not given.
-    picture
-        Picture of a metric grid on the floor; beside world.toml, with .png, when not given.
-    config
-        TOML file with the parameters of a run: analysis.setup_frames and tables rectify, sgbm, range, floor.
-    json_output
-        Print one JSON object to standard output.
     """
-    if frames is not None and not 1 <= frames <= 1000:
-        raise InputError(f"--frames: expected 1 to 1000, found {frames}")
-    if points and tracks:
+    options = options or FloorOptions()
+    if options.frames is not None and not 1 <= options.frames <= 1000:
+        raise InputError(f"--frames: expected 1 to 1000, found {options.frames}")
+    if options.points and options.tracks:
         raise InputError("expected either --points or --tracks, found both")
-    if out and save:
+    if options.out and options.save:
         raise InputError("expected either --out or --save, found both")
-    search = floor_search(load_config(config))
-    if frames is not None:
-        search = search.model_copy(update={"frames": frames})
-    parsed = parse_points(points) if points else None
-    opened = open_recording(recording, calibration)
+    search = floor_search(load_config(options.config))
+    if options.frames is not None:
+        search = search.model_copy(update={"frames": options.frames})
     console = Console(stderr=True)
-    with console.status(f"Looking at {search.frames} frames"):
-        view = view_floor(opened, search)
-        if parsed is not None:
-            floor = given_floor(view, *parsed)
-        elif tracks is not None:
-            floor = _refined(opened, view, tracks)
-        else:
-            floor = view.find()
-    target = (recording if recording.is_dir() else recording.parent) / "world.toml" if save else out
-    image = picture or (target and target.with_suffix(".png"))
+    view, floor = _find(recording, search, options, console)
+    target = (recording if recording.is_dir() else recording.parent) / "world.toml" if options.save else options.out
+    image = options.picture or (target and target.with_suffix(".png"))
     console.print(_sentence(floor))
     for written in _write(floor, view, target, image):
         console.print(f"wrote {written}", highlight=False)
     if target is None:
         console.print("no world.toml written: --save keeps this floor in the recording, --out FILE elsewhere")
-    if json_output:
+    if options.json_output:
         print(json.dumps(_report(floor, target, image)))
+
+
+def _find(recording: Path, search: FloorSearch, options: FloorOptions, console: Console) -> tuple[FloorView, Floor]:
+    """The floor by the way that the options name."""
+    parsed = parse_points(options.points) if options.points else None
+    opened = open_recording(recording, options.calibration)
+    with console.status(f"Looking at {search.frames} frames"):
+        view = view_floor(opened, search)
+        if parsed is not None:
+            return view, given_floor(view, *parsed)
+        if options.tracks is not None:
+            return view, _refined(opened, view, options.tracks)
+        return view, view.find()
 
 
 def _write(floor: Floor, view: FloorView, target: Path | None, image: Path | None) -> list[Path]:

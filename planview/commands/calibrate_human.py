@@ -6,8 +6,9 @@ import json
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from cyclopts import Parameter
@@ -23,22 +24,36 @@ from calib.images import as_colour, write_image
 from calib.types import U8
 from planview.calibration.human import collect_samples
 from planview.calibration.pictures import COMPUTED, crowd, draw_grid, draw_person, draw_samples
+from planview.commands.options import Flag, JsonFlag
 from stereo.readers.opening import open_video
 from stereo.recording import Video
 
 
-def calibrate_human(
-    samples: Path,
-    *,
-    image_size: str | None = None,
-    lens: str | None = None,
-    out: Path = Path("camera.toml"),
-    frames: Path | None = None,
-    auto: Annotated[bool, Parameter(negative="")] = False,
-    person_height: float = 1.76,
-    count: int = 30,
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
-) -> None:
+@Parameter(name="*")
+@dataclass(frozen=True)
+class HumanOptions:
+    """Where samples come from, what is known of the camera, and where it is written."""
+
+    image_size: str | None = None
+    """WxH of the image that the samples were taken in. Not needed with a video, nor with a JSON that holds it as
+    "image_size": [width, height]."""
+    lens: str | None = None
+    """pinhole, normal, normal-wide, fisheye or black-corner-fisheye; all are tried when not given."""
+    out: Path = Path("camera.toml")
+    """camera.toml to write; beside it a picture (.png) and, with --auto, the samples."""
+    frames: Path | None = None
+    """Video that the samples come from: its frames are the picture's background."""
+    auto: Flag = False
+    """Collect the samples from a video of one person walking alone."""
+    person_height: float = 1.76
+    """Height of the people in the samples [m]."""
+    count: int = 30
+    """How many samples --auto takes."""
+    json_output: JsonFlag = False
+    """Print one JSON object to standard output."""
+
+
+def calibrate_human(samples: Path, *, options: HumanOptions | None = None) -> None:
     """Calibrate one camera from standing people: height, tilt and focal length, written to camera.toml.
 
     Example: planview calibrate human samples.csv --image-size 640x480 --lens normal-wide --out camera.toml
@@ -51,42 +66,27 @@ def calibrate_human(
         CSV with columns left_px,top_px,width_px,height_px,head_x_px,head_y_px,foot_x_px,foot_y_px (and frame), or JSON:
         a list of {"box": [left, top, width, height], "head": [u, v], "foot": [u, v]}; 3 or more people at different
         places. With --auto, a video.
-    image_size
-        WxH of the image that the samples were taken in. Not needed with a video, nor with a JSON that holds it as
-        "image_size": [width, height].
-    lens
-        pinhole, normal, normal-wide, fisheye or black-corner-fisheye; all are tried when not given.
-    out
-        camera.toml to write; beside it a picture (.png) and, with --auto, the samples.
-    frames
-        Video that the samples come from: its frames are the picture's background.
-    auto
-        Collect the samples from a video of one person walking alone.
-    person_height
-        Height of the people in the samples [m].
-    count
-        How many samples --auto takes.
-    json_output
-        Print one JSON object to standard output.
     """
+    options = options or HumanOptions()
     console = Console(stderr=True)
-    if lens is not None and lens not in LENS_K_320:
-        raise InputError(f"--lens: expected one of {', '.join(LENS_K_320)}, found {lens!r}")
-    if not 0.5 <= person_height <= 2.5:
-        raise InputError(f"--person-height: expected 0.5 to 2.5 m, found {person_height:g}")
-    if not 3 <= count <= 200:
-        raise InputError(f"--count: expected 3 to 200, found {count}")
-    video = open_video(samples) if auto else open_video(frames) if frames else None
-    size = _size(image_size, video, None if auto else read_image_size(samples), samples)
-    taken = _collect(video, count, console) if auto and video is not None else read_samples(samples)
+    if options.lens is not None and options.lens not in LENS_K_320:
+        raise InputError(f"--lens: expected one of {', '.join(LENS_K_320)}, found {options.lens!r}")
+    if not 0.5 <= options.person_height <= 2.5:
+        raise InputError(f"--person-height: expected 0.5 to 2.5 m, found {options.person_height:g}")
+    if not 3 <= options.count <= 200:
+        raise InputError(f"--count: expected 3 to 200, found {options.count}")
+    video = open_video(samples) if options.auto else open_video(options.frames) if options.frames else None
+    size = _size(options.image_size, video, None if options.auto else read_image_size(samples), samples)
+    taken = _collect(video, options.count, console) if options.auto and video is not None else read_samples(samples)
     check_samples(taken, size, str(samples))
-    model = HumanModel().scaled(person_height)
-    found = calibrate_from_people(taken, size, lens, model=model, name=str(samples))
-    written = _write(found, taken, video, out, out.with_suffix(".samples.json") if auto else None)
+    model = HumanModel().scaled(options.person_height)
+    found = calibrate_from_people(taken, size, options.lens, model=model, name=str(samples))
+    collected = options.out.with_suffix(".samples.json") if options.auto else None
+    written = _write(found, taken, video, options.out, collected)
     _summarise(found, len(taken), console)
     console.print(f"wrote {' and '.join(str(path) for path in written)}")
-    if json_output:
-        print(json.dumps(_report(found, taken, out)))
+    if options.json_output:
+        print(json.dumps(_report(found, taken, options.out)))
 
 
 def _write(

@@ -8,7 +8,7 @@ import stat
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from cyclopts import Parameter
 from rich.console import Console
@@ -23,7 +23,7 @@ from planview.analytics.params import AnalyticsParams
 from planview.analytics.rules import load_rules
 from planview.analytics.scoring import CountScores, score_counts, score_events
 from planview.analytics.totals import Counts
-from planview.commands.options import checked
+from planview.commands.options import JsonFlag, checked
 from planview.runs.info import RunInfo, read_run_info
 from planview.trajectories.layouts import load_tracks, load_truth
 from planview.trajectories.pairs import tracks_file
@@ -57,7 +57,7 @@ class CountOptions:
     """Frame rate where the tracks have no timestamps."""
     out: Path | None = None
     """Folder for events.csv and counts.json; by default beside a file named tracks.csv, else nowhere."""
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False
+    json_output: JsonFlag = False
     """Print one JSON object."""
 
 

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
 from rich.console import Console
 
 from calib.errors import InputError
 from planview.commands.evaluate import EvaluateOptions, evaluate
-from planview.commands.run import run
+from planview.commands.options import JsonFlag
+from planview.commands.run import TrackingOptions, run
 from planview.synthetic.committed import DEMO
 
 
 def demo(
     *,
     out: Path = Path("out/demo"),
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    json_output: JsonFlag = False,
 ) -> None:
     """Run the committed clip, write all results including run.rrd, and print its metrics.
 
@@ -32,7 +31,7 @@ def demo(
     """
     if not DEMO.is_dir():
         raise InputError(f"{DEMO}: expected the demo clip, found nothing; run planview from its repository")
-    run(DEMO, out=out, rrd=True, debug=True, overwrite=True)
+    run(DEMO, out=out, options=TrackingOptions(rrd=True, debug=True, overwrite=True))
     evaluate(out / "tracks.csv", DEMO / "truth.csv", options=EvaluateOptions(json_output=json_output))
     Console(stderr=True, markup=False, soft_wrap=True).print(
         f"Look at it: planview view {out}    or open {out / 'report.html'}"

@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
 from calib.errors import InputError, WorkError
 from calib.length import parse_length
+from planview.commands.options import JsonFlag
 from planview.doctor.check import Check
 from planview.doctor.examine import Diagnosis, examine
 from planview.doctor.pictures import write_pictures
@@ -28,7 +27,7 @@ def doctor(
     frames: int = 60,
     out: Path | None = None,
     config: Path | None = None,
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    json_output: JsonFlag = False,
 ) -> None:
     """Check a recording and its calibration before trusting results; exit status 1 when a check fails.
 

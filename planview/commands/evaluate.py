@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
 from calib.errors import InputError
-from planview.commands.options import checked
+from planview.commands.options import Flag, JsonFlag, checked
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
 from planview.runs.info import read_run_info
@@ -34,17 +34,17 @@ class EvaluateOptions:
 
     gate: float = 0.5
     """Largest distance on the floor of a match, in metres."""
-    boxes: Annotated[bool, Parameter(negative="")] = False
+    boxes: Flag = False
     """Match image boxes at IoU 0.5 instead of floor positions."""
     min_visible: float = 0.25
     """Ignore truth rows less visible than this fraction, and tracks on them."""
-    align: Annotated[bool, Parameter(negative="")] = False
+    align: Flag = False
     """Lay the tracks over the truth first by a rotation and a shift of the floor (another world frame)."""
     frames: str | None = None
     """First and last frame to score, e.g. 0:399."""
     fps: float = 30.0
     """Frame rate where the tracks have no timestamps."""
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False
+    json_output: JsonFlag = False
     """Print one JSON object."""
 
 

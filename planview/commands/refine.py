@@ -5,12 +5,10 @@ from __future__ import annotations
 import json
 from collections import Counter
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
 from rich.console import Console
 
-from planview.commands.options import checked
+from planview.commands.options import JsonFlag, checked
 from planview.refinement.params import RefineParams
 from planview.runs.refine import refine_run
 
@@ -22,7 +20,7 @@ def refine(
     *,
     join: float = _DEFAULTS.join_s,
     fill: float = _DEFAULTS.fill_s,
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    json_output: JsonFlag = False,
 ) -> None:
     """Improve the tracks of a finished run: the future of a recording is known.
 

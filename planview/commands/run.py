@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +14,7 @@ from calib.errors import InputError
 from planview.analytics.geometry import RulePlane
 from planview.analytics.rules import load_rules
 from planview.analytics.stream import Analytics
+from planview.commands.options import Flag, JsonFlag
 from planview.maps.recording import is_maps
 from planview.pipeline.config import load_config
 from planview.pipeline.engine import Engine
@@ -26,24 +28,40 @@ from planview.runs.run import RunOptions
 from planview.runs.run import run as run_engine
 
 
-def run(
-    recording: Path,
-    *,
-    out: Path,
-    tracker: TrackerName = "template",
-    camera: Path | None = None,
-    calibration: Path | None = None,
-    rules: Path | None = None,
-    config: Path | None = None,
-    set_: Annotated[Sequence[str], Parameter(name="--set")] = (),
-    rrd: Annotated[bool, Parameter(negative="")] = False,
-    save_maps: Annotated[bool, Parameter(negative="")] = False,
-    debug: Annotated[bool, Parameter(negative="")] = False,
-    overwrite: Annotated[bool, Parameter(negative="")] = False,
-    frames: int = 0,
-    refine: Annotated[bool, Parameter(negative="")] = False,
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
-) -> None:
+@Parameter(name="*")
+@dataclass(frozen=True)
+class TrackingOptions:
+    """How the recording is tracked, and what is written."""
+
+    tracker: TrackerName = "template"
+    """Plan-view templates (stereo), a human model (one camera), or ellipses and particles (either)."""
+    camera: Path | None = None
+    """camera.toml of a single camera (planview calibrate human writes it)."""
+    calibration: Path | None = None
+    """Calibration of the stereo pair, when it does not lie in the recording."""
+    rules: Path | None = None
+    """rules.toml with tripwires and zones to count while tracking."""
+    config: Path | None = None
+    """TOML file with parameters, a table per stage."""
+    set_: Annotated[Sequence[str], Parameter(name="--set")] = ()
+    """One parameter, e.g. --set foreground.learning_rate=0.002; may be given several times."""
+    rrd: Flag = False
+    """Also write run.rrd, to be looked at with planview view."""
+    save_maps: Flag = False
+    """Also write maps.h5: foreground points of every frame as disparities and coarse colour codes, without images."""
+    debug: Flag = False
+    """Also write decisions.csv: every decision of the tracker with its reason."""
+    overwrite: Flag = False
+    """Replace a finished run in the folder."""
+    frames: int = 0
+    """Stop after so many frames; 0 for all."""
+    refine: Flag = False
+    """Refine the tracks afterwards, knowing the whole recording (as planview refine does)."""
+    json_output: JsonFlag = False
+    """Print run.json to standard output at the end."""
+
+
+def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -> None:
     """Track people in a recording: tracks.csv, run.json and report.html in a folder.
 
     Example: planview run my_recording --out out --rrd
@@ -62,52 +80,28 @@ def run(
         since the earlier tracker's feedback to the foreground stays in the maps.
     out
         Folder for the results; made if need be.
-    tracker
-        Plan-view templates (stereo), a human model (one camera), or ellipses and particles (either).
-    camera
-        camera.toml of a single camera (planview calibrate human writes it).
-    calibration
-        Calibration of the stereo pair, when it does not lie in the recording.
-    rules
-        rules.toml with tripwires and zones to count while tracking.
-    config
-        TOML file with parameters, a table per stage.
-    set_
-        One parameter, e.g. --set foreground.learning_rate=0.002; may be given several times.
-    rrd
-        Also write run.rrd, to be looked at with planview view.
-    save_maps
-        Also write maps.h5: foreground points of every frame as disparities and coarse colour codes, without images.
-    debug
-        Also write decisions.csv: every decision of the tracker with its reason.
-    overwrite
-        Replace a finished run in the folder.
-    frames
-        Stop after so many frames; 0 for all.
-    refine
-        Refine the tracks afterwards, knowing the whole recording (as planview refine does).
-    json_output
-        Print run.json to standard output at the end.
     """
-    if frames < 0:
-        raise InputError(f"--frames: expected a number from 0, found {frames}")
-    settings = load_config(config, set_, base_config(recording))
-    check_folder(out, overwrite, recording)
+    options = options or TrackingOptions()
+    if options.frames < 0:
+        raise InputError(f"--frames: expected a number from 0, found {options.frames}")
+    settings = load_config(options.config, options.set_, base_config(recording))
+    check_folder(out, options.overwrite, recording)
     console = Console(stderr=True, markup=False)
     with console.status("opening the recording, aligning rows, finding the floor"):
-        engine = open_engine(recording, tracker, settings, camera, calibration)
-    if save_maps and (engine.stereo is None or is_maps(recording)):
+        engine = open_engine(recording, options.tracker, settings, options.camera, options.calibration)
+    if options.save_maps and (engine.stereo is None or is_maps(recording)):
         raise InputError(f"--save-maps: expected a stereo recording, found {recording}")
-    analytics = Analytics(load_rules(rules, RulePlane(engine.camera, engine.size))) if rules else None
-    prepare_folder(out, overwrite)
-    options = RunOptions(tracker=tracker, analytics=analytics, debug=debug, max_frames=frames)
-    with FrameProgress(console, min(frames or engine.recording.n_frames, engine.recording.n_frames)) as progress:
-        info = run_engine(engine, out, options, _logs(engine, out, rrd, save_maps), progress)
+    analytics = Analytics(load_rules(options.rules, RulePlane(engine.camera, engine.size))) if options.rules else None
+    prepare_folder(out, options.overwrite)
+    how = RunOptions(tracker=options.tracker, analytics=analytics, debug=options.debug, max_frames=options.frames)
+    n_frames = min(options.frames or engine.recording.n_frames, engine.recording.n_frames)
+    with FrameProgress(console, n_frames) as progress:
+        info = run_engine(engine, out, how, _logs(engine, out, options.rrd, options.save_maps), progress)
     write_report(out)
-    if refine:
+    if options.refine:
         info = refine_run(out).info
     summary(console, info, out)
-    if json_output:
+    if options.json_output:
         print(info.model_dump_json())
 
 

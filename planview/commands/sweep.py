@@ -11,6 +11,7 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
+from planview.commands.options import JsonFlag
 from planview.runs.sweep import Job, jobs_of, run_jobs
 
 
@@ -22,7 +23,7 @@ def sweep(
     config: Path | None = None,
     jobs: int = 1,
     cluster: str | None = None,
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    json_output: JsonFlag = False,
 ) -> None:
     """Run every recording with every combination of settings; score those that have a truth.csv.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,70 +19,59 @@ from planview.bench.accuracy import (
     RenderOptions,
     SceneScore,
     Totals,
-    cache_folder,
     scene_files,
     score_scene,
     totals,
 )
-from planview.pipeline.config import load_config
+from planview.bench.commands.options import BenchOptions
 from planview.pipeline.factory import FloorTrackerName
 from planview.synthetic.committed import SCENES
 
 
-def bench_accuracy(
-    *,
-    scene: Annotated[Sequence[str], Parameter(negative="")] = (),
-    seeds: int = 1,
-    tracker: FloorTrackerName = "template",
-    frames: int | None = None,
-    scale: float = 1.0,
-    scenes: Path = SCENES,
-    cache: Path | None = None,
-    out: Path | None = None,
-    config: Path | None = None,
-    set_: Annotated[Sequence[str], Parameter(name="--set")] = (),
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
-) -> None:
+@Parameter(name="*")
+@dataclass(frozen=True)
+class AccuracyOptions(BenchOptions):
+    """What is rendered, tracked and scored."""
+
+    scene: Annotated[Sequence[str], Parameter(negative="")] = ()
+    """Only these scenes, by name."""
+    seeds: int = 1
+    """Seed 0 is the scene as committed; every further one a variation of it."""
+    tracker: FloorTrackerName = "template"
+    """Which tracker to score."""
+    frames: int | None = None
+    """Only the first frames of every scene."""
+    scale: float = 1.0
+    """Factor on the image size."""
+    scenes: Path = SCENES
+    """Folder with scenes."""
+    out: Path | None = None
+    """Folder that keeps the runs (tracks.csv, run.json); nothing is kept by default."""
+
+
+def bench_accuracy(*, options: AccuracyOptions | None = None) -> None:
     """Render every committed scene, track it and score it.
 
     Example: planview bench accuracy --scene crossing --scene group
 
     Example with three variations of each scene (other walks, rigs and heights): planview bench accuracy --seeds 4
-
-    Parameters
-    ----------
-    scene
-        Only these scenes, by name.
-    seeds
-        Seed 0 is the scene as committed; every further one a variation of it.
-    tracker
-        Which tracker to score.
-    frames
-        Only the first frames of every scene.
-    scale
-        Factor on the image size.
-    scenes
-        Folder with scenes.
-    cache
-        Folder for rendered recordings; the user's cache by default.
-    out
-        Folder that keeps the runs (tracks.csv, run.json); nothing is kept by default.
-    config
-        TOML file with parameters of the pipeline.
-    set_
-        One parameter of the pipeline.
-    json_output
-        Print one JSON object.
     """
-    if seeds < 1 or (frames is not None and frames < 1) or not 0.05 <= scale <= 4:
-        raise InputError(f"expected --seeds and --frames from 1, --scale 0.05 to 4, found {seeds}, {frames}, {scale:g}")
-    settings, messages = load_config(config, set_), Console(stderr=True, markup=False)
+    options = options or AccuracyOptions()
+    if options.seeds < 1 or (options.frames is not None and options.frames < 1) or not 0.05 <= options.scale <= 4:
+        raise InputError(
+            f"expected --seeds and --frames from 1, --scale 0.05 to 4, "
+            f"found {options.seeds}, {options.frames}, {options.scale:g}"
+        )
+    settings, messages = options.settings(), Console(stderr=True, markup=False)
     with messages.status("...") as status:
-        tasks = [(path, seed) for path in scene_files(scene, scenes) for seed in range(seeds)]
-        options = RenderOptions(cache or cache_folder(), scale, frames)
-        scores = [score_scene(path, seed, options, out, settings, status.update, tracker) for path, seed in tasks]
+        tasks = [(path, seed) for path in scene_files(options.scene, options.scenes) for seed in range(options.seeds)]
+        rendering = RenderOptions(options.cache_folder, options.scale, options.frames)
+        scores = [
+            score_scene(path, seed, rendering, options.out, settings, status.update, options.tracker)
+            for path, seed in tasks
+        ]
     together = totals(scores)
-    if json_output:
+    if options.json_output:
         print(json.dumps(_json(scores, together), indent=2))
     else:
         print_scores(scores, together, Console(markup=False))

@@ -5,12 +5,12 @@ from __future__ import annotations
 import importlib
 import json
 import math
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
+from planview.bench.commands.options import JsonFlag
 from planview.bench.rows import Row
 
 Family = Literal["board", "floor", "human"]
@@ -20,7 +20,7 @@ FAMILIES: tuple[Family, ...] = ("board", "floor", "human")
 def bench_calibration(
     *,
     only: Family | None = None,
-    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    json_: JsonFlag = False,
 ) -> None:
     """Score board, floor and human calibration against known truth.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -14,7 +15,8 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.errors import InputError
-from planview.bench.accuracy import RenderOptions, cache_folder
+from planview.bench.accuracy import RenderOptions
+from planview.bench.commands.options import BenchOptions
 from planview.bench.counting import (
     ACCURACY_MIN,
     PAPER_RIGHT_PERCENT,
@@ -27,24 +29,32 @@ from planview.bench.counting import (
     score_trajectories,
     score_view,
 )
-from planview.pipeline.config import load_config
 
 
-def bench_counting(
-    *,
-    scene: Annotated[Sequence[str], Parameter(negative="")] = (),
-    tracker: SingleTracker = "human-model",
-    data: Path | None = None,
-    pavement_camera: Path | None = None,
-    frames: int | None = None,
-    scenes: Path = SINGLE,
-    cache: Path | None = None,
-    out: Path | None = None,
-    figures: Path | None = None,
-    config: Path | None = None,
-    set_: Annotated[Sequence[str], Parameter(name="--set")] = (),
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
-) -> None:
+@Parameter(name="*")
+@dataclass(frozen=True)
+class CountingOptions(BenchOptions):
+    """What is counted, and by which tracker."""
+
+    scene: Annotated[Sequence[str], Parameter(negative="")] = ()
+    """Only these rendered scenes, by name."""
+    tracker: SingleTracker = "human-model"
+    """Who follows people in the rendered views and the pavement clip."""
+    data: Path | None = None
+    """Folder of the real recordings (trajectories/, overhead-counting/); left out when not given."""
+    pavement_camera: Path | None = None
+    """camera.toml of the pavement clip; without one, the ellipse-particle tracker and the image are used for it."""
+    frames: int | None = None
+    """Only the first frames of every rendered scene."""
+    scenes: Path = SINGLE
+    """Folder with scenes and their rules."""
+    out: Path | None = None
+    """Folder that keeps the runs; a temporary one by default."""
+    figures: Path | None = None
+    """Folder that gets pictures of the rendered views: models over the busiest frame, numbers of people over time."""
+
+
+def bench_counting(*, options: CountingOptions | None = None) -> None:
     """Score counts and occupancy on rendered views and real recordings, beside the paper's figures.
 
     Example: planview bench counting --scene door_oblique --scene conference
@@ -52,50 +62,27 @@ def bench_counting(
     Example of the wrong numbers of people in view: planview bench counting --scene station --tracker ellipse-particle
 
     Example with the real recordings: planview bench counting --data ../shared/data --pavement-camera camera.toml
-
-    Parameters
-    ----------
-    scene
-        Only these rendered scenes, by name.
-    tracker
-        Who follows people in the rendered views and the pavement clip.
-    data
-        Folder of the real recordings (trajectories/, overhead-counting/); left out when not given.
-    pavement_camera
-        camera.toml of the pavement clip; without one, the ellipse-particle tracker and the image are used for it.
-    frames
-        Only the first frames of every rendered scene.
-    scenes
-        Folder with scenes and their rules.
-    cache
-        Folder for rendered recordings; the user's cache by default.
-    out
-        Folder that keeps the runs; a temporary one by default.
-    figures
-        Folder that gets pictures of the rendered views: models over the busiest frame, numbers of people over time.
-    config
-        TOML file with parameters of the pipeline.
-    set_
-        One parameter of the pipeline.
-    json_output
-        Print one JSON object.
     """
-    if frames is not None and frames < 1:
-        raise InputError(f"--frames: expected at least 1, found {frames}")
-    settings, messages = load_config(config, set_), Console(stderr=True, markup=False)
+    options = options or CountingOptions()
+    if options.frames is not None and options.frames < 1:
+        raise InputError(f"--frames: expected at least 1, found {options.frames}")
+    settings, messages = options.settings(), Console(stderr=True, markup=False)
     table = CountingTable((), ())
     with tempfile.TemporaryDirectory() as temporary, messages.status("...") as status:
-        place, options = out or Path(temporary), RenderOptions(cache or cache_folder(), frames=frames)
-        for name in scene_names(scene, scenes):
-            table += score_view(name, options, place, settings, status.update, tracker, scenes, figures)
-        if data is not None:
+        place = options.out or Path(temporary)
+        rendering = RenderOptions(options.cache_folder, frames=options.frames)
+        for name in scene_names(options.scene, options.scenes):
+            table += score_view(
+                name, rendering, place, settings, status.update, options.tracker, options.scenes, options.figures
+            )
+        if options.data is not None:
             status.update("counting trajectories")
-            table += score_trajectories(data / "trajectories")
+            table += score_trajectories(options.data / "trajectories")
             status.update("tracking the pavement")
-            who = tracker if pavement_camera is not None else "ellipse-particle"
-            clip = data / "overhead-counting" / "pavement.mp4"
-            table += score_pavement(clip, place, settings, who, pavement_camera)
-    if json_output:
+            who = options.tracker if options.pavement_camera is not None else "ellipse-particle"
+            clip = options.data / "overhead-counting" / "pavement.mp4"
+            table += score_pavement(clip, place, settings, who, options.pavement_camera)
+    if options.json_output:
         print(json.dumps(table.to_json(), indent=2))
     else:
         print_counting(table, Console(markup=False))

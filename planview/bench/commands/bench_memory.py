@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
 from rich.console import Console
 
 from calib.errors import InputError
+from planview.bench.commands.options import JsonFlag
 from planview.bench.memory import EVERY, WARM, measure
 
 
@@ -18,7 +17,7 @@ def bench_memory(
     *,
     recording: Path | None = None,
     frames: int = 2000,
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    json_output: JsonFlag = False,
 ) -> None:
     """Watch the memory of a long run.
 

@@ -3,27 +3,38 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
 from calib.errors import InputError
+from planview.bench.commands.options import JsonFlag
 from planview.bench.pets import PetsScores, ellipse_particle_on_pets, human_model_on_pets
 
 
-def bench_pets(
-    folder: Path,
-    *,
-    camera: Path | None = None,
-    tracker: Literal["both", "human-model", "ellipse-particle"] = "both",
-    frames: int | None = None,
-    seeds: int = 1,
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
-) -> None:
+@Parameter(name="*")
+@dataclass(frozen=True)
+class PetsOptions:
+    """Which trackers are scored, and on how much."""
+
+    camera: Path | None = None
+    """camera.toml, e.g. from planview calibrate human with tests/data/pets_people.json; the ellipse-particle tracker
+    needs none, but is scored on the floor with one."""
+    tracker: Literal["both", "human-model", "ellipse-particle"] = "both"
+    """Which tracker to score."""
+    frames: int | None = None
+    """At most so many frames."""
+    seeds: int = 1
+    """Run the ellipse-particle tracker with so many seeds, and give the spread of its scores."""
+    json_output: JsonFlag = False
+    """Print one JSON object on stdout."""
+
+
+def bench_pets(folder: Path, *, options: PetsOptions | None = None) -> None:
     """Score the single-camera trackers on PETS S2-L1 view 1.
 
     Example: planview bench pets ../shared/data/pets09-s2l1-view001 --camera camera.toml
@@ -34,33 +45,23 @@ def bench_pets(
     ----------
     folder
         Folder with view001.mp4 and gt.txt.
-    camera
-        camera.toml, e.g. from planview calibrate human with tests/data/pets_people.json; the ellipse-particle tracker
-        needs none, but is scored on the floor with one.
-    tracker
-        Which tracker to score.
-    frames
-        At most so many frames.
-    seeds
-        Run the ellipse-particle tracker with so many seeds, and give the spread of its scores.
-    json_output
-        Print one JSON object on stdout.
     """
-    if frames is not None and frames < 1:
-        raise InputError(f"--frames: expected at least 1, found {frames}")
-    if not 1 <= seeds <= 1000:
-        raise InputError(f"--seeds: expected 1 to 1000, found {seeds}")
-    if camera is None and tracker != "ellipse-particle":
+    options = options or PetsOptions()
+    if options.frames is not None and options.frames < 1:
+        raise InputError(f"--frames: expected at least 1, found {options.frames}")
+    if not 1 <= options.seeds <= 1000:
+        raise InputError(f"--seeds: expected 1 to 1000, found {options.seeds}")
+    if options.camera is None and options.tracker != "ellipse-particle":
         raise InputError("--camera: the human-model tracker needs a camera.toml (see planview calibrate human)")
     console = Console(stderr=True)
     scores = []
-    if camera is not None and tracker != "ellipse-particle":
+    if options.camera is not None and options.tracker != "ellipse-particle":
         with console.status(f"human-model on {folder}"):
-            scores.append(human_model_on_pets(folder, camera, frames))
-    if tracker != "human-model":
+            scores.append(human_model_on_pets(folder, options.camera, options.frames))
+    if options.tracker != "human-model":
         with console.status(f"ellipse-particle on {folder}"):
-            scores.append(ellipse_particle_on_pets(folder, camera, frames, seeds=seeds))
-    if json_output:
+            scores.append(ellipse_particle_on_pets(folder, options.camera, options.frames, seeds=options.seeds))
+    if options.json_output:
         print(json.dumps({s.tracker: _json(s) for s in scores}))
         return
     console.print(_table(scores))

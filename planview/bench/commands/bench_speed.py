@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
 from calib.errors import InputError
+from planview.bench.commands.options import JsonFlag
 from planview.bench.speed import LIMITS, Speed, measure
 
 
@@ -19,7 +18,7 @@ def bench_speed(
     *,
     recording: Path | None = None,
     frames: int = 200,
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    json_output: JsonFlag = False,
 ) -> None:
     """Time every stage side by side with plain OpenCV on the same frames.
 

@@ -7,7 +7,7 @@ import math
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,7 +17,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from calib.errors import InputError
-from planview.bench.accuracy import cache_folder, scene_files
+from planview.bench.accuracy import scene_files
+from planview.bench.commands.options import BenchOptions
 from planview.bench.suite import (
     JUDGING_SEED,
     SUITE,
@@ -28,70 +29,56 @@ from planview.bench.suite import (
     run_jobs,
     suite_totals,
 )
-from planview.pipeline.config import load_config
 from planview.pipeline.factory import FloorTrackerName
 
 
-def bench_suite(
-    *,
-    seed: Annotated[Sequence[int], Parameter(negative="")] = (),
-    minutes: float = 10.0,
-    scene: Annotated[Sequence[str], Parameter(negative="")] = (),
-    jobs: int = 1,
-    tracker: FloorTrackerName = "template",
-    scenes: Path = SUITE,
-    cache: Path | None = None,
-    out: Path | None = None,
-    config: Path | None = None,
-    set_: Annotated[Sequence[str], Parameter(name="--set")] = (),
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
-) -> None:
+@Parameter(name="*")
+@dataclass(frozen=True)
+class ChallengeOptions(BenchOptions):
+    """Which challenges are drawn, and how they are tracked."""
+
+    seed: Annotated[Sequence[int], Parameter(negative="")] = ()
+    """Seeds to draw; a new one from the clock by default, so that nobody has worked on it."""
+    minutes: float = 10.0
+    """Length of the scenes of each seed together [min]; the seed decides which scenes. The whole suite is longer than
+    ten minutes."""
+    scene: Annotated[Sequence[str], Parameter(negative="")] = ()
+    """Only these scenes, by name."""
+    jobs: int = 1
+    """Scenes worked on at the same time, each in a process of its own."""
+    tracker: FloorTrackerName = "template"
+    """Tracker that follows people."""
+    scenes: Path = SUITE
+    """Folder with challenges."""
+    out: Path | None = None
+    """Folder that keeps the runs (tracks.csv, run.json) and suite.json; nothing is kept by default."""
+
+
+def bench_suite(*, options: ChallengeOptions | None = None) -> None:
     """Render challenges that a seed draws, track them and score them.
 
     Every seed is another recording of every scene: other rooms, rigs, lenses, light, people, clothes and ways. Seeds 0
     to 99 are for working on the engine; seeds from 100 on are for judging it, each once.
 
     Example: planview bench suite --seed 1 --minutes 3 --jobs 2
-
-    Parameters
-    ----------
-    seed
-        Seeds to draw; a new one from the clock by default, so that nobody has worked on it.
-    minutes
-        Length of the scenes of each seed together [min]; the seed decides which scenes. The whole suite is longer than
-        ten minutes.
-    scene
-        Only these scenes, by name.
-    jobs
-        Scenes worked on at the same time, each in a process of its own.
-    tracker
-        Tracker that follows people.
-    scenes
-        Folder with challenges.
-    cache
-        Folder for rendered recordings; the user's cache by default.
-    out
-        Folder that keeps the runs (tracks.csv, run.json) and suite.json; nothing is kept by default.
-    config
-        TOML file with parameters of the pipeline.
-    set_
-        One parameter of the pipeline.
-    json_output
-        Print one JSON object.
     """
-    if jobs < 1 or not 0 < minutes <= 1000 or any(s < 0 for s in seed):
-        raise InputError(f"expected --jobs from 1, --minutes above 0, --seed from 0, found {jobs}, {minutes:g}, {seed}")
+    options = options or ChallengeOptions()
+    if options.jobs < 1 or not 0 < options.minutes <= 1000 or any(s < 0 for s in options.seed):
+        raise InputError(
+            f"expected --jobs from 1, --minutes above 0, --seed from 0, "
+            f"found {options.jobs}, {options.minutes:g}, {options.seed}"
+        )
     console = Console(stderr=True, markup=False)
-    seeds = list(dict.fromkeys(seed)) or [_new_seed()]
+    seeds = list(dict.fromkeys(options.seed)) or [_new_seed()]
     console.print("seeds: " + ", ".join(f"{s} ({'judging' if s >= JUDGING_SEED else 'worked on'})" for s in seeds))
-    settings, files = load_config(config, set_), scene_files(scene, scenes)
-    chosen = [(s, path) for s in seeds for path in chosen_files(files, s, minutes)]
-    work = [SuiteJob(path, s, cache or cache_folder(), out, settings, tracker) for s, path in chosen]
-    scores = _watched(work, jobs, console)
+    settings, files = options.settings(), scene_files(options.scene, options.scenes)
+    chosen = [(s, path) for s in seeds for path in chosen_files(files, s, options.minutes)]
+    work = [SuiteJob(path, s, options.cache_folder, options.out, settings, options.tracker) for s, path in chosen]
+    scores = _watched(work, options.jobs, console)
     result = _json(scores, suite_totals(scores))
-    if out is not None:
-        (out / "suite.json").write_text(json.dumps(result, indent=2) + "\n")
-    if json_output:
+    if options.out is not None:
+        (options.out / "suite.json").write_text(json.dumps(result, indent=2) + "\n")
+    if options.json_output:
         print(json.dumps(result, indent=2))
     else:
         print_suite(scores, suite_totals(scores), Console(markup=False))

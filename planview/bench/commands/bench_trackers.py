@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +13,7 @@ from rich.console import Console
 
 from calib.errors import WorkError
 from planview.bench.accuracy import RenderOptions, cache_folder, rendered, scene_files
+from planview.bench.commands.options import JsonFlag
 from planview.bench.trackers import TrackerScore, check_truth, compare, page
 from planview.pipeline.config import load_config
 from planview.synthetic.committed import DEMO
@@ -20,59 +22,56 @@ from planview.trajectories.table import read_truth
 from stereo.readers import open_recording
 
 
-def bench_trackers(
-    *,
-    recording: Annotated[Sequence[Path], Parameter(negative="")] = (),
-    scene: Annotated[Sequence[str], Parameter(negative="")] = (),
-    frames: int | None = None,
-    out: Path = Path("docs/trackers.md"),
-    config: Path | None = None,
-    set_: Annotated[Sequence[str], Parameter(name="--set")] = (),
-    cache: Path | None = None,
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
-) -> None:
+@Parameter(name="*")
+@dataclass(frozen=True)
+class ComparisonOptions:
+    """Which recordings are tracked, and with which parameters."""
+
+    recording: Annotated[Sequence[Path], Parameter(negative="")] = ()
+    """Stereo recordings with truth.csv; the committed clip when neither these nor scenes are given."""
+    scene: Annotated[Sequence[str], Parameter(negative="")] = ()
+    """Scenes of data/synthetic, rendered once."""
+    frames: int | None = None
+    """Render at most so many frames of each scene."""
+    out: Path = Path("docs/trackers.md")
+    """The page."""
+    config: Path | None = None
+    """Configuration file."""
+    set_: Annotated[Sequence[str], Parameter(name="--set")] = ()
+    """Single settings, e.g. ellipse_particle.filter.particles=500."""
+    cache: Path | None = None
+    """Where rendered scenes are kept."""
+    json_output: JsonFlag = False
+    """Print one JSON object."""
+
+
+def bench_trackers(*, options: ComparisonOptions | None = None) -> None:
     """Run the three trackers on the same recordings and write the page that compares them.
 
     Example: planview bench trackers --scene crossing --scene group --out docs/trackers.md
-
-    Parameters
-    ----------
-    recording
-        Stereo recordings with truth.csv; the committed clip when neither these nor scenes are given.
-    scene
-        Scenes of data/synthetic, rendered once.
-    frames
-        Render at most so many frames of each scene.
-    out
-        The page.
-    config
-        Configuration file.
-    set_
-        Single settings, e.g. ellipse_particle.filter.particles=500.
-    cache
-        Where rendered scenes are kept.
-    json_output
-        Print one JSON object.
     """
-    settings = load_config(config, set_)
+    options = options or ComparisonOptions()
+    settings = load_config(options.config, options.set_)
     messages = Console(stderr=True, markup=False)
 
     def tell(text: str) -> None:
         messages.print(text, highlight=False)
 
-    options = RenderOptions(cache or cache_folder(), frames=frames)
-    folders = [(path.name, path) for path in recording]
+    rendering = RenderOptions(options.cache or cache_folder(), frames=options.frames)
+    folders = [(path.name, path) for path in options.recording]
     folders += [
-        (path.stem, rendered(load_scene(path), path.stem, options, tell)) for path in scene_files(scene) if scene
+        (path.stem, rendered(load_scene(path), path.stem, rendering, tell))
+        for path in scene_files(options.scene)
+        if options.scene
     ]
     folders = folders or [("demo", DEMO)]
     scores: list[TrackerScore] = []
     for name, path in folders:
         check_truth(path)
         scores += compare(open_recording(path), name, read_truth(path / "truth.csv"), settings, tell)
-    _write(out, page(scores, _command(recording, scene, frames)))
-    tell(f"wrote {out}")
-    if json_output:
+    _write(options.out, page(scores, _command(options.recording, options.scene, options.frames)))
+    tell(f"wrote {options.out}")
+    if options.json_output:
         rows = [
             {"tracker": s.way, "recording": s.recording, "track_ms": s.track_ms, "frames_per_s": s.frames_per_s}
             | s.evaluation.to_json()

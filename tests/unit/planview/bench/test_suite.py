@@ -5,7 +5,7 @@ import json
 import pytest
 
 from calib.errors import InputError
-from planview.bench.commands.bench_suite import bench_suite
+from planview.bench.commands.bench_suite import ChallengeOptions, bench_suite
 from planview.bench.suite import (
     SUITE,
     SuiteJob,
@@ -94,7 +94,8 @@ def test_challenge_with_a_value_out_of_range_is_refused_naming_file_and_key(chal
 
 
 def test_command_reports_scenes_and_seeds_as_json(challenge, recording, tmp_path, capsys):
-    bench_suite(seed=[3], scenes=challenge.parent, cache=recording[0], out=tmp_path, json_output=True)
+    options = ChallengeOptions(seed=[3], scenes=challenge.parent, cache=recording[0], out=tmp_path, json_output=True)
+    bench_suite(options=options)
     captured = capsys.readouterr()
     assert "seeds: 3 (worked on)" in captured.err
     (scene,) = json.loads(captured.out)["scenes"]
@@ -104,4 +105,4 @@ def test_command_reports_scenes_and_seeds_as_json(challenge, recording, tmp_path
 
 def test_command_refuses_minutes_that_are_not_positive():
     with pytest.raises(InputError, match="--minutes above 0"):
-        bench_suite(minutes=0)
+        bench_suite(options=ChallengeOptions(minutes=0))
