@@ -200,11 +200,13 @@ def ablation_rows(
     n = len(scores[CONFIGURED])
     samples = np.random.default_rng(seed).integers(0, n, (resamples, n))
     base = _counts(scores[CONFIGURED], _n_significant)
-    return [_row(variant, parts, base, samples) for variant, parts in scores.items()]
+    # One length for all: the span that a variant's tracks cover differs from variant to variant.
+    minutes = _counts(scores[CONFIGURED], lambda e: e.duration_s / 600)
+    return [_row(variant, parts, base, minutes, samples) for variant, parts in scores.items()]
 
 
-def _row(variant: Variant, parts: Sequence[Evaluation], base: F64, samples: I64) -> AblationRow:
-    minutes, rows = _counts(parts, lambda e: e.duration_s / 600), _counts(parts, lambda e: e.truth_rows)
+def _row(variant: Variant, parts: Sequence[Evaluation], base: F64, minutes: F64, samples: I64) -> AblationRow:
+    rows = _counts(parts, lambda e: e.truth_rows)
     errors = _counts(parts, _n_significant)
     kinds = Counter(error.kind for error in pooled(parts).significant)
 

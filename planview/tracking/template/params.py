@@ -56,7 +56,7 @@ class TemplateTrackerParams(Params):
     """Time constant of the templates [s]: a relatively high gain (Harville 2002, section 4)."""
     confirm_s: float = Field(0.4, ge=0.0)
     """How long a newcomer must be tracked without a miss before it is confirmed [s]."""
-    arm_m: float = Field(0.9, ge=0.0)
+    arm_m: float = Field(0.9, gt=0.0)
     """What is this near to a person [m] and small beside it is carried, or a limb: an arm's length and half a box."""
     part_area: float = Field(0.6, ge=0.0, le=1.0)
     """Small means less than this share of the person's visible surface: an arm, a far body's second clump, or a box
@@ -66,7 +66,7 @@ class TemplateTrackerParams(Params):
     things are put down; more than matching jitters."""
     lost_s: float = Field(4.0, ge=0.0)
     """How long a lost person may be reacquired [s] (Harville 2002, section 4: e.g. 4)."""
-    reattach_m: float = Field(2.0, ge=0.0)
+    reattach_m: float = Field(2.0, gt=0.0)
     """How near to a lost person a newcomer is taken for that person [m] (Harville 2002, section 4: e.g. 2)."""
     speed_max_mps: float = Field(2.5, gt=0.0)
     """A lost person is not reacquired farther away than a body's reach and this speed allow [m/s] (a fast walk)."""
