@@ -32,7 +32,7 @@ MIN_FILL, MAX_FILL = 0.3, 0.95
 
 
 @dataclass(frozen=True)
-class Sighting:
+class BlobSighting:
     """What one frame shows of the walker.
 
     Attributes:
@@ -77,21 +77,21 @@ def collect_samples(
     return choose_spread(usual, count)
 
 
-def sighting_of(mask: U8, frame: int) -> Sighting:
+def sighting_of(mask: U8, frame: int) -> BlobSighting:
     """The only person of a (H, W) foreground mask, and whether there are several side by side."""
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((7, 5), np.uint8))
     blobs = find_blobs(np.asarray(closed, dtype=np.uint8))
     if len(blobs) < 2:
-        return Sighting(None, crowded=False)
+        return BlobSighting(None, crowded=False)
     best, *others = (int(i) for i in np.argsort(blobs.area_px[1:])[::-1] + 1)
     rivals = [i for i in others if blobs.area_px[i] > RIVAL_SHARE * blobs.area_px[best]]
     tall = blobs.box_px[best][3] >= MIN_HEIGHT_SHARE * mask.shape[0]
     if rivals or not tall:
-        return Sighting(None, crowded=bool(tall) and any(_side_by_side(blobs, best, i) for i in rivals))
-    return Sighting(_whole_person(blobs, best, mask.shape, frame), crowded=False)
+        return BlobSighting(None, crowded=bool(tall) and any(_side_by_side(blobs, best, i) for i in rivals))
+    return BlobSighting(_whole_person(blobs, best, mask.shape, frame), crowded=False)
 
 
-def _check_alone(sightings: Sequence[Sighting], name: str) -> None:
+def _check_alone(sightings: Sequence[BlobSighting], name: str) -> None:
     with_people = sum(s.crowded or s.sample is not None for s in sightings)
     crowded = sum(s.crowded for s in sightings)
     if crowded > MAX_CROWDED * with_people:

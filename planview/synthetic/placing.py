@@ -11,7 +11,7 @@ from calib.camera import Camera
 from calib.ground_camera import GroundCamera
 from calib.pose import SE3
 from calib.rig import StereoRig, world_from_plane
-from planview.synthetic.scene import Mount, Rig, SingleCamera
+from planview.synthetic.scene import CameraMount, Mount, Rig
 
 
 def mount_pose(mount: Mount) -> SE3:
@@ -39,7 +39,7 @@ def stereo_rig(mount: Rig) -> StereoRig:
     return StereoRig(left, right, left_SE3_right.inverse(), "rendered")
 
 
-def ground_camera(mount: SingleCamera) -> GroundCamera:
+def ground_camera(mount: CameraMount) -> GroundCamera:
     """The single camera's true calibration."""
     return GroundCamera(
         mount.width, mount.height, mount.focal_px, mount.at_m[2], math.radians(mount.tilt_deg), mount.lens

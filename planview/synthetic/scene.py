@@ -103,13 +103,13 @@ class Rig(Mount):
     """Brown k1 k2 p1 p2 k3 of the left camera; the right one's are 3 % smaller."""
 
 
-class SingleCamera(Mount):
+class CameraMount(Mount):
     """One camera of the four-parameter model (calib.ground_camera): no roll, centred."""
 
     lens: str = "pinhole"
 
     @model_validator(mode="after")
-    def _known(self) -> SingleCamera:
+    def _known(self) -> CameraMount:
         if self.lens not in LENS_K_320:
             raise ValueError(f"expected a lens of {', '.join(LENS_K_320)}, found {self.lens!r}")
         if self.roll_deg != 0 or self.tilt_deg >= 90:
@@ -126,7 +126,7 @@ class Scene(Params):
     duration_s: float = Field(10.0, gt=0, le=3600)
     room: Room = Room()
     rig: Rig | None = None
-    camera: SingleCamera | None = None
+    camera: CameraMount | None = None
     sensor: Sensor = Sensor()
     lights: Lights = Lights()
     furniture: tuple[Furniture, ...] = ()
@@ -154,7 +154,7 @@ class Scene(Params):
         return max(1, round(self.duration_s * self.fps))
 
     @property
-    def mount(self) -> Rig | SingleCamera:
+    def mount(self) -> Rig | CameraMount:
         mount = self.rig or self.camera
         assert mount is not None  # the validator refuses a scene with neither
         return mount

@@ -58,7 +58,7 @@ class Appearance:
 
 
 @dataclass(slots=True, eq=False)
-class Memory:
+class AppearanceModel:
     """Running mean of the clear measurements of one person.
 
     Attributes:
@@ -73,9 +73,9 @@ class Memory:
     looks: int = 0
 
     @staticmethod
-    def empty(like: Appearance) -> Memory:
+    def empty(like: Appearance) -> AppearanceModel:
         """Nothing remembered yet, with the shape of an appearance."""
-        return Memory(np.zeros_like(like.colours), np.zeros(len(like.colours), np.float32))
+        return AppearanceModel(np.zeros_like(like.colours), np.zeros(len(like.colours), np.float32))
 
     def learn(self, appearance: Appearance, horizon: float = 100.0) -> None:
         """Add a measurement; older ones fade with a horizon of so many looks."""
@@ -96,7 +96,7 @@ class Memory:
         return float(np.percentile(self.heights, 75)) if self.heights else math.nan
 
 
-def dissimilarity(fresh: Memory, known: Memory, params: IdentityParams) -> float:
+def dissimilarity(fresh: AppearanceModel, known: AppearanceModel, params: IdentityParams) -> float:
     """How unlikely fresh measurements are of a known person: a negative log-likelihood, 0 the likeliest.
 
     Colours by the squared Hellinger distance in deviations of one person, averaged over the parts that both have. A
@@ -143,15 +143,15 @@ class IdentityLayer:
 
     def reset(self) -> None:
         """Forget everybody."""
-        self._memory: dict[int, Memory] = {}
-        self._fresh: dict[int, Memory] = {}
+        self._memory: dict[int, AppearanceModel] = {}
+        self._fresh: dict[int, AppearanceModel] = {}
         self._contacts: dict[tuple[int, int], float] = {}
 
     def in_doubt(self, who: Existence) -> bool:
         """Whether a contact of this person is still to be judged."""
         return any(who.track_id in pair for pair in self._contacts)
 
-    def remembered(self, who: Existence) -> Memory | None:
+    def remembered(self, who: Existence) -> AppearanceModel | None:
         """What is known of a person, None for nothing."""
         return self._memory.get(who.track_id)
 
@@ -169,14 +169,14 @@ class IdentityLayer:
         if not self.params.enabled:
             return
         store = self._fresh if self.in_doubt(who) else self._memory
-        store.setdefault(who.track_id, Memory.empty(appearance)).learn(appearance)
+        store.setdefault(who.track_id, AppearanceModel.empty(appearance)).learn(appearance)
 
     def unlikelihood(self, who: Existence, appearance: Appearance) -> float:
         """How unlikely a measurement is of a remembered person: a negative log-likelihood, NaN where unknown."""
         memory = self._memory.get(who.track_id)
         if memory is None or not self.params.enabled:
             return math.nan
-        fresh = Memory.empty(appearance)
+        fresh = AppearanceModel.empty(appearance)
         fresh.learn(appearance)
         return dissimilarity(fresh, memory, self.params)
 
@@ -231,8 +231,10 @@ class IdentityLayer:
             if track_id not in known or not self.in_doubt(known[track_id]):
                 self._merge(track_id, self._fresh.pop(track_id))
 
-    def _merge(self, track_id: int, fresh: Memory) -> None:
-        memory = self._memory.setdefault(track_id, Memory(np.zeros_like(fresh.colours), np.zeros_like(fresh.counts)))
+    def _merge(self, track_id: int, fresh: AppearanceModel) -> None:
+        memory = self._memory.setdefault(
+            track_id, AppearanceModel(np.zeros_like(fresh.colours), np.zeros_like(fresh.counts))
+        )
         memory.colours += fresh.colours
         memory.counts += fresh.counts
         memory.heights = (memory.heights + fresh.heights)[-64:]

@@ -26,7 +26,7 @@ the mean as its deviation. Our choice."""
 
 
 @dataclass
-class Evidence:
+class ExistenceEvidence:
     """What speaks for and against the existence of one object.
 
     Attributes:
@@ -109,7 +109,7 @@ def spawn_log_odds(fill: float, candidates: int, params: ExistenceParams) -> flo
     return math.log(params.entries / false_alarms) + float(np.clip((fill - HALF_FULL) / FILL_SPREAD, -1.0, 1.0)) * solid
 
 
-def departure(evidence: Evidence, params: ExistenceParams) -> float:
+def departure(evidence: ExistenceEvidence, params: ExistenceParams) -> float:
     """Probability that an object has left: Gamma distributions of the times without measurement, and sharing.
 
     A tentative object has left when it is probably a false alarm.

@@ -9,7 +9,7 @@ import numpy as np
 from calib.types import F64, I64, Bool
 from planview.tracking.ellipse_particle._kernels import VX, VY, X, Y
 from planview.tracking.ellipse_particle.coverage import measured_shares
-from planview.tracking.ellipse_particle.existence import Evidence, departure, spawn_log_odds
+from planview.tracking.ellipse_particle.existence import ExistenceEvidence, departure, spawn_log_odds
 from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
 from planview.tracking.ellipse_particle.groups import group, overlaps
 from planview.tracking.ellipse_particle.params import ExistenceParams, ParticleFilterParams
@@ -42,7 +42,7 @@ class Objects:
         self._filter_params, self._params = filter_params, params
         self._filter = ParticleFilter(filter_params, plane, rng)
         self.cycle = LifeCycle()
-        self.evidence: list[Evidence] = []
+        self.evidence: list[ExistenceEvidence] = []
         self.states: F64 = np.zeros((0, 7))
 
     def __len__(self) -> int:
@@ -112,7 +112,7 @@ class Objects:
         """Take one frame into account for object n; its state follows.
 
         Args:
-            measured, own: see ``Evidence.update``.
+            measured, own: see ``ExistenceEvidence.update``.
             dt_s: time since the last frame [s].
             confirmable: nothing but time speaks against confirming it.
             covered: share of its ellipse that measurements cover.
@@ -146,7 +146,7 @@ class Objects:
             where: its place in words.
         """
         self._filter.add(ellipse, prior, cells_per_m)
-        e = Evidence(
+        e = ExistenceEvidence(
             self.cycle.spawn(f"a measurement at {where} overlaps no object", fill),
             (float(ellipse[0]), float(ellipse[1])),
             spawn_log_odds(fill, candidates, self._params),

@@ -12,7 +12,7 @@ from calib.ground_camera import GroundCamera
 from calib.types import F64
 from planview.maps.builder import PlanViewMaps
 from planview.tracking.body_axis import BodyAxis
-from planview.tracking.ellipse_particle.existence import Evidence
+from planview.tracking.ellipse_particle.existence import ExistenceEvidence
 from planview.tracking.ellipse_particle.fit.ellipses import extent
 from planview.tracking.ellipse_particle.planes import PlaneView
 from planview.tracking.lifecycle import Existence
@@ -95,7 +95,7 @@ class BodyMeasures:
         """The measure of an object; unknown at first."""
         return self._bodies.get(who.track_id, BodyMeasure())
 
-    def update(self, evidence: Sequence[Evidence], places: F64, maps: PlanViewMaps, time_s: float) -> None:
+    def update(self, evidence: Sequence[ExistenceEvidence], places: F64, maps: PlanViewMaps, time_s: float) -> None:
         """Measure every object that is measured on its own in this frame; forget the others' predecessors.
 
         Args:

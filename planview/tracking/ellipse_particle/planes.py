@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.types import F32, F64, I64, U8, Bool
 from planview.tracking.base import Observation
-from planview.tracking.ellipse_particle.existence import Evidence
+from planview.tracking.ellipse_particle.existence import ExistenceEvidence
 from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
 from planview.trajectories.state import TrackState
 
@@ -49,12 +49,12 @@ class Estimates:
         velocities: (N, 2) [plane units per second].
     """
 
-    evidence: Sequence[Evidence]
+    evidence: Sequence[ExistenceEvidence]
     ellipses: F64
     velocities: F64
 
 
-class Plane(Protocol):
+class TrackingPlane(Protocol):
     """What differs between the image and the floor.
 
     Attributes:

@@ -14,7 +14,7 @@ from planview.tracking.ellipse_particle.fit.ellipses import SIZE_LIMIT, fit_elli
 from planview.tracking.ellipse_particle.fit.prior import SizePrior
 from planview.tracking.ellipse_particle.objects import Objects
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
-from planview.tracking.ellipse_particle.planes import Estimates, Plane, PlaneView
+from planview.tracking.ellipse_particle.planes import Estimates, PlaneView, TrackingPlane
 from planview.trajectories.state import TrackState
 
 NO_ELLIPSES: F64 = np.zeros((0, 5))
@@ -37,7 +37,7 @@ class EllipseParticleTracker:
         seed: of the only random generator; one seed gives one result.
     """
 
-    def __init__(self, plane: Plane, params: EllipseParticleParams | None = None, seed: int = 0) -> None:
+    def __init__(self, plane: TrackingPlane, params: EllipseParticleParams | None = None, seed: int = 0) -> None:
         self._plane = plane
         self._params = params or EllipseParticleParams()
         self._seed = seed

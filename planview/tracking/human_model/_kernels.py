@@ -51,7 +51,7 @@ class Window(NamedTuple):
     y1: int
 
 
-class Counts(NamedTuple):
+class MatchCounts(NamedTuple):
     """What a model covers: its area, twice its free foreground, pixels taken by others, twice the ring's foreground."""
 
     area: int
@@ -160,7 +160,7 @@ def row_prefix(foreground: U8, cover: U8, window: Window, sums: Sums) -> None:
 
 
 @njit(cache=True, nogil=True)
-def span_counts(sums: Sums, spans: Spans, top: int, bottom: int, x0: int, x1: int, ring: float) -> Counts:
+def span_counts(sums: Sums, spans: Spans, top: int, bottom: int, x0: int, x1: int, ring: float) -> MatchCounts:
     """What a model covers within columns x0 to x1.
 
     The ring continues each row by ``ring`` times the model's mean width on both sides.
@@ -177,11 +177,11 @@ def span_counts(sums: Sums, spans: Spans, top: int, bottom: int, x0: int, x1: in
         n_rest += inner
         n_taken += sums.taken[y, r] - sums.taken[y, l]
         n_ring += sums.rest[y, min(r + margin, x1)] - sums.rest[y, max(l - margin, x0)] - inner
-    return Counts(area, n_rest, n_taken, n_ring)
+    return MatchCounts(area, n_rest, n_taken, n_ring)
 
 
 @njit(cache=True, nogil=True)
-def matching_score(counts: Counts, reference: float, overlap: float) -> float:
+def matching_score(counts: MatchCounts, reference: float, overlap: float) -> float:
     """M of equation 1 for one model, up to constants, in units of a reference area [px^2].
 
     Free foreground raises recall and precision, background lowers precision, pixels of others are overlap, and
@@ -275,7 +275,7 @@ def score_candidates(
     sums: Sums, spans: Spans, people: MapArrays, candidates: F64, ring: float, area: I64, free: I64, taken: I64,
     in_ring: I64,
 ) -> None:  # fmt: skip
-    """``Counts`` of models at (N, 3) foot pixels and scales, filled into four (N,) columns."""
+    """``MatchCounts`` of models at (N, 3) foot pixels and scales, filled into four (N,) columns."""
     width = sums.rest.shape[1] - 1
     for i in range(len(candidates)):
         top, bottom = fill_spans(people, candidates[i, 0], candidates[i, 1], candidates[i, 2], width, spans)

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.types import F64, U8
 from planview.foreground.blobs import Blobs, find_blobs
-from planview.tracking.human_model.frame import Frame
+from planview.tracking.human_model.frame import ModelFrame
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.scene import ModelScene
 
@@ -25,7 +25,7 @@ WHOLE_BLOB = 0.95
 """Part of a blob from which on a candidate has it to itself (our choice)."""
 
 
-class PersonCandidate(NamedTuple):
+class ModelCandidate(NamedTuple):
     """A model that covers a blob.
 
     Attributes:
@@ -49,7 +49,7 @@ class CandidateFinder:
     def __init__(self, scene: ModelScene, params: HumanModelParams) -> None:
         self._scene, self._params = scene, params
 
-    def __call__(self, frame: Frame) -> list[PersonCandidate]:
+    def __call__(self, frame: ModelFrame) -> list[ModelCandidate]:
         """The best model of each unclaimed blob that meets the criteria; at most one per blob and frame.
 
         ``scene.cover`` and ``scene.claimed`` hold the existing targets.
@@ -64,7 +64,7 @@ class CandidateFinder:
         found = [self._best(rest, int(label), frame.blobs) for label in large]
         return [c for c in found if c is not None and self._moves(c, evidence, frame.motion)]
 
-    def _best(self, rest: Blobs, label: int, whole: Blobs) -> PersonCandidate | None:
+    def _best(self, rest: Blobs, label: int, whole: Blobs) -> ModelCandidate | None:
         """Coarse over the map, then fine over places and heights."""
         feet, splits, blob_px = self._feet(rest, label), _attached(rest, label, whole), int(rest.area_px[label])
         coarse = self._pick(np.column_stack([feet, np.ones(len(feet))]), blob_px, splits)
@@ -89,7 +89,7 @@ class CandidateFinder:
         fits &= boxes[:, 2:].max(axis=1) >= self._params.spawn.min_height_px
         return np.asarray(self._scene.model_map.foot_px[fits], dtype=np.float64)
 
-    def _pick(self, candidates: F64, blob_px: int, splits: bool) -> PersonCandidate | None:
+    def _pick(self, candidates: F64, blob_px: int, splits: bool) -> ModelCandidate | None:
         """The (N, 3) candidate of the highest score among those of plausible shape, visibility and freedom."""
         if not len(candidates):
             return None
@@ -111,9 +111,9 @@ class CandidateFinder:
         score = precision + 0.5 * (recall + local) - HEIGHT_PRICE * np.abs(candidates[:, 2] - 1.0)
         best = int(np.argmax(np.where(ok, score, -np.inf)))
         foot, scale = candidates[best, :2].copy(), float(candidates[best, 2])
-        return PersonCandidate(foot, scale, float(score[best]), float(precision[best]), splits)
+        return ModelCandidate(foot, scale, float(score[best]), float(precision[best]), splits)
 
-    def _moves(self, candidate: PersonCandidate, evidence: U8, motion: U8) -> bool:
+    def _moves(self, candidate: ModelCandidate, evidence: U8, motion: U8) -> bool:
         """Motion salience: enough of the model's foreground proper moves; a ghost of a person who left does not."""
         mask = np.zeros_like(evidence)
         self._scene.paint(mask, candidate.foot_px, candidate.scale, 1)

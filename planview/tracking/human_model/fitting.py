@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.ground_camera import GroundCamera
 from calib.types import F64, I64
-from planview.tracking.human_model.frame import Frame
+from planview.tracking.human_model.frame import ModelFrame
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.posture import MAX_SHARED, Posture
 from planview.tracking.human_model.scene import SEARCH_SIGMAS, Measurement, ModelScene
@@ -51,7 +51,7 @@ class Fitter:
             if not target.existence.observed:
                 target.kalman = target.kalman.slowed(dt_s, p.coast_s)
 
-    def fit(self, targets: Sequence[Target], frame: Frame) -> None:
+    def fit(self, targets: Sequence[Target], frame: ModelFrame) -> None:
         """Observed targets are matched together; the others may then take what is left."""
         self.scene.clear()
         active = [t for t in targets if t.existence.observed]
@@ -67,13 +67,13 @@ class Fitter:
             return None
         return FloorKalman.measured(x, y, self._floor_noise(foot_px, scale), SPEED_STD_MPS)
 
-    def appearance(self, foot_px: F64, scale: float, frame: Frame) -> Appearance | None:
+    def appearance(self, foot_px: F64, scale: float, frame: ModelFrame) -> Appearance | None:
         """Colours of what only the model at a (2,) foot pixel covers; None without colour images."""
         if frame.image is None:
             return None
         return Appearance(self.scene.colours(frame.image, frame.evidence, foot_px, scale))
 
-    def _fit_group(self, group: Sequence[Target], targets: Sequence[Target], frame: Frame) -> None:
+    def _fit_group(self, group: Sequence[Target], targets: Sequence[Target], frame: ModelFrame) -> None:
         position = self.scene.match(frame.evidence, *self._prediction(group))
         self._posture.review(group, position, targets, frame)
         scale = np.array([t.model_scale for t in group])
@@ -114,7 +114,7 @@ class Fitter:
         covariance = noise**2 * inverse @ inverse.T
         return PositionNoise(float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1]))
 
-    def _is_other(self, target: Target, position: F64, frame: Frame) -> bool:
+    def _is_other(self, target: Target, position: F64, frame: ModelFrame) -> bool:
         """Whether what a target unobserved for a while could take has another person's colours."""
         if self._life.unobserved_s(target.existence) < self.params.states.window_s:
             return False
@@ -123,7 +123,7 @@ class Fitter:
             return False
         return math.exp(-self._identity.unlikelihood(target.existence, appearance)) < self.params.prune.min_likeness
 
-    def _refine(self, target: Target, i: int, measured: Measurement, frame: Frame) -> None:
+    def _refine(self, target: Target, i: int, measured: Measurement, frame: ModelFrame) -> None:
         """Lay head and foot of a model on the ends of its blob, and learn the person's height, when all of it shows."""
         p, build = self.params.match, target.build
         clear = target.inside == 1.0 and measured.shared[i] == 0 and measured.precision[i] >= p.min_precision
@@ -138,7 +138,9 @@ class Fitter:
             scale = build.scale * (1.0 + self._gain() * (found.height - 1.0))
             build.scale = float(np.clip(scale, 1.0 - spread, 1.0 + spread))
 
-    def _update(self, target: Target, i: int, measured: Measurement, targets: Sequence[Target], frame: Frame) -> None:
+    def _update(
+        self, target: Target, i: int, measured: Measurement, targets: Sequence[Target], frame: ModelFrame
+    ) -> None:
         p, precision = self.params, float(measured.precision[i])
         was_observed = target.existence.observed
         target.shared = float(measured.shared[i])
@@ -192,7 +194,7 @@ class Fitter:
             width = SILHOUETTE * math.sqrt(measured.counts.breadth_px2[i] / n) / max(half, 1.0)
             target.build.width += self._gain() * (min(max(width, 1.0), MAX_WIDTH) - target.build.width)
 
-    def _learn_colours(self, target: Target, i: int, measured: Measurement, frame: Frame) -> None:
+    def _learn_colours(self, target: Target, i: int, measured: Measurement, frame: ModelFrame) -> None:
         """Colours of a person who is clear of others."""
         clear = target.existence.observed and target.shared <= MAX_SHARED
         if not clear or float(measured.precision[i]) < self.params.spawn.min_precision:

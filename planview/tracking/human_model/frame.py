@@ -13,7 +13,7 @@ from planview.tracking.base import Observation
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class ModelFrame:
     """Attributes:
     now_s: time of the frame [s].
     image: (H, W, 3) uint8, None where there is no colour.
@@ -29,7 +29,7 @@ class Frame:
     blobs: Blobs
 
 
-def frame_of(observation: Observation, size: tuple[int, int]) -> Frame:
+def frame_of(observation: Observation, size: tuple[int, int]) -> ModelFrame:
     """Check an observation against the camera's (width, height).
 
     Raises:
@@ -46,7 +46,7 @@ def frame_of(observation: Observation, size: tuple[int, int]) -> Frame:
         )
     evidence = salience(foreground, observation.shadow)
     colour = image if image is not None and image.ndim == 3 else None
-    return Frame(observation.timestamp_s, colour, evidence, motion, find_blobs(evidence))
+    return ModelFrame(observation.timestamp_s, colour, evidence, motion, find_blobs(evidence))
 
 
 def salience(foreground: U8, shadow: U8 | None) -> U8:

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.ground_camera import GroundCamera
 from calib.types import F64
-from planview.tracking.human_model.frame import Frame
+from planview.tracking.human_model.frame import ModelFrame
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.scene import CLAIMED_RING, ModelScene
 from planview.tracking.human_model.seat import Seat
@@ -35,7 +35,7 @@ class Posture:
         """A seated person stays on the seat."""
         target.kalman = _standing_at(seat.xy, self.params.posture.place_m, speed_std_mps=0.0)
 
-    def review(self, group: Sequence[Target], position: F64, targets: Sequence[Target], frame: Frame) -> None:
+    def review(self, group: Sequence[Target], position: F64, targets: Sequence[Target], frame: ModelFrame) -> None:
         """Change the model of people who do not walk, or no longer look so, when the other posture covers more.
 
         Args:
@@ -57,14 +57,14 @@ class Posture:
             self._widen(group, position, target, -1)
             self.scene.paint(self.scene.cover, foot, target.model_scale, 1)
 
-    def watch(self, target: Target, targets: Sequence[Target], frame: Frame) -> None:
+    def watch(self, target: Target, targets: Sequence[Target], frame: ModelFrame) -> None:
         """Find out whether the seat that a target has, or seems to have left, is empty."""
         if target.seat is not None:
             self._watch_taken(target, target.seat, frame)
         elif target.left_seat is not None:
             self._watch_left(target, target.left_seat, targets, frame)
 
-    def _watch_taken(self, target: Target, seat: Seat, frame: Frame) -> None:
+    def _watch_taken(self, target: Target, seat: Seat, frame: ModelFrame) -> None:
         """A person whose seat is empty has got up, and is looked for near it among what no other model covers."""
         p = self.params.posture
         kept = seat.observe(frame.evidence, self.scene.cover, frame.now_s, p)
@@ -74,7 +74,7 @@ class Posture:
             target.kalman = _standing_at(seat.xy, p.rising_m, SPEED_STD_MPS)
             self._life.log(target.existence, "state", "the seat is empty", kept)
 
-    def _watch_left(self, target: Target, seat: Seat, targets: Sequence[Target], frame: Frame) -> None:
+    def _watch_left(self, target: Target, seat: Seat, targets: Sequence[Target], frame: ModelFrame) -> None:
         """A person still visible on the seat has not got up: the standing model went off with another person."""
         p = self.params.posture
         kept = seat.observe(frame.evidence, self.scene.cover, frame.now_s, p)
@@ -92,7 +92,7 @@ class Posture:
         seats = [t.seat.xy for t in targets if t.seat is not None]
         return all(np.hypot(*(xy - seat)) >= SEAT_APART_M for seat in seats)
 
-    def _place_to_judge(self, target: Target, foot: F64, frame: Frame) -> F64 | None:
+    def _place_to_judge(self, target: Target, foot: F64, frame: ModelFrame) -> F64 | None:
         """Foot pixel at which the other posture is tried; None for a person who is not to be judged now.
 
         A person who sits down sinks: the standing model follows the head towards the camera and seems to walk. So the
@@ -105,7 +105,7 @@ class Posture:
         place = self._stood_at(target) if walks else foot if target.matches % JUDGE_EVERY == 0 else None
         return None if place is None or (target.seat is None and self._as_long(target, foot, frame)) else place
 
-    def _as_long(self, target: Target, foot: F64, frame: Frame) -> bool:
+    def _as_long(self, target: Target, foot: F64, frame: ModelFrame) -> bool:
         """Whether the body is as long as a standing one: a slim one fills the smaller, narrower seated model better."""
         found = self.scene.extent(frame.evidence, foot, target.build.scale)
         return found is not None and found.height > 0.5 * (1.0 + self.params.posture.sitting)
@@ -120,7 +120,7 @@ class Posture:
         foot = self.camera.project(np.array([first.x_m, first.y_m, 0.0]))
         return foot if self.scene.visibility(foot) == 1.0 else None
 
-    def _other(self, target: Target, foot: F64, place: F64, frame: Frame) -> tuple[F64, float]:
+    def _other(self, target: Target, foot: F64, place: F64, frame: ModelFrame) -> tuple[F64, float]:
         """Best foot pixel of the other posture and its gain over the present one."""
         scene, p = self.scene, self.params
         now, other = target.model_scale, target.build.scale * (1.0 if target.seat is not None else p.posture.sitting)
@@ -136,7 +136,7 @@ class Posture:
         minimum = (2.0 * p.match.min_precision - 1.0) * other / target.build.scale
         return at, score - best if score > minimum else -np.inf
 
-    def _change(self, target: Target, foot: F64, targets: Sequence[Target], frame: Frame) -> bool:
+    def _change(self, target: Target, foot: F64, targets: Sequence[Target], frame: ModelFrame) -> bool:
         """Sit down or stand up on the spot, since what seemed to be a velocity was the change of height.
 
         Not where there is no floor, nor where another person sits.
@@ -152,7 +152,7 @@ class Posture:
             target.kalman = _standing_at(xy, self.params.posture.place_m, SPEED_STD_MPS)
         return True
 
-    def _seat(self, xy: F64, foot: F64, scale: float, frame: Frame) -> Seat:
+    def _seat(self, xy: F64, foot: F64, scale: float, frame: ModelFrame) -> Seat:
         model = np.zeros_like(self.scene.cover)
         self.scene.paint(model, foot, scale, 1)
         window = self.scene.window(foot, scale)

@@ -10,7 +10,7 @@ import numpy as np
 from calib.types import F32, F64, I64, U8
 from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model import _measure_kernels as measuring
-from planview.tracking.human_model.frame import Frame
+from planview.tracking.human_model.frame import ModelFrame
 from planview.tracking.human_model.model_map import HumanModelMap
 from planview.tracking.human_model.params import HumanMatchParams
 
@@ -74,7 +74,7 @@ class Measurement(NamedTuple):
     def score(self, i: int, overlap_weight: float) -> float:
         """M of model i, in its own areas (``_kernels.matching_score``, without a ring)."""
         taken = int(self.counts.shared[i])
-        counts = kernels.Counts(int(self.counts.area[i]), int(self.counts.alone[i]), taken, 0)
+        counts = kernels.MatchCounts(int(self.counts.area[i]), int(self.counts.alone[i]), taken, 0)
         return float(kernels.matching_score(counts, float(self.area[i]), overlap_weight))
 
     def discard(self, i: int) -> None:
@@ -85,7 +85,7 @@ class Measurement(NamedTuple):
 
 
 class CandidateCounts(NamedTuple):
-    """``_kernels.Counts`` of many models; (N,) columns."""
+    """``_kernels.MatchCounts`` of many models; (N,) columns."""
 
     area: I64
     free: I64
@@ -154,7 +154,7 @@ class ModelScene:
         )
         return position
 
-    def measure(self, frame: Frame, position: F64, scale: F64) -> Measurement:
+    def measure(self, frame: ModelFrame, position: F64, scale: F64) -> Measurement:
         """What the models at (N, 2) foot pixels cover; also marks ``claimed``, which ``clear`` resets."""
         n, ring = len(scale), self.params.ring
         area, evidence, alone, shared, moving, blob, breadth_n = np.zeros((7, n), np.int64)
@@ -205,7 +205,7 @@ class ModelScene:
 
     def matching_scores(self, counts: CandidateCounts, area_px: float) -> F64:
         """(N,) matching scores of equation 1 in units of an area [px^2]."""
-        columns = cast("kernels.Counts", counts)
+        columns = cast("kernels.MatchCounts", counts)
         return np.asarray(kernels.matching_score.py_func(columns, area_px, self.params.overlap_weight), np.float64)
 
     def window(self, position: F64, scale: float) -> tuple[slice, slice]:

@@ -13,10 +13,10 @@ from calib.human.model import HumanModel
 from calib.types import U8
 from planview.foreground.masks import BACKGROUND, PERSON
 from planview.tracking.base import Decision, Observation, TrackerDebug
-from planview.tracking.human_model.candidates import CandidateFinder, PersonCandidate
+from planview.tracking.human_model.candidates import CandidateFinder, ModelCandidate
 from planview.tracking.human_model.drawing import draw
 from planview.tracking.human_model.fitting import Fitter
-from planview.tracking.human_model.frame import Frame, frame_of
+from planview.tracking.human_model.frame import ModelFrame, frame_of
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.pruning import has_walked, prune_reason, reacquirable, redundant
@@ -139,11 +139,11 @@ class HumanModelTracker:
             self._life.reassign(exchange.places, exchange.identities, exchange.confidence)
             self._boxes.clear()
 
-    def _add_targets(self, frame: Frame) -> None:
+    def _add_targets(self, frame: ModelFrame) -> None:
         for candidate in self._find(frame):
             self._add(candidate, frame)
 
-    def _add(self, candidate: PersonCandidate, frame: Frame) -> None:
+    def _add(self, candidate: ModelCandidate, frame: ModelFrame) -> None:
         """A new target, or a lost one reacquired."""
         foot, scale, score = candidate.foot_px, candidate.scale, candidate.score
         kalman = self._fitter.start(foot, scale)
@@ -182,7 +182,7 @@ class HumanModelTracker:
                 self.targets.remove(target)
                 self._life.prune(target.existence, reason)
 
-    def _watch_still(self, frame: Frame, dt: float) -> None:
+    def _watch_still(self, frame: ModelFrame, dt: float) -> None:
         still = (frame.evidence > 1) & (frame.motion == 0) & (self.scene.claimed == 0)
         if self.targets:
             # What hangs together with a person may be the person's: arms on a table, a back wider than the model.

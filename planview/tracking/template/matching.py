@@ -12,7 +12,7 @@ import numpy as np
 from calib.types import F32
 from planview.tracking.template._kernels import clear, search
 from planview.tracking.template.params import TemplateTrackerParams
-from planview.tracking.template.state import Frame, TemplatePerson
+from planview.tracking.template.state import TemplateFrame, TemplatePerson
 
 JOINT_MAX = 3
 """Up to so many people in contact all orders are tried (6 searches of 3 people)."""
@@ -33,7 +33,7 @@ class Placement:
     found: bool
 
 
-class Matcher:
+class JointMatcher:
     """Finds tracked people in one frame.
 
     Args:
@@ -41,7 +41,7 @@ class Matcher:
         height_max_m: H_max [m].
     """
 
-    def __init__(self, frame: Frame, params: TemplateTrackerParams, height_max_m: float) -> None:
+    def __init__(self, frame: TemplateFrame, params: TemplateTrackerParams, height_max_m: float) -> None:
         self._frame, self._params, self._height_max_m = frame, params, height_max_m
         self._placed: list[tuple[float, float]] = []
         self._result = np.empty(7)

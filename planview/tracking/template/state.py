@@ -75,7 +75,7 @@ class TemplatePerson:
         self.at_m, self.offset_m = (kalman.x_m, kalman.y_m), (0.0, 0.0)
 
 
-class Frame:
+class TemplateFrame:
     """One frame's maps, padded by half a template, and a copy from which placed people are cleared.
 
     Attributes:

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from calib.types import F64
 from planview.tracking.template._kernels import adapt, occupancy_peak
 from planview.tracking.template.params import TemplateTrackerParams
-from planview.tracking.template.state import Frame, TemplatePerson
+from planview.tracking.template.state import TemplateFrame, TemplatePerson
 
 
-def blend(frame: Frame, person: TemplatePerson, people: F64, me: int, gain: float) -> tuple[float, float]:
+def blend(frame: TemplateFrame, person: TemplatePerson, people: F64, me: int, gain: float) -> tuple[float, float]:
     """Blend the maps around a person into the person's templates.
 
     Args:
@@ -30,7 +30,7 @@ def blend(frame: Frame, person: TemplatePerson, people: F64, me: int, gain: floa
     return share, math.hypot(off_row, off_col) * frame.maps.grid.cell_m
 
 
-def renew(frame: Frame, person: TemplatePerson, found: Sequence[TemplatePerson]) -> None:
+def renew(frame: TemplateFrame, person: TemplatePerson, found: Sequence[TemplatePerson]) -> None:
     """Replace a person's templates by the maps at the person's place."""
     person.template_height[:] = 0.0
     person.template_occupancy[:] = 0.0
@@ -47,7 +47,7 @@ def slipped(share: float, offset_m: float, params: TemplateTrackerParams) -> str
     return ""
 
 
-def nearest_peak(frame: Frame, person: TemplatePerson, people: F64, me: int) -> tuple[float, float] | None:
+def nearest_peak(frame: TemplateFrame, person: TemplatePerson, people: F64, me: int) -> tuple[float, float] | None:
     """The occupancy maximum within 2 W_avg that is no other person's [m]; None when there is none."""
     n = len(person.template_height)
     grid = frame.maps.grid

@@ -15,10 +15,10 @@ from planview.tracking.detection import PersonCandidate, PersonDetector, insepar
 from planview.tracking.kalman import FloorKalman
 from planview.tracking.lifecycle import LifeCycle
 from planview.tracking.template.identities import HEAD_ROOM_M, Identities
-from planview.tracking.template.matching import Matcher
+from planview.tracking.template.matching import JointMatcher
 from planview.tracking.template.params import TemplateTrackerParams
 from planview.tracking.template.separate import Separate
-from planview.tracking.template.state import Frame, TemplatePerson
+from planview.tracking.template.state import TemplateFrame, TemplatePerson
 from planview.tracking.template.templates import blend, nearest_peak, renew, slipped
 from planview.trajectories.state import TrackState
 
@@ -69,7 +69,7 @@ class TemplateTracker:
             raise ValueError(f"expected time to advance, got {observation.timestamp_s} s after {before_s} s")
         self._life.begin(observation.timestamp_s)
         self._grid = maps.grid
-        frame = Frame(maps, self._template_size(maps.grid) // 2)
+        frame = TemplateFrame(maps, self._template_size(maps.grid) // 2)
         axis = BodyAxis(maps.view.camera_m, self._height_max_m, self.params.axis)
         self._predict(dt)
         self._match(frame)
@@ -90,8 +90,8 @@ class TemplateTracker:
             person.kalman = kalman.predicted(dt, p.acceleration_std_mps2)
             person.axis = axis.predicted(dt, p.acceleration_std_mps2)
 
-    def _match(self, frame: Frame) -> None:
-        found = Matcher(frame, self.params, self._height_max_m)(self._people)
+    def _match(self, frame: TemplateFrame) -> None:
+        found = JointMatcher(frame, self.params, self._height_max_m)(self._people)
         for person in self._people:
             score = f"score {person.score:.2f}"
             if person in found:
@@ -137,7 +137,7 @@ class TemplateTracker:
             person.height_m = keep * person.height_m + (1 - keep) * measured.height_m
             person.tallest_m = max(person.tallest_m, person.height_m)
 
-    def _adapt(self, frame: Frame, dt: float) -> None:
+    def _adapt(self, frame: TemplateFrame, dt: float) -> None:
         """Blend templates of everybody found, then re-center the slipped ones; velocity and covariance stay."""
         found = [person for person in self._people if person.observed]
         people = frame.padded_cells([person.at_m for person in found])
@@ -155,7 +155,7 @@ class TemplateTracker:
             blend(frame, person, people, i, 1.0)
             self._life.log(person.existence, "recentred", f"by {moved:.2f} m: {why}", moved)
 
-    def _confirm(self, frame: Frame) -> None:
+    def _confirm(self, frame: TemplateFrame) -> None:
         """Confirm who was tracked long enough and is a body of its own."""
         separate = Separate(frame.maps, self.params)
         known = [person for person in self._people if person.state == "confirmed"]
@@ -172,7 +172,7 @@ class TemplateTracker:
                 self._people.remove(replaced)
             self._life.confirm(person.existence, f"tracked for {age:.2f} s without a miss")
 
-    def _detect(self, frame: Frame, axis: BodyAxis) -> None:
+    def _detect(self, frame: TemplateFrame, axis: BodyAxis) -> None:
         """Newcomers in what is left of the maps: parts of a person, lost people, or new ones."""
         finder = PersonDetector(self.params.detection, axis, self.params.width_m)
         known = [person for person in self._people if person.observed]
@@ -187,7 +187,7 @@ class TemplateTracker:
             elif not candidate.low:
                 self._spawn(frame, candidate)
 
-    def _lost_match(self, frame: Frame, candidate: PersonCandidate) -> TemplatePerson | None:
+    def _lost_match(self, frame: TemplateFrame, candidate: PersonCandidate) -> TemplatePerson | None:
         """The lost person whom a newcomer continues best: within reach, no taller, and alike."""
         p, best, best_cost = self.params, None, math.inf
         others = [person for person in self._people if person.observed]
@@ -209,7 +209,7 @@ class TemplateTracker:
                 best, best_cost = person, cost
         return best
 
-    def _spawn(self, frame: Frame, candidate: PersonCandidate) -> None:
+    def _spawn(self, frame: TemplateFrame, candidate: PersonCandidate) -> None:
         n = self._template_size(frame.maps.grid)
         reason = f"{candidate.height_m:.2f} m tall, {candidate.area_m2:.2f} m2 visible"
         existence = self._life.spawn(reason, candidate.area_m2)
@@ -221,7 +221,7 @@ class TemplateTracker:
         self._people.append(person)
         self._settle(frame, person, candidate)
 
-    def _reacquire(self, frame: Frame, person: TemplatePerson, candidate: PersonCandidate) -> None:
+    def _reacquire(self, frame: TemplateFrame, person: TemplatePerson, candidate: PersonCandidate) -> None:
         away = math.dist((candidate.x_m, candidate.y_m), person.predicted_m)
         gone = self._life.unobserved_s(person.existence)
         person.jump(self._standing(candidate))
@@ -229,7 +229,7 @@ class TemplateTracker:
         self._life.observe(person.existence, f"found {away:.2f} m from the prediction after {gone:.1f} s", away)
         self._settle(frame, person, candidate)
 
-    def _settle(self, frame: Frame, person: TemplatePerson, candidate: PersonCandidate) -> None:
+    def _settle(self, frame: TemplateFrame, person: TemplatePerson, candidate: PersonCandidate) -> None:
         """Templates and body axis at a candidate's place."""
         renew(frame, person, [q for q in self._people if q.observed])
         axis_x, axis_y = candidate.axis_m

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from planview.tracking.ellipse_particle.existence import Evidence, departure, spawn_log_odds
+from planview.tracking.ellipse_particle.existence import ExistenceEvidence, departure, spawn_log_odds
 from planview.tracking.ellipse_particle.fit.ellipses import paint_union
 from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
 from planview.tracking.ellipse_particle.groups import group, overlaps
@@ -112,17 +112,17 @@ def test_overlaps_grow_with_the_margin():
     assert overlaps(HERE[None], far[None], np.array([[15.0, 0]]))[0, 0]
 
 
-def new(fill: float = 0.5, candidates: int = 1) -> Evidence:
-    return Evidence(Existence(1, 0.0, 0.0), (0, 0), spawn_log_odds(fill, candidates, PARAMS))
+def new(fill: float = 0.5, candidates: int = 1) -> ExistenceEvidence:
+    return ExistenceEvidence(Existence(1, 0.0, 0.0), (0, 0), spawn_log_odds(fill, candidates, PARAMS))
 
 
-def confirmed() -> Evidence:
+def confirmed() -> ExistenceEvidence:
     evidence = new()
     evidence.who.confirmed = True
     return evidence
 
 
-def follow(evidence: Evidence, times: int, measured: bool = True, own: bool = True, dt: float = 0.1) -> None:
+def follow(evidence: ExistenceEvidence, times: int, measured: bool = True, own: bool = True, dt: float = 0.1) -> None:
     for _ in range(times):
         evidence.update(measured, own, dt, PARAMS)
 

@@ -11,7 +11,7 @@ from calib.ground_camera import GroundCamera
 from planview.foreground.blobs import find_blobs
 from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model import _measure_kernels as measuring
-from planview.tracking.human_model.frame import Frame
+from planview.tracking.human_model.frame import ModelFrame
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
 from planview.tracking.human_model.params import HumanMatchParams
 from planview.tracking.human_model.scene import ModelScene
@@ -58,7 +58,7 @@ def test_measurement_equals_masks(models: list[tuple[float, float, float]], seed
     scene.clear()
     for u, v, scale in models:
         scene.paint(scene.cover, np.array([u, v]), scale, 1)
-    found = scene.measure(Frame(0.0, None, evidence, motion, find_blobs(evidence)), at[:, :2], at[:, 2]).counts
+    found = scene.measure(ModelFrame(0.0, None, evidence, motion, find_blobs(evidence)), at[:, :2], at[:, 2]).counts
     masks = [reference.model_mask(MAP, *m) for m in models]
     for i, mask in enumerate(masks):
         counted = (found.area[i], found.evidence[i], found.alone[i], found.shared[i], found.moving[i])
@@ -98,7 +98,7 @@ def test_body_extent_ends_where_the_body_does() -> None:
 
 def test_matching_score_counts_free_foreground_twice_over_background() -> None:
     # 100 px: 60 free foreground (evidence 120), 10 taken, so 30 background; 8 foreground in the ring (evidence 16).
-    assert kernels.matching_score(kernels.Counts(100, 120, 10, 16), 100.0, 0.3) == pytest.approx(
+    assert kernels.matching_score(kernels.MatchCounts(100, 120, 10, 16), 100.0, 0.3) == pytest.approx(
         (60 + 4 - 30 - 3) / 100
     )
 
