@@ -8,7 +8,8 @@ import numpy as np
 from pydantic import Field
 
 from calib.errors import WorkError
-from calib.floor.find import FloorParams, find_floor
+from calib.floor.find import find_floor
+from calib.floor.params import FloorParams
 from calib.params import Params
 from calib.rig import Floor
 from calib.types import F32

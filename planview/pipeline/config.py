@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import Field, ValidationError
 
 from calib.errors import InputError
-from calib.floor.find import FloorParams
+from calib.floor.params import FloorParams
 from calib.params import Params, first_problem
 from planview.foreground.mixture import ForegroundParams
 from planview.maps.builder import MapParams

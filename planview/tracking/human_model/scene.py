@@ -11,6 +11,7 @@ from calib.types import F32, F64, I64, U8
 from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model import _measure_kernels as measuring
 from planview.tracking.human_model.frame import ModelFrame
+from planview.tracking.human_model.measurement import Measurement
 from planview.tracking.human_model.model_map import HumanModelMap
 from planview.tracking.human_model.params import HumanMatchParams
 
@@ -33,55 +34,6 @@ COLOUR_PARTS = 2
 COLOUR_LEVELS = 6
 """Levels per colour channel, evenly spaced in its square root: clothes are dark more often than bright."""
 _LEVEL = np.minimum(COLOUR_LEVELS - 1, np.sqrt(np.arange(256) / 256) * COLOUR_LEVELS).astype(np.uint8)
-
-
-class Measurement(NamedTuple):
-    """What the placed models cover, one row per target.
-
-    Attributes:
-        position: (N, 2) foot pixels.
-        counts: see ``_measure_kernels.Coverage``.
-    """
-
-    position: F64
-    counts: measuring.Coverage
-
-    @property
-    def area(self) -> F64:
-        """Pixels of the model, at least 1."""
-        return np.maximum(1, self.counts.area).astype(np.float64)
-
-    @property
-    def shared(self) -> F64:
-        """Fraction of the model that other models cover too."""
-        return self.counts.shared / self.area
-
-    @property
-    def alone(self) -> F64:
-        """Fraction of the model that is foreground no other model covers."""
-        return 0.5 * self.counts.alone / self.area
-
-    @property
-    def precision(self) -> F64:
-        """Foreground fraction of the part that is this model's alone."""
-        return 0.5 * self.counts.alone / np.maximum(1.0, self.area - self.counts.shared)
-
-    @property
-    def moving(self) -> F64:
-        """Moving fraction of the model."""
-        return self.counts.moving / self.area
-
-    def score(self, i: int, overlap_weight: float) -> float:
-        """M of model i, in its own areas (``_kernels.matching_score``, without a ring)."""
-        taken = int(self.counts.shared[i])
-        counts = kernels.MatchCounts(int(self.counts.area[i]), int(self.counts.alone[i]), taken, 0)
-        return float(kernels.matching_score(counts, float(self.area[i]), overlap_weight))
-
-    def discard(self, i: int) -> None:
-        """Take what model i covers for another person's."""
-        for column in self.counts:
-            if column is not self.counts.area:
-                column[i] = 0
 
 
 class CandidateCounts(NamedTuple):

@@ -1,0 +1,60 @@
+"""What placed models cover of the foreground, as fractions of their areas."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.types import F64
+from planview.tracking.human_model import _kernels as kernels
+from planview.tracking.human_model import _measure_kernels as measuring
+
+
+class Measurement(NamedTuple):
+    """What the placed models cover, one row per target.
+
+    Attributes:
+        position: (N, 2) foot pixels.
+        counts: see ``_measure_kernels.Coverage``.
+    """
+
+    position: F64
+    counts: measuring.Coverage
+
+    @property
+    def area(self) -> F64:
+        """Pixels of the model, at least 1."""
+        return np.maximum(1, self.counts.area).astype(np.float64)
+
+    @property
+    def shared(self) -> F64:
+        """Fraction of the model that other models cover too."""
+        return self.counts.shared / self.area
+
+    @property
+    def alone(self) -> F64:
+        """Fraction of the model that is foreground no other model covers."""
+        return 0.5 * self.counts.alone / self.area
+
+    @property
+    def precision(self) -> F64:
+        """Foreground fraction of the part that is this model's alone."""
+        return 0.5 * self.counts.alone / np.maximum(1.0, self.area - self.counts.shared)
+
+    @property
+    def moving(self) -> F64:
+        """Moving fraction of the model."""
+        return self.counts.moving / self.area
+
+    def score(self, i: int, overlap_weight: float) -> float:
+        """M of model i, in its own areas (``_kernels.matching_score``, without a ring)."""
+        taken = int(self.counts.shared[i])
+        counts = kernels.MatchCounts(int(self.counts.area[i]), int(self.counts.alone[i]), taken, 0)
+        return float(kernels.matching_score(counts, float(self.area[i]), overlap_weight))
+
+    def discard(self, i: int) -> None:
+        """Take what model i covers for another person's."""
+        for column in self.counts:
+            if column is not self.counts.area:
+                column[i] = 0
