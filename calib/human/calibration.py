@@ -14,7 +14,7 @@ from calib.errors import WorkError
 from calib.ground_camera import LENS_K_320, GroundCamera
 from calib.human._kernels import INFEASIBLE, candidate_errors
 from calib.human.model import HumanModel
-from calib.human.refine import CameraFit, only_boxes, refine, usual_focal_px
+from calib.human.refine import GroundCameraFit, only_boxes, refine, usual_focal_px
 from calib.human.samples import HumanSample, check_samples
 from calib.params import Params
 from calib.types import F64
@@ -121,7 +121,7 @@ def calibrate_from_people(
 class _Fit:
     problem: _Problem
     error: float
-    refined: CameraFit
+    refined: GroundCameraFit
 
 
 def _check_fit(found: _Fit, params: HumanCalibrationParams, name: str) -> None:

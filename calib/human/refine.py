@@ -66,7 +66,7 @@ FIELDS_DEG: dict[str, tuple[float, float]] = {
 
 
 @dataclass(frozen=True)
-class CameraFit:
+class GroundCameraFit:
     """Result of ``refine``.
 
     Attributes:
@@ -82,7 +82,7 @@ class CameraFit:
     girth: float
 
 
-def refine(camera: GroundCamera, rows: F64, model: HumanModel) -> CameraFit:
+def refine(camera: GroundCamera, rows: F64, model: HumanModel) -> GroundCameraFit:
     """Move camera, people and their common width to the least squares of all edges and points.
 
     Args:
@@ -97,7 +97,7 @@ def refine(camera: GroundCamera, rows: F64, model: HumanModel) -> CameraFit:
         residuals, start, residuals.jacobian, loss=residuals.loss, x_scale="jac", ftol=1e-7, max_nfev=MAX_EVALUATIONS
     )
     shared = found.x[:N_SHARED]
-    return CameraFit(_camera(shared, camera), float(found.cost), _deviations(found.jac), math.exp(shared[GIRTH]))
+    return GroundCameraFit(_camera(shared, camera), float(found.cost), _deviations(found.jac), math.exp(shared[GIRTH]))
 
 
 class _Residuals:

@@ -12,7 +12,7 @@ import numpy as np
 from calib.types import F64, I64, AnyArray, Bool
 
 
-class Interval(NamedTuple):
+class ValueRange(NamedTuple):
     """From ``low``, below ``high``."""
 
     low: float
@@ -25,10 +25,10 @@ class Interval(NamedTuple):
         return f"{self.low:g}+" if math.isinf(self.high) else f"{self.low:g}-{self.high:g}"
 
 
-DISTANCES_M = tuple(Interval(*pair) for pair in ((0, 2), (2, 4), (4, 6), (6, 8), (8, 12), (12, math.inf)))
+DISTANCES_M = tuple(ValueRange(*pair) for pair in ((0, 2), (2, 4), (4, 6), (6, 8), (8, 12), (12, math.inf)))
 """Our choice: the depth noise of a stereo pair grows with the square of the distance."""
 _TOP = (0.75, math.nextafter(1, 2))  # fully visible belongs to the last
-VISIBILITIES = tuple(Interval(*pair) for pair in ((0, 0.25), (0.25, 0.5), (0.5, 0.75), _TOP))
+VISIBILITIES = tuple(ValueRange(*pair) for pair in ((0, 0.25), (0.25, 0.5), (0.5, 0.75), _TOP))
 PEOPLE_GROUPS = (("0", 0, 0.0), ("1-2", 1, 2.0), ("3-5", 3, 5.0), ("6-9", 6, 9.0), ("10+", 10, math.inf))
 """(name, first, last): numbers of people as table 4 of Zhang et al. 2008 groups them."""
 

@@ -6,6 +6,7 @@ import json
 import math
 import tempfile
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -16,31 +17,40 @@ from rich.table import Table
 
 from calib.errors import InputError
 from planview.bench.ablation import AblationRecording, AblationRow, Interval, Trial, ablation_rows, run_trials
-from planview.bench.accuracy import cache_folder, scene_files
+from planview.bench.accuracy import scene_files
+from planview.bench.commands.options import BenchOptions
 from planview.bench.suite import SUITE, chosen_files
 from planview.bench.variants import CONFIGURED, LADDER, RULES, Variant, chosen_variants
 from planview.evaluation.result import KINDS, Evaluation
-from planview.pipeline.config import load_config
 
 TABLE_WIDTH = 144
 """Columns of text that the table needs."""
 
 
-def bench_ablation(
-    *,
-    rules: Annotated[bool, Parameter(negative="")] = False,
-    variant: Annotated[Sequence[str], Parameter(negative="")] = (),
-    seed: Annotated[Sequence[int], Parameter(negative="")] = (),
-    minutes: float = 10.0,
-    scene: Annotated[Sequence[str], Parameter(negative="")] = (),
-    recording: Annotated[Sequence[Path], Parameter(negative="")] = (),
-    jobs: int = 1,
-    scenes: Path = SUITE,
-    cache: Path | None = None,
-    config: Path | None = None,
-    set_: Annotated[Sequence[str], Parameter(name="--set")] = (),
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
-) -> None:
+@Parameter(name="*")
+@dataclass(frozen=True)
+class AblationOptions(BenchOptions):
+    """Which variants are compared, and on what."""
+
+    rules: Annotated[bool, Parameter(negative="")] = False
+    """Switch off the template tracker's special rules instead of parts of the engine."""
+    variant: Annotated[Sequence[str], Parameter(negative="")] = ()
+    """Only these variants, by name."""
+    seed: Annotated[Sequence[int], Parameter(negative="")] = ()
+    """Seeds of the challenges; 1 by default, and none where --recording is given."""
+    minutes: float = 10.0
+    """Length of the challenges of each seed together [min]."""
+    scene: Annotated[Sequence[str], Parameter(negative="")] = ()
+    """Only these challenges, by name."""
+    recording: Annotated[Sequence[Path], Parameter(negative="")] = ()
+    """A recording folder with truth.csv; may be given several times."""
+    jobs: int = 1
+    """Trials at the same time, each in a process of its own."""
+    scenes: Path = SUITE
+    """Folder with challenges."""
+
+
+def bench_ablation(*, options: AblationOptions | None = None) -> None:
     """Switch parts of the engine off, one at a time, and compare all variants on the same recordings.
 
     One table: significant errors, identity changes, misses, false positives and mean position error of every variant,
@@ -49,61 +59,34 @@ def bench_ablation(
     engine as configured; those of foreground and feedback run in full.
 
     Example: planview bench ablation --scene trio --scene crossing --jobs 2
-
-    Parameters
-    ----------
-    rules
-        Switch off the template tracker's special rules instead of parts of the engine.
-    variant
-        Only these variants, by name.
-    seed
-        Seeds of the challenges; 1 by default, and none where --recording is given.
-    minutes
-        Length of the challenges of each seed together [min].
-    scene
-        Only these challenges, by name.
-    recording
-        A recording folder with truth.csv; may be given several times.
-    jobs
-        Trials at the same time, each in a process of its own.
-    scenes
-        Folder with challenges.
-    cache
-        Folder for rendered recordings; the user's cache by default.
-    config
-        TOML file with parameters of the pipeline; what is configured there is the first row.
-    set_
-        One parameter of the pipeline.
-    json_output
-        Print one JSON object.
     """
-    if jobs < 1 or not 0 < minutes <= 1000 or any(s < 0 for s in seed):
-        raise InputError(f"expected --jobs from 1, --minutes above 0, --seed from 0, found {jobs}, {minutes:g}, {seed}")
-    base, variants = load_config(config, set_), chosen_variants(RULES if rules else LADDER, variant)
-    rendered = _challenges(seed, minutes, scene, scenes, cache or cache_folder(), bool(recording))
-    recordings = [AblationRecording(path, None, path) for path in recording] + rendered
-    for folder in recording:
+    o = options or AblationOptions()
+    if o.jobs < 1 or not 0 < o.minutes <= 1000 or any(s < 0 for s in o.seed):
+        raise InputError(
+            f"expected --jobs from 1, --minutes above 0, --seed from 0, found {o.jobs}, {o.minutes:g}, {o.seed}"
+        )
+    base, variants = o.settings(), chosen_variants(RULES if o.rules else LADDER, o.variant)
+    recordings = [AblationRecording(path, None, path) for path in o.recording] + _challenges(o)
+    for folder in o.recording:
         AblationRecording(folder, None, folder).folder()
     with tempfile.TemporaryDirectory(prefix="planview-ablation-") as temporary:
         trials = [Trial(r, v, base, Path(temporary) / f"{i}.h5") for v in variants for i, r in enumerate(recordings)]
-        rows = ablation_rows(_watched(trials, variants, jobs))
-    if json_output:
+        rows = ablation_rows(_watched(trials, variants, o.jobs))
+    if o.json_output:
         found = [row.to_json() for row in rows]
         print(json.dumps({"recordings": [r.name for r in recordings], "variants": found}, indent=2))
     else:
         print_ablation(rows, Console(markup=False, width=TABLE_WIDTH))
 
 
-def _challenges(
-    seeds: Sequence[int], minutes: float, scene: Sequence[str], scenes: Path, cache: Path, folders: bool
-) -> list[AblationRecording]:
-    if folders and not seeds and not scene:
+def _challenges(o: AblationOptions) -> list[AblationRecording]:
+    if o.recording and not o.seed and not o.scene:
         return []
-    files = scene_files(scene, scenes)
+    files = scene_files(o.scene, o.scenes)
     return [
-        AblationRecording(path, s, cache)
-        for s in dict.fromkeys(seeds or [1])
-        for path in chosen_files(files, s, minutes)
+        AblationRecording(path, s, o.cache_folder)
+        for s in dict.fromkeys(o.seed or [1])
+        for path in chosen_files(files, s, o.minutes)
     ]
 
 
