@@ -195,6 +195,13 @@ class IdentityLayer:
         confidence = float(odds[best] / odds.sum())
         return (known[best - 1], confidence) if best > 0 and confidence >= self.params.confidence else None
 
+    def retain(self, people: Sequence[Existence]) -> None:
+        """Forget all others: a long recording remembers no more than those who are tracked."""
+        ids = {who.track_id for who in people}
+        for store in (self._memory, self._fresh):
+            for track_id in [i for i in store if i not in ids]:
+                del store[track_id]
+
     def forget(self, who: Existence) -> None:
         """A track is no person any more."""
         for store in (self._memory, self._fresh):

@@ -57,6 +57,7 @@ class Identities:
             for person, look in zip(clear, looks, strict=False):
                 person.clear_s = self._life.now_s
                 self._layer.learn(person.existence, look)
+        self._layer.retain([q.existence for q in people])
         confirmed = [q for q in people if q.existence.confirmed]
         for exchange in self._layer.exchanges([q.existence for q in confirmed], self._life.now_s):
             self._mend(exchange, confirmed)

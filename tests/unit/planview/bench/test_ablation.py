@@ -8,7 +8,7 @@ from rich.console import Console
 
 from calib.errors import InputError
 from planview.bench.ablation import AblationRow, Interval, bootstrap
-from planview.bench.commands.bench_ablation import TABLE_WIDTH, bench_ablation, print_ablation
+from planview.bench.commands.bench_ablation import TABLE_WIDTH, AblationOptions, bench_ablation, print_ablation
 from planview.bench.one_statistic import NOMINAL_HEIGHT_M, height_only, occupancy_only
 from planview.bench.suite import suite_recording
 from planview.bench.variants import CONFIGURED, LADDER, RULES, chosen_variants
@@ -100,7 +100,8 @@ def test_unknown_variant_is_refused_with_the_known_ones():
 def test_command_compares_variants_with_the_engine_as_configured(tmp_path, capsys):
     (tmp_path / "tiny.toml").write_text(CHALLENGE)
     folder, _ = suite_recording(tmp_path / "tiny.toml", 3, tmp_path / "cache")
-    bench_ablation(recording=[folder], variant=["identity layer off", "height only"], json_output=True)
+    variants = ["identity layer off", "height only"]
+    bench_ablation(options=AblationOptions(recording=[folder], variant=variants, json_output=True))
     result = json.loads(capsys.readouterr().out)
     assert result["recordings"] == [folder.name]
     names = [row["variant"] for row in result["variants"]]
@@ -112,7 +113,7 @@ def test_command_compares_variants_with_the_engine_as_configured(tmp_path, capsy
 
 def test_command_refuses_a_recording_without_truth(tmp_path):
     with pytest.raises(InputError, match=r"truth\.csv"):
-        bench_ablation(recording=[tmp_path])
+        bench_ablation(options=AblationOptions(recording=[tmp_path]))
 
 
 def test_table_has_every_figure_with_its_interval_and_the_papers_count(capsys):

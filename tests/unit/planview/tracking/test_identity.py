@@ -103,6 +103,12 @@ def test_a_contact_too_old_is_settled_as_it_is() -> None:
     assert not layer.in_doubt(one)
 
 
+def test_only_people_who_are_tracked_stay_remembered() -> None:
+    layer, one, two = two_people(RED, BLUE)
+    layer.retain([one])
+    assert layer.remembered(one) is not None and layer.remembered(two) is None
+
+
 def test_identity_layer_that_is_off_finds_nothing() -> None:
     layer, one, two = two_people(RED, BLUE, IdentityParams(enabled=False))
     measure(layer, (one, BLUE), (two, RED))
