@@ -131,6 +131,7 @@ class HumanModelTracker:
         for first, second in itertools.combinations(self.targets, 2):
             if min(first.shared, second.shared) > MIN_CONTACT and self._touch(first, second):
                 self._identity.contact(first.existence, second.existence, self._life.now_s)
+        self._identity.retain([t.existence for t in self.targets])
         for exchange in self._identity.exchanges([t.existence for t in self.targets], self._life.now_s):
             known = {id(t.existence): t for t in self.targets}
             builds = [known[id(who)].build for who in exchange.identities]
