@@ -8,36 +8,36 @@ import numpy as np
 
 from calib.types import F64
 from planview.doctor.check import Check, at_least, at_most
-from planview.doctor.evidence import Evidence
+from planview.doctor.evidence import RecordingEvidence
 from stereo.depth import RectifiedGeometry
 from stereo.rectify import Rectifier
 from stereo.vertical import VerticalModel, fit_affine
 
-MATCHES_LEAST = 60
+MIN_MATCHES = 60
 """Fewest corners found in both images on which the geometry is judged."""
-OFFSET_MOST = 1.5
+MAX_OFFSET = 1.5
 """Row offset of the calibration as it is [px of 640]: a factory calibration after some years has up to 0.5. The offset
 itself is taken out of the images, but a rig that moved this far has also moved along the rows, where it cannot be
 measured."""
-RESIDUAL_MOST = 0.5
+MAX_RESIDUAL = 0.5
 """Row offset that is left [px]: block matching loses half of its matches beyond (our choice)."""
-TREND_MOST = 4.0
+MAX_TREND = 4.0
 """Change of the row offset over the image [px of 640]: 0.4 degrees of roll."""
-POSITIVE_LEAST = 0.8
+MIN_POSITIVE = 0.8
 """Share of corners whose right place is to the left of the left one; far corners may err by calibration."""
-TURN_MOST_DEG = 0.5
+MAX_TURN_DEG = 0.5
 """Rotation of the right camera since calibration: half a degree of pan shifts disparities by 3.5 px of 640, or 15 % of
 the depth at 2 m; a worn factory calibration has up to 0.2."""
-MIRROR_MOST = 1.5
+MAX_MIRROR = 1.5
 """Epipolar error of the pose over that of its mirror images; a good pose has less than its mirror images."""
-TURN_LEAST_DEG = 0.3
+MIN_TURN_DEG = 0.3
 """Poses with less rotation look the same mirrored."""
 
 
-def alignment_checks(evidence: Evidence) -> list[Check]:
+def alignment_checks(evidence: RecordingEvidence) -> list[Check]:
     """Row offset, its trend and what turn of a camera explains it, left-right order and mirrored pose."""
     matches, width = evidence.matches, evidence.plain.geometry.width
-    enough = len(matches) >= MATCHES_LEAST
+    enough = len(matches) >= MIN_MATCHES
     model = fit_affine(matches) if enough else VerticalModel(math.nan)
     scale = 640.0 / width
     offset = float(np.median(np.abs(matches[:, 3]))) * scale if enough else math.nan
@@ -45,18 +45,18 @@ def alignment_checks(evidence: Evidence) -> list[Check]:
     turn = np.degrees(turn_of(matches, evidence.plain.geometry)) if enough else np.full(3, math.nan)
     turned_deg, axes = float(np.linalg.norm(turn)), ", ".join(f"{t:+.2f}" for t in turn)
     return [
-        at_least("matched corners", float(len(matches)), MATCHES_LEAST, "", "corners that both cameras show"),
-        at_least("left-right order", positive, POSITIVE_LEAST, "", "share of corners nearer than infinity"),
-        at_most("row offset", offset, OFFSET_MOST, "px", "median, of 640 px, before it is taken out"),
-        at_most("row offset trend", trend(model, evidence.plain) * scale, TREND_MOST, "px", "change over the image"),
+        at_least("matched corners", float(len(matches)), MIN_MATCHES, "", "corners that both cameras show"),
+        at_least("left-right order", positive, MIN_POSITIVE, "", "share of corners nearer than infinity"),
+        at_most("row offset", offset, MAX_OFFSET, "px", "median, of 640 px, before it is taken out"),
+        at_most("row offset trend", trend(model, evidence.plain) * scale, MAX_TREND, "px", "change over the image"),
         at_most(
-            "camera turn", turned_deg, TURN_MOST_DEG, "deg", f"right camera since calibration: {axes} about x, y, z"
+            "camera turn", turned_deg, MAX_TURN_DEG, "deg", f"right camera since calibration: {axes} about x, y, z"
         ),
-        at_most("row residual", evidence.vertical.after_px, RESIDUAL_MOST, "px", "median, after it is taken out"),
+        at_most("row residual", evidence.vertical.after_px, MAX_RESIDUAL, "px", "median, after it is taken out"),
         at_most(
             "mirrored pose",
             mirror_ratio(evidence.plain, matches),
-            MIRROR_MOST,
+            MAX_MIRROR,
             "",
             "row error of the pose over its mirror image",
         ),
@@ -104,7 +104,7 @@ def mirror_ratio(rectifier: Rectifier, matches: F64) -> float:
     """
     pose = rectifier.rig.right_SE3_left
     turn = math.degrees(float(np.linalg.norm(pose.rotvec)))
-    if len(matches) < MATCHES_LEAST or turn < TURN_LEAST_DEG:
+    if len(matches) < MIN_MATCHES or turn < MIN_TURN_DEG:
         return math.nan
     left, right = _recorded_rays(rectifier, matches)
     own = epipolar_error(left, right, pose.rotation, pose.translation)

@@ -24,7 +24,7 @@ WIDE_SEARCH = VerticalParams(search_px=24, features=200)
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class RecordingEvidence:
     """A recording under examination.
 
     Attributes:
@@ -57,7 +57,7 @@ class Evidence:
     frames_asked: int
 
 
-def gather(recording: StereoRecording, frames: int, search: FloorSearch | None = None) -> Evidence:
+def gather(recording: StereoRecording, frames: int, search: FloorSearch | None = None) -> RecordingEvidence:
     """Decode, rectify and match what the checks need.
 
     Args:
@@ -75,7 +75,7 @@ def gather(recording: StereoRecording, frames: int, search: FloorSearch | None =
     pairs = [rectifier(f.left, f.right) for f in spread]
     disparities = [estimator.disparity(pair) for pair in pairs]
     floor, refused = _floor(estimator, disparities)
-    return Evidence(
+    return RecordingEvidence(
         recording,
         spread,
         recording.at(busiest(spread, recording.n_frames, count)),

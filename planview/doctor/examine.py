@@ -9,7 +9,7 @@ from typing import Any
 from calib.errors import InputError
 from planview.doctor.alignment import alignment_checks
 from planview.doctor.check import Check
-from planview.doctor.evidence import Evidence, gather
+from planview.doctor.evidence import RecordingEvidence, gather
 from planview.doctor.exposure import light_checks
 from planview.doctor.people import people_checks
 from planview.doctor.scene import scene_checks
@@ -28,7 +28,7 @@ class Diagnosis:
     """
 
     checks: tuple[Check, ...]
-    evidence: Evidence | None
+    evidence: RecordingEvidence | None
 
     @property
     def ok(self) -> bool:

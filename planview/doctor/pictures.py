@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.images import as_colour, as_grey, write_image
 from calib.types import F32, U8
-from planview.doctor.evidence import Evidence
+from planview.doctor.evidence import RecordingEvidence
 from planview.doctor.exposure import SATURATED_LEVEL
 from stereo.depth import DepthFromDisparity, back_project
 
@@ -17,7 +17,7 @@ LINE_STEP_PX = 25
 FLOOR_BAND_M = 0.10
 
 
-def write_pictures(evidence: Evidence, folder: Path) -> list[Path]:
+def write_pictures(evidence: RecordingEvidence, folder: Path) -> list[Path]:
     """Write PNG pictures of the frame in the middle of the recording.
 
     Returns:
@@ -55,7 +55,7 @@ def disparity_picture(disparity: F32, largest_px: int) -> U8:
     return picture
 
 
-def floor_picture(evidence: Evidence, left: U8, disparity: F32) -> U8:
+def floor_picture(evidence: RecordingEvidence, left: U8, disparity: F32) -> U8:
     """The left image with what lies on the floor tinted green and what stands above it red."""
     picture = as_colour(left)
     if evidence.floor is None:

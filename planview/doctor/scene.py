@@ -7,41 +7,41 @@ import math
 import numpy as np
 
 from planview.doctor.check import Check, at_least, at_most, between
-from planview.doctor.evidence import Evidence
+from planview.doctor.evidence import RecordingEvidence
 from planview.maps.grid import GridParams
 from stereo.depth import RectifiedGeometry
 
-VALID_LEAST = 0.35
+MIN_VALID = 0.35
 """Share of pixels with a disparity; bare walls and saturated floors have none, people must (our choice)."""
-FLOOR_LEAST = 0.10
+MIN_FLOOR = 0.10
 """Share of valid depth on the floor (our choice: a hand's breadth of floor between furniture still shows it)."""
-FLATNESS_MOST = 0.12
+MAX_FLATNESS = 0.12
 """Deviation of floor points from the plane [m]: with more, a foot cannot be told from a shadow (our choice)."""
 HEIGHT_BETWEEN = (1.2, 10.0)
 """Camera heights above the floor that see people [m]."""
-DEPTH_MOST = {2.0: 0.15, 4.0: 0.5, 8.0: math.inf}
+MAX_DEPTH = {2.0: 0.15, 4.0: 0.5, 8.0: math.inf}
 """Predicted depth deviation at a distance [m]: at 4 m half a metre is a person's width (our choice)."""
 
 
-def scene_checks(evidence: Evidence) -> list[Check]:
+def scene_checks(evidence: RecordingEvidence) -> list[Check]:
     """Share of valid disparity, floor share, flatness and height, depth and cell error at 2, 4 and 8 m."""
     inside = evidence.rectifier.mask > 0
     shares = [float(np.mean(np.isfinite(d[inside]))) for d in evidence.disparities]
     return [
-        at_least("valid disparity", float(np.median(shares)), VALID_LEAST, "", "share of the picture, median frame"),
+        at_least("valid disparity", float(np.median(shares)), MIN_VALID, "", "share of the picture, median frame"),
         *floor_checks(evidence),
         *depth_checks(evidence.rectifier.geometry),
     ]
 
 
-def floor_checks(evidence: Evidence) -> list[Check]:
+def floor_checks(evidence: RecordingEvidence) -> list[Check]:
     """Share, flatness and distance of the floor."""
     floor = evidence.floor
     share = floor.inlier_fraction if floor else math.nan
     why = "share of valid depth that lies on it" if floor else evidence.floor_refused
     return [
-        at_least("floor share", share, FLOOR_LEAST, "", why, needed=True),
-        at_most("floor flatness", floor.residual_m if floor else math.nan, FLATNESS_MOST, "m", "rms from the plane"),
+        at_least("floor share", share, MIN_FLOOR, "", why, needed=True),
+        at_most("floor flatness", floor.residual_m if floor else math.nan, MAX_FLATNESS, "m", "rms from the plane"),
         between(
             "camera height", floor.height_m if floor else math.nan, HEIGHT_BETWEEN, "m", "of the left camera above it"
         ),
@@ -53,7 +53,7 @@ def depth_checks(geometry: RectifiedGeometry) -> list[Check]:
     checks = []
     cell_m = GridParams().cell_m
     cells_of = f"cells of {cell_m * 100:g} cm"
-    for distance, most in DEPTH_MOST.items():
+    for distance, most in MAX_DEPTH.items():
         deviation = geometry.depth_std_m(distance)
         name, note = f"depth error at {distance:g} m", "predicted standard deviation"
         if math.isfinite(most):

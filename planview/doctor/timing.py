@@ -10,36 +10,36 @@ import numpy as np
 
 from calib.types import F64, U8
 from planview.doctor.check import Check, at_least, at_most
-from planview.doctor.evidence import Evidence
+from planview.doctor.evidence import RecordingEvidence
 from stereo.recording import StereoFrame
 from stereo.rectify import Rectifier
 
-GAP_MOST = 2.5
+MAX_GAP = 2.5
 """Longest step between frames over the usual one: one dropped frame passes, two in a row do not (our choice)."""
-USABLE_LEAST = 0.9
-FROZEN_MOST = 0.1
+MIN_USABLE = 0.9
+MAX_FROZEN = 0.1
 """Share of frames that repeat their predecessor in one camera while the other moves."""
-LAG_MOST = 0.5
+MAX_LAG = 0.5
 """Cameras may be apart by half a frame: at 15 fps a walker moves 4 cm in that time, which is 1 px at 4 m."""
 BANDS = 24
 """Bands of rows in which movement is summed: rows of a rectified pair see the same part of the scene."""
 MOVED_LEVEL = 14
 """Grey levels by which a pixel must change to count as moved: above sensor noise and coding artefacts."""
-LIKENESS_LEAST = 0.5
+MIN_LIKENESS = 0.5
 """Correlation of the cameras' movement below which nothing is said about their lag."""
 
 
-def timing_checks(evidence: Evidence) -> list[Check]:
+def timing_checks(evidence: RecordingEvidence) -> list[Check]:
     """Usable frames, gaps in the timestamps, frozen camera and lag between the cameras."""
     found = len(evidence.spread) + len(evidence.run)
     usable = found / max(1, evidence.frames_asked)
     lag, frozen = motion_lag(evidence.rectifier, evidence.run)
     gap = longest_step(_times(evidence))
     return [
-        at_least("usable frames", usable, USABLE_LEAST, "", "share of the frames looked at that can be decoded"),
-        at_most("timestamp gap", gap, GAP_MOST, "steps", "longest step between frames over the usual one"),
-        at_most("frozen camera", frozen, FROZEN_MOST, "", "share of frames that stand still in one camera only"),
-        at_most("synchronisation", abs(lag), LAG_MOST, "frames", f"right camera {lag:+.2f} frames late, by movement"),
+        at_least("usable frames", usable, MIN_USABLE, "", "share of the frames looked at that can be decoded"),
+        at_most("timestamp gap", gap, MAX_GAP, "steps", "longest step between frames over the usual one"),
+        at_most("frozen camera", frozen, MAX_FROZEN, "", "share of frames that stand still in one camera only"),
+        at_most("synchronisation", abs(lag), MAX_LAG, "frames", f"right camera {lag:+.2f} frames late, by movement"),
     ]
 
 
@@ -78,7 +78,7 @@ def best_lag(left: F64, right: F64) -> float:
     if not np.isfinite(scores).any():
         return math.nan
     best = int(np.nanargmax(scores))
-    if scores[best] < LIKENESS_LEAST:
+    if scores[best] < MIN_LIKENESS:
         return math.nan
     # Half the curvature of the parabola through the best score and its neighbours.
     if 0 < best < len(scores) - 1:
@@ -106,7 +106,7 @@ def _movement(images: tuple[U8, ...]) -> F64:
     return np.asarray(np.sqrt(bands), dtype=np.float64)
 
 
-def _times(evidence: Evidence) -> F64:
+def _times(evidence: RecordingEvidence) -> F64:
     times = evidence.recording.times_s
     if times is None:
         return np.array([f.timestamp_s for f in evidence.run])

@@ -13,7 +13,7 @@ def height_histograms(  # type: ignore[no-untyped-def]
 ):
     """Give each point to the nearest of ``people`` (K, 2) within ``radius_m`` and sum its area per height bin.
 
-    Fills ``label`` (N,), -1 for nobody, and ``histogram`` (K, B), where the last bin takes everything higher.
+    Fills ``label`` (N,), -1 for no person, and ``histogram`` (K, B), where the last bin takes everything higher.
     """
     histogram[:] = 0.0
     bins = histogram.shape[1]

@@ -28,7 +28,7 @@ def appearances(
     heights_m: Sequence[float],
     radius_m: float,
 ) -> list[Appearance]:
-    """Appearance of everybody, each point counting for the nearest person.
+    """Appearance of all people, each point counting for the nearest person.
 
     Args:
         points: foreground points; without colours only heights are told.

@@ -1,11 +1,11 @@
-"""Where a body's axis is, given that a camera sees only its near side.
+"""Where a body's axis is, given that only its near side faces the camera.
 
-A camera sees the near half of a head or torso, so the centroid of what it sees lies nearer than the body's axis. For
+A camera sees the near half of a head or torso, so the centroid of what is visible lies nearer than the body's axis. For
 a sphere of radius r, weighted by the image area that each point takes (which is how a camera samples it), the mean of
-the visible half lies 2/3 r in front of the centre along the viewing ray; seen under a depression angle e, that is
+the visible half lies 2/3 r in front of the centre along the viewing ray; under a depression angle e, that is
 2/3 r cos(e) on the floor. A vertical cylinder gives pi/4 r (for horizontal rays). The head is a sphere to within a
-centimetre or two, the torso is not a cylinder, so the head is used wherever it is seen. All of this is ours: the paper
-reports the template's centre (18 cm mean error).
+centimetre or two, the torso is not a cylinder, so the head is used wherever it is visible. All of this is ours; the
+paper reports the template's centre (18 cm mean error).
 """
 
 from __future__ import annotations
@@ -42,23 +42,23 @@ class BodyAxisParams(Params):
 
 @dataclass(frozen=True)
 class AxisMeasurement:
-    """The axis of one person's body on the floor [m]; NaN where nothing of him was seen.
+    """The axis of one person's body on the floor [m]; NaN where nothing of it was visible.
 
     Attributes:
         x_m, y_m: floor position below the head's centre.
-        seen_m: (x, y) of the centroid of what was seen of it.
+        visible_m: (x, y) of the centroid of what is visible of it.
         height_m: top of the head above the floor.
-        from_head: False where too little of the head was seen and the torso gave the position.
+        from_head: False where too little of the head is visible and the torso gave the position.
     """
 
     x_m: float
     y_m: float
-    seen_m: tuple[float, float]
+    visible_m: tuple[float, float]
     height_m: float
     from_head: bool
 
 
-UNSEEN = AxisMeasurement(math.nan, math.nan, (math.nan, math.nan), math.nan, False)
+UNOBSERVED = AxisMeasurement(math.nan, math.nan, (math.nan, math.nan), math.nan, False)
 
 
 class BodyAxis:
@@ -75,7 +75,7 @@ class BodyAxis:
         self._bins = math.ceil(height_max_m / _BIN_M) + 1
 
     def __call__(self, points: FloorPoints, people_m: F64, radius_m: float) -> list[AxisMeasurement]:
-        """Measure everybody at once, each point counting for the nearest person.
+        """Measure all people at once, each point counting for the nearest person.
 
         Args:
             points: foreground points, world frame.
@@ -84,7 +84,7 @@ class BodyAxis:
         """
         k = len(people_m)
         if k == 0 or len(points.xyz) == 0:
-            return [UNSEEN] * k
+            return [UNOBSERVED] * k
         p = self.params
         label = np.empty(len(points.xyz), dtype=np.int32)
         histogram = np.empty((k, self._bins))
@@ -100,10 +100,10 @@ class BodyAxis:
         measurements = []
         for i in range(k):
             from_head = bool(head[i, 2] >= whole)
-            seen = head[i] if from_head else body[i]
+            visible = head[i] if from_head else body[i]
             offset = (2 / 3) * p.head_radius_m if from_head else (math.pi / 4) * p.torso_radius_m
-            x, y = seen[:2] + offset * math.cos(depression[i]) * away[i]
-            where = (float(seen[0]), float(seen[1]))
+            x, y = visible[:2] + offset * math.cos(depression[i]) * away[i]
+            where = (float(visible[0]), float(visible[1]))
             measurements.append(AxisMeasurement(float(x), float(y), where, float(top[i]), from_head))
         return measurements
 
@@ -115,7 +115,7 @@ class BodyAxis:
         return out / np.maximum(distance, 1e-6)[:, None], depression
 
     def _top(self, histogram: F64, depression: F64) -> F64:
-        """Height (K,) above which just as much area is seen as a head's cap shows."""
+        """Height (K,) above which just as much area is visible as a head's cap shows."""
         p = self.params
         # The cap of a sphere under a depression angle: half an ellipse up to the silhouette, and half of its base.
         base = math.sqrt(p.cap_m * (2 * p.head_radius_m - p.cap_m))
@@ -133,7 +133,7 @@ class BodyAxis:
 
     @staticmethod
     def _centroid(points: FloorPoints, label: np.ndarray, low: F64, high: F64, centres: F64, radius: float) -> F64:
-        """(K, 3): x, y [m] and seen area [m^2] of each person's points in a height band; NaN where there are none."""
+        """(K, 3): x, y [m] and visible area [m^2] of each person's points in a height band; NaN where none are."""
         sums = np.empty((len(centres), 3))
         slab_centroids(points.xyz, points.area, label, low, high, np.ascontiguousarray(centres), radius, sums)
         with np.errstate(invalid="ignore", divide="ignore"):

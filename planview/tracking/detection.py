@@ -155,7 +155,7 @@ class PersonDetector:
         if self._head_width(maps, occupancy, x, y, top) > self.params.head_width_max_m:
             return None
         if measured.from_head:
-            x, y = measured.seen_m
+            x, y = measured.visible_m
         return PersonCandidate(x, y, (measured.x_m, measured.y_m), top, area, low=top < self.params.height_min_m)
 
     def _head_width(self, maps: PlanViewMaps, occupancy: F32, x: float, y: float, top: float) -> float:

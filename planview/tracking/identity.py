@@ -1,7 +1,7 @@
 """Who is who after contact: one identity layer beneath all trackers, by what is lasting about a person.
 
 Place tells people apart until they touch or vanish. What lasts is kept here: colours by body height, body height and
-breadth, learned only while a person is clear of others. After a contact the fresh measurements of everybody involved
+breadth, learned only while a person is clear of others. After a contact the fresh measurements of all people involved
 are compared with everything remembered, jointly, and an exchange is mended when the odds for it are high enough.
 The papers have no such model (Harville 2002, section 5: "no long-term person appearance models"); all of this is ours.
 """
@@ -133,7 +133,7 @@ class Exchange:
 class IdentityLayer:
     """Remembers people, notes who was in contact with whom, and finds exchanges.
 
-    Each frame: ``contact`` for everybody who touches another, ``learn`` for everybody who is clear of others, then
+    Each frame: ``contact`` for all who touch another, ``learn`` for all who are clear of others, then
     ``exchanges``.
     """
 
@@ -142,7 +142,7 @@ class IdentityLayer:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everybody."""
+        """Forget all people."""
         self._memory: dict[int, AppearanceModel] = {}
         self._fresh: dict[int, AppearanceModel] = {}
         self._contacts: dict[tuple[int, int], float] = {}
@@ -183,7 +183,7 @@ class IdentityLayer:
     def known_as(self, who: Existence, absent: Sequence[Existence]) -> tuple[Existence, float] | None:
         """Which of the people absent a newcomer is by appearance, and the confidence; None for a new person.
 
-        That it is somebody else has the cost of a look at the far end of one person's own variation.
+        That it is another person has the cost of a look at the far end of one person's own variation.
         """
         memory = self._memory.get(who.track_id)
         known = [other for other in absent if other.track_id in self._memory]
@@ -208,10 +208,10 @@ class IdentityLayer:
             store.pop(who.track_id, None)
 
     def exchanges(self, people: Sequence[Existence], now_s: float) -> list[Exchange]:
-        """Judge every group in contact of which somebody has been measured clearly since.
+        """Judge every group in contact of which a member has been measured clearly since.
 
         Args:
-            people: everybody tracked, lost people too.
+            people: all who are tracked, lost people too.
         Returns:
             What to mend. A group is settled once all who are observed have been measured.
         """

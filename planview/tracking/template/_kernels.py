@@ -20,8 +20,8 @@ def differences(  # type: ignore[no-untyped-def]
     ``row``, ``col``: the window's first cell. A cell with height in exactly one of the two counts as ``one_sided``.
     """
     n = template_height.shape[0]
-    seen_height = height[row : row + n, col : col + n]
-    seen_occupancy = occupancy[row : row + n, col : col + n]
+    map_height = height[row : row + n, col : col + n]
+    map_occupancy = occupancy[row : row + n, col : col + n]
     zero, one, gap = np.float32(0.0), np.float32(1.0), np.float32(one_sided)
     height_sum = zero
     occupancy_sum = zero
@@ -30,11 +30,11 @@ def differences(  # type: ignore[no-untyped-def]
         for j in range(n):
             # Weights instead of branches, so that the loop runs on vectors.
             known = one if template_height[i, j] > zero else zero
-            seen = one if seen_height[i, j] > zero else zero
-            both = known * seen
-            either = known + seen - both
-            height_sum += both * abs(template_height[i, j] - seen_height[i, j]) + (either - both) * gap
-            occupancy_sum += either * abs(template_occupancy[i, j] - seen_occupancy[i, j])
+            present = one if map_height[i, j] > zero else zero
+            both = known * present
+            either = known + present - both
+            height_sum += both * abs(template_height[i, j] - map_height[i, j]) + (either - both) * gap
+            occupancy_sum += either * abs(template_occupancy[i, j] - map_occupancy[i, j])
             used += either
     if used == 0:
         return one_sided, 0.0
@@ -91,7 +91,7 @@ def clear(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Zero both padded maps within an ellipse whose long axis follows the viewing ray.
 
-    Cells nearer to one of ``others`` (K, 2: padded rows and cols) are left, since they are somebody else's.
+    Cells nearer to one of ``others`` (K, 2: padded rows and cols) are left, since they are another person's.
     """
     reach = math.ceil(max(across_cells, along_cells))
     rows, cols = height.shape
@@ -131,18 +131,18 @@ def adapt(  # type: ignore[no-untyped-def]
         for j in range(n):
             r, c = row + i, col + j
             mine = (r - people[me, 0]) ** 2 + (c - people[me, 1]) ** 2
-            seen_height = height[r, c]
-            seen_occupancy = occupancy[r, c]
+            map_height = height[r, c]
+            map_occupancy = occupancy[r, c]
             for k in range(len(people)):
                 if k != me and (r - people[k, 0]) ** 2 + (c - people[k, 1]) ** 2 < mine:
-                    seen_height = 0.0
-                    seen_occupancy = 0.0
-            template_occupancy[i, j] += gain * (seen_occupancy - template_occupancy[i, j])
-            if seen_height > 0.0:
+                    map_height = 0.0
+                    map_occupancy = 0.0
+            template_occupancy[i, j] += gain * (map_occupancy - template_occupancy[i, j])
+            if map_height > 0.0:
                 if template_height[i, j] > 0.0:
-                    template_height[i, j] += gain * (seen_height - template_height[i, j])
+                    template_height[i, j] += gain * (map_height - template_height[i, j])
                 else:
-                    template_height[i, j] = seen_height
+                    template_height[i, j] = map_height
             if template_occupancy[i, j] < occupancy_min:
                 template_height[i, j] = 0.0
             if template_height[i, j] > 0.0:

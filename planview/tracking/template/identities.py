@@ -29,7 +29,7 @@ HEAD_ROOM_M = 0.05
 class Identities:
     """Feeds the identity layer with what the template tracker measures.
 
-    Two people are in contact while their templates overlap (2 W_avg); a person is clear of others when nobody is
+    Two people are in contact while their templates overlap (2 W_avg); a person is clear of others when no other is
     within that distance, its head is measured and the match is good.
     """
 
@@ -38,21 +38,21 @@ class Identities:
         self._layer = IdentityLayer(params.identity)
 
     def reset(self) -> None:
-        """Forget everybody."""
+        """Forget all people."""
         self._layer.reset()
 
     def update(self, maps: PlanViewMaps, people: Sequence[TemplatePerson]) -> None:
-        """Note contacts, learn appearances, mend exchanges; once per frame, after everybody is located."""
+        """Note contacts, learn appearances, mend exchanges; once per frame, after all are located."""
         if not self._params.identity.enabled:
             return
         nearest = self._contacts(maps, people)
         clear = [q for q in people if q.observed and self._clear(maps, q, nearest[id(q)])]
         if clear:
             others = [q for q in people if q.observed and q not in clear]
-            everybody = [*clear, *others]
+            measured = [*clear, *others]
             looks = appearances(
-                maps.points, [q.at_m for q in everybody], [q.tallest_m for q in everybody],
-                [q.height_m for q in everybody], self._params.reach_m,
+                maps.points, [q.at_m for q in measured], [q.tallest_m for q in measured],
+                [q.height_m for q in measured], self._params.reach_m,
             )  # fmt: skip
             for person, look in zip(clear, looks, strict=False):
                 person.clear_s = self._life.now_s

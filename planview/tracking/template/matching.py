@@ -47,7 +47,7 @@ class JointMatcher:
         self._result = np.empty(7)
 
     def __call__(self, people: Sequence[TemplatePerson]) -> list[TemplatePerson]:
-        """Search for everybody; sets ``score`` and, where found, ``at_m``; returns the people found.
+        """Search for all people; sets ``score`` and, where found, ``at_m``; returns the people found.
 
         People are taken in the paper's order, the most certain first. Among those who touch, that order decides who
         gets the maps that both could have; there every order is tried, and the one with the smallest total score is
@@ -84,7 +84,7 @@ class JointMatcher:
     ) -> tuple[list[TemplatePerson], list[Placement]]:
         """The order with the smallest total score, placed; its maps stay cleared.
 
-        Where all match well in the paper's order, nobody has taken another's place and no other order is tried.
+        Where all match well in the paper's order, no person has taken another's place and no other order is tried.
         """
         score_max = self._params.match.score_max
         before = None
@@ -107,7 +107,7 @@ class JointMatcher:
         del self._placed[before[2] :]
 
     def _place(self, order: Sequence[TemplatePerson], waiting: Sequence[TemplatePerson]) -> list[Placement]:
-        """Search for people one after the other, clearing the maps under everybody found."""
+        """Search for people one after the other, clearing the maps under all people found."""
         placements = []
         for i, person in enumerate(order):
             placement = self._search(person)

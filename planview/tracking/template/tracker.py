@@ -29,7 +29,7 @@ UNLIKELY_MAX = 4.6
 class TemplateTracker:
     """Tracks people in plan-view maps of height and occupancy.
 
-    Each frame: predict everybody; match (eq. 4), people in contact jointly, and clear the maps under those found;
+    Each frame: predict all people; match (eq. 4), people in contact jointly, and clear the maps under those found;
     locate heads and body axes; adapt templates and re-center slipped ones; mend exchanged identities; look for
     newcomers in what is left, who may be lost people; prune who is gone.
     """
@@ -42,7 +42,7 @@ class TemplateTracker:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everybody; ids start again at 1."""
+        """Forget all people; ids start again at 1."""
         self._people: list[TemplatePerson] = []
         self._grid: Grid | None = None
         self._life.reset()
@@ -112,15 +112,15 @@ class TemplateTracker:
         for person, measured in zip(found, axis(maps.points, where, self.params.reach_m), strict=True):
             person.head = self._trusted(person, measured)
             if person.head:
-                person.at_m = measured.seen_m
-                person.offset_m = (measured.x_m - measured.seen_m[0], measured.y_m - measured.seen_m[1])
+                person.at_m = measured.visible_m
+                person.offset_m = (measured.x_m - measured.visible_m[0], measured.y_m - measured.visible_m[1])
             self._update(person, measured, maps.view, dt)
             person.too_low = measured.height_m < self.params.detection.height_min_m - 0.1
 
     def _trusted(self, person: TemplatePerson, measured: AxisMeasurement) -> bool:
         if not measured.from_head:
             return False
-        apart = math.hypot(measured.seen_m[0] - person.at_m[0], measured.seen_m[1] - person.at_m[1])
+        apart = math.hypot(measured.visible_m[0] - person.at_m[0], measured.visible_m[1] - person.at_m[1])
         grown = measured.height_m > person.tallest_m + self.params.grow_max_m
         return apart <= self.params.head_reach_m and not grown
 
@@ -138,7 +138,7 @@ class TemplateTracker:
             person.tallest_m = max(person.tallest_m, person.height_m)
 
     def _adapt(self, frame: TemplateFrame, dt: float) -> None:
-        """Blend templates of everybody found, then re-center the slipped ones; velocity and covariance stay."""
+        """Blend templates of all people found, then re-center the slipped ones; velocity and covariance stay."""
         found = [person for person in self._people if person.observed]
         people = frame.padded_cells([person.at_m for person in found])
         gain = 1.0 - math.exp(-dt / self.params.template_time_s)
