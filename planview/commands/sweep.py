@@ -32,7 +32,7 @@ def sweep(
     Parameters
     ----------
     recordings
-        Stereo recordings, or maps.h5 that planview run --save-maps wrote: for parameters of the tracker, ten times as
+        Stereo recordings, or maps.h5 that planview run --save-maps wrote: for parameters of the tracker, many times as
         fast; truth.csv is looked for beside them.
     out
         Folder in which each run gets a folder of its own; finished runs found there are kept, not repeated.

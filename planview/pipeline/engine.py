@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from calib.ground_camera import GroundCamera
 from calib.types import F32
@@ -17,6 +17,8 @@ from planview.tracking.base import Decision, Observation, Tracker
 from planview.trajectories.state import TrackState
 from stereo.floor_camera import StereoFloorCamera
 from stereo.recording import Skipped
+
+AnyFrame = TypeVar("AnyFrame")
 
 STAGES = ("read", "rectify", "match", "foreground", "maps", "track")
 """Stages timed, in order."""
@@ -119,3 +121,14 @@ class StageClock:
         now = perf_counter()
         self.stages_ms[stage] = 1e3 * (now - self._since)
         self._since = now
+
+
+def timed_steps(
+    frames: Iterable[AnyFrame], track: Callable[[AnyFrame, StageClock], FrameResult]
+) -> Iterator[FrameResult]:
+    """``track`` every frame with a clock that has timed its reading."""
+    clock = StageClock()
+    for frame in frames:
+        clock.record("read")
+        yield track(frame, clock)
+        clock = StageClock()

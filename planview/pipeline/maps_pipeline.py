@@ -14,7 +14,7 @@ from planview.maps.recording import MapsFrame, MapsRecording
 from planview.pipeline.boxes import BodyBoxes
 from planview.pipeline.config import Config
 from planview.pipeline.describe import StereoDescription
-from planview.pipeline.engine import FrameResult, StageClock
+from planview.pipeline.engine import FrameResult, StageClock, timed_steps
 from planview.tracking.base import Observation, Tracker
 
 FIXED_TABLES = ("analysis", "rectify", "range", "sgbm", "floor", "foreground", "feedback")
@@ -86,11 +86,7 @@ class MapsPipeline(StereoDescription):
     def __iter__(self) -> Iterator[FrameResult]:
         """``step`` over the recording from its first frame."""
         self.reset()
-        clock = StageClock()
-        for frame in self.recording:
-            clock.record("read")
-            yield self._track(frame, clock)
-            clock = StageClock()
+        yield from timed_steps(self.recording, self._track)
 
     def _track(self, frame: MapsFrame, clock: StageClock) -> FrameResult:
         self._mask[:] = 0

@@ -17,7 +17,7 @@ from planview.maps.view import StereoView
 from planview.pipeline.boxes import BodyBoxes
 from planview.pipeline.config import Config
 from planview.pipeline.describe import StereoDescription, ground_camera_info, ground_floor_info
-from planview.pipeline.engine import FrameResult, StageClock
+from planview.pipeline.engine import FrameResult, StageClock, timed_steps
 from planview.pipeline.feedback import Feedback
 from planview.pipeline.info import CameraInfo, FloorInfo
 from planview.pipeline.setup import Setup, set_up
@@ -222,11 +222,7 @@ class SingleCameraPipeline:
     def __iter__(self) -> Iterator[FrameResult]:
         """``step`` over the recording from its first frame."""
         self.reset()
-        clock = StageClock()
-        for frame in self.recording:
-            clock.record("read")
-            yield self._track(frame, clock)
-            clock = StageClock()
+        yield from timed_steps(self.recording, self._track)
 
     def _track(self, frame: VideoFrame, clock: StageClock) -> FrameResult:
         if self.tracker.needs_foreground:
