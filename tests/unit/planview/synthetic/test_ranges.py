@@ -53,7 +53,8 @@ def test_range_gives_a_number_in_it_and_a_choice_one_of_its_list():
 def test_committed_challenge_is_valid_for_every_draw_of_its_ranges(path):
     table = tomllib.loads(path.read_text())
     for seed in range(20):
-        Challenge.model_validate(resolved(table, np.random.default_rng(seed)))
+        challenge = Challenge.model_validate(resolved(table, np.random.default_rng(seed)))
+        assert challenge.choreography and challenge.covers
 
 
 def test_committed_challenges_cover_every_phenomenon():
