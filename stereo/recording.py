@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, Protocol
 
+from calib.camera import Camera
 from calib.pose import SE3
 from calib.rig import StereoRig
-from calib.types import U8
+from calib.types import F32, U8
+
+DepthSensor = Literal["structured-light", "time-of-flight", "stereo"]
+"""How a depth camera measures, which decides how its noise grows with depth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +62,52 @@ class Recording(Protocol):
     def __iter__(self) -> Iterator[StereoFrame]: ...
 
     def sample(self, count: int) -> list[StereoFrame]:
+        """Up to ``count`` usable frames spread evenly over the recording, without decoding all of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class RgbdFrame:
+    """One image and its depth as recorded, lens distortion included.
+
+    Attributes:
+        index: position in the recording, from 0; skipped frames leave gaps.
+        timestamp_s: seconds since the recording's first frame.
+        image: (H, W) or (H, W, 3) uint8, BGR.
+        depth_m: (H, W) float32 [m] along the optical axis of the image's own pixels; NaN where unknown.
+    """
+
+    index: int
+    timestamp_s: float
+    image: U8
+    depth_m: F32
+
+
+class RgbdRecording(Protocol):
+    """A recording of images with registered depth: iterate it for its usable frames.
+
+    Attributes:
+        path: the folder or file it came from.
+        camera: calibration of the images at their size; depth has been moved into it.
+        source: where the calibration came from, for messages and run.json.
+        sensor: how the depth was measured.
+        world_SE3_camera: from ``world.toml``, else None (the floor is then found from the recording).
+        n_frames: frames announced by the files (an upper bound).
+        fps: nominal frames per second.
+        skipped: frames passed over so far while iterating.
+    """
+
+    path: Path
+    camera: Camera
+    source: str
+    sensor: DepthSensor
+    world_SE3_camera: SE3 | None
+    n_frames: int
+    fps: float
+    skipped: list[Skipped]
+
+    def __iter__(self) -> Iterator[RgbdFrame]: ...
+
+    def sample(self, count: int) -> list[RgbdFrame]:
         """Up to ``count`` usable frames spread evenly over the recording, without decoding all of it."""
 
 
