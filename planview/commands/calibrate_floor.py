@@ -24,7 +24,7 @@ from planview.pipeline.config import load_config
 from planview.pipeline.setup import floor_search
 from planview.trajectories.table import read_tracks
 from stereo.floor import FloorSearch
-from stereo.readers.opening import open_recording
+from stereo.readers import OpenOptions, open_recording
 from stereo.readers.pair import StereoRecording
 
 
@@ -96,7 +96,7 @@ def calibrate_floor(recording: Path, *, options: FloorOptions | None = None) -> 
 def _find(recording: Path, search: FloorSearch, options: FloorOptions, console: Console) -> tuple[FloorView, Floor]:
     """The floor by the way that the options name."""
     parsed = parse_points(options.points) if options.points else None
-    opened = open_recording(recording, options.calibration)
+    opened = open_recording(recording, OpenOptions(options.calibration))
     with console.status(f"Looking at {search.frames} frames"):
         view = view_floor(opened, search)
         if parsed is not None:

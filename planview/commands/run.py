@@ -15,6 +15,7 @@ from planview.analytics.geometry import RulePlane
 from planview.analytics.rules import load_rules
 from planview.analytics.stream import Analytics
 from planview.commands.options import Flag, JsonFlag
+from planview.commands.source import open_options
 from planview.maps.recording import is_maps
 from planview.pipeline.config import load_config
 from planview.pipeline.engine import Engine
@@ -39,6 +40,10 @@ class TrackingOptions:
     """camera.toml of a single camera (planview calibrate human writes it)."""
     calibration: Path | None = None
     """Calibration of the stereo pair, when it does not lie in the recording."""
+    topics: str | None = None
+    """Topics of a bag, LEFT,RIGHT or IMAGE,DEPTH, where they are not clear from their names."""
+    fps: float | None = None
+    """Frames per second, in place of the recording's own times."""
     rules: Path | None = None
     """rules.toml with tripwires and zones to count while tracking."""
     config: Path | None = None
@@ -85,10 +90,11 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
     if options.frames < 0:
         raise InputError(f"--frames: expected a number from 0, found {options.frames}")
     settings = load_config(options.config, options.set_, base_config(recording))
+    source = open_options(options.calibration, options.fps, options.topics)
     check_folder(out, options.overwrite, recording)
     console = Console(stderr=True, markup=False)
     with console.status("opening the recording, aligning rows, finding the floor"):
-        engine = open_engine(recording, options.tracker, settings, options.camera, options.calibration)
+        engine = open_engine(recording, options.tracker, settings, options.camera, source)
     if options.save_maps and (engine.stereo is None or is_maps(recording)):
         raise InputError(f"--save-maps: expected a stereo recording, found {recording}")
     analytics = Analytics(load_rules(options.rules, RulePlane(engine.camera, engine.size))) if options.rules else None

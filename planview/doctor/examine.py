@@ -15,7 +15,7 @@ from planview.doctor.people import people_checks
 from planview.doctor.scene import scene_checks
 from planview.doctor.timing import timing_checks
 from stereo.floor import FloorSearch
-from stereo.readers import open_recording
+from stereo.readers import OpenOptions, open_recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ def examine(
     if not path.exists():
         raise InputError(f"{path}: expected a recording (folder or video), found nothing there")
     try:
-        recording = open_recording(path, calibration)
+        recording = open_recording(path, OpenOptions(calibration))
     except InputError as error:
         return Diagnosis((Check("calibration and layout", False, 0.0, note=str(error)),), None)
     evidence = gather(recording, frames, search)

@@ -16,7 +16,7 @@ from planview.tracking.base import ImageTracker, Tracker
 from planview.tracking.ellipse_particle import floor_ellipse_tracker, image_ellipse_tracker
 from planview.tracking.human_model.tracker import HumanModelTracker
 from planview.tracking.template import TemplateTracker
-from stereo.readers import open_video
+from stereo.readers import OpenOptions, open_video
 from stereo.recording import Video
 
 TrackerName = Literal["template", "human-model", "ellipse-particle"]
@@ -29,7 +29,7 @@ def open_engine(
     tracker: TrackerName = "template",
     config: Config | None = None,
     camera: Path | None = None,
-    calibration: Path | None = None,
+    options: OpenOptions | None = None,
 ) -> Engine:
     """Open a recording, or the plan-view maps of one, with the tracker asked for.
 
@@ -37,6 +37,7 @@ def open_engine(
     the ellipse-particle tracker takes any: of a stereo recording it tracks the plan-view occupancy map.
 
     Args:
+        options: calibration, rate and topics of a stereo recording that are not taken from itself.
         config: the defaults when None; of plan-view maps the parameters that made them (see ``base_config``).
     Raises:
         InputError: a recording, camera or calibration that is missing or does not fit.
@@ -44,11 +45,12 @@ def open_engine(
     """
     if tracker not in get_args(TrackerName):
         raise InputError(f"--tracker: expected one of {', '.join(get_args(TrackerName))}, found {tracker!r}")
+    options = options or OpenOptions()
     if is_maps(path):
-        return _open_maps(path, tracker, config, camera or calibration)
+        return _open_maps(path, tracker, config, camera or options.calibration)
     config = config or Config()
-    if tracker == "template" or (tracker == "ellipse-particle" and is_stereo(path, calibration)):
-        return Pipeline.from_recording(path, config, calibration, floor_tracker(tracker, config))
+    if tracker == "template" or (tracker == "ellipse-particle" and is_stereo(path, options.calibration)):
+        return Pipeline.from_recording(path, config, options, floor_tracker(tracker, config))
     video = open_video(path)
     ground_camera = _camera_for(video, camera) if camera else None
     return SingleCameraPipeline(video, image_tracker(tracker, config, ground_camera), config, ground_camera)

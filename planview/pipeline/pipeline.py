@@ -25,7 +25,7 @@ from planview.pipeline.single_camera import SingleCamera
 from planview.tracking.base import ImageTracker, Observation, Tracker
 from planview.tracking.template import TemplateTracker
 from stereo.matcher import Matcher, SgbmMatcher
-from stereo.readers import open_recording
+from stereo.readers import OpenOptions, open_recording
 from stereo.readers.prefetch import prefetch
 from stereo.recording import Recording, StereoFrame, Video, VideoFrame
 
@@ -96,7 +96,7 @@ class Pipeline(StereoDescription):
     def from_recording(
         path: Path | str,
         config: Config | None = None,
-        calibration: Path | None = None,
+        options: OpenOptions | None = None,
         tracker: Tracker | None = None,
         matcher: Matcher | None = None,
     ) -> Pipeline:
@@ -107,7 +107,7 @@ class Pipeline(StereoDescription):
             WorkError: no floor is visible.
         """
         config = config or Config()
-        recording = open_recording(Path(path), calibration)
+        recording = open_recording(Path(path), options)
         return Pipeline(recording, set_up(recording, config), config, tracker, matcher)
 
     def reset(self) -> None:

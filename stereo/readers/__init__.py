@@ -1,5 +1,6 @@
-"""Recordings from disk: image folders, video pairs and side-by-side videos."""
+"""Recordings from disk: one file for each layout, recognised by content."""
 
-from stereo.readers.opening import open_recording, open_video
+from stereo.readers.opening import find_layout, find_reader, open_any, open_recording, open_video
+from stereo.readers.reader import OpenOptions
 
-__all__ = ["open_recording", "open_video"]
+__all__ = ["OpenOptions", "find_layout", "find_reader", "open_any", "open_recording", "open_video"]

@@ -31,7 +31,8 @@ class StereoRecording:
     A frame that one side lacks is passed over and noted in ``skipped``; indices and times keep the gap.
 
     Attributes:
-        times_s: (n,) float64 [s] of timestamps.csv by frame index, NaN where it has no row; None without that file.
+        times_s: (n,) float64 [s] by frame index, NaN where unknown; None without a table of times.
+        notes: what the reader assumed, mended or missed, a sentence each.
     """
 
     def __init__(
@@ -50,6 +51,7 @@ class StereoRecording:
         self.n_frames = n_frames
         self.fps = fps
         self.skipped: list[Skipped] = []
+        self.notes: list[str] = []
         self._pairs = pairs
         self.times_s = times_s
 

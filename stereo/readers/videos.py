@@ -91,6 +91,11 @@ class VideoFile:
         return as_grey(pixels) if self._grey else pixels
 
 
+def video_files(folder: Path) -> list[Path]:
+    """The videos of a folder, sorted by name."""
+    return sorted(f for f in folder.iterdir() if f.suffix.lower() in SUFFIXES and f.is_file())
+
+
 def _open(path: Path) -> cv2.VideoCapture:
     if not path.is_file():
         raise InputError(f"{path}: expected a video file, found none")

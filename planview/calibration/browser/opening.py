@@ -9,7 +9,7 @@ from calib.types import U8
 from planview.calibration.browser.session import CalibrationSession
 from planview.calibration.floor import view_floor
 from stereo.floor import FloorSearch
-from stereo.readers.opening import open_recording, open_video
+from stereo.readers import OpenOptions, open_recording, open_video
 
 
 def open_session(path: Path, calibration: Path | None = None, n_frames: int = 40) -> CalibrationSession:
@@ -20,7 +20,7 @@ def open_session(path: Path, calibration: Path | None = None, n_frames: int = 40
         WorkError: no usable frame.
     """
     if path.is_dir() and (calibration is not None or _is_stereo(path)):
-        recording = open_recording(path, calibration)
+        recording = open_recording(path, OpenOptions(calibration))
         view = view_floor(recording, FloorSearch())
         return CalibrationSession(str(path), [view.image], [0], view)
     video = open_video(path)
