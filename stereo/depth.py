@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import overload
@@ -31,6 +32,7 @@ class RectifiedGeometry:
         cu_px, cv_px: principal point of both images [px]; pixel (0, 0) is the centre of the top-left pixel.
         baseline_m: distance between the cameras along x [m].
         disparity_std_px: standard deviation of a matched disparity [px].
+        depth_std_min_m: deviation of the depth however near [m]: 0 for triangulation, not for time of flight.
     """
 
     width: int
@@ -41,6 +43,7 @@ class RectifiedGeometry:
     cv_px: float
     baseline_m: float
     disparity_std_px: float = DISPARITY_STD_PX
+    depth_std_min_m: float = 0.0
 
     @property
     def size(self) -> tuple[int, int]:
@@ -86,16 +89,26 @@ class RectifiedGeometry:
         """Disparity [px] of a point at a depth [m]."""
         return self.disparity_metre / depth_m
 
+    @property
+    def depth_std_per_m2(self) -> float:
+        """Growth of the depth deviation with squared depth [1/m], sigma_d / (f b): the derivative of z = f b / d."""
+        return self.disparity_std_px / self.disparity_metre
+
+    @property
+    def disparity_std_per_px2(self) -> float:
+        """Growth of the disparity deviation with squared disparity [1/px] that ``depth_std_min_m`` means."""
+        return self.depth_std_min_m / self.disparity_metre
+
     @overload
     def depth_std_m(self, depth: float) -> float: ...
     @overload
     def depth_std_m(self, depth: F32) -> F32: ...
     def depth_std_m(self, depth: float | F32) -> float | F32:
-        """Predicted standard deviation of depths [m]: sigma_z = z^2 / (f b) sigma_d, the derivative of z = f b / d."""
-        scale = self.disparity_std_px / self.disparity_metre
+        """Predicted standard deviation of depths [m]: sigma_z^2 = (z^2 sigma_d / (f b))^2 + depth_std_min_m^2."""
         if isinstance(depth, np.ndarray):
-            return np.asarray(depth * depth * np.float32(scale), dtype=np.float32)
-        return depth * depth * scale
+            grown = depth * depth * np.float32(self.depth_std_per_m2)
+            return np.asarray(np.hypot(grown, np.float32(self.depth_std_min_m)), dtype=np.float32)
+        return math.hypot(depth * depth * self.depth_std_per_m2, self.depth_std_min_m)
 
 
 class DepthParams(Params):

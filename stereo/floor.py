@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
+from typing import Protocol, TypeVar
 
 import numpy as np
 from pydantic import Field
@@ -13,9 +15,9 @@ from calib.floor.params import FloorParams
 from calib.params import Params
 from calib.rig import Floor
 from calib.types import F32
-from stereo.depth import DepthFromDisparity, back_project
+from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project
 from stereo.matcher import RangeParams, SgbmParams, disparity_range
-from stereo.recording import Recording, StereoFrame
+from stereo.recording import StereoFrame
 from stereo.rectify import RectifiedPair, Rectifier, RectifyParams
 from stereo.two_way import TwoWayMatcher
 
@@ -26,6 +28,28 @@ STEP_PX = 3
 MIN_VALID = 0.03
 """Smallest share of pixels with disparity in the median frame: a bare room still has more, unrelated images less
 (our choice)."""
+
+
+_BLIND_PAIR = (
+    "left and right are swapped, the calibration belongs to another rig, or the images show no texture "
+    "(planview doctor tells)"
+)
+BLIND_SENSOR = "the depth has another scale than the calibration says, or everything is out of the sensor's range"
+
+AnyFrame = TypeVar("AnyFrame")
+
+
+class Sampled(Protocol[AnyFrame]):
+    """What recordings of pairs and of images with depth have in common here (see ``stereo.recording``)."""
+
+    @property
+    def path(self) -> Path: ...
+
+    @property
+    def n_frames(self) -> int: ...
+
+    def sample(self, count: int) -> list[AnyFrame]:
+        """Up to ``count`` usable frames spread over the recording."""
 
 
 class FloorSearch(Params):
@@ -72,19 +96,35 @@ class FloorEstimator:
         Raises:
             WorkError: hardly any disparity is valid, or no floor is visible.
         """
-        geometry = self.rectifier.geometry
-        clouds = [back_project(d, geometry)[::STEP_PX, ::STEP_PX].reshape(-1, 3) for d in depths]
-        _refuse_blind(clouds)
-        return find_floor(
-            clouds, focal_px=geometry.focal_u_px, baseline_m=geometry.baseline_m, params=self._search.floor
-        )
+        return floor_in(depths, self.rectifier.geometry, self._search.floor, _BLIND_PAIR)
 
     def __call__(self, frames: Iterable[StereoFrame]) -> Floor:
         """The floor common to some frames as recorded (same errors as ``floor``)."""
         return self.floor(self.depth(self.rectifier(frame.left, frame.right)) for frame in frames)
 
 
-def setup_frames(recording: Recording, count: int = SETUP_FRAMES) -> list[StereoFrame]:
+def floor_in(depths: Iterable[F32], geometry: RectifiedGeometry, params: FloorParams, blind: str) -> Floor:
+    """The floor common to the depth images of some frames.
+
+    Args:
+        depths: (H, W) float32 [m] of each, NaN where unknown.
+        geometry: of those images.
+        blind: what may be wrong when there is hardly any depth, for the message.
+    Raises:
+        WorkError: there is hardly any depth, or no floor is visible.
+    """
+    clouds = [back_project(d, geometry)[::STEP_PX, ::STEP_PX].reshape(-1, 3) for d in depths]
+    _refuse_blind(clouds, blind)
+    sigma_z = None
+    if geometry.depth_std_min_m > 0.0:
+        share = params.disparity_std_px / geometry.disparity_std_px  # what medians leave of a frame's noise
+        sigma_z = [np.float32(share) * geometry.depth_std_m(cloud[:, 2]) for cloud in clouds]
+    return find_floor(
+        clouds, focal_px=geometry.focal_u_px, baseline_m=geometry.baseline_m, sigma_z=sigma_z, params=params
+    )
+
+
+def setup_frames(recording: Sampled[AnyFrame], count: int = SETUP_FRAMES) -> list[AnyFrame]:
     """Usable frames spread over a recording.
 
     Raises:
@@ -96,10 +136,7 @@ def setup_frames(recording: Recording, count: int = SETUP_FRAMES) -> list[Stereo
     return frames
 
 
-def _refuse_blind(clouds: list[F32]) -> None:
+def _refuse_blind(clouds: list[F32], why: str) -> None:
     valid = float(np.median([np.isfinite(cloud[:, 2]).mean() for cloud in clouds])) if clouds else 0.0
     if valid < MIN_VALID:
-        raise WorkError(
-            f"expected disparity in at least {MIN_VALID:.0%} of the pixels, found {valid:.1%}: left and right are "
-            "swapped, the calibration belongs to another rig, or the images show no texture (planview doctor tells)"
-        )
+        raise WorkError(f"expected depth in at least {MIN_VALID:.0%} of the pixels, found {valid:.1%}: {why}")

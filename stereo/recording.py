@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 from calib.camera import Camera
 from calib.pose import SE3
@@ -82,6 +82,7 @@ class RgbdFrame:
     depth_m: F32
 
 
+@runtime_checkable
 class RgbdRecording(Protocol):
     """A recording of images with registered depth: iterate it for its usable frames.
 

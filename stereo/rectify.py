@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from pydantic import Field
 
-from calib.camera import Camera
 from calib.images import as_grey
 from calib.params import Params
 from calib.pose import SE3
 from calib.rig import StereoRig
-from calib.types import F64, U8, AnyArray, Bool
+from calib.types import F64, U8
 from stereo.matcher import disparity_range
 from stereo.recording import StereoFrame
 from stereo.vertical import VerticalFit, VerticalModel, measure_vertical
-from stereo.view import common_geometry, source_pixels
-
-Maps = tuple[AnyArray, AnyArray]
-"""OpenCV's fixed-point maps: whole pixels (H, W, 2) int16 and fractions (H, W) uint16."""
+from stereo.view import common_geometry
+from stereo.warp import Warp
 
 
 class RectifyParams(Params):
@@ -73,11 +68,12 @@ class Rectifier:
         self.vertical = vertical or VerticalModel()
         left_rotation, right_rotation = rig.rectifying_rotations()
         self.rect_SE3_left = SE3(left_rotation, np.zeros(3))
-        self._reduced = _reduced_size(rig.left.size, self.params.working_px)
         self.geometry = common_geometry(rig, left_rotation, self.params.working_px, self.params.field_quantile)
         to_ray: F64 = np.asarray(np.linalg.inv(self.geometry.matrix), dtype=np.float64)
-        self._left_maps, self.mask = self._maps(rig.left, left_rotation, to_ray)
-        self._right_maps, self.right_mask = self._maps(rig.right, right_rotation, to_ray @ self.vertical.matrix)
+        size, working_px = self.geometry.size, self.params.working_px
+        self._left = Warp(rig.left, left_rotation, to_ray, size, working_px)
+        self._right = Warp(rig.right, right_rotation, to_ray @ self.vertical.matrix, size, working_px)
+        self.mask, self.right_mask = self._left.mask, self._right.mask
 
     def __call__(self, left: U8, right: U8) -> RectifiedPair:
         """Rectify one pair.
@@ -90,22 +86,8 @@ class Rectifier:
         size = self.rig.left.size[::-1]
         if left.shape[:2] != size or right.shape[:2] != size:
             raise ValueError(f"expected images of shape {size}, got {left.shape} and {right.shape}")
-        rectified = self._warp(left, self._left_maps)
-        return RectifiedPair(rectified, as_grey(rectified), self._warp(as_grey(right), self._right_maps))
-
-    def _maps(self, camera: Camera, rotation: F64, pixel_to_ray: F64) -> tuple[Maps, U8]:
-        pixels = source_pixels(camera, rotation, pixel_to_ray, self.geometry.size)
-        inside: Bool = np.all((pixels > -0.5) & (pixels < np.array(camera.size) - 0.5), axis=-1)
-        shrink = np.array(self._reduced) / np.array(camera.size)
-        reduced = np.clip((pixels + 0.5) * shrink - 0.5, 0.0, np.array(self._reduced) - 1.0)
-        reduced = np.where(inside[..., None], reduced, -1e4).astype(np.float32)
-        fixed, fraction = cv2.convertMaps(reduced[..., 0], reduced[..., 1], cv2.CV_16SC2)
-        return (np.asarray(fixed), np.asarray(fraction)), np.where(inside, np.uint8(255), np.uint8(0))
-
-    def _warp(self, image: U8, maps: Maps) -> U8:
-        if self._reduced != self.rig.left.size:
-            image = np.asarray(cv2.resize(image, self._reduced, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-        return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), dtype=np.uint8)
+        rectified = self._left(left)
+        return RectifiedPair(rectified, as_grey(rectified), self._right(as_grey(right)))
 
 
 def aligned_rectifier(
@@ -124,12 +106,3 @@ def aligned_rectifier(
     pairs = (plain(frame.left, frame.right) for frame in frames)
     fit = measure_vertical(((p.left_grey, p.right_grey) for p in pairs), searched.first_px + searched.count)
     return (plain if fit.model == VerticalModel() else Rectifier(rig, params, fit.model)), fit
-
-
-def _reduced_size(size: tuple[int, int], working_px: int) -> tuple[int, int]:
-    """Size to which recorded images are averaged before the warp: a whole fraction, which is the fast case.
-
-    Up to 1.7 source pixels per rectified one the warp alone aliases little; averaging more would blur.
-    """
-    factor = max(1, math.floor(max(size) / working_px + 0.3)) if working_px else 1
-    return max(1, size[0] // factor), max(1, size[1] // factor)

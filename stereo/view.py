@@ -74,15 +74,22 @@ def border_rays(camera: Camera, samples: int = 33) -> F64:
 
 def common_geometry(rig: StereoRig, rotation: F64, working_px: int, field_quantile: float) -> RectifiedGeometry:
     """The rectified pinhole that shows the left camera's field of view at the working size."""
-    left, right, top, bottom = _field(rig.left, rotation, field_quantile)
-    width, height = rig.left.size
+    return ideal_pinhole(rig.left, rotation, working_px, field_quantile, rig.baseline_m)
+
+
+def ideal_pinhole(
+    camera: Camera, rotation: F64, working_px: int, field_quantile: float, baseline_m: float
+) -> RectifiedGeometry:
+    """The pinhole without distortion that shows a turned camera's field of view at the working size."""
+    left, right, top, bottom = _field(camera, rotation, field_quantile)
+    width, height = camera.size
     if (right - left) * height < (bottom - top) * width and abs(rotation[0, 1]) > abs(rotation[0, 0]):
         width, height = height, width  # cameras one above the other: the rectified image lies on its side
     scale = min(1.0, working_px / max(width, height)) if working_px else 1.0
     width, height = max(16, round(width * scale)), max(16, round(height * scale))
     focal = min(width / (right - left), height / (bottom - top))
     cu, cv = (width - 1) / 2 - focal * (left + right) / 2, (height - 1) / 2 - focal * (top + bottom) / 2
-    return RectifiedGeometry(width, height, focal, focal, cu, cv, rig.baseline_m)
+    return RectifiedGeometry(width, height, focal, focal, cu, cv, baseline_m)
 
 
 def _field(camera: Camera, rotation: F64, quantile: float) -> tuple[float, float, float, float]:

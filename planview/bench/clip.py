@@ -45,7 +45,8 @@ class Clip:
         self.recording: Recording = open_recording(path)
         rectify = {"working_px": width_px}
         self.config = Config.model_validate({"rectify": rectify, "analysis": {"width_px": min(width_px, 400)}})
-        self.pipeline = Pipeline(self.recording, set_up(self.recording, self.config), self.config)
+        self.setup = set_up(self.recording, self.config)
+        self.pipeline = Pipeline(self.recording, self.setup, self.config)
         self.frames = frames or list(islice(self.recording, n_frames))
         if len(self.frames) < 2:
             raise WorkError(f"{path}: expected at least 2 frames, found {len(self.frames)}")
@@ -64,7 +65,7 @@ class PlainOpenCV:
     """Bare remap and SGBM (3-way) with the sizes and parameters that the engine uses, and nothing else."""
 
     def __init__(self, clip: Clip) -> None:
-        setup = clip.pipeline.setup
+        setup = clip.setup
         rig, geometry = setup.rectifier.rig, setup.rectifier.geometry
         left, right = rig.rectifying_rotations()
         self.size = geometry.size
@@ -91,5 +92,5 @@ class PlainOpenCV:
 
 def plain_sgbm(clip: Clip) -> cv2.StereoSGBM:
     """OpenCV's matcher with the engine's parameters, always three-way."""
-    setup = clip.pipeline.setup
+    setup = clip.setup
     return make_sgbm(setup.rectifier.geometry, clip.config.sgbm, setup.disparities)

@@ -43,6 +43,8 @@ class UpdateConstants(NamedTuple):
     init_y: Real  # variances of a new Gaussian
     init_uv: Real
     init_d: Real
+    floor_d_per_d4: Real  # growth of the disparity's variances with its fourth power
+    init_d_per_d4: Real
     active: Real  # mean |dY| above which a pixel is active
     slow_active: Real  # factor on the rates of active pixels
     background_weight: Real
@@ -118,6 +120,12 @@ def match_kind(g: Gaussian, o: Pixel, s: UpdateConstants) -> int:
     return NO_MATCH if both & (not agree) else kind
 
 
+@njit(cache=True, nogil=True)
+def fourth_power(d: Real) -> Real:
+    """d^4: a deviation sigma_z of depth is sigma_z d^2 / (f b) in disparity, and its variance grows with d^4."""
+    return (d * d) * (d * d)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def learned(g: Gaussian, o: Pixel, kind: int, rate: Real, s: UpdateConstants) -> Gaussian:
     """The Gaussian after a match of some kind; other light moves the means but not the variances."""
@@ -140,7 +148,7 @@ def learned(g: Gaussian, o: Pixel, kind: int, rate: Real, s: UpdateConstants) ->
     learns_d = has_depth & (rate > ZERO)
     rate_d = rate / max(depth_fraction, rate) if learns_d else ZERO
     dd = o.d - g.d if has_depth else ZERO
-    var_d = max(g.var_d + rate_d * (dd * dd - g.var_d), s.floor_d)
+    var_d = max(g.var_d + rate_d * (dd * dd - g.var_d), s.floor_d + s.floor_d_per_d4 * fourth_power(g.d))
     return Gaussian(
         depth_fraction,
         max(g.y, s.clip) if raised else g.y + rate * dy,
@@ -150,7 +158,7 @@ def learned(g: Gaussian, o: Pixel, kind: int, rate: Real, s: UpdateConstants) ->
         -var_y if still_bound else var_y,
         max(g.var_u + rate_cv * (du * du - g.var_u), s.floor_uv),
         max(g.var_v + rate_cv * (dv * dv - g.var_v), s.floor_uv),
-        s.init_d if learns_d & (g.depth_fraction <= ZERO) else var_d,
+        s.init_d + s.init_d_per_d4 * fourth_power(o.d) if learns_d & (g.depth_fraction <= ZERO) else var_d,
     )
 
 
@@ -167,5 +175,5 @@ def started(o: Pixel, s: UpdateConstants) -> Gaussian:
         -s.init_y if o.y >= s.clip else s.init_y,
         s.init_uv,
         s.init_uv,
-        s.init_d,
+        s.init_d + s.init_d_per_d4 * fourth_power(o.d) if has_depth else s.init_d,
     )

@@ -96,11 +96,20 @@ class Foreground:
     (learns nothing) or BACKGROUND (learns within settle_s); Harville 2002, ECCV.
     """
 
-    def __init__(self, params: ForegroundParams, shape: tuple[int, int]) -> None:
-        """Args: shape is (height, width) of all images. Raises ValueError if it is empty."""
+    def __init__(self, params: ForegroundParams, shape: tuple[int, int], disparity_noise_per_px2: float = 0.0) -> None:
+        """Start without a background.
+
+        Args:
+            shape: (height, width) of all images.
+            disparity_noise_per_px2: growth of the smallest disparity deviation with squared disparity [1/px], as a
+                depth deviation that is the same at all depths has it; 0 for triangulated depth.
+        Raises:
+            ValueError: an empty shape.
+        """
         if min(shape) < 1:
             raise ValueError(f"expected a positive image size, got {shape}")
         self.params = params
+        self._noise_per_px2 = disparity_noise_per_px2
         self.shape = shape
         n = shape[0] * shape[1]
         n_blocks = -(-n // BLOCK)
@@ -210,6 +219,8 @@ class Foreground:
             init_y=(2 * p.luma_noise / gain) ** 2,
             init_uv=(2 * p.chroma_noise / gain) ** 2,
             init_d=(2 * p.disparity_noise_px) ** 2,
+            floor_d_per_d4=self._noise_per_px2**2,
+            init_d_per_d4=(2 * self._noise_per_px2) ** 2,
             active=p.activity_level / gain,
             slow_active=1.0 / p.activity_slowdown,
             background_weight=p.background_weight,

@@ -64,7 +64,7 @@ class Viewpoint:
 
     Attributes:
         camera_m: (3,) float64, centre of the rectified left camera [m].
-        depth_std_per_m2: predicted depth deviation over squared depth [1/m].
+        depth_std_per_m2: growth of the predicted depth deviation with squared depth [1/m].
         projection: (3, 4) float64, world points to pixels of the rectified left image.
         size: (width, height) of that image [px].
     """
@@ -148,7 +148,7 @@ class MapBuilder:
         self.world_SE3_left = world_SE3_left
         self.grid = floor_in_view(geometry, world_SE3_left, self.params)
         projection = geometry.matrix @ world_SE3_left.inverse().matrix[:3]
-        self.view = Viewpoint(world_SE3_left.translation, geometry.depth_std_m(1.0), projection, geometry.size)
+        self.view = Viewpoint(world_SE3_left.translation, geometry.depth_std_per_m2, projection, geometry.size)
         self.shape = (-(-geometry.height // reduction), -(-geometry.width // reduction))
         self._occupancy_min = self.params.occupancy_min * self.grid.cell_m**2
         n = self.shape[0] * self.shape[1]
@@ -235,8 +235,8 @@ def floor_in_view(geometry: RectifiedGeometry, world_SE3_left: SE3, params: MapP
 
 
 def _reach_m(geometry: RectifiedGeometry, params: MapParams) -> float:
-    """Depth at which the predicted deviation reaches depth_std_max_m."""
-    return math.sqrt(params.depth_std_max_m / geometry.depth_std_m(1.0))
+    """Depth at which the predicted deviation reaches depth_std_max_m, which is far more than what it is nearby."""
+    return math.sqrt(params.depth_std_max_m / geometry.depth_std_per_m2)
 
 
 def _occupied_part(occupancy: F32, margin: int) -> tuple[slice, slice]:

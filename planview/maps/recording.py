@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -235,6 +235,8 @@ def _write_view(file: Any, view: StereoView) -> None:
     floor, rig = view.floor, asdict(view.geometry) | asdict(view.disparities)
     rig |= {"reduction": view.reduction, "calibration": view.calibration}
     rig["vertical_residual_px"] = view.vertical_residual_px
+    if view.sensor is not None:
+        rig["sensor"] = view.sensor
     file.create_group("rig").attrs.update(rig)
     file.create_group("floor").attrs.update(
         world_SE3_left=floor.world_SE3_left.matrix, inlier_fraction=floor.inlier_fraction,
@@ -260,12 +262,14 @@ def _read_view(file: Any) -> StereoView:
         disparities=DisparityRange(**_typed(rig, DisparityRange)),
         grid=Grid(**_typed(dict(file["grid"].attrs), Grid)),
         reduction=int(rig["reduction"]),
+        sensor=rig.get("sensor"),
     )  # fmt: skip
 
 
 def _typed(attributes: dict[str, Any], kind: Any) -> dict[str, Any]:
-    """The fields of a dataclass among attributes, as Python's own numbers."""
-    return {name: attributes[name].item() for name in kind.__dataclass_fields__}
+    """The fields of a dataclass among attributes, as Python's own numbers; an older file has none for newer fields."""
+    missing = {f.name for f in fields(kind) if f.default is not MISSING} - attributes.keys()
+    return {f.name: attributes[f.name].item() for f in fields(kind) if f.name not in missing}
 
 
 def _values(file: Any, name: str) -> AnyArray:

@@ -1,4 +1,4 @@
-"""A rectified stereo pair above the floor that its maps cover."""
+"""A rectified pair, or an image with depth, above the floor that its maps cover."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from planview.maps.grid import Grid
 from stereo.depth import RectifiedGeometry
 from stereo.floor_camera import StereoFloorCamera
 from stereo.matcher import DisparityRange
+from stereo.recording import DepthSensor
 
 
 @dataclass(frozen=True, eq=False)
 class StereoView:
-    """A rectified pair above its floor.
+    """A rectified pair above its floor; an image with depth stands for the pair that its noise is equivalent to.
 
     Attributes:
         geometry: of the rectified pair.
@@ -24,6 +25,7 @@ class StereoView:
         disparities: range searched.
         grid: cells of the plan-view maps.
         reduction: foreground and maps use every ``reduction``-th row and column of the rectified image.
+        sensor: how depth was measured; None where a pair was matched.
     """
 
     geometry: RectifiedGeometry
@@ -34,6 +36,7 @@ class StereoView:
     disparities: DisparityRange
     grid: Grid
     reduction: int
+    sensor: DepthSensor | None = None
 
     @property
     def shape(self) -> tuple[int, int]:

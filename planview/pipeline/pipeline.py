@@ -19,15 +19,16 @@ from planview.pipeline.config import Config
 from planview.pipeline.describe import StereoDescription, ground_camera_info, ground_floor_info
 from planview.pipeline.engine import FrameResult, StageClock, timed_steps
 from planview.pipeline.feedback import Feedback
+from planview.pipeline.front_end import FrontEnd
 from planview.pipeline.info import CameraInfo, FloorInfo
-from planview.pipeline.setup import Setup, set_up
+from planview.pipeline.setup import AnySetup, set_up_any
 from planview.pipeline.single_camera import SingleCamera
 from planview.tracking.base import ImageTracker, Observation, Tracker
 from planview.tracking.template import TemplateTracker
-from stereo.matcher import Matcher, SgbmMatcher
-from stereo.readers import OpenOptions, open_recording
+from stereo.matcher import Matcher
+from stereo.readers import OpenOptions, open_any
 from stereo.readers.prefetch import prefetch
-from stereo.recording import Recording, StereoFrame, Video, VideoFrame
+from stereo.recording import Recording, RgbdFrame, RgbdRecording, StereoFrame, Video, VideoFrame
 
 AHEAD = 2
 """Frames matched ahead of the tracker."""
@@ -35,11 +36,11 @@ AHEAD = 2
 
 @dataclass(frozen=True, eq=False)
 class MatchedFrame:
-    """A rectified and matched pair.
+    """A rectified frame with its disparity.
 
     Attributes:
         frame, timestamp_s: as in the recording.
-        image: (H, W[, 3]) uint8, the rectified left image.
+        image: (H, W[, 3]) uint8, rectified; the left one of a pair.
         disparity: (H, W) float32 [px], NaN invalid.
         stages_ms: time of the stages so far.
     """
@@ -52,18 +53,18 @@ class MatchedFrame:
 
 
 class Pipeline(StereoDescription):
-    """Rectify, match, separate foreground, build maps, track: an ``Engine`` for stereo recordings.
+    """Rectify, match, separate foreground, build maps, track: an ``Engine`` for stereo pairs and images with depth.
 
     Attributes:
         setup: rectification, floor and disparity range.
-        matcher, foreground, maps, feedback: the stages between reading and tracking.
+        front_end, foreground, maps, feedback: the stages between reading and tracking.
         recording, config, tracker, stereo: see ``Engine``.
     """
 
     def __init__(
         self,
-        recording: Recording,
-        setup: Setup,
+        recording: Recording | RgbdRecording,
+        setup: AnySetup,
         config: Config | None = None,
         tracker: Tracker | None = None,
         matcher: Matcher | None = None,
@@ -72,22 +73,20 @@ class Pipeline(StereoDescription):
 
         Args:
             tracker: the template tracker when None.
-            matcher: SGBM over the setup's disparities when None.
+            matcher: of pairs; SGBM over the setup's disparities when None.
         """
         self.config = c = config or Config()
         self.recording, self.setup = recording, setup
-        geometry, floor = setup.rectifier.geometry, setup.floor
-        self.matcher = matcher or SgbmMatcher(
-            geometry, c.sgbm, setup.disparities, setup.rectifier.mask, setup.rectifier.right_mask
-        )
+        self.front_end: FrontEnd = setup.front_end(c, matcher)
+        geometry, floor = self.front_end.geometry, setup.floor
         reduction = -(-geometry.width // c.analysis.width_px)
         self.maps = MapBuilder(geometry, floor.world_SE3_left, c.maps, reduction)
-        self.foreground = Foreground(c.foreground, self.maps.shape)
+        self.foreground = Foreground(c.foreground, self.maps.shape, geometry.disparity_std_per_px2)
         self.feedback = Feedback(c.feedback)
         self.tracker = tracker or TemplateTracker(c.template, c.maps.height_max_m)
         self.stereo = StereoView(
-            geometry, floor, setup.floor_source, recording.rig.source, setup.vertical.after_px, setup.disparities,
-            self.maps.grid, reduction,
+            geometry, floor, setup.floor_source, setup.calibration, setup.vertical_residual_px, setup.disparities,
+            self.maps.grid, reduction, setup.sensor,
         )  # fmt: skip
         self._boxes = BodyBoxes(geometry, floor.world_SE3_left)
         self._feedback: U8 | None = None
@@ -107,8 +106,8 @@ class Pipeline(StereoDescription):
             WorkError: no floor is visible.
         """
         config = config or Config()
-        recording = open_recording(Path(path), options)
-        return Pipeline(recording, set_up(recording, config), config, tracker, matcher)
+        recording = open_any(Path(path), options)
+        return Pipeline(recording, set_up_any(recording, config), config, tracker, matcher)
 
     def reset(self) -> None:
         """Forget people, background and feedback."""
@@ -117,8 +116,8 @@ class Pipeline(StereoDescription):
         self.feedback.reset()
         self._feedback = None
 
-    def step(self, frame: StereoFrame) -> FrameResult:
-        """Track the next pair.
+    def step(self, frame: StereoFrame | RgbdFrame) -> FrameResult:
+        """Track the next frame, of the recording's kind.
 
         Raises:
             ValueError: images of another size than the calibration's.
@@ -131,21 +130,21 @@ class Pipeline(StereoDescription):
         for matched in prefetch(self._matched(), AHEAD):
             yield self.track(matched)
 
-    def match(self, frame: StereoFrame, clock: StageClock | None = None) -> MatchedFrame:
-        """Rectify and match a pair; depends on no other frame.
+    def match(self, frame: StereoFrame | RgbdFrame, clock: StageClock | None = None) -> MatchedFrame:
+        """Rectify a frame and find its disparity; depends on no other frame.
 
         Args:
             clock: with the times of earlier stages.
         """
         clock = clock or StageClock()
-        pair = self.setup.rectifier(frame.left, frame.right)
+        rectified = self.front_end.rectify(frame)
         clock.record("rectify")
-        disparity = self.matcher(pair.left_grey, pair.right_grey)
+        disparity = self.front_end.disparity(rectified)
         clock.record("match")
-        return MatchedFrame(frame.index, frame.timestamp_s, pair.left, disparity, clock.stages_ms)
+        return MatchedFrame(frame.index, frame.timestamp_s, rectified.left, disparity, clock.stages_ms)
 
     def track(self, matched: MatchedFrame) -> FrameResult:
-        """Foreground, maps and people of the next pair."""
+        """Foreground, maps and people of the next frame."""
         clock, reduction = StageClock(matched.stages_ms), self.stereo.reduction
         image = self._reduced_image(matched.image)
         disparity = np.ascontiguousarray(matched.disparity[::reduction, ::reduction])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +13,12 @@ from calib.errors import WorkError
 from calib.rig import Floor
 from calib.types import F64
 from planview.pipeline.config import Config
-from stereo.floor import FloorEstimator, FloorSearch, setup_frames
-from stereo.matcher import DisparityRange, disparity_range
-from stereo.recording import Recording, StereoFrame
+from planview.pipeline.front_end import RgbdFrontEnd, StereoFrontEnd
+from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
+from stereo.matcher import DisparityRange, Matcher, SgbmMatcher, disparity_range
+from stereo.recording import DepthSensor, Recording, RgbdRecording, StereoFrame
 from stereo.rectify import Rectifier, aligned_rectifier
+from stereo.rgbd import RgbdRectifier
 from stereo.vertical import VerticalFit, VerticalParams, match_corners
 
 ORDER_FRAMES = 4
@@ -34,7 +37,7 @@ as far off along them, where it cannot be measured, and all depth is wrong (our 
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """A recording made ready.
+    """A stereo recording made ready.
 
     Attributes:
         rectifier: with the measured vertical residual taken out.
@@ -49,6 +52,70 @@ class Setup:
     disparities: DisparityRange
     floor_source: str
     vertical: VerticalFit
+    sensor: DepthSensor | None = None
+
+    @property
+    def calibration(self) -> str:
+        """File or folder the calibration came from."""
+        return self.rectifier.rig.source
+
+    @property
+    def vertical_residual_px(self) -> float:
+        """Row offset left after rectification [px]."""
+        return self.vertical.after_px
+
+    def front_end(self, config: Config, matcher: Matcher | None = None) -> StereoFrontEnd:
+        """The stages before the foreground; with SGBM over the disparities when there is no matcher."""
+        masks = self.rectifier.mask, self.rectifier.right_mask
+        matcher = matcher or SgbmMatcher(self.rectifier.geometry, config.sgbm, self.disparities, *masks)
+        return StereoFrontEnd(self.rectifier, matcher)
+
+
+@dataclass(frozen=True, eq=False)
+class RgbdSetup:
+    """A recording of images with depth made ready.
+
+    Attributes:
+        rectifier: takes the distortion out.
+        floor, disparities, floor_source: as of ``Setup``, the disparities being equivalent ones.
+        calibration: file or folder it came from.
+        sensor: how the depth was measured.
+    """
+
+    rectifier: RgbdRectifier
+    floor: Floor
+    disparities: DisparityRange
+    floor_source: str
+    calibration: str
+    sensor: DepthSensor
+    vertical_residual_px: float = math.nan
+
+    def front_end(self, config: Config, matcher: Matcher | None = None) -> RgbdFrontEnd:
+        """The stages before the foreground; there is nothing to match."""
+        return RgbdFrontEnd(self.rectifier)
+
+
+AnySetup = Setup | RgbdSetup
+
+
+def set_up_any(recording: Recording | RgbdRecording, config: Config) -> AnySetup:
+    """Make a recording of a pair or of images with depth ready (errors of ``set_up`` and ``set_up_rgbd``)."""
+    return set_up_rgbd(recording, config) if isinstance(recording, RgbdRecording) else set_up(recording, config)
+
+
+def set_up_rgbd(recording: RgbdRecording, config: Config) -> RgbdSetup:
+    """Find the floor in frames spread over a recording of images with depth.
+
+    Raises:
+        WorkError: no usable frame, hardly any depth, or no floor visible.
+    """
+    rectifier = RgbdRectifier(recording.camera, recording.sensor, config.rectify)
+    if recording.world_SE3_camera is not None:
+        floor, source = Floor(recording.world_SE3_camera), "world.toml"
+    else:
+        depths = [rectifier(frame).depth_m for frame in setup_frames(recording, config.analysis.setup_frames)]
+        floor, source = floor_in(depths, rectifier.geometry, config.floor, BLIND_SENSOR), "found"
+    return RgbdSetup(rectifier, floor, rectifier.disparities(), source, recording.source, recording.sensor)
 
 
 def set_up(recording: Recording, config: Config) -> Setup:

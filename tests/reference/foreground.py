@@ -185,10 +185,11 @@ def _learn_gaussian(
     rate_d = np.where(learns_d, rate / np.maximum(depth_fraction, np.maximum(rate, F32(1e-30))), F32(0))
     dd = np.where(has_depth, o.d - m.d[k], F32(0))
     var_y = np.maximum(np.abs(m.var_y[k]) + rate_var * (dy * dy - np.abs(m.var_y[k])), s.floor_y)
-    var_d = np.maximum(m.var_d[k] + rate_d * (dd * dd - m.var_d[k]), s.floor_d)
+    floor_d = s.floor_d + s.floor_d_per_d4 * _fourth(m.d[k])
+    var_d = np.maximum(m.var_d[k] + rate_d * (dd * dd - m.var_d[k]), floor_d)
     new = {
         "var_y": np.where(still, -var_y, var_y),
-        "var_d": np.where(learns_d & (m.depth_fraction[k] <= 0), s.init_d, var_d),
+        "var_d": np.where(learns_d & (m.depth_fraction[k] <= 0), s.init_d + s.init_d_per_d4 * _fourth(o.d), var_d),
         "y": np.where(still & same, np.maximum(m.y[k], s.clip), m.y[k] + rate * dy),
         "d": m.d[k] + rate_d * dd,
         "depth_fraction": depth_fraction,
@@ -208,11 +209,15 @@ def _start_gaussians(m: Mixtures, k: np.ndarray, chosen: np.ndarray, o: Pixels, 
     values = {
         "depth_fraction": has_depth.astype(F32), "y": o.y, "u": o.u, "v": o.v, "d": np.where(has_depth, o.d, F32(0)),
         "var_y": np.where(o.y >= s.clip, -s.init_y, s.init_y), "var_u": s.init_uv, "var_v": s.init_uv,
-        "var_d": s.init_d,
+        "var_d": np.where(has_depth, s.init_d + s.init_d_per_d4 * _fourth(o.d), s.init_d),
     }  # fmt: skip
     pixels = np.flatnonzero(chosen)
     for name, value in values.items():
         getattr(m, name)[k[pixels], pixels] = np.broadcast_to(value, chosen.shape)[pixels]
+
+
+def _fourth(d: np.ndarray) -> np.ndarray:
+    return (d * d) * (d * d)
 
 
 def _order(m: Mixtures, chosen: np.ndarray) -> None:
