@@ -15,6 +15,7 @@ COMMANDS = {
     "doctor": "Check a recording and its calibration before trusting results.",
     "synth": "Render a recording with exact truth from a TOML scene.",
     "count": "Count line crossings and zone occupancy in tracks.",
+    "export": "Write tracks in the format of another program.",
     "sweep": "Run several settings or recordings and compare them.",
     "view": "Open a run in the rerun viewer.",
 }

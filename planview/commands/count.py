@@ -72,7 +72,7 @@ def count(tracks: Path, *, rules: Path, options: CountOptions | None = None) -> 
     Parameters
     ----------
     tracks
-        tracks.csv of a run, the folder of the run, or rows of PETS or of laboratory trajectories.
+        tracks.csv of a run, the folder of the run, or trajectories in a format of planview export.
     rules
         rules.toml with tripwires, zones (in metres or in pixels) and queues.
     """
@@ -135,9 +135,9 @@ def _score(
 
 def _is_events(path: Path) -> bool:
     try:
-        with path.open(encoding="utf-8") as file:
-            return "rule" in file.readline().strip().split(",")
-    except (OSError, UnicodeDecodeError) as error:
+        with path.open("rb") as file:
+            return b"rule" in file.readline(10_000).strip().split(b",")
+    except OSError as error:
         raise InputError(f"{path}: expected truth or events, found {error}") from error
 
 

@@ -62,9 +62,10 @@ def evaluate(tracks: Path, truth: Path, *, options: EvaluateOptions | None = Non
     Parameters
     ----------
     tracks
-        tracks.csv of a run, the folder of the run, MOTChallenge rows, or a folder of any of these.
+        tracks.csv of a run, the folder of the run, trajectories in a format of planview export, or a folder of these.
     truth
-        truth.csv (frame,id,x_m,y_m,height_m[,visible]), rows of PETS or MOTChallenge (gt.txt), or a folder of these.
+        truth.csv (frame,id,x_m,y_m,height_m[,visible]), rows of PETS or MOTChallenge (gt.txt), another format of
+        planview export, or a folder of these.
     """
     options = options or EvaluateOptions()
     params = checked(

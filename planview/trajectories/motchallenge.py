@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import F64, Bool
+from planview.trajectories.file import TrajectoryFile, whole_file
 from planview.trajectories.rows import read_numbers, sorted_rows
 from planview.trajectories.table import IGNORED, Trajectories, positions_table
 
@@ -40,6 +41,29 @@ def read_motchallenge(path: Path, *, truth: bool) -> Trajectories:
     if truth and table.shape[1] > 6:
         table = table[table[:, 6] != 0]
     return _positions(table, _floor(table))
+
+
+def write_motchallenge(path: Path, file: TrajectoryFile) -> None:
+    """Write rows of frame (from 1), id, box, confidence 1 and world X, Y, Z [m] with Z 0 on the floor.
+
+    An unknown box or position is -1 throughout. Heights and times have no column.
+
+    Raises:
+        WorkError: the file cannot be written.
+    """
+    table = file.table
+    world = np.column_stack([table.x_m, table.y_m, np.zeros(len(table))])
+    columns = [table.frame + 1, table.track_id, _or_minus_one(table.box_px), np.ones(len(table)), _or_minus_one(world)]
+    rows = np.column_stack(columns)
+    formats = ["%d", "%d", *["%.1f"] * 4, "%d", *["%.4f"] * 3]
+    with whole_file(path) as part:
+        np.savetxt(part, rows, formats, delimiter=",")
+
+
+def _or_minus_one(values: F64) -> F64:
+    """The rows of an (N, M) array, -1 throughout where a value is unknown."""
+    known = np.isfinite(values).all(axis=1, keepdims=True)
+    return np.where(known, values, -1.0)
 
 
 def _has_classes(table: F64) -> Bool | bool:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from calib.errors import InputError
 
 _TRUTH_FILES = ("truth.csv", "gt.txt", "gt/gt.txt")
-_TABLES = (".csv", ".txt")
+_TABLES = (".csv", ".txt", ".h5", ".hdf5", ".sqlite", ".parquet", ".jsonl")
 
 
 class FilePair(NamedTuple):

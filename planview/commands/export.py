@@ -1,0 +1,111 @@
+"""``planview export``."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from calib.errors import InputError
+from planview.commands.options import Flag
+from planview.trajectories.export import FORMATS, ExportName, prepared
+from planview.trajectories.file import TrajectoryFile, checked_area
+from planview.trajectories.jsonl import stream_jsonl
+from planview.trajectories.layouts import load_file
+from planview.trajectories.pairs import tracks_file
+from planview.trajectories.petrack import write_petrack
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class ExportOptions:
+    """Where the export goes and what it holds."""
+
+    out: Annotated[Path | None, Parameter(allow_leading_hyphen=True)] = None
+    """File to write; beside the tracks by default, named after the format. - writes JSON lines to standard output."""
+    unit: Literal["m", "cm"] = "m"
+    """Unit of a PedPy text file."""
+    fps: float | None = None
+    """Frame rate written; that of the timestamps by default."""
+    area: str | None = None
+    """Walkable area as well-known text in metres, or a file with it, e.g. "POLYGON ((0 0, 4 0, 4 3, 0 3, 0 0))"; that
+    of the trajectories by default, else the rectangle 1 m around them."""
+    lost: Flag = False
+    """Formats without states also get rows in which a person was hidden and only predicted."""
+    overwrite: Flag = False
+    """Replace a file that is there."""
+
+
+def export(tracks: Path, *, to: ExportName, options: ExportOptions | None = None) -> None:
+    """Write tracks in the format of another program: pedpy (PeTrack text), ped-data-archive (HDF5), jupedsim (sqlite),
+    motchallenge, parquet, csv or jsonl.
+
+    Parquet, CSV and JSON lines hold every row with its state, the other formats confirmed rows only.
+
+    Example: planview export out --to pedpy --out tracks.txt
+
+    Example of a stream: planview export out --to jsonl --out - | head
+
+    Parameters
+    ----------
+    tracks
+        Folder of a run, its tracks.csv, or trajectories in any of the formats.
+    to
+        Format to write.
+    """
+    options = options or ExportOptions()
+    if options.fps is not None and not 0 < options.fps <= 10_000:
+        raise InputError(f"--fps: expected a rate above 0, found {options.fps:g}")
+    source = tracks_file(tracks)
+    area = _area(options.area) if options.area else None
+    try:
+        file = prepared(load_file(source), to, fps=options.fps, area=area, lost=options.lost)
+    except InputError as error:
+        raise InputError(str(error) if str(source) in str(error) else f"{source}: {error}") from error
+    if options.out == Path("-"):
+        if to != "jsonl":
+            raise InputError(f"--out -: expected --to jsonl, found {to}")
+        stream_jsonl(sys.stdout, file.table)
+        return
+    out = options.out or source.with_name(f"{source.stem}_{to}{FORMATS[to].suffix}")
+    _refuse_existing(out, source, options.overwrite)
+    _write(out, file, to, options.unit)
+    _say(out, file)
+
+
+def _write(out: Path, file: TrajectoryFile, to: ExportName, unit: str) -> None:
+    if to == "pedpy":
+        write_petrack(out, file, unit)
+    else:
+        FORMATS[to].write(out, file)
+
+
+def _refuse_existing(out: Path, source: Path, overwrite: bool) -> None:
+    if out.exists() and out.resolve() == source.resolve():
+        raise InputError(f"{out}: expected another file than the one that is read")
+    if out.is_dir():
+        raise InputError(f"{out}: expected a file to write, found a folder")
+    if out.exists() and not overwrite:
+        raise InputError(f"{out}: exists; choose another file or add --overwrite")
+
+
+def _say(out: Path, file: TrajectoryFile) -> None:
+    people = len(set(file.table.track_id.tolist()))
+    rate = f", {file.fps:g} frames per second" if file.fps else ""
+    console = Console(stderr=True, markup=False, highlight=False, soft_wrap=True)
+    console.print(f"{out}: {len(file.table)} rows of {people} people{rate}")
+
+
+def _area(text: str) -> str:
+    path = Path(text)
+    try:
+        if len(text) < 1000 and path.is_file():
+            with path.open(encoding="utf-8") as file:
+                return checked_area(file.read(1_000_000), text)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{text}: expected a file with a walkable area, found {error}") from error
+    return checked_area(text, "--area")

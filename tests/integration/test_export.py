@@ -1,0 +1,124 @@
+"""``planview export``, and the programs that read what it writes."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from toy_run import Say, one_sentence
+
+from planview.cli import main
+from planview.trajectories.layouts import load_file
+from planview.trajectories.table import positions_table, write_table
+
+AREA = "POLYGON ((-3 -1, 3 -1, 3 11, -3 11, -3 -1))"
+SPEED_MPS, FPS, FRAMES = 1.5, 15, 90
+
+
+@pytest.fixture
+def tracks(tmp_path: Path) -> Path:
+    """tracks.csv of four people, 1 m apart in a square, who walk along y at 1.5 m/s."""
+    frame = np.repeat(np.arange(FRAMES), 4)
+    start = np.tile([(-0.5, 0.0), (0.5, 0.0), (-0.5, 1.0), (0.5, 1.0)], (FRAMES, 1))
+    xy = start + np.column_stack([0 * frame, SPEED_MPS * frame / FPS])
+    table = positions_table(frame, np.tile([1, 2, 3, 4], FRAMES), xy, timestamp_s=frame / FPS)
+    path = tmp_path / "tracks.csv"
+    with path.open("w") as file:
+        write_table(file, table)
+    return path
+
+
+def test_pedpy_computes_density_and_fundamental_diagram_from_an_export(say: Say, tracks: Path) -> None:
+    import pedpy
+
+    out = tracks.with_name("tracks.txt")
+    assert say("export", tracks, "--to", "pedpy", "--out", out)[0] == 0
+    trajectory = pedpy.load_trajectory(trajectory_file=out)
+    assert trajectory.frame_rate == FPS
+    expected = load_file(tracks).table
+    loaded = trajectory.data.sort_values(["frame", "id"])
+    assert np.abs(loaded.x - expected.x_m).max() < 1e-3
+    assert np.abs(loaded.y - expected.y_m).max() < 1e-3
+    measured = pedpy.MeasurementArea("POLYGON ((-1 4, 1 4, 1 6, -1 6, -1 4))")
+    density = pedpy.compute_classic_density(traj_data=trajectory, measurement_area=measured)
+    assert density.density.max() == pytest.approx(1.0)
+    speed = pedpy.compute_individual_speed(
+        traj_data=trajectory, frame_step=5, speed_calculation=pedpy.SpeedCalculation.BORDER_SINGLE_SIDED
+    )
+    mean = pedpy.compute_mean_speed_per_frame(traj_data=trajectory, individual_speed=speed, measurement_area=measured)
+    diagram = density.merge(mean, on="frame")
+    crowded = diagram[diagram.density == diagram.density.max()]
+    assert crowded.speed.mean() == pytest.approx(SPEED_MPS, abs=0.01)
+
+
+def test_pedpy_reads_trajectory_and_walkable_area_of_archive_and_database(say: Say, tracks: Path) -> None:
+    import pedpy
+
+    archive, database = tracks.with_name("t.h5"), tracks.with_name("t.sqlite")
+    assert say("export", tracks, "--to", "ped-data-archive", "--out", archive, "--area", AREA)[0] == 0
+    assert say("export", archive, "--to", "jupedsim", "--out", database)[0] == 0
+    areas = [
+        pedpy.load_walkable_area_from_ped_data_archive_hdf5(trajectory_file=archive),
+        pedpy.load_walkable_area_from_jupedsim_sqlite(trajectory_file=database),
+    ]
+    assert [area.area for area in areas] == [72.0, 72.0]
+    loaded = [
+        pedpy.load_trajectory_from_ped_data_archive_hdf5(trajectory_file=archive),
+        pedpy.load_trajectory_from_jupedsim_sqlite(trajectory_file=database),
+    ]
+    assert [(len(t.data), t.frame_rate) for t in loaded] == [(4 * FRAMES, FPS)] * 2
+
+
+@pytest.mark.parametrize("to", ["pedpy", "ped-data-archive", "jupedsim", "motchallenge", "parquet", "jsonl"])
+def test_evaluate_reads_exports_as_tracks_and_as_truth(
+    to: str, say: Say, tracks: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tracks.with_name("export")
+    assert say("export", tracks, "--to", to, "--out", out)[0] == 0
+    main_quietly("evaluate", tracks, out, "--json")
+    assert json.loads(capsys.readouterr().out)["mota"] == 1.0
+    main_quietly("evaluate", out, out, "--json")
+    assert json.loads(capsys.readouterr().out)["idf1"] == 1.0
+
+
+def main_quietly(*words: object) -> None:
+    with pytest.raises(SystemExit) as left:
+        main([str(word) for word in words])
+    assert not left.value.code
+
+
+def test_count_reads_an_export(say: Say, tracks: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rules = tracks.with_name("rules.toml")
+    rules.write_text('[[tripwire]]\nname = "door"\nfrom_m = [-2.0, 5.0]\nto_m = [2.0, 5.0]\n')
+    assert say("export", tracks, "--to", "jupedsim", "--out", tracks.with_name("t"))[0] == 0
+    main_quietly("count", tracks.with_name("t"), "--rules", rules, "--json")
+    counted = json.loads(capsys.readouterr().out)["rules"]["door"]
+    assert counted["left_to_right"] + counted["right_to_left"] == 4
+
+
+def test_json_lines_go_to_standard_output(tracks: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main_quietly("export", tracks, "--to", "jsonl", "--out", "-")
+    assert len(capsys.readouterr().out.splitlines()) == FRAMES
+
+
+def test_export_does_not_overwrite_unless_asked_and_never_its_input(say: Say, tracks: Path) -> None:
+    status, told = say("export", tracks, "--to", "csv", "--out", tracks, "--overwrite")
+    assert status == 2 and "another file" in one_sentence(told)
+    assert say("export", tracks, "--to", "csv")[0] == 0
+    status, told = say("export", tracks, "--to", "csv")
+    assert status == 2 and "--overwrite" in one_sentence(told)
+    assert say("export", tracks, "--to", "csv", "--overwrite")[0] == 0
+
+
+def test_samples_of_other_programs_have_their_rows_and_rates(shared_data: Path) -> None:
+    files = {
+        "pedpy/ped_data_archive_text.txt": (63110, 25.0),
+        "pedpy/ped_data_archive_hdf5.h5": (30701, 25.0),
+        "pedpy/jupedsim_v2.sqlite": (65482, 25.0),
+        "petrack/correct_perspective_truth.txt": (1420, 25.0),
+        "petrack/multiColorMarkerWithAruco_truth.txt": (98, 50.0),
+        "petrack/codeMarker_truth.txt": (0, 25.0),
+        "motchallenge/gt/TUD-Stadtmitte/gt/gt.txt": (1156, None),
+    }
+    loaded = {name: load_file(shared_data / "recordings" / name) for name in files}
+    assert {name: (len(file.table), file.fps) for name, file in loaded.items()} == files
