@@ -48,6 +48,9 @@ class Choreography(Params):
     """How many of those who meet come later and go earlier than the others."""
     away_s: Pair = (1.0, 6.0)
     """Shortest and longest time out of view before coming back [s]."""
+    turns: int = Field(0, ge=0, le=10)
+    """Most turns at an end of the lane, in view, of people who cross or walk as a pair before they go out; each walk
+    has one at least. 0: they walk straight through."""
 
 
 class ChallengeRoom(Params):

@@ -14,6 +14,9 @@ from planview.synthetic.stage import NoPlaceError, Stage
 GATE_M = 0.75
 """People who meet come to this distance from the circle before they step into it [m]."""
 
+TURN_M = 0.35
+"""People who turn in view do so at this distance from the end of their lane, with the whole body in the image [m]."""
+
 
 def begin_s(plan: Choreography, k: int) -> float:
     """When the k-th person sets out."""
@@ -31,16 +34,24 @@ def cross(stage: Stage, plan: Choreography) -> list[Part]:
         side = ("west", "east")[int(stage.rng.integers(2))]
         part = Part(stage, begin_s(plan, k), side, plan.speed_mps * float(stage.rng.uniform(0.9, 1.1)))
         while True:
-            first, last = (west, east) if side == "west" else (east, west)
-            part.walk_to(first)
-            part.go([last])
-            side = "east" if side == "west" else "west"
+            ends = _walked(stage, plan, [west, east] if side == "west" else [east, west])
+            part.walk_to(ends[0])
+            part.go(ends[1:])
+            side = "east" if ends[-1] is east else "west"
             if part.time_s > plan.start_s + plan.duration_s:
                 break
             _turn_outside(part, side, float(stage.rng.uniform(*plan.away_s)))
         part.leave(side)
         parts.append(part)
     return parts
+
+
+def _walked(stage: Stage, plan: Choreography, ends: list[F64]) -> list[F64]:
+    """The ends of a lane in the order in which they are reached, with turns in view where the plan has some."""
+    turns = int(stage.rng.integers(1, plan.turns + 1)) if plan.turns else 0
+    inward = TURN_M * (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    inside = [ends[0] + inward, ends[1] - inward]
+    return [ends[0], *(inside[k % 2] for k in range(1, turns + 1)), ends[(turns + 1) % 2]]
 
 
 def _turn_outside(part: Part, side: str, pause_s: float) -> None:
@@ -196,26 +207,35 @@ def pair(stage: Stage, plan: Choreography) -> list[Part]:
     """Two by two shoulder to shoulder in step, through the view and back."""
     parts = []
     for k in range(0, plan.people - 1, 2):
-        ((west, east),) = _lanes(stage, 1)
+        side, doors = stage.side(), {wall: stage.door(wall) for wall in ("west", "east")}
+        legs, last = _legs(stage, plan, begin_s(plan, k), side, {wall: doors[wall][1:] for wall in doors})
         beside = np.array([0.0, plan.spacing_m / 2])
-        side, speed = stage.side(), plan.speed_mps
-        _, behind, inside = stage.door(side)
-        _, far_behind, far_inside = stage.door("east" if side == "west" else "west")
-        ends = [west, east] if side == "west" else [east, west]
         for offset in (beside, -beside):
-            part = Part(stage, begin_s(plan, k), side, speed)
-            part.start, part.place = behind + offset, behind + offset
+            part = Part(stage, begin_s(plan, k), side, plan.speed_mps)
+            part.start = part.place = doors[side][0] + offset
             part.steps, part.time_s = [], part.enter_s
-            there = [p + offset for p in (inside, *ends, far_inside, far_behind)]
-            part.go(there)
-            while part.time_s < plan.start_s + plan.duration_s:
+            for leg in legs:
+                part.go([p + offset for p in leg])
                 part.do("stand", plan.away_s[0])
-                there = there[::-1]
-                part.go(there)
-                there = [*there, behind + offset] if len(there) == 5 else there
+            part.go([doors[last][0] + offset])
             part.leaves = True
             parts.append(part)
     return parts
+
+
+def _legs(
+    stage: Stage, plan: Choreography, time_s: float, side: str, doors: dict[str, tuple[F64, F64]]
+) -> tuple[list[list[F64]], str]:
+    """Ways through the view, from behind an opening to behind one, until the time is over; and the last opening."""
+    ((west, east),) = _lanes(stage, 1)
+    legs: list[list[F64]] = []
+    while time_s < plan.start_s + plan.duration_s:
+        ends = _walked(stage, plan, [west, east] if side == "west" else [east, west])
+        behind, inside = doors[side]
+        side = "east" if ends[-1] is east else "west"
+        legs.append([behind, inside, *ends, *doors[side][::-1]])
+        time_s += sum(float(np.linalg.norm(b - a)) for a, b in itertools.pairwise(legs[-1])) / plan.speed_mps
+    return legs, side
 
 
 def come_back(stage: Stage, plan: Choreography) -> list[Part]:

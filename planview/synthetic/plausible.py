@@ -1,4 +1,4 @@
-"""Whether a drawn scene could be: nobody walks through anybody or anything, and people are in view."""
+"""Whether a drawn scene could be: no person walks through another, people are in view and do what they came for."""
 
 from __future__ import annotations
 
@@ -14,7 +14,13 @@ GAP_M = 0.38
 """Smallest distance between two body axes: shoulders turned, touching."""
 STEP_S = 0.1
 MIN_IN_VIEW = 0.5
-"""Smallest share of the frames with somebody in view."""
+"""Smallest share of the frames with a person in view."""
+MIN_HIDDEN = 3
+"""People hide each other at least so many times where a challenge covers occlusion by people."""
+HIDDEN_M = 0.25
+"""A person is hidden whose axis is so near to the line of sight to another one's: half a shoulder width [m]."""
+LEAVE_S = 4.0
+"""People who carry or push things are on their way out at the end, at most so long from the end of their steps [s]."""
 
 
 def implausible(scene: Scene, stage: Stage) -> str:
@@ -28,7 +34,34 @@ def implausible(scene: Scene, stage: Stage) -> str:
     if walks and not reason:
         places = [m.places(times) for m in wander(scene, scripted)]
         reason = _gaps(places, scene, wandering=False)
-    return reason or _through_things(places, scene) or _out_of_view(places, stage)
+    late = _cut_off([m.script_end_s for m in scripted], scene)
+    return reason or late or _through_things(places, scene) or _out_of_view(places, stage) or _apart(places, stage)
+
+
+def _cut_off(ends_s: list[float], scene: Scene) -> str:
+    """Things are put down and taken within the recording."""
+    for i, (person, end_s) in enumerate(zip(scene.people, ends_s, strict=True)):
+        if any(s.carry or s.push for s in person.steps) and end_s > scene.duration_s + LEAVE_S:
+            return f"person {i + 1} is not done with a thing at the end"
+    return ""
+
+
+def _apart(places: list[F64], stage: Stage) -> str:
+    """Whether people hide each other too seldom for what the challenge covers."""
+    if "occlusion by people" not in stage.challenge.covers:
+        return ""
+    n = sum(_times_hidden(a, b, stage) for i, a in enumerate(places) for b in places[:i])
+    return "" if n >= MIN_HIDDEN else f"people hide each other {n} times only"
+
+
+def _times_hidden(one: F64, other: F64, stage: Stage) -> int:
+    """How many times two people in view, (T, 2) each, come into one line of sight."""
+    in_view = stage.in_view(np.nan_to_num(one, nan=-1e3)) & stage.in_view(np.nan_to_num(other, nan=-1e3))
+    a, b = one[in_view] - stage.camera_xy, other[in_view] - stage.camera_xy
+    aside = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / np.maximum(*(np.linalg.norm(v, axis=1) for v in (a, b)))
+    hidden = np.zeros(len(one), np.bool_)
+    hidden[in_view] = aside < HIDDEN_M
+    return int((hidden[1:] & ~hidden[:-1]).sum()) + int(hidden[0])
 
 
 def _gaps(places: list[F64], scene: Scene, *, wandering: bool) -> str:
@@ -57,6 +90,6 @@ def _through_things(places: list[F64], scene: Scene) -> str:
 def _out_of_view(places: list[F64], stage: Stage) -> str:
     in_view = np.array([stage.in_view(np.nan_to_num(p, nan=-1e3)) for p in places])
     if in_view.any(axis=0).mean() < MIN_IN_VIEW:
-        return "there is nobody in view for half of the time"
+        return "no person is in view for half of the time"
     alone = in_view.any(axis=1)
     return "" if alone.all() else f"person {int(np.argmin(alone)) + 1} is never in view"

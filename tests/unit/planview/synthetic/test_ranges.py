@@ -2,6 +2,7 @@
 
 import copy
 import tomllib
+from itertools import combinations
 from typing import get_args
 
 import numpy as np
@@ -22,7 +23,7 @@ from planview.synthetic.texture import Palette
 FILES = sorted((SCENES / "suite").glob("*.toml"))
 TABLE = {
     "description": "two cross, one stands",
-    "covers": ["occlusion by people"],
+    "covers": ["320x240"],
     "duration_s": 12,
     "room": {"width_m": {"min": 5.5, "max": 7.0}, "depth_m": {"min": 5.5, "max": 7.0}},
     "camera": {"lens_deg": {"min": 58, "max": 74}, "height_m": {"min": 2.1, "max": 2.5}},
@@ -97,12 +98,27 @@ def test_people_of_a_meeting_stay_at_their_spacing():
 
 
 def test_pair_walks_in_step_beside_each_other():
-    scene = draw(table_with({"kind": "pair", "people": 2, "spacing_m": 0.45, "duration_s": 6}), 4, "test")
+    walk = {"kind": "pair", "people": 2, "spacing_m": 0.45, "duration_s": 12, "turns": 2}
+    scene = draw(table_with(walk, duration_s=18), 4, "test")
     one, other = Cast(scene, Palette()).motions
-    times = np.arange(3.0, 6.0, 0.1)
+    times = np.arange(5.0, 8.0, 0.1)
     assert np.linalg.norm(one.places(times) - other.places(times), axis=1) == pytest.approx(0.45, abs=0.02)
     assert scene.people[0].height_m == scene.people[1].height_m
     assert np.cos([one.at(t)[2] - other.at(t)[2] for t in times]) == pytest.approx(1.0, abs=0.05)
+
+
+def test_walkers_turn_in_view_and_hide_each_other_again_and_again():
+    scene = draw(tomllib.loads((SCENES / "suite" / "crossing.toml").read_text()), 2, "crossing")
+    motions = Cast(scene, Palette()).motions
+    x = [m.places(np.arange(0, scene.duration_s, 0.1))[:, 0] for m in motions]
+    passes = sum(int((np.diff(np.sign(a - b)[np.isfinite(a - b)]) != 0).sum()) for a, b in combinations(x, 2))
+    assert passes >= 6
+
+
+def test_recording_lasts_until_things_are_taken():
+    scene = draw(tomllib.loads((SCENES / "suite" / "objects.toml").read_text()), 3, "objects")
+    ends = [motion.script_end_s for motion in Cast(scene, Palette()).motions]
+    assert max(ends) < scene.duration_s + 4
 
 
 def test_similar_clothes_are_the_same_and_children_are_small():
