@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
-import cv2
 import numpy as np
 from pydantic import Field
 
 from calib.pose import SE3
 from calib.types import F32, F64, I32, U8
 from planview.foreground.gain import Exposure
-from planview.maps._kernels import accumulate, back_project
+from planview.maps._kernels import back_project
 from planview.maps.colour import colour_codes
 from planview.maps.grid import Grid, GridParams
+from planview.maps.raster import Raster
 from stereo.depth import RectifiedGeometry
 
 REFERENCE = Exposure()
+HEAD_M = 1.6
+"""Height of a head [m], for the angle under which a camera views it."""
 
 
 class MapParams(GridParams):
@@ -58,9 +61,32 @@ class FloorPoints:
     colours: U8 | None = None
 
 
+class Viewpoint(Protocol):
+    """What measured the points of maps: one camera, or several together."""
+
+    def sees(self, x_m: float, y_m: float, z_m: float) -> bool:
+        """Whether a world point lies in the image."""
+
+    def footprint(
+        self, x_m: float, y_m: float, radius_m: float, sigmas: float = 2.0
+    ) -> tuple[float, float, tuple[float, float]]:
+        """Half axes, across and along a ray, of the floor ellipse that the points of a body cover.
+
+        Depth noise moves points along the viewing ray, so that a far body of ``radius_m`` looks longer than it is wide,
+        by ``sigmas`` depth deviations each way.
+
+        Returns:
+            across [m], along [m] and the horizontal unit vector (x, y) of the ray.
+        """
+
+    def viewing(self, people_m: F64) -> tuple[F64, F64]:
+        """Horizontal vectors (K, 2) away from the camera at floor positions (K, 2) [m], and the depression angles (K,)
+        [rad] towards heads there. The vectors have unit length for one camera."""
+
+
 @dataclass(frozen=True, eq=False)
-class Viewpoint:
-    """The camera above the maps.
+class CameraViewpoint:
+    """One camera above the maps: a ``Viewpoint``.
 
     Attributes:
         camera_m: (3,) float64, centre of the rectified left camera [m].
@@ -82,20 +108,20 @@ class Viewpoint:
     def footprint(
         self, x_m: float, y_m: float, radius_m: float, sigmas: float = 2.0
     ) -> tuple[float, float, tuple[float, float]]:
-        """Half axes, across and along the viewing ray, of the floor ellipse that the points of a body cover.
-
-        Depth noise moves points along the ray, so that a far body of ``radius_m`` looks longer than it is wide, by
-        ``sigmas`` depth deviations each way.
-
-        Returns:
-            across [m], along [m] and the horizontal unit vector (x, y) of the ray.
-        """
+        """See ``Viewpoint``."""
         dx, dy = x_m - float(self.camera_m[0]), y_m - float(self.camera_m[1])
         distance = math.hypot(dx, dy)
         ray = (dx / distance, dy / distance) if distance > 1e-6 else (0.0, 1.0)
         range_m = math.hypot(distance, float(self.camera_m[2]) - 1.0)
         smear = sigmas * self.depth_std_per_m2 * range_m * distance
         return radius_m, math.hypot(radius_m, smear), ray
+
+    def viewing(self, people_m: F64) -> tuple[F64, F64]:
+        """See ``Viewpoint``."""
+        out = people_m - self.camera_m[:2]
+        distance = np.hypot(out[:, 0], out[:, 1])
+        depression = np.arctan2(np.maximum(self.camera_m[2] - HEAD_M, 0.0), distance)
+        return out / np.maximum(distance, 1e-6)[:, None], depression
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +136,7 @@ class PlanViewMaps:
         occupancy: smoothed occupancy O_sm [m^2].
         occupancy_min: theta_occ of this grid [m^2 per cell].
         points: the points that the maps were made of.
-        view: the camera that measured them.
+        view: what measured them.
     """
 
     grid: Grid
@@ -148,9 +174,9 @@ class MapBuilder:
         self.world_SE3_left = world_SE3_left
         self.grid = floor_in_view(geometry, world_SE3_left, self.params)
         projection = geometry.matrix @ world_SE3_left.inverse().matrix[:3]
-        self.view = Viewpoint(world_SE3_left.translation, geometry.depth_std_per_m2, projection, geometry.size)
+        self.view = CameraViewpoint(world_SE3_left.translation, geometry.depth_std_per_m2, projection, geometry.size)
         self.shape = (-(-geometry.height // reduction), -(-geometry.width // reduction))
-        self._occupancy_min = self.params.occupancy_min * self.grid.cell_m**2
+        self._raster = raster_of(self.grid, self.params)
         n = self.shape[0] * self.shape[1]
         self._points = np.empty((n, 3), dtype=np.float32)
         self._area = np.empty(n, dtype=np.float32)
@@ -173,16 +199,16 @@ class MapBuilder:
         Raises:
             ValueError: the arrays do not have the size of the geometry.
         """
+        return self.of(self.points(disparity, mask, image, exposure))
+
+    def of(self, points: FloorPoints) -> PlanViewMaps:
+        """The maps of points that ``points`` gave."""
+        return maps_of(points, self._raster, self.view)
+
+    def points(self, disparity: F32, mask: U8, image: U8 | None = None, exposure: Exposure = REFERENCE) -> FloorPoints:
+        """Foreground points of one frame; arguments and errors are those of a call."""
         if disparity.shape != self.shape or mask.shape != self.shape:
             raise ValueError(f"expected disparity and mask of {self.shape}, got {disparity.shape} and {mask.shape}")
-        points = self._back_project(disparity, mask, image, exposure)
-        height_raw, occupancy_raw = self._accumulate(points.xyz, points.area)
-        height, occupancy = self._smooth(height_raw, occupancy_raw)
-        return PlanViewMaps(
-            self.grid, height_raw, occupancy_raw, height, occupancy, self._occupancy_min, points, self.view
-        )
-
-    def _back_project(self, disparity: F32, mask: U8, image: U8 | None, exposure: Exposure) -> FloorPoints:
         n = back_project(
             disparity, mask, self._disparity_min, self.geometry.disparity_metre,
             self._intrinsics, self._pose, self.params.height_max_m, self._points, self._area, self._pixels,
@@ -191,29 +217,17 @@ class MapBuilder:
         colours = None if image is None else colour_codes(image, pixels, exposure)
         return FloorPoints(self._points[:n].copy(), self._area[:n].copy(), pixels, colours)
 
-    def _accumulate(self, xyz: F32, weight: F32) -> tuple[F32, F32]:
-        height = np.empty(self.grid.shape, dtype=np.float32)
-        total = np.empty(self.grid.shape, dtype=np.float32)
-        accumulate(
-            xyz, weight, self.params.height_min_m, self.grid.x_min_m, self.grid.y_min_m, self.grid.cell_m, height, total
-        )
-        return height, total
 
-    def _smooth(self, height_raw: F32, occupancy_raw: F32) -> tuple[F32, F32]:
-        """H_masked and O_sm. The height is smoothed over occupied cells only, or edges would sink."""
-        height, occupancy = np.zeros_like(height_raw), np.zeros_like(occupancy_raw)
-        sigma = self.params.smoothing_m / self.grid.cell_m
-        # Most of the floor is empty: only the part around occupied cells is worth smoothing.
-        part = _occupied_part(occupancy_raw, 2 * math.ceil(3 * sigma))
-        raw = height_raw[part]
-        if sigma > 0.0:
-            occupancy[part] = _blur(occupancy_raw[part], sigma)
-            share = _blur((raw > 0.0).astype(np.float32), sigma)
-            smooth = np.divide(_blur(raw, sigma), np.maximum(share, 1e-3), dtype=np.float32)
-        else:
-            occupancy[part], smooth = occupancy_raw[part], raw
-        np.copyto(height[part], smooth, where=occupancy[part] >= np.float32(self._occupancy_min))
-        return height, occupancy
+def maps_of(points: FloorPoints, raster: Raster, view: Viewpoint) -> PlanViewMaps:
+    """The maps of points on the raster's grid."""
+    height_raw, occupancy_raw = raster.accumulate(points.xyz, points.area)
+    height, occupancy = raster.smooth(height_raw, occupancy_raw)
+    return PlanViewMaps(raster.grid, height_raw, occupancy_raw, height, occupancy, raster.occupancy_min, points, view)
+
+
+def raster_of(grid: Grid, params: MapParams) -> Raster:
+    """The maps of points on a grid."""
+    return Raster(grid, params.height_min_m, params.smoothing_m, params.occupancy_min * grid.cell_m**2)
 
 
 def floor_in_view(geometry: RectifiedGeometry, world_SE3_left: SE3, params: MapParams) -> Grid:
@@ -225,7 +239,8 @@ def floor_in_view(geometry: RectifiedGeometry, world_SE3_left: SE3, params: MapP
     depths = np.linspace(0.2, reach, 60)
     points = world_SE3_left @ (rays[:, None, :] * depths[None, :, None])
     inside = (points[..., 2] >= 0.0) & (points[..., 2] <= params.height_max_m)
-    inside &= np.hypot(points[..., 0], points[..., 1]) <= params.distance_max_m
+    out = points[..., :2] - world_SE3_left.translation[:2]
+    inside &= np.hypot(out[..., 0], out[..., 1]) <= params.distance_max_m
     if not inside.any():
         raise ValueError("expected a camera that sees the space between floor and H_max, got none of it in view")
     visible = points[inside]
@@ -237,25 +252,3 @@ def floor_in_view(geometry: RectifiedGeometry, world_SE3_left: SE3, params: MapP
 def _reach_m(geometry: RectifiedGeometry, params: MapParams) -> float:
     """Depth at which the predicted deviation reaches depth_std_max_m, which is far more than what it is nearby."""
     return math.sqrt(params.depth_std_max_m / geometry.depth_std_per_m2)
-
-
-def _occupied_part(occupancy: F32, margin: int) -> tuple[slice, slice]:
-    """Bounding rectangle of the cells that are not zero, wider by a margin [cells]."""
-    occupied = occupancy > 0.0
-    rows, cols = np.flatnonzero(occupied.any(axis=1)), np.flatnonzero(occupied.any(axis=0))
-    if len(rows) == 0:
-        return slice(0, 0), slice(0, 0)
-    return (
-        slice(max(0, int(rows[0]) - margin), int(rows[-1]) + 1 + margin),
-        slice(max(0, int(cols[0]) - margin), int(cols[-1]) + 1 + margin),
-    )
-
-
-def _blur(image: F32, sigma: float) -> F32:
-    if image.size == 0:
-        return image
-    radius = max(1, round(3 * sigma))
-    return np.asarray(
-        cv2.GaussianBlur(image, (2 * radius + 1, 2 * radius + 1), sigma, borderType=cv2.BORDER_CONSTANT),
-        dtype=np.float32,
-    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import numpy as np
 from calib.ground_camera import GroundCamera
 from calib.types import F32, U8
 from planview.foreground.mixture import Foreground
-from planview.maps.builder import MapBuilder
+from planview.maps.builder import FloorPoints, MapBuilder
 from planview.maps.view import StereoView
 from planview.pipeline.boxes import BodyBoxes
 from planview.pipeline.config import Config
@@ -25,6 +25,7 @@ from planview.pipeline.setup import AnySetup, set_up_any
 from planview.pipeline.single_camera import SingleCamera
 from planview.tracking.base import ImageTracker, Observation, Tracker
 from planview.tracking.template import TemplateTracker
+from planview.trajectories.state import TrackState
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, open_any
 from stereo.readers.prefetch import prefetch
@@ -145,21 +146,31 @@ class Pipeline(StereoDescription):
 
     def track(self, matched: MatchedFrame) -> FrameResult:
         """Foreground, maps and people of the next frame."""
-        clock, reduction = StageClock(matched.stages_ms), self.stereo.reduction
-        image = self._reduced_image(matched.image)
-        disparity = np.ascontiguousarray(matched.disparity[::reduction, ::reduction])
-        mask = self.foreground.update(image, disparity, matched.timestamp_s, self._feedback)
-        clock.record("foreground")
-        maps = self.maps(disparity, mask, image, self.foreground.exposure)
+        clock = StageClock(matched.stages_ms)
+        mask, points = self.separate(matched, clock)
+        maps = self.maps.of(points)
         clock.record("maps")
         observation = Observation(matched.frame, matched.timestamp_s, matched.image, mask, None, maps)
         tracks = tuple(self._boxes(track) for track in self.tracker.update(observation))
-        self._feedback = self.feedback(maps.points, tracks, self.maps.shape)
+        self.learn(points, tracks)
         clock.record("track")
         return FrameResult(
             matched.frame, matched.timestamp_s, tracks, self.tracker.decisions, observation,
             matched.disparity, clock.stages_ms,
         )  # fmt: skip
+
+    def separate(self, matched: MatchedFrame, clock: StageClock) -> tuple[U8, FloorPoints]:
+        """Foreground of the next pair: (H, W) uint8 mask and its points in the world."""
+        reduction = self.stereo.reduction
+        image = self._reduced_image(matched.image)
+        disparity = np.ascontiguousarray(matched.disparity[::reduction, ::reduction])
+        mask = self.foreground.update(image, disparity, matched.timestamp_s, self._feedback)
+        clock.record("foreground")
+        return mask, self.maps.points(disparity, mask, image, self.foreground.exposure)
+
+    def learn(self, points: FloorPoints, tracks: Sequence[TrackState]) -> None:
+        """Tell the foreground of the next frame where people are; ``points`` are those of this frame."""
+        self._feedback = self.feedback(points, tracks, self.maps.shape)
 
     def _matched(self) -> Iterator[MatchedFrame]:
         clock = StageClock()

@@ -18,7 +18,7 @@ from pydantic import Field
 
 from calib.params import Params
 from calib.types import F64
-from planview.maps.builder import FloorPoints
+from planview.maps.builder import FloorPoints, Viewpoint
 from planview.tracking._axis_kernels import height_histograms, slab_centroids
 
 _BIN_M = 0.02
@@ -65,13 +65,13 @@ class BodyAxis:
     """Measures axis and height of people from the points around them.
 
     Args:
-        camera_m: (3,) the left camera's centre in the world frame [m].
+        view: the camera that measured the points.
         height_max_m: H_max [m].
     """
 
-    def __init__(self, camera_m: F64, height_max_m: float, params: BodyAxisParams | None = None) -> None:
+    def __init__(self, view: Viewpoint, height_max_m: float, params: BodyAxisParams | None = None) -> None:
         self.params = params or BodyAxisParams()
-        self._camera = np.asarray(camera_m, dtype=np.float64)
+        self._view = view
         self._bins = math.ceil(height_max_m / _BIN_M) + 1
 
     def __call__(self, points: FloorPoints, people_m: F64, radius_m: float) -> list[AxisMeasurement]:
@@ -89,7 +89,7 @@ class BodyAxis:
         label = np.empty(len(points.xyz), dtype=np.int32)
         histogram = np.empty((k, self._bins))
         height_histograms(points.xyz, points.area, people_m, radius_m, _BIN_M, label, histogram)
-        away, depression = self._viewing(people_m)
+        away, depression = self._view.viewing(people_m)
         top = self._top(histogram, depression)
         high = np.full(k, np.inf)
         body = self._centroid(points, label, top - 3 * p.head_height_m, high, people_m, radius_m)
@@ -106,13 +106,6 @@ class BodyAxis:
             where = (float(visible[0]), float(visible[1]))
             measurements.append(AxisMeasurement(float(x), float(y), where, float(top[i]), from_head))
         return measurements
-
-    def _viewing(self, people_m: F64) -> tuple[F64, F64]:
-        """Unit vectors (K, 2) away from the camera, and depression angles (K,) towards a head at 1.6 m."""
-        out = people_m - self._camera[:2]
-        distance = np.hypot(out[:, 0], out[:, 1])
-        depression = np.arctan2(np.maximum(self._camera[2] - 1.6, 0.0), distance)
-        return out / np.maximum(distance, 1e-6)[:, None], depression
 
     def _top(self, histogram: F64, depression: F64) -> F64:
         """Height (K,) above which just as much area is visible as a head's cap shows."""

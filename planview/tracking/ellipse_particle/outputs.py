@@ -108,7 +108,7 @@ class BodyMeasures:
         clear = [n for n, e in enumerate(evidence) if e.measured and not e.shares]
         if not clear:
             return
-        axes = BodyAxis(maps.view.camera_m, HEIGHT_MAX_M)(maps.points, places[clear], self._reach_m)
+        axes = BodyAxis(maps.view, HEIGHT_MAX_M)(maps.points, places[clear], self._reach_m)
         for n, axis in zip(clear, axes, strict=True):
             (x, y), body = places[n], self._bodies[evidence[n].who.track_id]
             if not math.isnan(axis.x_m):

@@ -70,7 +70,7 @@ class TemplateTracker:
         self._life.begin(observation.timestamp_s)
         self._grid = maps.grid
         frame = TemplateFrame(maps, self._template_size(maps.grid) // 2)
-        axis = BodyAxis(maps.view.camera_m, self._height_max_m, self.params.axis)
+        axis = BodyAxis(maps.view, self._height_max_m, self.params.axis)
         self._predict(dt)
         self._match(frame)
         self._locate(maps, axis, dt)

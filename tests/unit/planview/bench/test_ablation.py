@@ -12,7 +12,7 @@ from planview.bench.commands.bench_ablation import TABLE_WIDTH, AblationOptions,
 from planview.bench.one_statistic import NOMINAL_HEIGHT_M, height_only, occupancy_only
 from planview.bench.suite import suite_recording
 from planview.bench.variants import CONFIGURED, LADDER, RULES, chosen_variants
-from planview.maps.builder import FloorPoints, PlanViewMaps, Viewpoint
+from planview.maps.builder import CameraViewpoint, FloorPoints, PlanViewMaps
 from planview.maps.grid import Grid
 from planview.pipeline.config import Config, load_config
 
@@ -46,7 +46,7 @@ def maps():
         np.array([7, 8], np.int32),
         np.array([1, 2], np.uint8),
     )
-    view = Viewpoint(np.array([0.0, 0.0, 2.0]), 0.01, np.eye(3, 4), (160, 120))
+    view = CameraViewpoint(np.array([0.0, 0.0, 2.0]), 0.01, np.eye(3, 4), (160, 120))
     return PlanViewMaps(grid, height, occupancy, height, occupancy, 0.0, points, view)
 
 

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from planview.maps.builder import FloorPoints
+from calib.types import F64
+from planview.maps.builder import CameraViewpoint, FloorPoints
 from planview.tracking.base import Observation
 from planview.tracking.body_axis import BodyAxis
 from planview.tracking.kalman import FloorKalman
@@ -126,6 +127,10 @@ def test_tracker_refuses_time_that_runs_backwards() -> None:
         tracker.update(observe(2, []))
 
 
+def _camera_at(place_m: F64) -> CameraViewpoint:
+    return CameraViewpoint(place_m, 0.01, np.eye(3, 4), (160, 120))
+
+
 def test_axis_lies_behind_the_visible_half_of_a_head() -> None:
     """A sphere of radius 0.095 m at 3 m, seen horizontally: its visible half is centred 6.3 cm too near."""
     rng = np.random.default_rng(0)
@@ -136,7 +141,7 @@ def test_axis_lies_behind_the_visible_half_of_a_head() -> None:
     xyz = (centre + np.column_stack([offset[:, 0], -near, offset[:, 1]])).astype(np.float32)
     area = np.full(len(xyz), np.pi * radius**2 / len(xyz), np.float32)
     points = FloorPoints(xyz, area, np.arange(len(xyz), dtype=np.int32))
-    (measured,) = BodyAxis(camera, 2.4)(points, np.array([[0.0, 2.95]]), 0.5)
+    (measured,) = BodyAxis(_camera_at(camera), 2.4)(points, np.array([[0.0, 2.95]]), 0.5)
     assert measured.from_head
     assert (measured.x_m, measured.y_m) == pytest.approx((0.0, 3.0), abs=0.005)
     assert measured.height_m == pytest.approx(1.695, abs=0.015)
@@ -144,7 +149,7 @@ def test_axis_lies_behind_the_visible_half_of_a_head() -> None:
 
 def test_axis_of_nobody_seen_is_unknown() -> None:
     nothing = FloorPoints(np.empty((0, 3), np.float32), np.empty(0, np.float32), np.empty(0, np.int32))
-    (measured,) = BodyAxis(np.array([0.0, 0.0, 2.5]), 2.4)(nothing, np.array([[0.0, 1.0]]), 0.5)
+    (measured,) = BodyAxis(_camera_at(np.array([0.0, 0.0, 2.5])), 2.4)(nothing, np.array([[0.0, 1.0]]), 0.5)
     assert np.isnan(measured.x_m) and np.isnan(measured.height_m)
 
 
