@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
+from calib.files import write_whole
 from calib.types import F64
 
 LENS_K_320: dict[str, float] = {
@@ -129,12 +130,12 @@ class GroundCamera:
 
 def save_ground_camera(camera: GroundCamera, path: Path) -> None:
     """Write ``camera.toml``."""
-    path.write_text(
+    write_whole(
+        path,
         "# planview camera above a floor: at (0, 0, height_m), looking along +y, tilt from straight down\n"
         f"width = {camera.width}\nheight = {camera.height}\nfocal_px = {float(camera.focal_px)!r}\n"
         f"height_m = {float(camera.height_m)!r}\ntilt_deg = {math.degrees(camera.tilt_rad)!r}\n"
         f'lens = "{camera.lens}"\nroll_deg = {math.degrees(camera.roll_rad)!r}\n',
-        encoding="utf-8",
     )
 
 

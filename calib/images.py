@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError
+from calib.files import write_whole
 from calib.types import U8
 
 
@@ -52,4 +53,4 @@ def write_image(path: Path, image: U8, quality: int = 90) -> None:
         content = encode_image(image, path.suffix, quality)
     except ValueError as error:
         raise InputError(f"{path}: expected a picture's name, e.g. {path.stem}.png, found {path.name!r}") from error
-    path.write_bytes(content)
+    write_whole(path, content)

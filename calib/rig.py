@@ -12,6 +12,7 @@ import numpy as np
 
 from calib.camera import Camera, LensModel
 from calib.errors import InputError
+from calib.files import write_whole
 from calib.pose import SE3
 from calib.types import F64
 
@@ -120,7 +121,7 @@ def save_rig(rig: StereoRig, path: Path) -> None:
         f"translation_m = {rig.right_SE3_left.translation.tolist()!r}",
         "",
     ]
-    path.write_text("\n".join(lines), encoding="utf-8")
+    write_whole(path, "\n".join(lines))
 
 
 def parse_rig(text: str, source: str) -> StereoRig:

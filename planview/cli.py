@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 from collections.abc import Sequence
 
 from cyclopts import App
@@ -82,6 +84,7 @@ def main(argv: list[str] | None = None) -> None:
     from calib.errors import InputError, WorkError
 
     words = sys.argv[1:] if argv is None else argv
+    _stop_on_signals()
     try:
         _refuse_empty(words)
         make_app(words)(words, exit_on_error=False, print_error=False)
@@ -100,6 +103,16 @@ def main(argv: list[str] | None = None) -> None:
         if not isinstance(error, CycloptsError):
             raise
         _fail(" ".join(str(error).split()), 2)
+
+
+def _stop_on_signals() -> None:
+    """SIGTERM and SIGHUP stop a command as Ctrl-C does, so that it ends with its files complete."""
+    if threading.current_thread() is not threading.main_thread():
+        return
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        # A program started with nohup ignores SIGHUP, and is to go on.
+        if signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, signal.default_int_handler)
 
 
 def _refuse_empty(words: Sequence[str]) -> None:

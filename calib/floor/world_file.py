@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from calib.errors import InputError
+from calib.files import write_whole
 from calib.pose import SE3
 from calib.rig import Floor
 
@@ -39,7 +40,7 @@ def save_world(floor: Floor, path: Path) -> None:
         lines += ["# of height [m], tilt [rad], roll [rad]", f"covariance = {floor.covariance.tolist()!r}"]
     if floor.extent_m is not None:
         lines += ["# seen floor: x_min, y_min, x_max, y_max", f"extent_m = {[float(v) for v in floor.extent_m]!r}"]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_whole(path, "\n".join(lines) + "\n")
 
 
 def load_world(path: Path) -> Floor:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -33,7 +35,7 @@ MIN_FOCAL_WIDTHS, MAX_FOCAL_WIDTHS = 0.1, 30.0
 MAX_OFF_IMAGE = 0.25
 """Share of the image by which a principal point may lie outside of it; crops rarely go further (our choice)."""
 
-__all__ = ["FORMATS", "load_rig", "write_rig"]
+__all__ = ["FORMATS", "calibration_files", "load_rig", "write_rig"]
 
 
 def load_rig(
@@ -72,24 +74,42 @@ def load_rig(
     return _fitted((rig.swapped() if swap else rig).check(name), name, size)
 
 
-def write_rig(rig: StereoRig, path: Path, format_key: str | None = None) -> list[Path]:
+def calibration_files(path: Path) -> list[Path]:
+    """The files that ``load_rig`` reads a calibration from (same errors)."""
+    return [source.path for source in find_rig(path, FORMATS, is_tsai)[1]]
+
+
+def write_rig(rig: StereoRig, path: Path, format_key: str | None = None, keep: Collection[Path] = ()) -> list[Path]:
     """Write a rig in a format.
 
     Args:
         path: file, or folder for formats of two files.
         format_key: ``Format.key``; None takes the first format that writes files of this suffix.
+        keep: files that must not be written over.
     Returns:
         The files written.
     Raises:
-        InputError: no such format, a format that cannot hold this rig exactly, or a place that cannot be written.
+        InputError: no such format, a format that cannot hold this rig exactly, a place that cannot be written, or a
+            file to be kept.
     """
     chosen = _format_for(path, format_key)
     try:
+        _refuse_kept(chosen, rig, path, keep)
         return chosen.write(rig, path)
     except ValueError as error:
         raise InputError(f"{path}: expected a rig that {chosen.name} can hold, but {error}") from error
     except OSError as error:
         raise InputError(f"{path}: expected a place to write to, found {error.strerror or error}") from error
+
+
+def _refuse_kept(chosen: Format, rig: StereoRig, path: Path, keep: Collection[Path]) -> None:
+    kept = {file.resolve() for file in keep}
+    with TemporaryDirectory() as rehearsal:
+        trial = Path(rehearsal) / (path.name or "rig")
+        for file in chosen.write(rig, trial):
+            target = (path / file.relative_to(trial)).resolve()
+            if target in kept:
+                raise InputError(f"{path}: expected another place than the calibration read, found it at {target}")
 
 
 def _format_for(path: Path, format_key: str | None) -> Format:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from calib.camera import Camera
+from calib.files import write_whole
 from calib.formats.fields import camera, entry, held, number, numbers, table, transform, whole
 from calib.formats.source import Choice, Format, Source
 from calib.pose import SE3
@@ -115,7 +116,7 @@ def _write(rig: StereoRig, path: Path) -> list[Path]:
     entries = [[1, _entry(rig.left, link, 2)], [2, _entry(rig.right, SE3.identity(), -1)]]
     stereo = {"leftCameraSocket": 1, "rightCameraSocket": 2}
     data = {"boardName": "", "cameraData": entries, "stereoRectificationData": stereo, "version": 7}
-    path.write_text(json.dumps(data, indent=1), encoding="utf-8")
+    write_whole(path, json.dumps(data, indent=1))
     return [path]
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.camera import Camera, LensModel
+from calib.files import write_whole
 from calib.formats.fields import camera, entry, held, numbers, rigid, whole
 from calib.formats.source import Choice, Format, Source, side_of
 from calib.formats.yaml_text import parse_yaml
@@ -58,7 +59,7 @@ def _write(rig: StereoRig, path: Path) -> list[Path]:
     ):
         (path / name).mkdir(parents=True, exist_ok=True)
         paths.append(path / name / "sensor.yaml")
-        paths[-1].write_text(_half_text(one, body_SE3_camera), encoding="utf-8")
+        write_whole(paths[-1], _half_text(one, body_SE3_camera))
     return paths
 
 

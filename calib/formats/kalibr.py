@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from calib.camera import Camera, LensModel
+from calib.files import write_whole
 from calib.formats.fields import camera, entry, held, numbers, rigid, table, whole
 from calib.formats.source import Choice, Format, Source
 from calib.formats.yaml_text import parse_yaml
@@ -83,7 +84,7 @@ def _index(name: str) -> int:
 def _write(rig: StereoRig, path: Path) -> list[Path]:
     lines = [*_camera_lines("cam0", rig.left), *_camera_lines("cam1", rig.right), "  T_cn_cnm1:"]
     lines += [f"  - {row}" for row in np.asarray(rig.right_SE3_left.matrix).tolist()]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_whole(path, "\n".join(lines) + "\n")
     return [path]
 
 

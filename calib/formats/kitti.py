@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.camera import Camera
+from calib.files import write_whole
 from calib.formats.fields import camera, entry, held, numbers, transform, whole
 from calib.formats.source import Choice, Format, Size, Source
 from calib.pose import SE3
@@ -83,7 +84,7 @@ def _write(rig: StereoRig, path: Path) -> list[Path]:
             f"R_{name}: {_text(pose.rotation)}",
             f"T_{name}: {_text(pose.translation)}",
         ]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_whole(path, "\n".join(lines) + "\n")
     return [path]
 
 

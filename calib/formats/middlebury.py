@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.camera import Camera
+from calib.files import write_whole
 from calib.formats.fields import camera, entry, number, numbers, whole
 from calib.formats.source import Choice, Format, Source
 from calib.pose import SE3
@@ -55,7 +56,7 @@ def _write(rig: StereoRig, path: Path) -> list[Path]:
         f"width={rig.left.width}",
         f"height={rig.left.height}",
     ]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_whole(path, "\n".join(lines) + "\n")
     return [path]
 
 

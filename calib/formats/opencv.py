@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from calib.camera import Camera, LensModel
+from calib.files import write_whole
 from calib.formats.fields import camera, entry, numbers, transform, whole
 from calib.formats.source import Choice, Format, Size, Source
 from calib.formats.xml_text import parse_xml
@@ -103,12 +104,12 @@ def _guessed_size(centres: Sequence[tuple[float, float]]) -> Size:
 def _write(rig: StereoRig, path: Path) -> list[Path]:
     """One file with everything, or intrinsics.yml and extrinsics.yml when the path is a folder (no suffix)."""
     if path.suffix:
-        path.write_text(_HEADER + _intrinsics(rig) + _extrinsics(rig), encoding="utf-8")
+        write_whole(path, _HEADER + _intrinsics(rig) + _extrinsics(rig))
         return [path]
     path.mkdir(parents=True, exist_ok=True)
     paths = [path / "intrinsics.yml", path / "extrinsics.yml"]
-    paths[0].write_text(_HEADER + _intrinsics(rig), encoding="utf-8")
-    paths[1].write_text(_HEADER + _extrinsics(rig), encoding="utf-8")
+    write_whole(paths[0], _HEADER + _intrinsics(rig))
+    write_whole(paths[1], _HEADER + _extrinsics(rig))
     return paths
 
 

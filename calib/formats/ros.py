@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from calib.camera import Camera, LensModel
+from calib.files import write_whole
 from calib.formats.fields import camera, entry, held, number, numbers, transform, whole
 from calib.formats.source import Choice, Format, Source, side_of
 from calib.formats.yaml_text import parse_yaml
@@ -80,7 +81,7 @@ def _write(rig: StereoRig, path: Path) -> list[Path]:
         k = np.array([[focal, 0.0, rig.left.cx], [0.0, focal, rig.left.cy], [0.0, 0.0, 1.0]])
         projection = np.column_stack([k, [focal * shift, 0.0, 0.0]])
         paths.append(path / f"{name}.yaml")
-        paths[-1].write_text(_half_text(name, one, rotation, projection), encoding="utf-8")
+        write_whole(paths[-1], _half_text(name, one, rotation, projection))
     return paths
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.camera import Camera
+from calib.files import write_whole
 from calib.formats.fields import camera, entry, held, number
 from calib.formats.source import Choice, Format, Size, Source
 from calib.pose import SE3
@@ -98,7 +99,7 @@ def _write(rig: StereoRig, path: Path) -> list[Path]:
     rx, ry, rz = (float(v) for v in rig.right_SE3_left.rotvec)
     lines += ["[STEREO]", f"Baseline={-x!r}", f"TY={y!r}", f"TZ={z!r}"]
     lines += [f"RX_{name}={rx!r}", f"CV_{name}={ry!r}", f"RZ_{name}={rz!r}", ""]
-    path.write_text("\n".join(lines), encoding="utf-8")
+    write_whole(path, "\n".join(lines))
     return [path]
 
 

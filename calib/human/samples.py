@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from calib.errors import InputError
+from calib.files import write_whole
 from calib.types import F64
 
 COLUMNS = (
@@ -147,13 +148,13 @@ def write_samples(samples: Sequence[HumanSample], path: Path, image_size: tuple[
         lines += [
             ",".join([str(s.frame), *(repr(float(v)) for v in (*s.box_px, *s.head_px, *s.foot_px))]) for s in samples
         ]
-        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        write_whole(path, "\n".join(lines) + "\n")
         return
     rows = [
         {"frame": s.frame, "box": list(s.box_px), "head": list(s.head_px), "foot": list(s.foot_px)} for s in samples
     ]
     size = {} if image_size is None else {"image_size": list(image_size)}
-    path.write_text(json.dumps({**size, "samples": rows}, indent=1) + "\n", encoding="utf-8")
+    write_whole(path, json.dumps({**size, "samples": rows}, indent=1) + "\n")
 
 
 def _text(path: Path) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 from calib.board.lens import FOLDS
 from calib.board.model import SIDES, Side, rms
 from calib.board.solve import BoardCalibration
+from calib.files import write_whole
 from calib.images import as_colour, encode_image
 from calib.types import F64, U8
 from planview.calibration.board_images import BoardImages
@@ -58,7 +59,7 @@ def write_report(result: BoardCalibration, images: Path, path: Path) -> Path:
         folds=min(FOLDS, len(result.views)),
         parameters=_parameters(result),
     )
-    path.write_text(page, encoding="utf-8")
+    write_whole(path, page)
     return path
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from calib.errors import InputError
-from calib.formats import load_rig, write_rig
+from calib.formats import calibration_files, load_rig, write_rig
 from calib.length import parse_length, parse_size
 from calib.rig import StereoRig
 from planview.commands.options import Flag, JsonFlag
@@ -58,7 +58,7 @@ def calibrate_convert(
         unit_m=None if unit is None else parse_length(unit, "--unit"),
         swap=swap,
     )
-    written = write_rig(rig, target, to)
+    written = write_rig(rig, target, to, calibration_files(source))
     print(f"{rig.source}: baseline {rig.baseline_m:.4f} m, {rig.left.width}x{rig.left.height}", file=sys.stderr)
     print(f"wrote {', '.join(map(str, written))}", file=sys.stderr)
     if json_:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import stat
@@ -15,6 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.errors import InputError, WorkError
+from calib.files import write_whole
 from planview.analytics.clock import Clock
 from planview.analytics.count import count_tracks, count_truth
 from planview.analytics.events import read_events, write_event_header, write_event_rows
@@ -155,10 +157,11 @@ def _folder(out: Path | None, tracks: Path) -> Path | None:
 def _write(counts: Counts, result: dict[str, Any], folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with (folder / "events.csv").open("w", encoding="utf-8", newline="") as file:
-            write_event_header(file)
-            write_event_rows(file, counts.events)
-        (folder / "counts.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        events = io.StringIO()
+        write_event_header(events)
+        write_event_rows(events, counts.events)
+        write_whole(folder / "events.csv", events.getvalue())
+        write_whole(folder / "counts.json", json.dumps(result, indent=2) + "\n")
     except OSError as error:
         raise WorkError(f"{folder}: could not write events.csv and counts.json: {error}") from error
 

@@ -21,6 +21,8 @@ from planview.pipeline.config import load_config
 from planview.pipeline.engine import Engine
 from planview.pipeline.factory import TrackerName, base_config, open_engine
 from planview.runs.folder import check_folder, prepare_folder
+from planview.runs.info import RunInfo
+from planview.runs.lock import folder_lock
 from planview.runs.log import RunLog
 from planview.runs.progress import FrameProgress, summary
 from planview.runs.refine import refine_run
@@ -57,7 +59,7 @@ class TrackingOptions:
     debug: Flag = False
     """Also write decisions.csv: every decision of the tracker with its reason."""
     overwrite: Flag = False
-    """Replace a finished run in the folder."""
+    """Replace what a run, or another program under the same names, left in the folder."""
     frames: int = 0
     """Stop after so many frames; 0 for all."""
     refine: Flag = False
@@ -98,7 +100,19 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
     if options.save_maps and (engine.stereo is None or is_maps(recording)):
         raise InputError(f"--save-maps: expected a stereo recording, found {recording}")
     analytics = Analytics(load_rules(options.rules, RulePlane(engine.camera, engine.size))) if options.rules else None
-    prepare_folder(out, options.overwrite)
+    with folder_lock(out) as stale:
+        if stale:
+            console.print(stale)
+        prepare_folder(out, options.overwrite)
+        info = _track(engine, out, options, analytics, console)
+    summary(console, info, out)
+    if options.json_output:
+        print(info.model_dump_json())
+
+
+def _track(
+    engine: Engine, out: Path, options: TrackingOptions, analytics: Analytics | None, console: Console
+) -> RunInfo:
     how = RunOptions(tracker=options.tracker, analytics=analytics, debug=options.debug, max_frames=options.frames)
     n_frames = min(options.frames or engine.recording.n_frames, engine.recording.n_frames)
     with FrameProgress(console, n_frames) as progress:
@@ -106,9 +120,7 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
     write_report(out)
     if options.refine:
         info = refine_run(out).info
-    summary(console, info, out)
-    if options.json_output:
-        print(info.model_dump_json())
+    return info
 
 
 def _logs(engine: Engine, out: Path, rrd: bool, save_maps: bool) -> list[RunLog]:

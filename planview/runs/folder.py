@@ -5,17 +5,22 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Callable
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import IO
 
 from calib.errors import InputError, WorkError
+from calib.files import PART
 from planview.runs.info import RunInfo, read_run_info
+from planview.runs.lock import check_unlocked, folder_lock
 
-PRODUCTS = (
+_NAMES = (
     "tracks.csv", "tracks_online.csv", "refinement.csv", "events.csv", "decisions.csv", "counts.json",
-    "run.json", "run.json.part", "run.rrd", "maps.h5", "report.html", "report.html.part",
+ "run.json", "run.rrd", "run-[0-9]*.rrd", "maps.h5", "maps-[0-9]*.h5", "report.html",
+    "checkpoint.npz", "checkpoint.previous.npz",
 )  # fmt: skip
-"""Everything that a run may leave in its folder."""
+PRODUCTS = (*_NAMES, *(name + PART for name in _NAMES))
+"""Names and patterns of everything that a run may leave in its folder."""
 
 
 def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -> None:
@@ -25,18 +30,20 @@ def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -
         recording: the input, which must not be among the files that are replaced.
 
     Raises:
-        InputError: the folder holds a finished run and ``overwrite`` is not set, or the input, or it is a file.
+        InputError: another process writes into the folder, it holds results and ``overwrite`` is not set, it holds the
+            input, or it is a file.
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder for the results, found a file")
-    if recording is not None and recording.name in PRODUCTS and recording.resolve().parent == folder.resolve():
+    if recording is not None and _is_product(recording) and recording.resolve().parent == folder.resolve():
         raise InputError(f"{folder}: expected another folder than that of the input, found {recording} in it")
-    if _holds_finished_run(folder) and not overwrite:
-        raise InputError(f"{folder}: holds a finished run; choose another folder or add --overwrite")
+    check_unlocked(folder)
+    if not overwrite:
+        _refuse_results(folder)
 
 
 def prepare_folder(folder: Path, overwrite: bool) -> None:
-    """Make an empty place for a run; files that are not a run's are never touched.
+    """Make an empty place for a run; files that are not named as a run's are never touched.
 
     Raises:
         InputError: as ``check_folder``.
@@ -45,18 +52,41 @@ def prepare_folder(folder: Path, overwrite: bool) -> None:
     check_folder(folder, overwrite)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name in PRODUCTS:
-            (folder / name).unlink(missing_ok=True)
+        with folder_lock(folder):
+            for path in products_in(folder):
+                path.unlink(missing_ok=True)
     except OSError as error:
         raise WorkError(f"{folder}: cannot be written ({error.strerror})") from error
 
 
-def _holds_finished_run(folder: Path) -> bool:
-    """A run.json that cannot be read may be a finished run of another version: it counts as one."""
+def products_in(folder: Path) -> list[Path]:
+    """Files of a folder that are named as those of a run."""
+    return sorted(path for pattern in PRODUCTS for path in folder.glob(pattern))
+
+
+def _is_product(path: Path) -> bool:
+    return any(fnmatch(path.name, pattern) for pattern in PRODUCTS)
+
+
+def _refuse_results(folder: Path) -> None:
+    """Results of any kind are worth keeping: of a run, finished or not, and of others who use the same names."""
+    found = products_in(folder)
+    if not found:
+        return
+    if folder / "run.json" not in found:
+        names = ", ".join(path.name for path in found[:4])
+        raise InputError(
+            f"{folder}: holds {names}, which is no planview run's (there is no run.json); "
+            "choose another folder or add --overwrite"
+        )
+    raise InputError(f"{folder}: holds {_run_in(folder)}; choose another folder or add --overwrite")
+
+
+def _run_in(folder: Path) -> str:
     try:
-        return finished_run(folder) is not None
+        return "an unfinished run" if finished_run(folder) is None else "a finished run"
     except InputError:
-        return True
+        return "a run of another version"
 
 
 def finished_run(folder: Path) -> RunInfo | None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field, JsonValue, ValidationError
 
 from calib.errors import InputError, WorkError
+from calib.files import write_whole
 from calib.params import first_problem
 from planview.pipeline.info import CameraInfo, FloorInfo, InfoPart
 
@@ -27,6 +28,9 @@ class RunInfo(InfoPart):
     """The recording as given."""
     tracker: str = ""
     """"template", "human-model" or "ellipse-particle"."""
+    state: Literal["", "running", "interrupted", "finished"] = ""
+    """How the run stands: "running" while it runs, and after it was killed; "interrupted" when it was stopped or
+    failed; empty in files of versions that did not say."""
     finished: bool = False
     """The run came to its end; false while it runs and when it was interrupted."""
     started_at: str = ""
@@ -60,17 +64,14 @@ def write_run_info(info: RunInfo, path: Path) -> None:
     Raises:
         WorkError: the disk is full or the file cannot be written; an earlier run.json is kept.
     """
-    write_whole(path, info.model_dump_json(indent=2) + "\n")
+    write_result(path, info.model_dump_json(indent=2) + "\n")
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Replace a file in one step (same errors as ``write_run_info``)."""
-    part = path.with_name(path.name + ".part")
+def write_result(path: Path, text: str) -> None:
+    """Replace a file of results in one step (same errors as ``write_run_info``)."""
     try:
-        part.write_text(text, encoding="utf-8")
-        os.replace(part, path)
+        write_whole(path, text)
     except OSError as error:
-        part.unlink(missing_ok=True)
         raise WorkError(f"{path}: cannot be written ({error.strerror})") from error
 
 

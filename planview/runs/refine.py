@@ -12,7 +12,7 @@ from planview.refinement.joining import FragmentSimilarity
 from planview.refinement.params import RefineParams
 from planview.refinement.refine import Refined, refine
 from planview.runs.folder import finished_run
-from planview.runs.info import RunInfo, write_run_info, write_whole
+from planview.runs.info import RunInfo, write_result, write_run_info
 from planview.runs.report.page import write_report
 from planview.trajectories.table import read_tracks, write_table
 
@@ -50,12 +50,12 @@ def refine_run(
     except InputError as error:
         raise InputError(f"{source}: {error}") from error
     if source is tracks:
-        write_whole(online, tracks.read_text(encoding="utf-8"))
+        write_result(online, tracks.read_text(encoding="utf-8"))
     info = info.model_copy(update={"refined": True})
     write_run_info(info, folder / "run.json")
-    write_whole(folder / "refinement.csv", changes_csv(refined.changes))
+    write_result(folder / "refinement.csv", changes_csv(refined.changes))
     text = io.StringIO()
     write_table(text, refined.tracks)
-    write_whole(tracks, text.getvalue())
+    write_result(tracks, text.getvalue())
     write_report(folder)
     return RefinedRun(refined, info)

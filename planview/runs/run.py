@@ -24,7 +24,9 @@ from planview.analytics.stream import Analytics
 from planview.analytics.totals import Counts
 from planview.pipeline.engine import Engine, FrameResult
 from planview.runs.folder import FrameFile
-from planview.runs.info import RunInfo, SkippedFrame, write_run_info, write_whole
+from planview.runs.info import RunInfo, SkippedFrame, write_result, write_run_info
+from planview.runs.interrupts import Interrupts
+from planview.runs.lock import folder_lock
 from planview.runs.log import RunLog
 from planview.tracking.base import Decision
 from planview.trajectories.table import write_header, write_rows
@@ -100,8 +102,9 @@ def run(
         logs: take every frame; closed at the end, whatever happens.
         watch: called after every frame, e.g. to show progress.
     Raises:
+        InputError: another process writes into the folder.
         WorkError: the disk is full, or no frame can be used.
-        KeyboardInterrupt: passed on after the files are closed.
+        KeyboardInterrupt: Ctrl-C, SIGTERM or SIGHUP came; raised after the frame under way, with all files closed.
     """
     options = options or RunOptions()
     info, started, progress = _start(engine, options), time.monotonic(), _Progress()
@@ -110,6 +113,8 @@ def run(
         with ExitStack() as stack:
             for log in logs:
                 stack.callback(log.close)
+            stack.enter_context(folder_lock(folder))
+            interrupts = stack.enter_context(Interrupts())
             write_run_info(info, folder / "run.json")
             files = stack.enter_context(closing(_Files(folder, options)))
             for result in _limited(engine, options.max_frames):
@@ -119,6 +124,7 @@ def run(
                     log.frame(result)
                 if watch:
                     watch(result)
+                interrupts.check()
         _refuse_empty(engine, progress)
         finished = True
     finally:
@@ -138,7 +144,7 @@ def _write_end(info: RunInfo, folder: Path) -> None:
     """A run that failed may have no room for its last words either: run.json then stays as it was, unfinished."""
     try:
         if info.counts:
-            write_whole(folder / "counts.json", json.dumps(info.counts, indent=2) + "\n")
+            write_result(folder / "counts.json", json.dumps(info.counts, indent=2) + "\n")
         write_run_info(info, folder / "run.json")
     except WorkError:
         if info.finished:
@@ -181,6 +187,7 @@ def _start(engine: Engine, options: RunOptions) -> RunInfo:
     return RunInfo(
         input=os.fspath(engine.recording.path),
         tracker=options.tracker,
+        state="running",
         started_at=datetime.now(UTC).astimezone().isoformat(timespec="seconds"),
         versions={"python": platform.python_version(), **_versions()},
         config=engine.config.model_dump(mode="json"),
@@ -204,6 +211,7 @@ def _finish(
     skipped = engine.recording.skipped
     return info.model_copy(
         update={
+            "state": "finished" if finished else "interrupted",
             "finished": finished,
             "elapsed_s": elapsed_s,
             "frames_read": progress.frames,

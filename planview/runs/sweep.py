@@ -100,7 +100,7 @@ def run_job(job: Job) -> dict[str, float]:
     config = load_config(job.config, job.settings, base_config(job.recording))
     info = finished_run(job.folder)
     if info is None:
-        prepare_folder(job.folder, overwrite=False)
+        prepare_folder(job.folder, overwrite=(job.folder / "run.json").is_file())
         info = run(open_engine(job.recording, "template", config), job.folder)
         write_report(job.folder)
     elif info.config != config.model_dump(mode="json"):

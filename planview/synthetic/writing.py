@@ -13,7 +13,7 @@ import cv2
 from calib.errors import InputError, WorkError
 from calib.floor.world_file import save_world
 from calib.ground_camera import save_ground_camera
-from calib.images import as_colour, write_image
+from calib.images import as_colour, encode_image
 from calib.rig import Floor, save_rig
 from calib.types import U8
 from planview.synthetic.rendering import SceneRenderer
@@ -111,7 +111,8 @@ class _Images:
         self._folder, self._ending, self._next = folder, ending, 0
 
     def write(self, image: U8) -> None:
-        write_image(self._folder / f"{self._next:06d}.{self._ending}", image, quality=95)
+        content = encode_image(image, f".{self._ending}", quality=95)
+        (self._folder / f"{self._next:06d}.{self._ending}").write_bytes(content)
         self._next += 1
 
     def close(self) -> None:

@@ -12,6 +12,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from calib.errors import WorkError
+from calib.files import write_whole
 from planview.bench.accuracy import RenderOptions, cache_folder, rendered, scene_files
 from planview.bench.commands.options import JsonFlag
 from planview.bench.trackers import TrackerScore, check_truth, compare, page
@@ -89,6 +90,6 @@ def _command(recording: Sequence[Path], scene: Sequence[str], frames: int | None
 def _write(path: Path, text: str) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
+        write_whole(path, text)
     except OSError as error:
         raise WorkError(f"{path}: the page cannot be written: {error.strerror}") from error

@@ -14,7 +14,7 @@ from calib.errors import InputError
 from calib.types import F64
 from planview.analytics.clock import Clock
 from planview.analytics.events import Event, read_events
-from planview.runs.info import RunInfo, read_run_info, write_whole
+from planview.runs.info import RunInfo, read_run_info, write_result
 from planview.runs.report import plots
 from planview.trajectories.table import Trajectories, read_tracks
 
@@ -66,7 +66,7 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None) -> Path
     """
     page = _render(_material(folder, evaluation), folder)
     path = folder / "report.html"
-    write_whole(path, page)
+    write_result(path, page)
     return path
 
 

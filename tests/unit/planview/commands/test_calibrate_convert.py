@@ -64,3 +64,13 @@ def test_convert_refuses_nonsense_in_one_sentence(
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1
     assert said in lines[0]
+
+
+def test_convert_refuses_to_write_over_the_calibration_it_reads(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_rig(RIG, tmp_path / "pair", "opencv")
+    before = (tmp_path / "pair" / "extrinsics.yml").read_text()
+    assert status(tmp_path / "pair", tmp_path / "pair", "--to", "opencv", "--unit", "2m") == 2
+    assert "expected another place than the calibration read" in capsys.readouterr().err
+    assert (tmp_path / "pair" / "extrinsics.yml").read_text() == before

@@ -32,15 +32,24 @@ def test_a_finished_run_is_refused_and_kept(tmp_path: Path) -> None:
     assert (tmp_path / "tracks.csv").read_text() == "precious"
 
 
-def test_an_unfinished_run_is_replaced(tmp_path: Path) -> None:
+def test_an_unfinished_run_is_refused_and_kept(tmp_path: Path) -> None:
     finish(tmp_path, finished=False)
-    prepare_folder(tmp_path, overwrite=False)
-    assert not (tmp_path / "run.json").exists()
+    (tmp_path / "tracks.csv").write_text("precious")
+    with pytest.raises(InputError, match="unfinished run; choose another folder or add --overwrite"):
+        prepare_folder(tmp_path, overwrite=False)
+    assert (tmp_path / "tracks.csv").read_text() == "precious"
+
+
+def test_a_file_of_the_same_name_that_is_no_run_is_refused_and_kept(tmp_path: Path) -> None:
+    (tmp_path / "report.html").write_text("mine")
+    with pytest.raises(InputError, match=r"holds report\.html, which is no planview run's"):
+        prepare_folder(tmp_path, overwrite=False)
+    assert (tmp_path / "report.html").read_text() == "mine"
 
 
 def test_overwriting_removes_every_product_and_no_other_file(tmp_path: Path) -> None:
     for name in PRODUCTS:
-        (tmp_path / name).write_text("old")
+        (tmp_path / name.replace("[0-9]*", "2")).write_text("old")
     (tmp_path / "notes.txt").write_text("mine")
     prepare_folder(tmp_path, overwrite=True)
     assert [file.name for file in tmp_path.iterdir()] == ["notes.txt"]
