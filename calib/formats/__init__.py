@@ -45,6 +45,7 @@ def load_rig(
     cameras: tuple[str, str] | None = None,
     unit_m: float | None = None,
     swap: bool = False,
+    rectified: bool | None = None,
 ) -> StereoRig:
     """Read a stereo calibration in any supported format, recognised by its content.
 
@@ -56,12 +57,13 @@ def load_rig(
         cameras: names of the left and right camera (or sockets) where the file holds more than two.
         unit_m: length of the unit of the file's translations [m]; None: what the format prescribes.
         swap: the file calls the right camera left.
+        rectified: whether the images are, where a file holds both calibrations; None tells it by their size.
     Returns:
         The rig, checked (``StereoRig.check``).
     Raises:
         InputError: nothing readable there, not a stereo rig, or a rig for another image size.
     """
-    choice = Choice(size, cameras, unit_m)
+    choice = Choice(size, cameras, unit_m, rectified)
     found, sources = find_rig(path, FORMATS, is_tsai)
     name = "+".join(str(source.path) for source in sources)
     try:

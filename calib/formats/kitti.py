@@ -29,7 +29,9 @@ def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     source = sources[0]
     data = dict(line.split(":", 1) for line in source.text.splitlines() if ":" in line)
     left, right = choice.cameras or _pair(data)
-    rectified = choice.size is not None and _size(data, f"S_rect_{left}") == choice.size != _size(data, f"S_{left}")
+    rectified = choice.rectified
+    if rectified is None:
+        rectified = choice.size is not None and _size(data, f"S_rect_{left}") == choice.size != _size(data, f"S_{left}")
     read = _rectified if rectified else _raw
     (one, left_SE3_zero), (other, right_SE3_zero) = (read(data, name, choice.unit()) for name in (left, right))
     kind = "rectified images" if rectified else "unrectified images"

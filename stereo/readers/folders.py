@@ -1,37 +1,117 @@
-"""Folders of images, one for each camera."""
+"""Images as files, in a folder for each camera or all in one, with names that tell left from right."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from calib.errors import InputError
 from stereo.readers import images
-from stereo.readers.images import ImageFiles, image_files
+from stereo.readers.bits import bits_note
+from stereo.readers.images import ImageFiles, bits_of, frame_number, image_files
 from stereo.readers.pair import both
 from stereo.readers.pairing import pair_files
-from stereo.readers.reader import OpenOptions, Reader
-from stereo.readers.stereo_layout import StereoLayout, clock_of, rig_in, same_size, stream
+from stereo.readers.reader import OpenOptions, Reader, Stream
+from stereo.readers.sides import split_sides
+from stereo.readers.stamps import read_stamps, stamps_in_names
+from stereo.readers.stereo_layout import StereoLayout, clock_of, rig_in, same_size
+from stereo.readers.timed_files import TimedFiles, pixel_text, timed_layout
+from stereo.readers.timestamps import stamp_list
+
+
+class _Sides(NamedTuple):
+    """Folder and files of each camera, and a file's number where its own name is not enough."""
+
+    folders: tuple[Path, Path]
+    files: tuple[list[Path], list[Path]]
+    number: Callable[[Path], int | None] = frame_number
 
 
 def _fits(path: Path) -> bool:
-    return (path / "left").is_dir() and (path / "right").is_dir()
+    return path.is_dir() and (_folders(path) is not None or _flat(path) is not None)
 
 
 def _find(path: Path, options: OpenOptions) -> StereoLayout:
-    left, right = path / "left", path / "right"
-    files = image_files(left), image_files(right)
-    for folder, found in zip((left, right), files, strict=True):
-        if not found:
-            raise InputError(f"{folder}: expected images ({', '.join(sorted(images.SUFFIXES))}), found none")
-    pairs = pair_files(*files)
-    a, b = ImageFiles([pair[0] for pair in pairs]), ImageFiles([pair[1] for pair in pairs])
-    size, clock = same_size(a, b, left, right), clock_of(path, options, math.nan)
+    sides = _sides(path)
+    timed = _timed(path, sides)
+    if timed is not None:
+        return timed_layout(path, *timed, options, lambda size: rig_in(path, options, size)())
+    pairs = pair_files(*sides.files, sides.number)
+    bits = bits_of(*sides.files)
+    a, b = (ImageFiles([pair[side] for pair in pairs], bits) for side in (0, 1))
+    size, clock = same_size(a, b, *sides.folders), clock_of(path, options, math.nan)
+    streams = tuple(
+        Stream(name, size, len(files), clock.times_s, pixel_text(source.is_grey, bits))
+        for name, files, source in zip(("left", "right"), sides.files, (a, b), strict=True)
+    )
     return StereoLayout(
-        path, path, size, partial(both, a, b), (stream("left", a), stream("right", b)), len(pairs), clock.fps,
-        clock.times_s, rig_in(path, options, size), clock.notes,
+        path, path, size, partial(both, a, b), streams, len(pairs), clock.fps, clock.times_s,
+        rig_in(path, options, size), (*clock.notes, *bits_note(bits)), clock.even,
     )  # fmt: skip
 
 
-READER = Reader("folders", "folders of images", "left/ and right/ with images", _fits, _find)
+def _sides(path: Path) -> _Sides:
+    folders = _folders(path)
+    if folders is None:
+        return _flat(path) or _Sides((path, path), ([], []))
+    files = image_files(folders[0]), image_files(folders[1])
+    for folder, found in zip(folders, files, strict=True):
+        if not found:
+            raise InputError(f"{folder}: expected images ({', '.join(sorted(images.SUFFIXES))}), found none")
+    return _Sides(folders, files)
+
+
+def _folders(path: Path) -> tuple[Path, Path] | None:
+    left, right = path / "left", path / "right"
+    if left.is_dir() and right.is_dir():
+        return left, right
+    subfolders = sorted(f for f in path.iterdir() if f.is_dir())
+    sided = split_sides([f.name for f in subfolders])
+    if sided is None or len(sided.left) != 1 or len(sided.right) != 1:
+        return None
+    found = subfolders[sided.left[0]], subfolders[sided.right[0]]
+    return found if all(_has_image(folder) for folder in found) else None
+
+
+def _flat(path: Path) -> _Sides | None:
+    files = image_files(path)
+    sided = split_sides([file.stem for file in files])
+    if sided is None or len(sided.left) + len(sided.right) < len(files):
+        return None
+    numbers = {file: frame_number(Path(rest)) for file, rest in zip(files, sided.rest, strict=True)}
+    return _Sides((path, path), ([files[i] for i in sided.left], [files[i] for i in sided.right]), numbers.get)
+
+
+def _has_image(folder: Path) -> bool:
+    return any(file.suffix.lower() in images.SUFFIXES for file in folder.iterdir())
+
+
+def _timed(path: Path, sides: _Sides) -> tuple[TimedFiles, TimedFiles] | None:
+    """Times in lists beside the images, or in their names; None without, or with a timestamps.csv of the recording."""
+    if (path / "timestamps.csv").is_file():
+        return None
+    listed = [stamp_list(folder) or stamp_list(path) for folder in sides.folders]
+    timed = []
+    for folder, files, found in zip(sides.folders, sides.files, listed, strict=True):
+        if found is None:
+            stamps = stamps_in_names([file.stem for file in files])
+        elif len(found.texts) != len(files):
+            raise InputError(f"{found.path}: expected a time for each of {len(files)} images, found {len(found.texts)}")
+        else:
+            stamps = read_stamps(found.texts)
+        if stamps is None:
+            return None
+        timed.append(TimedFiles(folder, files, stamps.ns))
+    return timed[0], timed[1]
+
+
+READER = Reader(
+    "folders",
+    "images of two cameras",
+    "folders left/ and right/ of images, or images whose names tell left from right",
+    _fits,
+    _find,
+)

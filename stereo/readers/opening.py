@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.errors import InputError
-from stereo.readers import folders, side_by_side, video_pair
+from stereo.readers import euroc, folders, kitti, middlebury, side_by_side, video_pair
 from stereo.readers.images import ImageFiles, image_files
 from stereo.readers.pair import StereoRecording
 from stereo.readers.reader import AnyRecording, Layout, OpenOptions, Reader
@@ -13,7 +13,14 @@ from stereo.readers.single import SingleRecording
 from stereo.readers.timestamps import load_timestamps
 from stereo.readers.videos import VideoFile, video_files
 
-READERS: tuple[Reader, ...] = (folders.READER, video_pair.READER, side_by_side.READER)
+READERS: tuple[Reader, ...] = (
+    euroc.READER,
+    kitti.READER,
+    middlebury.READER,
+    folders.READER,
+    video_pair.READER,
+    side_by_side.READER,
+)
 """In the order in which they are asked: the first that a path fits opens it."""
 
 
@@ -75,7 +82,7 @@ def open_video(path: Path) -> SingleRecording:
     if path.is_file():
         return SingleRecording(path, VideoFile(path), None)
     files, stamps = image_files(path), path / "timestamps.csv"
-    times = load_timestamps(stamps) if stamps.is_file() else None
+    times = load_timestamps(stamps).times_s if stamps.is_file() else None
     if files:
         return SingleRecording(path, ImageFiles(files), times)
     found = video_files(path)

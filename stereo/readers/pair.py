@@ -33,6 +33,7 @@ class StereoRecording:
     Attributes:
         times_s: (n,) float64 [s] by frame index, NaN where unknown; None without a table of times.
         notes: what the reader assumed, mended or missed, a sentence each.
+        even: frames are ``fps`` apart, whatever times the decoded frames hold.
     """
 
     def __init__(
@@ -52,6 +53,7 @@ class StereoRecording:
         self.fps = fps
         self.skipped: list[Skipped] = []
         self.notes: list[str] = []
+        self.even = False
         self._pairs = pairs
         self.times_s = times_s
 
@@ -94,7 +96,7 @@ class StereoRecording:
     def _time(self, frame: Decoded) -> float:
         if self.times_s is not None:
             return time_at(self.times_s, frame.index, self.fps)
-        return frame.index / self.fps if frame.timestamp_s is None else frame.timestamp_s
+        return frame.index / self.fps if self.even or frame.timestamp_s is None else frame.timestamp_s
 
 
 def both(left: FrameSource, right: FrameSource, indices: Sequence[int] | None) -> Generator[DecodedPair, None, None]:

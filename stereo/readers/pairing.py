@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 from calib.errors import InputError
@@ -15,7 +16,7 @@ MAX_UNPAIRED_FRACTION = 0.1
 Pair = tuple[Path | None, Path | None]
 
 
-def pair_files(left: list[Path], right: list[Path]) -> list[Pair]:
+def pair_files(left: list[Path], right: list[Path], number: Callable[[Path], int | None] = frame_number) -> list[Pair]:
     """Pairs in order; None where a file is missing.
 
     Numbered files pair by number: a number that only one side has, or that both leave out of an otherwise even
@@ -23,10 +24,12 @@ def pair_files(left: list[Path], right: list[Path]) -> list[Pair]:
     order. Beyond a tenth of unpaired numbers, or with different counts of unnumbered files, any pairing would be
     a guess that silently mates wrong frames, so it is refused.
 
+    Args:
+        number: a file's number, None when it has none.
     Raises:
         InputError: the folders do not pair; the first frame without a mate is named.
     """
-    left_by, right_by = _numbered(left), _numbered(right)
+    left_by, right_by = _numbered(left, number), _numbered(right, number)
     if left_by is None or right_by is None:
         return _in_order(left, right)
     either = sorted(left_by.keys() | right_by.keys())
@@ -50,8 +53,8 @@ def even_sequence(numbers: list[int]) -> list[int]:
     return list(full)
 
 
-def _numbered(files: list[Path]) -> dict[int, Path] | None:
-    numbers = [frame_number(file) for file in files]
+def _numbered(files: list[Path], number: Callable[[Path], int | None]) -> dict[int, Path] | None:
+    numbers = [number(file) for file in files]
     found = {n: file for n, file in zip(numbers, files, strict=True) if n is not None}
     return found if len(found) == len(files) else None
 

@@ -24,7 +24,7 @@ def _find(path: Path, options: OpenOptions) -> StereoLayout:
     streams = tuple(Stream(name, size, source.n_frames) for name in ("left", "right"))
     return StereoLayout(
         path, video.parent, size, partial(halves, source), streams, source.n_frames, clock.fps, clock.times_s,
-        rig_in(video.parent, options, size), clock.notes,
+        rig_in(video.parent, options, size), clock.notes, clock.even,
     )  # fmt: skip
 
 

@@ -33,6 +33,7 @@ class StereoLayout:
         pairs: decodes the pairs.
         times_s: (n,) float64 [s] by frame index, NaN where unknown; None takes the times of the decoded frames.
         rig: reads the calibration; raises InputError.
+        even: frames are taken at an even rate, whatever times the files hold.
     """
 
     path: Path
@@ -45,6 +46,7 @@ class StereoLayout:
     times_s: F64 | None
     rig: Callable[[], StereoRig]
     notes: tuple[str, ...] = ()
+    even: bool = False
     kind: Literal["stereo"] = "stereo"
 
     def open(self) -> StereoRecording:
@@ -53,7 +55,7 @@ class StereoLayout:
         recording = StereoRecording(
             self.path, rig, self.pairs, self.n_frames, self.fps, self.times_s, world_pose(self.folder)
         )
-        recording.notes = list(self.notes)
+        recording.notes, recording.even = list(self.notes), self.even
         return recording
 
 
@@ -65,11 +67,13 @@ class Clock:
         fps: nominal frames per second.
         times_s: (n,) float64 [s] by frame index; None takes the times of the decoded frames.
         notes: what was assumed.
+        even: the rate is the caller's, and the files' own times are not used.
     """
 
     fps: float
     times_s: F64 | None
     notes: tuple[str, ...] = ()
+    even: bool = False
 
 
 def clock_of(folder: Path, options: OpenOptions, file_fps: float) -> Clock:
@@ -81,11 +85,11 @@ def clock_of(folder: Path, options: OpenOptions, file_fps: float) -> Clock:
         InputError: a timestamps.csv that cannot be read.
     """
     if options.fps is not None:
-        return Clock(options.fps, None)
+        return Clock(options.fps, None, even=True)
     file = folder / "timestamps.csv"
     if file.is_file():
-        times = load_timestamps(file)
-        return Clock(rate_of(times), times)
+        times, notes = load_timestamps(file)
+        return Clock(rate_of(times), times, notes)
     if math.isfinite(file_fps):
         return Clock(file_fps, None)
     note = f"no timestamps: {DEFAULT_FPS:g} frames per second are assumed (--fps gives another rate)"

@@ -259,8 +259,8 @@ def test_single_camera_folder_is_a_video(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "found"),
     [
-        ("frame,timestamp_s\n0,0\n1,nan\n", "finite"),
-        ("frame,time\n0,0\n", "frame,timestamp_s"),
+        ("frame,timestamp_s\n0,0\n1,nan\n", "'nan'"),
+        ("frame,value\n0,0\n", "frame,timestamp_s"),
         ("frame,timestamp_s\n0,0.5\n1,0.4\n", "increase"),
         ("frame,timestamp_s\n", "none"),
         ("frame,timestamp_s\n0,0\n999999999,1\n", "counted from 0"),
@@ -274,7 +274,7 @@ def test_bad_timestamps_are_refused(tmp_path: Path, text: str, found: str) -> No
 
 def test_timestamps_start_at_zero_and_keep_gaps(tmp_path: Path) -> None:
     (tmp_path / "timestamps.csv").write_text("frame,timestamp_s\n0,100.0\n1,100.1\n3,100.9\n")
-    np.testing.assert_allclose(load_timestamps(tmp_path / "timestamps.csv"), [0.0, 0.1, np.nan, 0.9])
+    np.testing.assert_allclose(load_timestamps(tmp_path / "timestamps.csv").times_s, [0.0, 0.1, np.nan, 0.9])
 
 
 def test_prefetch_passes_errors_on() -> None:
