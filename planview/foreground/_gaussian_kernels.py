@@ -127,6 +127,14 @@ def fourth_power(d: Real) -> Real:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def is_nearer(g: Gaussian, o: Pixel, s: UpdateConstants) -> bool:
+    """Whether depth alone tells an observation from a Gaussian: the same colour, but in front of it."""
+    dy, du, dv = o.y - shown_luma(g, s), o.u - g.u, o.v - g.v
+    far = dy * dy / abs(g.var_y) + (du * du / g.var_u + dv * dv / g.var_v if chroma_counts(g, o, s) else ZERO)
+    return (far < s.beta) & (o.d > g.d) & (g.depth_fraction >= s.min_depth_fraction)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def learned(g: Gaussian, o: Pixel, kind: int, rate: Real, s: UpdateConstants) -> Gaussian:
     """The Gaussian after a match of some kind; other light moves the means but not the variances."""
     rate = rate if kind != NO_MATCH else ZERO

@@ -46,13 +46,14 @@ from planview.foreground._gaussian_kernels import (
     UpdateConstants,
     V,
     Y,
+    is_nearer,
     is_other_light,
     learned,
     match_kind,
     started,
 )
 from planview.foreground._rank_kernels import settle_order
-from planview.foreground.masks import BACKGROUND, FOREGROUND, PERSON, SHADOW
+from planview.foreground.masks import BACKGROUND, FOREGROUND, NEARER, PERSON, SHADOW
 
 # The functions of the second pass are inlined by force: passing a UpdateConstants by value costs more than they do.
 
@@ -142,14 +143,14 @@ def is_uncovered(g: Gaussian, o: Pixel, s: UpdateConstants) -> tuple[bool, bool]
 def classify(
     lead: F32, i: int, rest: F32, first: int, end: int, found: int, unclipped: bool, o: Pixel, s: UpdateConstants
 ) -> int:
-    """FOREGROUND, SHADOW or 0 for a pixel whose leader does not match but whose Gaussian at rest[found] may."""
+    """FOREGROUND, NEARER, SHADOW or 0 for a pixel whose leader does not match but whose Gaussian at rest[found] may."""
     if unclipped or (found >= 0 and is_background(lead, i, rest, first, end, found, s)):
         return 0
     leader = load(lead, i, BLOCK)
     darkest = s.colour_shadow_ratio
     if darkest > ZERO and o.d != o.d and o.y < leader.y and is_other_light(leader, o, o.chroma > ZERO, darkest, s):
         return SHADOW
-    return FOREGROUND
+    return NEARER if is_nearer(leader, o, s) else FOREGROUND
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)

@@ -5,5 +5,6 @@ from __future__ import annotations
 NO_FEEDBACK, PERSON, BACKGROUND = 0, 1, 2
 """Values of a feedback mask: what a tracker knows about each pixel."""
 
-FOREGROUND, SHADOW = 255, 127
-"""Values of the kernels' mask; background is 0. A shadow is one that its colour alone gives away."""
+FOREGROUND, NEARER, SHADOW = 255, 191, 127
+"""Values of the kernels' mask; background is 0. What is nearer than the background has its colour: only depth tells
+it apart. A shadow is one that its colour alone gives away."""

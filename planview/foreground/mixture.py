@@ -16,7 +16,7 @@ from planview.foreground import _mixture_kernels as kernels
 from planview.foreground._block_kernels import BLOCK, N_LEAD
 from planview.foreground._gaussian_kernels import N_FIELDS, UpdateConstants, Y
 from planview.foreground.gain import Exposure, GainFollower
-from planview.foreground.masks import SHADOW
+from planview.foreground.masks import FOREGROUND, NEARER, SHADOW
 
 REBASE_GAIN = 2.0
 """The model moves to the exposure of the image when that differs by this factor: noise stays comparable."""
@@ -82,6 +82,9 @@ class ForegroundParams(Params):
     """The leading Gaussians up to this weight are background (T). Harville 2001: about 0.4."""
     deepest_weight: float = Field(0.2, gt=0, lt=1)
     """The deepest Gaussian with depth is background above this weight (T_D). Harville 2001: about 0.2."""
+    fattening_px: int = Field(7, ge=0, le=50)
+    """How far the matcher carries a disparity beyond an outline [px of the matched image]: half of the window in which
+    it asks for texture. 0 leaves all that depth alone tells from the background."""
     shadow_ratio: float = Field(0.35, gt=0, le=1)
     """Darkest shadow, as a fraction of the lit luma; inverted, where depth agrees, the brightest patch of light. Our
     choice: shade outdoors keeps a third of the image level after the camera's tone curve."""
@@ -96,13 +99,16 @@ class Foreground:
     (learns nothing) or BACKGROUND (learns within settle_s); Harville 2002, ECCV.
     """
 
-    def __init__(self, params: ForegroundParams, shape: tuple[int, int], disparity_noise_per_px2: float = 0.0) -> None:
+    def __init__(
+        self, params: ForegroundParams, shape: tuple[int, int], disparity_noise_per_px2: float = 0.0, reduction: int = 1
+    ) -> None:
         """Start without a background.
 
         Args:
             shape: (height, width) of all images.
             disparity_noise_per_px2: growth of the smallest disparity deviation with squared disparity [1/px], as a
                 depth deviation that is the same at all depths has it; 0 for triangulated depth.
+            reduction: images and disparities are every ``reduction``-th row and column of those matched.
         Raises:
             ValueError: an empty shape.
         """
@@ -111,6 +117,7 @@ class Foreground:
         self.params = params
         self._noise_per_px2 = disparity_noise_per_px2
         self.shape = shape
+        self._reduction = reduction
         n = shape[0] * shape[1]
         n_blocks = -(-n // BLOCK)
         self._lead = np.zeros((n_blocks, N_LEAD * BLOCK), np.float32)
@@ -159,7 +166,20 @@ class Foreground:
         if self.params.remove_colour_shadows:
             self.shadow = np.asarray(cv2.inRange(mask, SHADOW, SHADOW), dtype=np.uint8)
             mask[self.shadow > 0] = 0
-        return mask
+        return mask if disparity is None else self._without_fattening(mask)
+
+    def _without_fattening(self, mask: U8) -> U8:
+        """Foreground as 255, without what has the background's colour and lies beside a foreground of another colour.
+
+        A matcher that smooths carries the disparity of a body's outline on over the smooth wall behind it (foreground
+        fattening, Scharstein and Szeliski 2002). A person in the background's colour keeps all but such a margin.
+        """
+        reach = self.params.fattening_px // self._reduction
+        if reach:
+            other = cv2.inRange(mask, FOREGROUND, FOREGROUND)
+            beside = cv2.dilate(other, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+            mask[cv2.bitwise_and(beside, cv2.inRange(mask, NEARER, NEARER)) > 0] = 0
+        return np.asarray(cv2.threshold(mask, 0, FOREGROUND, cv2.THRESH_BINARY)[1], dtype=np.uint8)
 
     def background_luma(self) -> U8:
         """(H, W) uint8 luma of the most common background, as the current exposure shows it; zeros before an update."""

@@ -82,7 +82,7 @@ class Pipeline(StereoDescription):
         geometry, floor = self.front_end.geometry, setup.floor
         reduction = -(-geometry.width // c.analysis.width_px)
         self.maps = MapBuilder(geometry, floor.world_SE3_left, c.maps, reduction)
-        self.foreground = Foreground(c.foreground, self.maps.shape, geometry.disparity_std_per_px2)
+        self.foreground = Foreground(c.foreground, self.maps.shape, geometry.disparity_std_per_px2, reduction)
         self.feedback = Feedback(c.feedback)
         self.tracker = tracker or TemplateTracker(c.template, c.maps.height_max_m)
         self.stereo = StereoView(

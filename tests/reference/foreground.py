@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planview.foreground._gaussian_kernels import Rates, UpdateConstants
-from planview.foreground.masks import BACKGROUND, FOREGROUND, PERSON, SHADOW
+from planview.foreground.masks import BACKGROUND, FOREGROUND, NEARER, PERSON, SHADOW
 
 F32 = np.float32
 
@@ -71,7 +71,7 @@ def start(o: Pixels, k: int, s: UpdateConstants) -> Mixtures:
 
 
 def update(m: Mixtures, o: Pixels, feedback: np.ndarray, s: UpdateConstants, rates: Rates) -> np.ndarray:
-    """One frame: changes the mixtures, returns the mask (N,) of 0, SHADOW (by colour) and FOREGROUND."""
+    """One frame: changes the mixtures, returns the mask (N,): 0, SHADOW (by colour), NEARER (by depth), FOREGROUND."""
     learns = rates.weight > 0
     if learns:
         m.activity += rates.activity * (np.abs(o.y - m.last_y) - m.activity)
@@ -145,7 +145,10 @@ def _classify(m: Mixtures, found: np.ndarray, unclipped: np.ndarray, o: Pixels, 
     known = (found >= 0) & background[np.maximum(found, 0), pixels] | unclipped & (found != 0)
     darkest = s.colour_shadow_ratio
     shadow = (darkest > 0) & np.isnan(o.d) & (o.y < m.y[0]) & _other_light(m, 0, o, o.chroma, darkest, s)
-    return np.where(known, 0, np.where(shadow, SHADOW, FOREGROUND)).astype(np.uint8)
+    dy, du, dv = o.y - _shown(m, 0, s), o.u - m.u[0], o.v - m.v[0]
+    far = dy**2 / np.abs(m.var_y[0]) + np.where(_chroma(m, 0, o, s), du**2 / m.var_u[0] + dv**2 / m.var_v[0], 0)
+    nearer = (far < s.beta) & (o.d > m.d[0]) & (m.depth_fraction[0] >= s.min_depth_fraction)
+    return np.where(known, 0, np.where(shadow, SHADOW, np.where(nearer, NEARER, FOREGROUND))).astype(np.uint8)
 
 
 def _learn(

@@ -76,6 +76,21 @@ def test_first_frame_has_no_foreground() -> None:
     assert not Scene().frame(PERSON_THERE).any()
 
 
+def test_disparity_carried_on_beside_a_body_is_background() -> None:
+    scene, body, halo = Scene(fattening_px=4), np.s_[6:18, 14:20], np.s_[6:18, 10:24]
+    scene.watch(3.0)
+    mask = scene.watch(0.3, [(halo, 1.0, 16.0), (body, (20, 20, 230), 16.0)])
+    assert share(mask, body) > 0.9
+    assert elsewhere(mask) < 0.02 and share(mask, np.s_[8:16, 10:13]) < 0.05
+
+
+def test_same_colour_farther_from_a_body_than_matches_are_carried_is_foreground() -> None:
+    scene, face, coat = Scene(fattening_px=4), np.s_[2:5, 14:18], np.s_[11:20, 10:22]
+    scene.watch(3.0)
+    mask = scene.watch(0.3, [(coat, 1.0, 16.0), (face, (20, 20, 230), 16.0)])
+    assert share(mask, coat) > 0.9
+
+
 def test_same_colour_in_front_of_the_wall_is_foreground() -> None:
     scene = Scene()
     scene.watch(3)
