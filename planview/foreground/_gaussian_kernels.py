@@ -127,7 +127,7 @@ def fourth_power(d: Real) -> Real:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def is_nearer(g: Gaussian, o: Pixel, s: UpdateConstants) -> bool:
+def is_nearer(g: Gaussian, o: Pixel, s: UpdateConstants) -> Real:
     """Whether depth alone tells an observation from a Gaussian: the same colour, but in front of it."""
     dy, du, dv = o.y - shown_luma(g, s), o.u - g.u, o.v - g.v
     far = dy * dy / abs(g.var_y) + (du * du / g.var_u + dv * dv / g.var_v if chroma_counts(g, o, s) else ZERO)
