@@ -23,6 +23,7 @@ _MODEL = re.compile(r"^\s*distortion_model\s*:", re.MULTILINE)
 _NAME = re.compile(r"^\s*camera_name\s*:\s*(.*)$", re.MULTILINE)
 _MODELS: dict[str, LensModel] = {
     "plumb_bob": "brown", "rational_polynomial": "rational", "equidistant": "fisheye", "fisheye": "fisheye",
+    "kannala_brandt": "fisheye", "": "brown",
 }  # fmt: skip
 
 
@@ -40,10 +41,21 @@ def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
 
 
 def _half(source: Source, choice: Choice) -> tuple[Camera, SE3]:
-    """The camera and its pose in the rectified left frame: P = K [I | t] sees that frame shifted by t."""
-    data = parse_yaml(source.text)
+    return camera_from(parse_yaml(source.text), source.path.name, choice.unit())
+
+
+def camera_from(data: Mapping[str, Any], name: str, unit_m: float = 1.0) -> tuple[Camera, SE3]:
+    """A camera from the fields of a camera_info, and its pose in the rectified left frame.
+
+    P = K [I | t] sees the rectified left frame shifted by t; R turns the camera into it.
+
+    Args:
+        data: fields as the YAML file or the message names them.
+        name: for messages.
+    Raises:
+        ValueError: fields missing, of a camera that is not calibrated, or of an unknown lens.
+    """
     _refuse_crops(data)
-    name = source.path.name
     size = (
         whole(entry(data, "image_width", "width"), "image_width"),
         whole(entry(data, "image_height", "height"), "image_height"),
@@ -52,14 +64,16 @@ def _half(source: Source, choice: Choice) -> tuple[Camera, SE3]:
     if lens not in _MODELS:
         raise ValueError(f"expected a distortion_model of {', '.join(_MODELS)} in {name}, found {lens!r}")
     model = _MODELS[lens]
-    counts = {"brown": (0, 4, 5), "rational": (8, 12, 14), "fisheye": (4,)}[model]
+    counts = {"brown": (0, 4, 5, 8, 12, 14), "rational": (8, 12, 14), "fisheye": (4,)}[model]
     coefficients = numbers(entry(data, "distortion_coefficients", "D", "d"), "distortion_coefficients", counts)
+    if model == "brown" and len(coefficients) > 5:
+        model = "rational"  # some drivers call every polynomial plumb_bob
     one = camera(size, numbers(entry(data, "camera_matrix", "K", "k"), "camera_matrix", 9), coefficients, model, name)
     rotation = numbers(entry(data, "rectification_matrix", "R", "r"), "rectification_matrix", 9)
     projection = numbers(entry(data, "projection_matrix", "P", "p"), "projection_matrix", 12).reshape(3, 4)
     if abs(np.linalg.det(projection[:, :3])) < 1e-9:
         raise ValueError(f"expected a projection_matrix with focal lengths in {name}, found one that is singular")
-    shift = np.asarray(np.linalg.solve(projection[:, :3], projection[:, 3]) * choice.unit(), dtype=np.float64)
+    shift = np.asarray(np.linalg.solve(projection[:, :3], projection[:, 3]) * unit_m, dtype=np.float64)
     return one, transform(rotation, -shift, f"rectification_matrix of {name}")
 
 

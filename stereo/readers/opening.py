@@ -6,6 +6,8 @@ from pathlib import Path
 
 from calib.errors import InputError
 from stereo.readers import euroc, folders, kitti, middlebury, side_by_side, video_pair
+from stereo.readers.bags import layout as bag_layout
+from stereo.readers.foreign import content_text
 from stereo.readers.images import ImageFiles, image_files
 from stereo.readers.pair import StereoRecording
 from stereo.readers.reader import AnyRecording, Layout, OpenOptions, Reader
@@ -14,6 +16,7 @@ from stereo.readers.timestamps import load_timestamps
 from stereo.readers.videos import VideoFile, video_files
 
 READERS: tuple[Reader, ...] = (
+    bag_layout.READER,
     euroc.READER,
     kitti.READER,
     middlebury.READER,
@@ -36,7 +39,7 @@ def find_reader(path: Path) -> Reader:
     if not path.exists():
         raise InputError(f"{path}: expected a recording (folder or file), found nothing there")
     looked_for = "; ".join(reader.looks_for for reader in READERS)
-    raise InputError(f"{path}: expected a recording ({looked_for}), found {_content(path)}")
+    raise InputError(f"{path}: expected a recording ({looked_for}), found {content_text(path)}")
 
 
 def find_layout(path: Path, options: OpenOptions | None = None) -> tuple[Reader, Layout]:
@@ -89,9 +92,3 @@ def open_video(path: Path) -> SingleRecording:
     if len(found) == 1:
         return SingleRecording(path, VideoFile(found[0]), times)
     raise InputError(f"{path}: expected images or one video, found {len(found)} videos and no image")
-
-
-def _content(path: Path) -> str:
-    if path.is_file():
-        return "another file"
-    return ", ".join(sorted(f.name for f in path.iterdir())[:6]) or "an empty folder"

@@ -46,10 +46,10 @@ def split_sides(names: Sequence[str]) -> Sided | None:
 
 
 def _by_word(name: str) -> tuple[str, str] | None:
-    found = _WORD.findall(name)
-    return (found[0][0].lower(), _WORD.sub("*", name)) if len(found) == 1 else None
+    found = {word[0].lower() for word in _WORD.findall(name)}
+    return (found.pop(), _WORD.sub("*", name)) if len(found) == 1 else None
 
 
 def _by_number(name: str) -> tuple[str, str] | None:
-    found = _NUMBER.findall(name)
-    return (found[0][2], _NUMBER.sub(r"\1\2*", name)) if len(found) == 1 else None
+    found = {number for _, _, number in _NUMBER.findall(name)}
+    return (found.pop(), _NUMBER.sub(r"\1\2*", name)) if len(found) == 1 else None

@@ -1,0 +1,150 @@
+"""Which topics of a bag are the two cameras, or the image and its depth."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from calib.errors import InputError
+from stereo.readers.bags.storage import Bag, Topic
+from stereo.readers.sides import split_sides
+
+_TRANSPORT = re.compile(r"/(compressed|compressedDepth|theora|ffmpeg|zstd)$")
+_DEPTH = re.compile(r"depth|disparity", re.IGNORECASE)
+_COLOUR = re.compile(r"rgb|colou?r", re.IGNORECASE)
+_PREFERENCE = ("image_raw", "image_color", "image_rect_color", "image_rect", "image_mono")
+"""Of one camera's topics the first is taken: what the driver sent before what was made of it."""
+
+
+class Choice(NamedTuple):
+    """Two topics and what they are."""
+
+    kind: Literal["stereo", "rgbd"]
+    first: str
+    second: str
+
+
+def choose_topics(bag: Bag, named: Sequence[str]) -> Choice:
+    """The topics that were named, else the pair that is clear from names and types: left and right before depth.
+
+    Raises:
+        InputError: topics that are not in the bag, no images, one camera, or several pairs; lists what there is.
+    """
+    there = [topic for topic in bag.topics if topic.kind in ("image", "compressed") and topic.count]
+    if named:
+        return _named(bag.path, there, named)
+    if not there:
+        raise InputError(f"{bag.path}: expected image topics of two cameras, found {_listed(bag.topics)}")
+    pairs = _stereo(there) or _rgbd(there)
+    if not pairs and len(there) == 1:
+        raise InputError(
+            f"{bag.path}: expected image topics of two cameras, or an image and its depth, "
+            f"found only {there[0].name}: one camera"
+        )
+    if len(pairs) != 1:
+        what = f"{len(pairs)} pairs" if pairs else "no clear pair"
+        raise InputError(
+            f"{bag.path}: expected one pair of image topics, found {what} among {_listed(there)}: "
+            "--topics LEFT,RIGHT or IMAGE,DEPTH names them"
+        )
+    return pairs[0]
+
+
+def info_topic(topics: Iterable[Topic], image: str) -> str | None:
+    """The camera_info topic beside an image topic: of the same camera, else the one that shares most of its name."""
+    infos = [topic.name for topic in topics if topic.kind == "info" and topic.count]
+    base = _base(image)
+    beside = base.rsplit("/", 1)[0]
+    for name in (f"{beside}/camera_info", f"{base}/camera_info"):
+        if name in infos:
+            return name
+    shared = {name: _shared(name, base) for name in infos}
+    best = max(shared.values(), default=0)
+    nearest = [name for name in infos if shared[name] == best]
+    if len(infos) > 1 and not best:
+        return None
+    return min(nearest, key=len, default=None)
+
+
+def is_depth(topic: str) -> bool:
+    """Whether a topic's name says that it holds depth."""
+    return _DEPTH.search(topic) is not None
+
+
+def _named(path: Path, there: Sequence[Topic], named: Sequence[str]) -> Choice:
+    names = [topic.name for topic in there]
+    for name in named:
+        if name not in names:
+            raise InputError(f"--topics: expected image topics of {path.name} ({_listed(there)}), found {name!r}")
+    first, second = named
+    depth = [is_depth(name) for name in (first, second)]
+    return Choice("rgbd", second, first) if depth[0] and not depth[1] else Choice(
+        "rgbd" if depth[1] else "stereo", first, second
+    )  # fmt: skip
+
+
+def _stereo(there: Sequence[Topic]) -> list[Choice]:
+    """Left and right topics whose names differ in the side alone, one pair for each rig."""
+    images = [
+        topic for topic in _one_transport(there) if not is_depth(topic.name) and not _COLOUR.search(_camera(topic))
+    ]
+    sided = split_sides([_base(topic.name) for topic in images])
+    if sided is None:
+        return []
+    rights = {sided.rest[i]: images[i].name for i in sided.right}
+    pairs = {sided.rest[i]: Choice("stereo", images[i].name, rights[sided.rest[i]])
+             for i in sided.left if sided.rest[i] in rights}  # fmt: skip
+    return [pairs[rest] for rest in _preferred(pairs)]
+
+
+def _rgbd(there: Sequence[Topic]) -> list[Choice]:
+    """Images of colour, or whatever is not depth, with the depth topic of the same camera."""
+    topics = _one_transport(there)
+    depths = {topic.name: topic.name for topic in topics if is_depth(topic.name)}
+    images = [topic.name for topic in topics if topic.name not in depths]
+    images = [name for name in images if _COLOUR.search(name)] or images
+    depths = {name: name for name in _preferred({_base(d): d for d in depths})}
+    images = _preferred({_base(i): i for i in images})
+    names = {_base(topic.name): topic.name for topic in topics}
+    if len(depths) == 1 and len(images) == 1:
+        return [Choice("rgbd", names[images[0]], names[next(iter(depths))])]
+    return [Choice("rgbd", names[i], names[d]) for i in images for d in depths]
+
+
+def _one_transport(there: Sequence[Topic]) -> list[Topic]:
+    """Each image once: raw before compressed."""
+    by_base: dict[str, Topic] = {}
+    for topic in sorted(there, key=lambda topic: topic.kind == "compressed"):
+        by_base.setdefault(_base(topic.name), topic)
+    return list(by_base.values())
+
+
+def _preferred(names: Iterable[str]) -> list[str]:
+    """One topic of each camera, by what drivers call it."""
+    by_camera: dict[str, list[str]] = {}
+    for name in names:
+        by_camera.setdefault(name.rsplit("/", 1)[0], []).append(name)
+    rank = {word: i for i, word in enumerate(_PREFERENCE)}
+    return [min(own, key=lambda name: rank.get(name.rsplit("/", 1)[-1], len(rank))) for own in by_camera.values()]
+
+
+def _base(topic: str) -> str:
+    return _TRANSPORT.sub("", topic)
+
+
+def _camera(topic: Topic) -> str:
+    """Name of the camera: all but the last part."""
+    return _base(topic.name).rsplit("/", 1)[0]
+
+
+def _shared(a: str, b: str) -> int:
+    """Leading parts that two names share."""
+    parts = list(zip(a.strip("/").split("/"), b.strip("/").split("/"), strict=False))
+    return next((i for i, (one, other) in enumerate(parts) if one != other), len(parts))
+
+
+def _listed(topics: Sequence[Topic]) -> str:
+    names = ", ".join(topic.name for topic in topics[:8]) or "no topics"
+    return names + (f" and {len(topics) - 8} more" if len(topics) > 8 else "")

@@ -1,0 +1,264 @@
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from calib.errors import InputError
+from calib.types import AnyArray
+from stereo.readers import OpenOptions, find_layout, open_recording
+from stereo.readers.bags.messages import ImageMessage
+from stereo.readers.bags.pixels import stored_pixels
+from stereo.readers.bags.storage import Topic, kind_of
+from stereo.readers.bags.topics import choose_topics, info_topic
+
+rosbag1 = pytest.importorskip("rosbags.rosbag1")
+rosbag2 = pytest.importorskip("rosbags.rosbag2")
+typesys = pytest.importorskip("rosbags.typesys")
+
+W, H, COUNT, STEP_NS, START_NS = 32, 24, 8, 100_000_000, 1_650_000_000_000_000_000
+FOCAL = 30.0
+
+
+class Writer:
+    """Writes a bag of either kind with the same messages."""
+
+    def __init__(self, path: Path, ros1: bool, plugin: str = "sqlite3") -> None:
+        self.ros1 = ros1
+        self.store = typesys.get_typestore(typesys.Stores.ROS1_NOETIC if ros1 else typesys.Stores.ROS2_HUMBLE)
+        storage = {"mcap": rosbag2.StoragePlugin.MCAP, "sqlite3": rosbag2.StoragePlugin.SQLITE3}[plugin]
+        self.bag = rosbag1.Writer(path) if ros1 else rosbag2.Writer(path, version=9, storage_plugin=storage)
+        self.bag.open()
+        self.connections: dict[str, Any] = {}
+
+    def write(self, topic: str, log_ns: int, message: Any) -> None:
+        kind = message.__msgtype__
+        if topic not in self.connections:
+            self.connections[topic] = self.bag.add_connection(topic, kind, typestore=self.store)
+        data = self.store.serialize_ros1(message, kind) if self.ros1 else self.store.serialize_cdr(message, kind)
+        self.bag.write(self.connections[topic], log_ns, data)
+
+    def header(self, stamp_ns: int, frame: str = "cam") -> Any:
+        types = self.store.types
+        time = types["builtin_interfaces/msg/Time"](stamp_ns // 10**9, stamp_ns % 10**9)
+        return types["std_msgs/msg/Header"](0, time, frame) if self.ros1 else types["std_msgs/msg/Header"](time, frame)
+
+    def image(self, stamp_ns: int, pixels: AnyArray, encoding: str = "mono8") -> Any:
+        data = np.frombuffer(pixels.tobytes(), np.uint8)
+        step = pixels.nbytes // pixels.shape[0]
+        kind = self.store.types["sensor_msgs/msg/Image"]
+        return kind(self.header(stamp_ns), pixels.shape[0], pixels.shape[1], encoding, 0, step, data)
+
+    def compressed(self, stamp_ns: int, pixels: AnyArray) -> Any:
+        data = np.asarray(cv2.imencode(".png", pixels)[1]).ravel()
+        return self.store.types["sensor_msgs/msg/CompressedImage"](self.header(stamp_ns), "png", data)
+
+    def info(self, stamp_ns: int, shift_m: float, frame: str = "cam") -> Any:
+        k = np.array([FOCAL, 0, 15.5, 0, FOCAL, 11.5, 0, 0, 1.0])
+        p = np.array([FOCAL, 0, 15.5, FOCAL * shift_m, 0, FOCAL, 11.5, 0, 0, 0, 1, 0.0])
+        roi = self.store.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+        kind, model = self.store.types["sensor_msgs/msg/CameraInfo"], "plumb_bob"
+        return kind(self.header(stamp_ns, frame), H, W, model, np.zeros(5), k, np.eye(3).ravel(), p, 0, 0, roi)
+
+    def close(self) -> None:
+        self.bag.close()
+
+
+def picture(value: int) -> AnyArray:
+    image = np.add.outer(np.arange(H), np.arange(W)).astype(np.uint8)
+    image[:8, :8] = value
+    return image
+
+
+def stereo_bag(
+    path: Path,
+    ros1: bool = True,
+    plugin: str = "sqlite3",
+    *,
+    compressed: bool = False,
+    baseline_m: float = 0.1,
+    infos: bool = True,
+    stamps: Callable[[int, str], int | None] = lambda i, side: START_NS + i * STEP_NS,
+) -> Path:
+    writer = Writer(path, ros1, plugin)
+    for i in range(COUNT):
+        for side in ("left", "right"):
+            stamp, log = stamps(i, side), START_NS + i * STEP_NS
+            if stamp is None:
+                continue
+            name = f"/stereo/{side}/image_raw" + "/compressed" * compressed
+            make = writer.compressed if compressed else writer.image
+            writer.write(name, log, make(stamp, picture(10 * i)))
+            if infos and i < 2:
+                shift = -baseline_m if side == "right" else 0.0
+                writer.write(f"/stereo/{side}/camera_info", log, writer.info(stamp, shift, f"{side}_optical"))
+    writer.close()
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "ros1", "plugin", "compressed"),
+    [("a.bag", True, "", False), ("b.bag", True, "", True), ("c", False, "sqlite3", False), ("d", False, "mcap", True)],
+)
+def test_stereo_bag_of_every_storage_gives_the_same_pairs(
+    tmp_path: Path, name: str, ros1: bool, plugin: str, compressed: bool
+) -> None:
+    recording = open_recording(stereo_bag(tmp_path / name, ros1, plugin or "sqlite3", compressed=compressed))
+    frames = list(recording)
+    assert [int(f.left[0, 0]) for f in frames] == [10 * i for i in range(COUNT)]
+    assert recording.fps == pytest.approx(10.0) and recording.skipped == []
+    assert recording.rig.baseline_m == pytest.approx(0.1) and recording.rig.left.fx == FOCAL
+
+
+def test_bare_mcap_file_is_read_without_its_metadata(tmp_path: Path) -> None:
+    file = next(stereo_bag(tmp_path / "bag", False, "mcap").glob("*.mcap"))
+    assert len(list(open_recording(file.rename(tmp_path / "alone.mcap")))) == COUNT
+
+
+def test_message_that_is_missing_on_one_side_is_a_skipped_frame(tmp_path: Path) -> None:
+    def stamps(i: int, side: str) -> int | None:
+        return None if (i, side) == (6, "right") else START_NS + i * STEP_NS + 3_000_000 * (side == "right")
+
+    recording = open_recording(stereo_bag(tmp_path / "a.bag", stamps=stamps))
+    assert [f.index for f in recording] == [0, 1, 2, 3, 4, 5, 7]
+    assert recording.skipped[0].why == "right: image is missing"
+    assert "1 of 8 frames without a mate within 25.0 ms" in recording.notes[0]
+
+
+def test_messages_recorded_out_of_order_come_in_the_order_of_their_stamps(tmp_path: Path) -> None:
+    order = [0, 1, 3, 2, 4, 5, 6, 7]
+    recording = open_recording(stereo_bag(tmp_path / "a.bag", stamps=lambda i, side: START_NS + order[i] * STEP_NS))
+    assert [int(f.left[0, 0]) // 10 for f in recording] == order
+    assert any("out of order" in note for note in recording.notes)
+
+
+def test_headers_without_times_take_the_time_of_recording(tmp_path: Path) -> None:
+    recording = open_recording(stereo_bag(tmp_path / "a.bag", stamps=lambda i, side: 0))
+    assert [f.timestamp_s for f in recording][:3] == pytest.approx([0.0, 0.1, 0.2])
+    assert "headers hold no times" in recording.notes[0]
+
+
+def test_sample_of_a_bag_gives_frames_spread_over_it(tmp_path: Path) -> None:
+    frames = open_recording(stereo_bag(tmp_path / "a.bag")).sample(3)
+    assert [(f.index, int(f.right[0, 0])) for f in frames] == [(0, 0), (4, 40), (7, 70)]
+
+
+def test_bag_without_camera_info_asks_for_a_calibration(tmp_path: Path) -> None:
+    _, layout = find_layout(stereo_bag(tmp_path / "a.bag", infos=False))
+    with pytest.raises(InputError, match=r"camera_info of /stereo/left/image_raw .*--calibration"):
+        layout.open()
+
+
+def test_baseline_comes_from_static_transforms_when_p_holds_none(tmp_path: Path) -> None:
+    path = stereo_bag(tmp_path / "a", False, baseline_m=0.0)
+    with pytest.raises(InputError, match="no transform from left_optical to right_optical"):
+        open_recording(path)
+    writer = Writer(tmp_path / "b", False)
+    types = writer.store.types
+    for i in range(3):
+        for side in ("left", "right"):
+            log = START_NS + i * STEP_NS
+            writer.write(f"/{side}/image_raw", log, writer.image(log, picture(0)))
+            writer.write(f"/{side}/camera_info", log, writer.info(log, 0.0, f"{side}_optical"))
+    no_turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    poses = [
+        types["geometry_msgs/msg/TransformStamped"](
+            writer.header(START_NS, "base"),
+            f"{side}_optical",
+            types["geometry_msgs/msg/Transform"](types["geometry_msgs/msg/Vector3"](x, 0.0, 0.0), no_turn),
+        )
+        for side, x in (("left", 0.0), ("right", 0.2))
+    ]
+    writer.write("/tf_static", START_NS, types["tf2_msgs/msg/TFMessage"](poses))
+    writer.close()
+    recording = open_recording(tmp_path / "b")
+    np.testing.assert_allclose(recording.rig.right_SE3_left.translation, [-0.2, 0, 0])
+
+
+def test_truncated_bag_is_refused_with_the_way_out(tmp_path: Path) -> None:
+    path = stereo_bag(tmp_path / "a.bag")
+    path.write_bytes(path.read_bytes()[:5000])
+    with pytest.raises(InputError, match=r"damaged or was cut off .*rosbag reindex"):
+        open_recording(path)
+
+
+def test_topics_that_are_not_in_the_bag_are_refused_by_name(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"--topics: .*/stereo/left/image_raw.*found '/x'"):
+        find_layout(stereo_bag(tmp_path / "a.bag"), OpenOptions(topics=("/stereo/left/image_raw", "/x")))
+
+
+class Listed:
+    """A bag of which only the topics are known."""
+
+    path = Path("bag")
+
+    def __init__(self, *names: str) -> None:
+        self.topics = tuple(Topic(name, "", "info" if "info" in name else "image", 5) for name in names)
+
+
+def test_topics_of_a_realsense_bag_are_its_infrared_pair() -> None:
+    bag = Listed("/camera/color/image_raw", "/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw",
+                 "/camera/depth/image_rect_raw")  # fmt: skip
+    assert choose_topics(bag, ()) == ("stereo", "/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw")  # type: ignore[arg-type]
+
+
+def test_topics_of_colour_and_depth_are_an_rgbd_pair() -> None:
+    bag = Listed("/camera/color/image_raw", "/camera/depth/image_rect_raw", "/camera/color/image_rect")
+    assert choose_topics(bag, ()) == ("rgbd", "/camera/color/image_raw", "/camera/depth/image_rect_raw")  # type: ignore[arg-type]
+
+
+def test_two_rigs_in_a_bag_are_asked_for() -> None:
+    bag = Listed("/a/left/image_raw", "/a/right/image_raw", "/b/left/image_raw", "/b/right/image_raw")
+    with pytest.raises(InputError, match=r"2 pairs among /a/left.*--topics"):
+        choose_topics(bag, ())  # type: ignore[arg-type]
+
+
+def test_camera_info_of_a_compressed_topic_is_that_of_its_camera() -> None:
+    bag = Listed("/s/left/camera_info", "/s/right/camera_info")
+    assert info_topic(bag.topics, "/s/right/image_raw/compressed") == "/s/right/camera_info"
+
+
+def test_kinds_of_messages_are_known_by_their_names() -> None:
+    names = ("sensor_msgs/Image", "sensor_msgs/msg/CompressedImage", "foxglove.CameraCalibration", "std_msgs/msg/Image")
+    assert [kind_of(name) for name in names] == ["image", "compressed", "info", "other"]
+
+
+@pytest.mark.parametrize(
+    ("encoding", "values", "expected"),
+    [
+        ("mono8", np.array([[1, 2], [3, 4]], np.uint8), 1),
+        ("16UC1", np.array([[500, 2], [3, 4]], "<u2"), 500),
+        ("rgb8", np.array([[[1, 2, 3]]], np.uint8), [3, 2, 1]),
+        ("bgra8", np.array([[[1, 2, 3, 255]]], np.uint8), [1, 2, 3]),
+        ("32FC1", np.array([[1.5]], "<f4"), 1.5),
+    ],
+)
+def test_raw_encodings_give_bgr_or_grey(encoding: str, values: AnyArray, expected: object) -> None:
+    rows, columns = values.shape[:2]
+    stored = stored_pixels(ImageMessage(encoding, values.tobytes(), columns, rows, values.nbytes // rows))
+    assert stored is not None
+    np.testing.assert_array_equal(stored[0, 0], expected)
+
+
+def test_bayer_red_pixel_is_red_in_every_pattern() -> None:
+    for pattern, (row, column) in {"rggb": (0, 0), "bggr": (1, 1), "gbrg": (1, 0), "grbg": (0, 1)}.items():
+        mosaic = np.zeros((8, 8), np.uint8)
+        mosaic[row::2, column::2] = 200
+        stored = stored_pixels(ImageMessage(f"bayer_{pattern}8", mosaic.tobytes(), 8, 8, 8))
+        assert stored is not None
+        np.testing.assert_array_equal(stored[4, 4], [0, 0, 200])
+
+
+def test_image_that_announces_more_than_it_holds_is_not_decoded() -> None:
+    assert stored_pixels(ImageMessage("mono8", b"\0" * 100, 60_000, 60_000, 60_000)) is None
+    assert stored_pixels(ImageMessage("no such", b"\0" * 100, 10, 10, 10)) is None
+
+
+def test_compressed_depth_of_floats_is_unquantised() -> None:
+    png = np.asarray(cv2.imencode(".png", np.array([[0, 101]], np.uint16))[1]).tobytes()
+    header = np.array([0], "<i4").tobytes() + np.array([2.0, 100.0], "<f4").tobytes()
+    stored = stored_pixels(ImageMessage("32FC1; compressedDepth png", header + png))
+    assert stored is not None
+    np.testing.assert_array_equal(stored, [[np.nan, 2.0]])
