@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 from calib.camera import Camera
 from calib.pose import SE3
+from calib.rgbd import DepthSensor
 from calib.rig import StereoRig
 from calib.types import F32, U8
-
-DepthSensor = Literal["structured-light", "time-of-flight", "stereo"]
-"""How a depth camera measures, which decides how its noise grows with depth."""
 
 
 @dataclass(frozen=True, eq=False)

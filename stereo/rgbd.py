@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.camera import Camera
+from calib.rgbd import DepthSensor
 from calib.types import F32, U8
 from stereo.depth import DISPARITY_STD_PX, RectifiedGeometry
 from stereo.matcher import STEP, DisparityRange
-from stereo.recording import DepthSensor, RgbdFrame
+from stereo.recording import RgbdFrame
 from stereo.rectify import RectifyParams
 from stereo.view import ideal_pinhole
 from stereo.warp import Warp

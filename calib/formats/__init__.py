@@ -35,7 +35,7 @@ MIN_FOCAL_WIDTHS, MAX_FOCAL_WIDTHS = 0.1, 30.0
 MAX_OFF_IMAGE = 0.25
 """Share of the image by which a principal point may lie outside of it; crops rarely go further (our choice)."""
 
-__all__ = ["FORMATS", "calibration_files", "load_rig", "write_rig"]
+__all__ = ["FORMATS", "calibration_files", "load_rig", "refuse_strange_camera", "write_rig"]
 
 
 def load_rig(
@@ -68,8 +68,8 @@ def load_rig(
     name = "+".join(str(source.path) for source in sources)
     try:
         rig = found.read(sources, choice)
-        _refuse_strange_camera(rig.left, "left")
-        _refuse_strange_camera(rig.right, "right")
+        refuse_strange_camera(rig.left, "left")
+        refuse_strange_camera(rig.right, "right")
         _refuse_turned(rig)
     except (ValueError, TypeError, KeyError, IndexError, OverflowError, np.linalg.LinAlgError) as error:
         raise InputError(f"{name} ({found.name}): {_detail(error)}") from error
@@ -132,7 +132,7 @@ def _detail(error: Exception) -> str:
     return text if text.startswith("expected") else f"expected a calibration, found {text}"
 
 
-def _refuse_strange_camera(one: Camera, side: str) -> None:
+def refuse_strange_camera(one: Camera, side: str) -> None:
     """A camera whose numbers belong to another image size or another unit."""
     if not MIN_FOCAL_WIDTHS <= one.fx / one.width <= MAX_FOCAL_WIDTHS or not 0.5 <= one.fx / one.fy <= 2.0:
         raise ValueError(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from calib.rgbd import DepthSensor
 from calib.rig import Floor
 from planview.maps.grid import Grid
 from stereo.depth import RectifiedGeometry
 from stereo.floor_camera import StereoFloorCamera
 from stereo.matcher import DisparityRange
-from stereo.recording import DepthSensor
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import WorkError
+from calib.rgbd import DepthSensor
 from calib.rig import Floor
 from calib.types import F64
 from planview.pipeline.config import Config
 from planview.pipeline.front_end import RgbdFrontEnd, StereoFrontEnd
 from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
 from stereo.matcher import DisparityRange, Matcher, SgbmMatcher, disparity_range
-from stereo.recording import DepthSensor, Recording, RgbdRecording, StereoFrame
+from stereo.recording import Recording, RgbdRecording, StereoFrame
 from stereo.rectify import Rectifier, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
 from stereo.vertical import VerticalFit, VerticalParams, match_corners

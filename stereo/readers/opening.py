@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.errors import InputError
-from stereo.readers import euroc, folders, kitti, middlebury, side_by_side, video_pair
+from stereo.readers import euroc, folders, kitti, middlebury, rgbd_folders, side_by_side, tum_rgbd, video_pair
 from stereo.readers.bags import layout as bag_layout
 from stereo.readers.foreign import content_text
 from stereo.readers.images import ImageFiles, image_files
@@ -19,8 +19,10 @@ READERS: tuple[Reader, ...] = (
     bag_layout.READER,
     euroc.READER,
     kitti.READER,
+    tum_rgbd.READER,
     middlebury.READER,
     folders.READER,
+    rgbd_folders.READER,
     video_pair.READER,
     side_by_side.READER,
 )

@@ -9,8 +9,9 @@ from typing import Literal, Protocol
 
 from calib.types import F64
 from stereo.readers.pair import StereoRecording
+from stereo.recording import RgbdRecording
 
-AnyRecording = StereoRecording
+AnyRecording = StereoRecording | RgbdRecording
 """What a layout opens to."""
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import cv2
 import numpy as np
 
-from calib.types import U8
+from calib.types import F32, U8
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +29,36 @@ class Decoded:
     why: str = ""
 
 
-class FrameSource(Protocol):
-    """Images of one camera in order; every index is yielded once, with or without an image.
+@dataclass(frozen=True, eq=False)
+class DecodedDepth:
+    """One depth image as stored.
+
+    Attributes:
+        index, timestamp_s: as of ``Decoded``.
+        depth_m: (h, w) float32 [m] in the depth sensor's own pixels, NaN where unknown; None when it could not be had.
+        why: the reason when depth_m is None.
+    """
+
+    index: int
+    timestamp_s: float | None
+    depth_m: F32 | None
+    why: str = ""
+
+
+DecodedItem = TypeVar("DecodedItem", bound=Decoded | DecodedDepth, covariant=True)
+
+
+class ItemSource(Protocol[DecodedItem]):
+    """What was decoded, in order; every index is yielded once, with or without an image."""
+
+    def __iter__(self) -> Iterator[DecodedItem]: ...
+
+    def at(self, indices: Iterable[int]) -> Iterator[DecodedItem]:
+        """Only these frames, which must ascend; the iteration ends where the file does."""
+
+
+class FrameSource(ItemSource[Decoded], Protocol):
+    """Images of one camera in order.
 
     Attributes:
         size: (width, height) [px].
@@ -41,11 +69,6 @@ class FrameSource(Protocol):
     size: tuple[int, int]
     n_frames: int
     fps: float
-
-    def __iter__(self) -> Iterator[Decoded]: ...
-
-    def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
-        """Only these frames, which must ascend; the iteration ends where the file does."""
 
 
 GREY_TOLERANCE = 4

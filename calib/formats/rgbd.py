@@ -1,0 +1,216 @@
+"""Calibration of images with depth, as JSON, TOML or YAML of any tool: its keys are recognised, not its layout.
+
+A colour camera (``rgb``, ``color``, ..., or the file itself), optionally a depth camera, its pose (``depth_to_color``
+and such), a depth scale and what names the sensor. Without a pose the depth camera stands where the colour camera does;
+without a depth camera, or with one of the same numbers, depth is registered. Open3D's ``intrinsic_matrix`` and the
+rotations of RealSense's ``rs2_extrinsics`` are stored by columns.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.camera import Camera, LensModel
+from calib.errors import InputError
+from calib.formats import refuse_strange_camera
+from calib.formats.fields import camera, number, numbers, transform, whole
+from calib.formats.source import read_source
+from calib.formats.yaml_text import parse_yaml
+from calib.length import size_text
+from calib.pose import SE3
+from calib.rgbd import IDENTITY, DepthSensor, RgbdRig
+from calib.types import F64
+
+Size = tuple[int, int]
+SUFFIXES = (".json", ".toml", ".yaml", ".yml")
+_OTHER_FILES = ("world.toml", "rules.toml", "camera.toml", "config.toml")
+_COLOUR = ("rgb", "color", "colour", "color_camera", "rgb_camera", "camera", "image", "left")
+_DEPTH = ("depth", "depth_camera", "ir")
+_TO_COLOUR = re.compile(r"(depth|ir)_?(to|2)_?(rgb|colou?r|camera)|(rgb|colou?r|camera)_se3_depth")
+_TO_DEPTH = re.compile(r"(rgb|colou?r|camera)_?(to|2)_?(depth|ir)|depth_se3_(rgb|colou?r|camera)")
+_SCALE = ("depth_scale", "depth_factor", "depthmapfactor", "units_per_m", "depth_units", "png_depth_scale", "scale")
+_ROTATION, _TRANSLATION = ("r", "rotation", "rot"), ("t", "translation", "t_m", "translation_m", "t_mm")
+_DISTORTION = ("distortion", "distortion_coefficients", "coeffs", "d", "dist", "distcoeffs")
+_MATRIX = ("intrinsic_matrix", "camera_matrix", "k", "matrix", "intrinsics", "intrinsic")
+_SENSORS: dict[DepthSensor, str] = {
+    "time-of-flight": r"time.?of.?flight|\btof\b|azure|k4a|kinect.?(v2|2|one|azure)|femto|l515|[nw]fov",
+    "structured-light": r"structured|kinect|xtion|primesense|astra|sr300|carmine",
+    "stereo": r"stereo|realsense|\bd4\d\d|oak|\bzed",
+}
+
+
+def load_rgbd(path: Path, size: Size, depth_size: Size) -> RgbdRig:
+    """Read the calibration of images with depth.
+
+    Args:
+        path: file, or folder that holds one.
+        size, depth_size: (width, height) of images and depth [px]; a calibration for another resolution of the same
+            aspect is scaled.
+    Raises:
+        InputError: none there, unreadable, or for images of another aspect.
+    """
+    found = find_rgbd(path)
+    if found is None:
+        raise InputError(
+            f"{path}: expected a calibration of the images (JSON, TOML or YAML with fx, fy, cx, cy), found none"
+        )
+    file, data = found
+    try:
+        return _fitted(_rig(data, size, depth_size), size, depth_size, str(file))
+    except (ValueError, TypeError, KeyError, IndexError, OverflowError, np.linalg.LinAlgError) as error:
+        raise InputError(f"{file}: expected a calibration of images with depth, but {error}") from error
+
+
+def find_rgbd(path: Path) -> tuple[Path, Mapping[str, Any]] | None:
+    """The first file at a path that holds a camera, and its content; None without one."""
+    files = [path] if path.is_file() else sorted(f for f in path.iterdir() if f.suffix.lower() in SUFFIXES)
+    for file in files:
+        if file.name.lower() in _OTHER_FILES or not file.is_file():
+            continue
+        try:
+            data = _lower(_parse(file))
+        except (InputError, ValueError, RecursionError):
+            continue
+        if _tables(data, size=(1, 1)):
+            return file, data
+    return None
+
+
+def _parse(file: Path) -> Any:
+    text = read_source(file).text
+    if file.suffix.lower() == ".json":
+        return json.loads(text)
+    return tomllib.loads(text) if file.suffix.lower() == ".toml" else parse_yaml(text)
+
+
+def _lower(data: Any) -> Any:
+    """Keys in lower case without a tool's prefix (ORB-SLAM writes ``Camera.fx``)."""
+    if not isinstance(data, Mapping):
+        return data
+    return {str(key).lower().removeprefix("camera."): _lower(value) for key, value in data.items()}
+
+
+def _tables(data: Any, size: Size) -> dict[str, Mapping[str, Any]]:
+    """The tables that hold a camera: "colour", and "depth" where there is one."""
+    if not isinstance(data, Mapping):
+        return {}
+    found = {}
+    for role, names in (("colour", _COLOUR), ("depth", _DEPTH)):
+        table = next((data[name] for name in names if _is_camera(data.get(name))), None)
+        if table is not None:
+            found[role] = table
+    if "colour" not in found and _is_camera(data):
+        found["colour"] = data
+    return found if "colour" in found else {}
+
+
+def _is_camera(table: Any) -> bool:
+    return isinstance(table, Mapping) and ({"fx", "fy"} <= table.keys() or any(name in table for name in _MATRIX))
+
+
+def _rig(data: Mapping[str, Any], size: Size, depth_size: Size) -> RgbdRig:
+    tables = _tables(data, size)
+    colour = _camera(tables["colour"], _lens_of(data, _COLOUR), size, "image")
+    rig = RgbdRig(colour, units_per_m=_units(data, tables.get("depth", {})), sensor=_sensor(data))
+    if "depth" not in tables:
+        return rig
+    pose = _pose(data, "ppx" in tables["colour"])
+    depth = _camera(tables["depth"], _lens_of(data, _DEPTH), depth_size, "depth")
+    if pose is None and depth == colour:
+        return rig
+    return replace(rig, depth_camera=depth, camera_SE3_depth=pose or IDENTITY)
+
+
+def _lens_of(data: Mapping[str, Any], names: tuple[str, ...]) -> Any:
+    """Distortion that a file lists beside its cameras."""
+    beside = data.get("distortion")
+    return next((beside[name] for name in names if name in beside), None) if isinstance(beside, Mapping) else None
+
+
+def _camera(table: Mapping[str, Any], lens: Any, size: Size, name: str) -> Camera:
+    own = next((table[key] for key in _DISTORTION if key in table and not _is_empty(table[key])), lens)
+    coefficients = np.empty(0) if _is_empty(own) else numbers(own, f"{name} distortion", (4, 5, 8, 12, 14))
+    if not coefficients.size and "k1" in table:
+        keys = [key for key in ("k1", "k2", "p1", "p2", "k3") if key in table]
+        coefficients = np.array([number(table[key], key) for key in keys])
+    width, height = (table.get(key, table.get(f"image_{key}")) for key in ("width", "height"))
+    if width is not None and height is not None:
+        size = whole(width, "width"), whole(height, "height")
+    result = camera(size, _matrix(table), coefficients, _model(table), name)
+    refuse_strange_camera(result, name)
+    return result
+
+
+def _is_empty(value: Any) -> bool:
+    return value is None or (isinstance(value, list) and not value)
+
+
+def _matrix(table: Mapping[str, Any]) -> F64:
+    if "fx" in table:
+        cx, cy = (table.get(a, table.get(b)) for a, b in (("cx", "ppx"), ("cy", "ppy")))
+        return np.array([number(v, n) for v, n in ((table["fx"], "fx"), (table["fy"], "fy"), (cx, "cx"), (cy, "cy"))])
+    value = next(table[name] for name in _MATRIX if name in table)
+    matrix = numbers(value, "camera matrix", 9).reshape(3, 3)
+    return np.asarray((matrix.T if matrix[0, 2] == 0 and matrix[2, 0] != 0 else matrix).ravel(), dtype=np.float64)
+
+
+def _model(table: Mapping[str, Any]) -> LensModel | None:
+    name = str(table.get("distortion_model", table.get("model", ""))).lower()
+    return "fisheye" if "fisheye" in name or "equidistant" in name else None
+
+
+def _pose(data: Mapping[str, Any], by_columns: bool) -> SE3 | None:
+    """camera_SE3_depth, when a key names it."""
+    for key, value in data.items():
+        if isinstance(value, Mapping) and (_TO_COLOUR.fullmatch(key) or _TO_DEPTH.fullmatch(key)):
+            rotation = next((value[name] for name in _ROTATION if name in value), None)
+            name = next((name for name in _TRANSLATION if name in value), None)
+            if rotation is None or name is None:
+                raise ValueError(f"expected R and T in {key}, found {', '.join(value) or 'nothing'}")
+            matrix, shift = numbers(rotation, f"R of {key}", 9), numbers(value[name], f"T of {key}", 3)
+            # No camera is 2 m away from the sensor in its own housing: such numbers are millimetres.
+            unit = 1e-3 if name == "t_mm" or np.linalg.norm(shift) > 2.0 else 1.0
+            pose = transform(matrix.reshape(3, 3).T.ravel() if by_columns else matrix, shift * unit, key)
+            return pose.inverse() if _TO_DEPTH.fullmatch(key) else pose
+    return None
+
+
+def _units(data: Mapping[str, Any], depth: Mapping[str, Any]) -> float | None:
+    """Depth values per metre; a scale below 1 is metres per value."""
+    for table in (data, depth):
+        for name in _SCALE:
+            if name in table and not isinstance(table[name], Mapping):
+                value = number(table[name], name)
+                if value <= 0:
+                    raise ValueError(f"expected a positive {name}, found {value:g}")
+                return value if value >= 1.0 else 1.0 / value
+    return None
+
+
+def _sensor(data: Mapping[str, Any]) -> DepthSensor | None:
+    """The sensor that a text of the file names."""
+    names = ("sensor", "device", "camera_model", "model", "name", "depth_mode", "device_name")
+    text = " ".join(str(data[name]) for name in names if isinstance(data.get(name), str)).lower()
+    return next((sensor for sensor, pattern in _SENSORS.items() if re.search(pattern, text)), None)
+
+
+def _fitted(rig: RgbdRig, size: Size, depth_size: Size, source: str) -> RgbdRig:
+    depth = rig.depth_camera
+    for own, wanted in ((rig.camera.size, size), (depth.size if depth else depth_size, depth_size)):
+        if own[0] * wanted[1] != own[1] * wanted[0]:
+            raise InputError(
+                f"{source}: expected a calibration for images of {size_text(wanted)}, found one for {size_text(own)} "
+                "(another aspect)"
+            )
+    if rig.camera.size == size and (depth is None or depth.size == depth_size):
+        return replace(rig, source=source)
+    note = f"{source} (scaled from {size_text(rig.camera.size)} to {size_text(size)})"
+    return replace(rig.scaled(size, depth_size), source=note)

@@ -1,0 +1,172 @@
+"""Readers of images with depth."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from calib.errors import InputError
+from stereo.readers import OpenOptions, find_reader, open_any
+from stereo.readers.depth_files import metres
+from stereo.readers.depth_mates import nearest_mates
+from stereo.readers.rgbd_layout import RgbdImages
+
+CAMERA = {"fx": 60.0, "fy": 60.0, "cx": 31.5, "cy": 23.5, "width": 64, "height": 48}
+
+
+def _write(folder: Path, names: list[str], suffix: str = ".png", depth: int | None = None) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        image = np.full((48, 64), depth, np.uint16) if depth else np.full((48, 64, 3), (30, 60, 90), np.uint8)
+        cv2.imwrite(str(folder / f"{name}{suffix}"), image)
+
+
+def _folders(path: Path, calibration: object, names: tuple[str, str] = ("rgb", "depth"), depth: int = 2500) -> Path:
+    _write(path / names[0], ["0", "1", "2"], ".jpg")
+    _write(path / names[1], ["0", "1", "2"], depth=depth)
+    (path / "calib.json").write_text(json.dumps(calibration))
+    return path
+
+
+def _open(path: Path, options: OpenOptions | None = None) -> RgbdImages:
+    recording = open_any(path, options)
+    assert isinstance(recording, RgbdImages)
+    return recording
+
+
+@pytest.mark.parametrize("names", [("rgb", "depth"), ("color", "depth"), ("Color", "aligned_depth_to_color")])
+def test_folders_hold_millimetres_unless_they_say_otherwise(tmp_path: Path, names: tuple[str, str]) -> None:
+    (frame, *_), recording = list(rec := _open(_folders(tmp_path, CAMERA, names))), rec
+    assert (recording.n_frames, recording.camera.fx, recording.sensor) == (3, 60.0, "structured-light")
+    assert frame.image.shape == (48, 64, 3)
+    np.testing.assert_allclose(frame.depth_m, 2.5)
+
+
+@pytest.mark.parametrize("scale", [5000.0, 0.0002])
+def test_depth_scale_counts_units_of_a_metre_or_metres_of_a_unit(tmp_path: Path, scale: float) -> None:
+    frame = next(iter(_open(_folders(tmp_path, CAMERA | {"depth_scale": scale}))))
+    np.testing.assert_allclose(frame.depth_m, 0.5)
+
+
+def test_depth_in_its_own_frame_is_moved_by_the_pose(tmp_path: Path) -> None:
+    pose = {"R": np.eye(3).tolist(), "T_m": [0.0, 0.0, 0.5]}
+    frame = next(iter(_open(_folders(tmp_path, {"rgb": CAMERA, "depth": CAMERA, "depth_to_rgb": pose}))))
+    np.testing.assert_allclose(frame.depth_m[24, 32], 3.0)
+
+
+def test_pose_of_the_image_in_the_depth_camera_is_inverted(tmp_path: Path) -> None:
+    pose = {"R": np.eye(3).tolist(), "T": [0.0, 0.0, -500.0]}  # millimetres
+    frame = next(iter(_open(_folders(tmp_path, {"color": CAMERA, "depth": CAMERA, "color_to_depth": pose}))))
+    np.testing.assert_allclose(frame.depth_m[24, 32], 3.0)
+
+
+def test_open3d_intrinsics_are_stored_by_columns_and_name_the_sensor(tmp_path: Path) -> None:
+    matrix = [60.0, 0, 0, 0, 61.0, 0, 31.5, 23.5, 1.0]
+    content = {"width": 64, "height": 48, "intrinsic_matrix": matrix, "depth_mode": "NFOV_UNBINNED"}
+    recording = _open(_folders(tmp_path, content))
+    assert (recording.camera.fy, recording.camera.cx, recording.sensor) == (61.0, 31.5, "time-of-flight")
+
+
+def test_images_and_depth_in_one_folder_are_told_apart_by_name(tmp_path: Path) -> None:
+    _write(tmp_path, [f"frame-00000{i}.color" for i in range(3)])
+    _write(tmp_path, [f"frame-00000{i}.depth" for i in range(3)], depth=2000)
+    (tmp_path / "intrinsic.json").write_text(json.dumps(CAMERA))
+    assert [frame.index for frame in _open(tmp_path)] == [0, 1, 2]
+
+
+def test_times_in_names_pair_images_with_depth(tmp_path: Path) -> None:
+    _write(tmp_path / "rgb", ["1305031102.175304", "1305031102.211214", "1305031102.243211"])
+    _write(tmp_path / "depth", ["1305031102.160407", "1305031102.226738"], depth=2000)
+    (tmp_path / "intrinsic.json").write_text(json.dumps(CAMERA))
+    recording = _open(tmp_path)
+    assert [(frame.index, round(frame.timestamp_s, 4)) for frame in recording] == [(0, 0.0), (1, 0.0359)]
+    assert recording.notes == ["1 of 3 images without a depth image within 20 ms, skipped"]
+
+
+def test_depth_of_another_resolution_counts_as_registered(tmp_path: Path) -> None:
+    _folders(tmp_path, CAMERA)
+    for i in range(3):
+        cv2.imwrite(str(tmp_path / "depth" / f"{i}.png"), np.full((24, 32), 2000, np.uint16))
+    recording = _open(tmp_path)
+    frame = next(iter(recording))
+    assert np.isfinite(frame.depth_m[2:-2, 2:-2]).all()
+    assert any("counts as registered" in note for note in recording.notes)
+
+
+def test_folders_without_calibration_are_refused(tmp_path: Path) -> None:
+    (_folders(tmp_path, CAMERA) / "calib.json").unlink()
+    with pytest.raises(InputError, match="expected a calibration of the images"):
+        open_any(tmp_path)
+
+
+def test_calibration_of_another_aspect_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="another aspect"):
+        open_any(_folders(tmp_path, CAMERA | {"height": 40}))
+
+
+def test_calibration_of_twice_the_resolution_is_scaled(tmp_path: Path) -> None:
+    large = {"fx": 120.0, "fy": 120.0, "cx": 63.5, "cy": 47.5, "width": 128, "height": 96}
+    recording = _open(_folders(tmp_path, large))
+    assert recording.camera.fx == 60.0
+    assert "scaled from 128x96" in recording.source
+
+
+def test_lost_depth_image_is_skipped_with_a_reason(tmp_path: Path) -> None:
+    _folders(tmp_path, CAMERA)
+    (tmp_path / "depth" / "1.png").write_bytes(b"broken")
+    recording = _open(tmp_path)
+    assert [frame.index for frame in recording] == [0, 2]
+    assert [(s.index, s.why) for s in recording.skipped] == [(1, "depth: depth/1.png cannot be decoded")]
+
+
+def test_colour_pictures_of_depth_are_no_depth(tmp_path: Path) -> None:
+    _write(tmp_path / "rgb", ["0", "1"])
+    _write(tmp_path / "depth", ["0", "1"])
+    with pytest.raises(InputError, match="expected a recording"):
+        find_reader(tmp_path)
+
+
+def _tum(path: Path, depth_at: list[str]) -> Path:
+    at = ["10.0", "10.1", "10.2"]
+    _write(path / "rgb", at)
+    _write(path / "depth", depth_at, depth=10_000)
+    for name, times in (("rgb", at), ("depth", depth_at)):
+        lines = ["# timestamp filename", *(f"{t} {name}/{t}.png" for t in times)]
+        (path / f"{name}.txt").write_text("\n".join(lines))
+    return path
+
+
+def test_tum_images_take_the_depth_of_their_time(tmp_path: Path) -> None:
+    recording = _open(_tum(tmp_path, ["10.01", "10.15", "10.21"]))
+    frames = list(recording)
+    assert [(frame.index, round(frame.timestamp_s, 6)) for frame in frames] == [(0, 0.0), (2, 0.2)]
+    np.testing.assert_allclose(frames[0].depth_m[24, 32], 2.0)
+    assert len(recording.skipped) == 1
+    assert any("nominal Kinect camera" in note for note in recording.notes)
+
+
+def test_tum_associations_decide_when_they_are_there(tmp_path: Path) -> None:
+    _tum(tmp_path, ["10.01", "10.11", "10.21"])
+    (tmp_path / "associations.txt").write_text("10.0 rgb/10.0.png 10.01 depth/10.01.png\n")
+    recording = _open(tmp_path)
+    assert [frame.index for frame in recording] == [0]
+    assert any("2 of 3 images" in note for note in recording.notes)
+
+
+def test_tum_names_must_stay_inside_the_recording(tmp_path: Path) -> None:
+    _tum(tmp_path, ["10.0", "10.1", "10.2"])
+    (tmp_path / "rgb.txt").write_text("10.0 ../secret.png\n")
+    with pytest.raises(InputError, match="inside the recording"):
+        open_any(tmp_path)
+
+
+def test_mates_are_nearest_to_each_other() -> None:
+    images, depths = np.array([0, 33, 66]) * 1_000_000, np.array([30, 40, 90]) * 1_000_000
+    assert nearest_mates(images, depths).tolist() == [-1, 0, -1]
+
+
+def test_metres_leave_out_what_no_sensor_measures() -> None:
+    found = metres(np.array([[0, 1000, 65535]], np.uint16), 1000.0)
+    np.testing.assert_array_equal(found, np.array([[np.nan, 1.0, np.nan]], np.float32))
