@@ -14,6 +14,7 @@ COMMANDS = {
     "run": "Track people in a recording.",
     "refine": "Improve the tracks of a finished run, knowing the whole recording.",
     "evaluate": "Score tracks against truth.",
+    "inspect": "Say what a recording holds and what it lacks.",
     "doctor": "Check a recording and its calibration before trusting results.",
     "synth": "Render a recording with exact truth from a TOML scene.",
     "count": "Count line crossings and zone occupancy in tracks.",

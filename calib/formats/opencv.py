@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,10 +12,11 @@ import numpy as np
 
 from calib.camera import Camera, LensModel
 from calib.files import write_whole
-from calib.formats.fields import camera, entry, numbers, transform, whole
+from calib.formats.fields import camera, entry, numbers, table, transform, whole
 from calib.formats.source import Choice, Format, Size, Source
 from calib.formats.xml_text import parse_xml
 from calib.formats.yaml_text import parse_yaml
+from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64
 
@@ -23,6 +25,10 @@ _K2 = ("M2", "K2", "cameraMatrix2", "camera_matrix2", "CM2")
 _D1, _D2 = ("D1", "distCoeffs1", "dist_coeffs1"), ("D2", "distCoeffs2", "dist_coeffs2")
 _MATRIX = re.compile(rf"<({'|'.join(_K1)})[ >]|^\s*({'|'.join(_K1)})\s*:", re.MULTILINE)
 _TRANSLATION = re.compile(r"<T[ >]|^\s*T\s*:", re.MULTILINE)
+_JSON_MATRIX = re.compile(rf'"({"|".join(_K1)})"\s*:')
+_T_UNITS_M = {"T_m": 1.0, "T_cm": 0.01, "T_mm": 0.001}
+_JSON_TRANSLATION = re.compile(rf'"({"|".join(("T", *_T_UNITS_M))})"\s*:')
+_P1, _P2 = ("P1", "P1_rect"), ("P2", "P2_rect")
 _COUNTS = (4, 5, 8, 12, 14)
 
 COMMON_SIZES: tuple[Size, ...] = (
@@ -36,6 +42,8 @@ _MAX_OFF_CENTRE = 0.08
 
 
 def _part(source: Source) -> str | None:
+    if source.text.lstrip().startswith("{"):
+        return "whole" if _JSON_MATRIX.search(source.text) and _JSON_TRANSLATION.search(source.text) else None
     if "opencv-matrix" not in source.text:
         return None
     intrinsics = _MATRIX.search(source.text) is not None
@@ -51,16 +59,40 @@ def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
         data.update(_parse(source.text))
     matrices = [numbers(entry(data, *names), names[0], 9) for names in (_K1, _K2)]
     size, remark = _size(data, choice, [(float(k[2]), float(k[5])) for k in matrices])
+    name = "+".join(source.path.name for source in sources) + remark
+    if choice.rectified and any(key in data for key in _P1):
+        return _rectified(data, size, choice.unit(), name)
     model = _model(data)
     left, right = (
         camera(size, k, numbers(entry(data, *names), names[0], _COUNTS), model, names[0])
         for k, names in zip(matrices, (_D1, _D2), strict=True)
     )
-    pose = transform(numbers(entry(data, "R"), "R", 9), numbers(entry(data, "T"), "T", 3) * choice.unit(), "R")
-    return StereoRig(left, right, pose, "+".join(source.path.name for source in sources) + remark)
+    pose = transform(numbers(entry(data, "R"), "R", 9), _translation(data, choice), "R")
+    return StereoRig(left, right, pose, name)
+
+
+def _translation(data: Mapping[str, Any], choice: Choice) -> F64:
+    """T in metres; a key may name its unit."""
+    for key, unit_m in _T_UNITS_M.items():
+        if key in data:
+            return np.asarray(numbers(data[key], key, 3) * choice.unit(unit_m), dtype=np.float64)
+    return np.asarray(numbers(entry(data, "T"), "T", 3) * choice.unit(), dtype=np.float64)
+
+
+def _rectified(data: Mapping[str, Any], size: Size, unit_m: float, name: str) -> StereoRig:
+    """The cameras of images that P1 and P2 rectified: P = K [I | t]."""
+    cameras, shifts = [], []
+    for names in (_P1, _P2):
+        p = numbers(entry(data, *names), names[0], 12).reshape(3, 4)
+        cameras.append(camera(size, p[:, :3].ravel(), np.empty(0), "brown", names[0]))
+        shifts.append(np.linalg.solve(p[:, :3], p[:, 3]) * unit_m)
+    pose = SE3(np.eye(3), np.asarray(shifts[1] - shifts[0], dtype=np.float64))
+    return StereoRig(cameras[0], cameras[1], pose, f"{name} [rectified images]")
 
 
 def _parse(text: str) -> Mapping[str, Any]:
+    if text.lstrip().startswith("{"):
+        return _json(text)
     if not text.lstrip().startswith("<"):
         return parse_yaml(text)
     data: dict[str, Any] = {}
@@ -68,6 +100,13 @@ def _parse(text: str) -> Mapping[str, Any]:
         inner = node.find("data")
         data[str(node.tag)] = (node.text if inner is None else inner.text) or ""
     return data
+
+
+def _json(text: str) -> Mapping[str, Any]:
+    try:
+        return table(json.loads(text), "the file")
+    except RecursionError:
+        raise ValueError("expected JSON, found nesting without end") from None
 
 
 def _model(data: Mapping[str, Any]) -> LensModel | None:
@@ -139,4 +178,4 @@ def _block(name: str, matrix: F64) -> str:
     return f"{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {values} ]\n"
 
 
-FORMAT = Format("opencv", "OpenCV FileStorage", _part, _read, _write, ".yml")
+FORMAT = Format("opencv", "OpenCV FileStorage or JSON with its keys", _part, _read, _write, ".yml")

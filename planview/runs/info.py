@@ -46,6 +46,8 @@ class RunInfo(InfoPart):
     frames_skipped: int = 0
     skipped: list[SkippedFrame] = Field(default_factory=list)
     """The skipped frames (the first 1000) and why."""
+    notes: list[str] = Field(default_factory=list)
+    """What the reader of the recording assumed, mended or missed, a sentence each."""
     rig: CameraInfo | None = None
     floor: FloorInfo | None = None
     stages_ms: dict[str, float | None] = Field(default_factory=dict)

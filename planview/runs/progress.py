@@ -55,6 +55,8 @@ def summary(console: Console, info: RunInfo, folder: Path) -> None:
     skipped = f", {info.frames_skipped} skipped ({info.skipped[0].why})" if info.skipped else ""
     rate = info.frames_read / info.elapsed_s if info.elapsed_s else 0.0
     table.add_row("frames", f"{info.frames_read} read{skipped}, {rate:.1f} per second")
+    for note in info.notes:
+        table.add_row("note", note)
     if info.floor:
         floor = info.floor
         table.add_row(

@@ -193,6 +193,7 @@ def _start(engine: Engine, options: RunOptions) -> RunInfo:
         config=engine.config.model_dump(mode="json"),
         rig=engine.camera_info(),
         floor=engine.floor_info(),
+        notes=list(getattr(engine.recording, "notes", ())),
     )
 
 

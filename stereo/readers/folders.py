@@ -50,6 +50,7 @@ def _find(path: Path, options: OpenOptions) -> StereoLayout:
     return StereoLayout(
         path, path, size, partial(both, a, b), streams, len(pairs), clock.fps, clock.times_s,
         rig_in(path, options, size), (*clock.notes, *bits_note(bits)), clock.even,
+        sum(None in pair for pair in pairs),
     )  # fmt: skip
 
 

@@ -23,8 +23,13 @@ def content_text(path: Path) -> str:
     """What there is instead of a recording, for a message."""
     if path.is_dir():
         return ", ".join(sorted(f.name for f in path.iterdir())[:6]) or "an empty folder"
+    return "another file" if path.is_file() else "neither a file nor a folder"
+
+
+def foreign_text(path: Path) -> str | None:
+    """What a file is that is known to be no recording, or none that can be read here, and the way out."""
     if not path.is_file():
-        return "neither a file nor a folder"
+        return None
     try:
         with path.open("rb") as file:
             head = file.read(256)
@@ -35,4 +40,4 @@ def content_text(path: Path) -> str:
     suffix = path.suffix.lower()
     if suffix in _ARCHIVES:
         return "an archive: unpack it"
-    return _NAMED.get(suffix, "another file" if head else "an empty file")
+    return _NAMED.get(suffix, None if head else "an empty file")

@@ -7,7 +7,7 @@ from pathlib import Path
 from calib.errors import InputError
 from stereo.readers import euroc, folders, kitti, middlebury, rgbd_folders, side_by_side, tum_rgbd, video_pair
 from stereo.readers.bags import layout as bag_layout
-from stereo.readers.foreign import content_text
+from stereo.readers.foreign import content_text, foreign_text
 from stereo.readers.images import ImageFiles, image_files
 from stereo.readers.pair import StereoRecording
 from stereo.readers.reader import AnyRecording, Layout, OpenOptions, Reader
@@ -40,6 +40,8 @@ def find_reader(path: Path) -> Reader:
             return reader
     if not path.exists():
         raise InputError(f"{path}: expected a recording (folder or file), found nothing there")
+    if foreign := foreign_text(path):
+        raise InputError(f"{path}: expected a recording, found {foreign}")
     looked_for = "; ".join(reader.looks_for for reader in READERS)
     raise InputError(f"{path}: expected a recording ({looked_for}), found {content_text(path)}")
 

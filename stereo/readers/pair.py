@@ -6,18 +6,16 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from pathlib import Path
 
-import numpy as np
-
 from calib.images import as_colour
 from calib.pose import SE3
 from calib.rig import StereoRig
-from calib.types import F64
+from calib.types import F64, U8
 from stereo.readers.paired import DEFAULT_FPS, PairedFrames, both, rate_of, time_at
 from stereo.readers.prefetch import prefetch
 from stereo.readers.source import Decoded, ItemSource
 from stereo.recording import StereoFrame
 
-__all__ = ["DEFAULT_FPS", "DecodedPair", "PairsOf", "StereoRecording", "both", "halves", "rate_of", "time_at"]
+__all__ = ["DEFAULT_FPS", "DecodedPair", "PairsOf", "StereoRecording", "both", "rate_of", "split_pairs", "time_at"]
 
 DecodedPair = tuple[Decoded, Decoded]
 PairsOf = Callable[[Sequence[int] | None], Generator[DecodedPair, None, None]]
@@ -56,14 +54,14 @@ class StereoRecording(PairedFrames[StereoFrame, Decoded]):
         return StereoFrame(first.index, timestamp_s, a, b)
 
 
-def halves(source: ItemSource[Decoded], indices: Sequence[int] | None) -> Generator[DecodedPair, None, None]:
-    """The left and the right half of every frame of a side-by-side source."""
+def split_pairs(
+    source: ItemSource[Decoded], split: Callable[[U8], tuple[U8, U8]], indices: Sequence[int] | None
+) -> Generator[DecodedPair, None, None]:
+    """The left and the right view in every frame of a source that holds both."""
     with closing(prefetch(source if indices is None else source.at(indices))) as frames:
         for frame in frames:
             if frame.image is None:
                 yield frame, frame
                 continue
-            middle = frame.image.shape[1] // 2
-            parts = (np.ascontiguousarray(p) for p in (frame.image[:, :middle], frame.image[:, middle:]))
-            left, right = (Decoded(frame.index, frame.timestamp_s, part) for part in parts)
+            left, right = (Decoded(frame.index, frame.timestamp_s, view) for view in split(frame.image))
             yield left, right

@@ -57,6 +57,7 @@ class Layout(Protocol):
         streams: the cameras.
         n_frames: frames announced (an upper bound).
         fps: nominal frames per second.
+        unpaired: frames that one of the cameras lacks.
         notes: what the reader assumed, mended or missed, a sentence each, for the summary and run.json.
     """
 
@@ -71,6 +72,9 @@ class Layout(Protocol):
 
     @property
     def fps(self) -> float: ...
+
+    @property
+    def unpaired(self) -> int: ...
 
     @property
     def notes(self) -> tuple[str, ...]: ...

@@ -80,6 +80,7 @@ class RgbdLayout:
         pairs: decodes images and their depth, given the depth values per metre of the calibration (None: not given).
         times_s: (n,) float64 [s] by frame index, NaN where unknown; None takes the times of the decoded images.
         rig: reads the calibration; raises InputError.
+        unpaired: images without depth.
     """
 
     path: Path
@@ -92,6 +93,7 @@ class RgbdLayout:
     rig: Callable[[], RgbdRig]
     notes: tuple[str, ...] = ()
     even: bool = False
+    unpaired: int = 0
     kind: Literal["rgbd"] = "rgbd"
 
     def open(self) -> RgbdImages:

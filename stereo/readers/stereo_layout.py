@@ -33,6 +33,7 @@ class StereoLayout:
         pairs: decodes the pairs.
         times_s: (n,) float64 [s] by frame index, NaN where unknown; None takes the times of the decoded frames.
         rig: reads the calibration; raises InputError.
+        unpaired: frames that one of the cameras lacks.
         even: frames are taken at an even rate, whatever times the files hold.
     """
 
@@ -47,6 +48,7 @@ class StereoLayout:
     rig: Callable[[], StereoRig]
     notes: tuple[str, ...] = ()
     even: bool = False
+    unpaired: int = 0
     kind: Literal["stereo"] = "stereo"
 
     def open(self) -> StereoRecording:

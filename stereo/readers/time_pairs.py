@@ -35,6 +35,11 @@ class TimePairs:
     fps: float
     notes: tuple[str, ...]
 
+    @property
+    def unpaired(self) -> int:
+        """Frames without an image of one camera."""
+        return int(np.count_nonzero((self.left < 0) | (self.right < 0)))
+
 
 def pair_stamps(left_ns: I64, right_ns: I64, names: tuple[str, str] = ("left", "right")) -> TimePairs:
     """Pair frames that are nearest to each other and at most ``TOLERANCE`` frame periods apart.

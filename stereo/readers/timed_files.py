@@ -68,6 +68,7 @@ def timed_layout(
     return StereoLayout(
         path, path, size, partial(both, a, b), streams, len(pairs.left), fps, times, partial(rig, size),
         (*notes, *pairs.notes, *bits_note(bits)),
+        unpaired=pairs.unpaired,
     )  # fmt: skip
 
 

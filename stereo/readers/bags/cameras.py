@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from itertools import islice
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,7 +31,7 @@ def rig_of(bag: Bag, topics: tuple[str, str], size: tuple[int, int]) -> StereoRi
     Raises:
         InputError: no camera_info, one that is not calibrated, or no baseline.
     """
-    found = [_info(bag, topic) for topic in topics]
+    found = [info_of(bag, topic) for topic in topics]
     source = f"camera_info of {bag.path.name}"
     try:
         if all(is_rectified(topic) for topic in topics):
@@ -66,8 +66,26 @@ def rectified_camera(fields: Mapping[str, Any], name: str) -> tuple[Camera, Any]
     return one, np.linalg.solve(projection[:, :3], projection[:, 3])
 
 
-def _info(bag: Bag, topic: str) -> tuple[str, Mapping[str, Any], str]:
-    """Name of the camera_info topic of an image topic, its first message's fields, and its frame."""
+class CameraInfo(NamedTuple):
+    """The first camera_info of an image topic.
+
+    Attributes:
+        topic: its own name.
+        fields: as ``calib.formats.ros.camera_from`` takes them.
+        frame: of reference.
+    """
+
+    topic: str
+    fields: dict[str, Any]
+    frame: str
+
+
+def info_of(bag: Bag, topic: str) -> CameraInfo:
+    """The camera_info of an image topic.
+
+    Raises:
+        InputError: there is none, or of a camera that is not calibrated.
+    """
     name = info_topic(bag.topics, topic)
     message = next(bag.messages(name), None) if name else None
     if name is None or message is None:
@@ -80,13 +98,13 @@ def _info(bag: Bag, topic: str) -> tuple[str, Mapping[str, Any], str]:
         raise InputError(
             f"{bag.path}: expected a calibrated camera in {name}, found K of zeros: --calibration FILE gives one"
         )
-    return name, fields, frame_id(decoded)
+    return CameraInfo(name, fields, frame_id(decoded).lstrip("/"))
 
 
 def _from_tf(bag: Bag, left: str, right: str) -> SE3:
     """right_SE3_left of two frames, from the static transforms."""
     poses = static_poses(bag)
-    found = pose_between(poses, right.lstrip("/"), left.lstrip("/"))
+    found = pose_between(poses, right, left)
     if found is None:
         raise InputError(
             f"{bag.path}: expected a baseline, found none in P and no transform from {left} to {right} in /tf_static: "

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.errors import InputError
 from calib.formats import load_rig
 from calib.rig import StereoRig
 from calib.types import I64
 from stereo.readers.bags.cameras import rig_of
 from stereo.readers.bags.mcap_file import McapFile
+from stereo.readers.bags.rgbd import rgbd_layout
 from stereo.readers.bags.rosbag import RosBag
 from stereo.readers.bags.source import TopicFrames, TopicImages, bits_in
 from stereo.readers.bags.storage import Bag
@@ -35,11 +35,12 @@ def _fits(path: Path) -> bool:
 def _find(path: Path, options: OpenOptions) -> Layout:
     bag = _open(path)
     choice = choose_topics(bag, options.topics)
-    if choice.kind == "rgbd":
-        raise InputError(f"{path}: expected a stereo pair, found an image with depth ({choice.first}, {choice.second})")
     named = {topic.name: topic for topic in bag.topics}
-    topics = tuple(TopicImages(bag, named[name]) for name in (choice.first, choice.second))
-    return _stereo(path, bag, (topics[0], topics[1]), options)
+    topics = TopicImages(bag, named[choice.first]), TopicImages(bag, named[choice.second])
+    if choice.kind == "rgbd":
+        stamps, note = stamps_of(topics)
+        return rgbd_layout(path, bag, topics, stamps, options, note)
+    return _stereo(path, bag, topics, options)
 
 
 def _stereo(path: Path, bag: Bag, topics: tuple[TopicImages, TopicImages], options: OpenOptions) -> StereoLayout:
@@ -62,6 +63,7 @@ def _stereo(path: Path, bag: Bag, topics: tuple[TopicImages, TopicImages], optio
     return StereoLayout(
         path, folder_of(path), size, partial(both, a, b), streams, len(pairs.left), fps, times,
         partial(_rig, bag, names, options.calibration, size), (*clock_note, *pairs.notes, *bits_note(bits)),
+        unpaired=pairs.unpaired,
     )  # fmt: skip
 
 
