@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,22 +11,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from calib.errors import InputError
-from calib.types import F32, F64, I64, U8
+from calib.types import F64, I64
 from planview.bench.accuracy import tracked
-from planview.bench.one_statistic import OneStatistic
-from planview.bench.suite import suite_recording
+from planview.bench.passes import PEER, Pass, in_processes, run_pass
+from planview.bench.suite import refined_tracks, suite_recording
 from planview.bench.variants import CONFIGURED, Variant
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
-from planview.foreground.mixture import Foreground
 from planview.maps.recording import MapsRecording
 from planview.pipeline.config import Config, load_config
-from planview.pipeline.engine import Engine
 from planview.pipeline.factory import floor_tracker
 from planview.pipeline.maps_pipeline import MapsPipeline
-from planview.pipeline.pipeline import Pipeline
-from planview.runs.maps_log import MapsLog
-from planview.trajectories.table import Trajectories, TrajectoryCollector, read_truth
+from planview.trajectories.table import read_tracks, read_truth
 
 RESAMPLES = 2000
 """Bootstrap samples: the ends of a 95 % interval then rest on 50 samples each."""
@@ -69,13 +64,11 @@ class Trial:
 
     Attributes:
         config: the configuration that the variant changes.
-        maps: plan-view recording of the engine as configured; made by that trial, read by those of trackers.
     """
 
     recording: AblationRecording
     variant: Variant
     config: Config
-    maps: Path
 
 
 @dataclass(frozen=True)
@@ -120,71 +113,42 @@ class AblationRow:
         v = self.variant
         figures = {name: value for name, value in vars(self).items() if isinstance(value, Interval)}
         return {
-            "variant": v.name, "settings": v.settings, "statistic": v.statistic, "meaning": v.meaning,
+            "variant": v.name, "settings": v.settings, "meaning": v.meaning,
             "paper_significant_errors": v.paper, "significant_errors": self.significant,
             **{name: [None if np.isnan(x) else x for x in value] for name, value in figures.items()},
         }  # fmt: skip
 
 
-class ColourForeground(Foreground):
-    """Foreground that is found in colour alone."""
-
-    def update(self, image: U8, disparity: F32 | None, timestamp_s: float, feedback: U8 | None = None) -> U8:
-        """See ``Foreground``; the disparity is not used."""
-        return super().update(image, None, timestamp_s, feedback)
-
-
 def run_trial(trial: Trial) -> TrialScore:
     """Track and score one variant on one recording.
 
-    The engine as configured runs in full and records its plan-view points; variants of the tracker track these, which
-    takes seconds, and keep the feedback of the engine as configured; other variants run in full.
+    The engine as configured runs in full, once (``passes.run_pass``), and records its plan-view points; variants of the
+    tracker track these, which takes seconds, and keep the feedback of the engine as configured; other variants run in
+    full, once.
     """
-    folder = trial.recording.folder()
-    config = load_config(None, trial.variant.settings, trial.config)
-    if trial.variant == CONFIGURED:
-        tracks = _recorded(Pipeline.from_recording(folder, config), trial.maps)
+    folder, variant = trial.recording.folder(), trial.variant
+    job = Pass(folder, trial.recording.cache, trial.config, recorded=True)
+    if variant.way == "refined":
+        tracks = refined_tracks(run_pass(job))
+    elif variant.way == "peer":
+        tracks = read_tracks(run_pass(job) / PEER)
+    elif not variant.settings:
+        tracks = read_tracks(run_pass(job) / "tracks.csv")
     else:
-        tracks = tracked(_engine(trial, folder, config), None, "template")
+        config = load_config(None, variant.settings, trial.config)
+        if variant.tracker_only:
+            maps = MapsRecording(run_pass(job) / "maps.h5")
+            tracks = tracked(MapsPipeline(maps, floor_tracker("template", config), config), None, "template")
+        else:
+            tracks = read_tracks(run_pass(Pass(folder, trial.recording.cache, config)) / "tracks.csv")
     return TrialScore(trial, evaluate_tracks(tracks, read_truth(folder / "truth.csv")))
-
-
-def _recorded(engine: Pipeline, path: Path) -> Trajectories:
-    """All tracks of a recording, whose points are recorded."""
-    tracks = TrajectoryCollector()
-    with closing(MapsLog(engine, path)) as log:
-        for result in engine:
-            tracks.add(result.frame, result.timestamp_s, result.tracks)
-            log.frame(result)
-    return tracks.trajectories()
-
-
-def _engine(trial: Trial, folder: Path, config: Config) -> Engine:
-    variant, tracker = trial.variant, floor_tracker("template", config)
-    if variant.statistic:
-        tracker = OneStatistic(tracker, variant.statistic)
-    if variant.tracker_only:
-        return MapsPipeline(MapsRecording(trial.maps), tracker, config)
-    engine = Pipeline.from_recording(folder, config, tracker=tracker)
-    if not variant.depth_in_foreground:
-        engine.foreground = ColourForeground(config.foreground, engine.maps.shape)
-    return engine
 
 
 def run_trials(trials: Sequence[Trial], at_once: int) -> Iterator[TrialScore]:
     """Scores in the order in which they are done; the engine as configured first, since others need its points."""
     first = [trial for trial in trials if trial.variant == CONFIGURED]
-    yield from _run(first, at_once)
-    yield from _run([trial for trial in trials if trial.variant != CONFIGURED], at_once)
-
-
-def _run(trials: Sequence[Trial], at_once: int) -> Iterator[TrialScore]:
-    if at_once == 1:
-        yield from map(run_trial, trials)
-        return
-    from joblib import Parallel, delayed
-
-    yield from Parallel(n_jobs=at_once, return_as="generator_unordered")(delayed(run_trial)(t) for t in trials)
+    yield from in_processes(run_trial, first, at_once)
+    yield from in_processes(run_trial, [trial for trial in trials if trial.variant != CONFIGURED], at_once)
 
 
 def ablation_rows(

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from calib.errors import InputError, WorkError
+from planview.bench.passes import BenchTracker, bench_engine
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.evaluation.result import Evaluation
 from planview.pipeline.config import Config
 from planview.pipeline.engine import Engine, FrameResult
-from planview.pipeline.factory import FloorTrackerName, open_engine
 from planview.runs.folder import prepare_folder
 from planview.runs.run import RunOptions
 from planview.runs.run import run as run_engine
@@ -142,7 +142,7 @@ def score_scene(
     out: Path | None,
     config: Config,
     tell: Tell,
-    tracker: FloorTrackerName = "template",
+    tracker: BenchTracker = "template",
 ) -> SceneScore:
     """Render, track and score one scene.
 
@@ -163,11 +163,11 @@ def score_scene(
     recording = rendered(varied(scene, seed), name, options, tell)
     tell(f"tracking {name}")
     folder = out / name if out else None
-    tracks = tracked(open_engine(recording, tracker, config), folder, tracker)
+    tracks = tracked(bench_engine(recording, tracker, config), folder, tracker)
     return SceneScore(path.stem, seed, evaluate_tracks(tracks, read_truth(recording / "truth.csv")), folder)
 
 
-def tracked(engine: Engine, folder: Path | None, tracker: FloorTrackerName) -> Trajectories:
+def tracked(engine: Engine, folder: Path | None, tracker: BenchTracker) -> Trajectories:
     """All tracks of a recording; the run is kept in a folder unless that is None."""
     tracks = TrajectoryCollector()
 

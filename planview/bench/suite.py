@@ -3,28 +3,32 @@
 from __future__ import annotations
 
 import shutil
+import tempfile
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import ValidationError
 
 from calib.errors import InputError
-from planview.bench.accuracy import RenderOptions, SceneScore, rendered, totals, tracked
+from planview.bench.accuracy import RenderOptions, SceneScore, rendered, totals
+from planview.bench.passes import PEER, BenchTracker, Pass, run_pass
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.evaluation.result import KINDS
 from planview.pipeline.config import Config
-from planview.pipeline.factory import FloorTrackerName, open_engine
+from planview.runs.refine import refine_run
 from planview.synthetic.committed import SCENES
 from planview.synthetic.ranges import draw
 from planview.synthetic.scene import Scene
-from planview.trajectories.table import read_truth
+from planview.trajectories.table import Trajectories, read_tracks, read_truth
 
 SUITE = SCENES / "suite"
 """The committed challenges."""
+Way = Literal["online", "refined", "peer"]
+"""Tracks as they came, those refined afterwards, and those of the naive engine."""
 JUDGING_SEED = 100
 """Seeds below are worked on; seeds from here on judge, each once."""
 
@@ -34,8 +38,9 @@ class SuiteJob:
     """One scene of one seed to be rendered, tracked and scored.
 
     Attributes:
-        cache: folder of rendered recordings.
-        out: folder that gets a folder with the run; None to keep nothing.
+        cache: folder of rendered recordings and of runs over them.
+        out: folder that gets a copy of the run; None for none.
+        refine, peer: also score the refined tracks, and those of the naive engine.
     """
 
     path: Path
@@ -43,7 +48,9 @@ class SuiteJob:
     cache: Path
     out: Path | None
     config: Config
-    tracker: FloorTrackerName = "template"
+    tracker: BenchTracker = "template"
+    refine: bool = False
+    peer: bool = False
 
     @property
     def name(self) -> str:
@@ -52,13 +59,20 @@ class SuiteJob:
 
 @dataclass(frozen=True)
 class SuiteScore:
-    """A scene's scores and its length [s]."""
+    """The scores of one way of tracking a scene.
 
+    Attributes:
+        recording: folder of the scene.
+        duration_s: its length [s].
+    """
+
+    way: Way
     score: SceneScore
+    recording: Path
     duration_s: float
 
     def to_json(self) -> dict[str, Any]:
-        return {**self.score.to_json(), "duration_s": self.duration_s}
+        return {**self.score.to_json(), "recording": str(self.recording), "duration_s": self.duration_s}
 
 
 @dataclass(frozen=True)
@@ -156,24 +170,33 @@ def is_whole(folder: Path, n_frames: int) -> bool:
     )
 
 
-def run_job(job: SuiteJob) -> SuiteScore:
-    """Render (once), track and score one scene."""
+def run_job(job: SuiteJob) -> list[SuiteScore]:
+    """Render, track (both once, from the cache when they are there) and score one scene."""
     recording, scene = suite_recording(job.path, job.seed, job.cache)
-    folder = job.out / job.name if job.out else None
-    tracks = tracked(open_engine(recording, job.tracker, job.config), folder, job.tracker)
-    evaluation = evaluate_tracks(tracks, read_truth(recording / "truth.csv"))
-    return SuiteScore(SceneScore(job.path.stem, job.seed, evaluation, folder), scene.duration_s)
+    # One pass serves all ways, the ablation and later tables.
+    kept = run_pass(Pass(recording, job.cache, job.config, job.tracker, recorded=job.tracker == "template"))
+    if job.out is not None:
+        kept = Path(shutil.copytree(kept, job.out / job.name, dirs_exist_ok=True))
+    tracks: dict[Way, Trajectories] = {"online": read_tracks(kept / "tracks.csv")}
+    if job.refine:
+        tracks["refined"] = refined_tracks(kept)
+    if job.peer and job.tracker == "template":
+        tracks["peer"] = read_tracks(kept / PEER)
+    truth = read_truth(recording / "truth.csv")
+    return [
+        SuiteScore(
+            way, SceneScore(job.path.stem, job.seed, evaluate_tracks(t, truth), kept), recording, scene.duration_s
+        )
+        for way, t in tracks.items()
+    ]
 
 
-def run_jobs(jobs: Sequence[SuiteJob], at_once: int) -> Iterator[SuiteScore]:
-    """Scores in the order in which they are done, in so many processes."""
-    if at_once == 1:
-        yield from map(run_job, jobs)
-        return
-    from joblib import Parallel, delayed
-
-    # Processes are spawned, not forked: open3d and numba hold threads.
-    yield from Parallel(n_jobs=at_once, return_as="generator_unordered")(delayed(run_job)(job) for job in jobs)
+def refined_tracks(folder: Path) -> Trajectories:
+    """The tracks of a run refined as ``planview refine`` does, in a copy of its folder."""
+    with tempfile.TemporaryDirectory(prefix="planview-refine-") as temporary:
+        copy = Path(shutil.copytree(folder, Path(temporary) / "run"))
+        refine_run(copy)
+        return read_tracks(copy / "tracks.csv")
 
 
 def suite_totals(scores: Sequence[SuiteScore]) -> SuiteTotals:

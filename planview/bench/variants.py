@@ -6,28 +6,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from calib.errors import InputError
-from planview.bench.one_statistic import Statistic
+from planview.bench.suite import Way
 from planview.pipeline.maps_pipeline import FIXED_MAP_PARAMETERS, FIXED_TABLES
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One row of the table.
+    """One row of the table; the settings are those that ``planview run --set`` takes.
 
     Attributes:
         name: of the row.
         settings: overrides of the configuration like "template.joint=false".
         meaning: what the part that is switched off does.
-        statistic: the only statistic left to the tracker; None leaves both.
-        depth_in_foreground: whether foreground is found in colour and depth, not in colour alone.
+        way: which tracks of the run are scored.
         paper: significant errors of Harville 2002, section 5, in about ten minutes; None where it has no such figure.
     """
 
     name: str
     settings: tuple[str, ...] = ()
     meaning: str = ""
-    statistic: Statistic | None = None
-    depth_in_foreground: bool = True
+    way: Way = "online"
     paper: int | None = None
 
     @property
@@ -35,7 +33,7 @@ class Variant:
         """Whether recorded foreground points serve: nothing that decides which points there are differs."""
         names = [setting.partition("=")[0] for setting in self.settings]
         fixed = {f"maps.{name}" for name in FIXED_MAP_PARAMETERS}
-        return self.depth_in_foreground and not any(n.split(".")[0] in FIXED_TABLES or n in fixed for n in names)
+        return not any(n.split(".")[0] in FIXED_TABLES or n in fixed for n in names)
 
 
 CONFIGURED = Variant("as configured", paper=1)
@@ -44,18 +42,17 @@ CONFIGURED = Variant("as configured", paper=1)
 LADDER = (
     Variant(
         "height only",
-        ("maps.occupancy_min=0", "template.match.occupancy_weight=0"),
+        ("maps.statistic=height", "maps.occupancy_min=0", "template.match.occupancy_weight=0"),
         "without occupancy, which prunes heights, finds newcomers and is matched",
-        statistic="height",
         paper=17,
     ),
     Variant(
         "occupancy only",
-        ("template.match.height_weight=0",),
+        ("maps.statistic=occupancy", "template.match.height_weight=0"),
         "without height, which refuses what is no person, re-centers and is matched",
-        statistic="occupancy",
         paper=25,
     ),
+    Variant("Gaussian person model", ("template.person_model=gaussian",), "adaptive templates, a person's own shape"),
     Variant("joint search off", ("template.joint=false",), "every order of matching among people in contact"),
     Variant("identity layer off", ("template.identity.enabled=false",), "mends exchanges by appearance"),
     Variant(
@@ -66,9 +63,11 @@ LADDER = (
     Variant("feedback off", ("feedback.enabled=false",), "tracked people are not learned as background"),
     Variant("activity off", ("foreground.activity_slowdown=1",), "active pixels learn more slowly"),
     Variant("deepest surface off", ("foreground.deepest_weight=0.99",), "the deepest Gaussian is background early"),
-    Variant("foreground in colour", (), "depth in the foreground's mixture", depth_in_foreground=False),
+    Variant("foreground in colour", ("foreground.depth=false",), "depth in the foreground's mixture"),
+    Variant("refinement on", (), "online tracks; refined ones know the future", way="refined"),
+    Variant("naive engine", (), "everything after disparity: MOG2, blobs, Hungarian method, Kalman filter", way="peer"),
 )
-"""Parts of the engine, each switched off alone."""
+"""Parts of the engine, each switched off alone; refinement on; and the naive engine."""
 
 RULES = (
     Variant("head_reach_m", ("template.head_reach_m=0",), "position from the head where it is near the match"),

@@ -88,6 +88,8 @@ class ForegroundParams(Params):
     shadow_ratio: float = Field(0.35, gt=0, le=1)
     """Darkest shadow, as a fraction of the lit luma; inverted, where depth agrees, the brightest patch of light. Our
     choice: shade outdoors keeps a third of the image level after the camera's tone curve."""
+    depth: bool = True
+    """Whether depth takes part, when there is one. Harville 2001 adds it to mixtures in colour; false is such a one."""
     remove_colour_shadows: bool = False
     """Remove shadows by that ratio at equal chroma where there is no depth (for one camera without depth)."""
 
@@ -153,7 +155,7 @@ class Foreground:
         if not self._turns.is_new and flat.size != self._size:
             raise ValueError(f"expected images of one kind, grey or BGR, got {image.shape} after another kind")
         self._size = flat.size
-        disp = _flat(disparity, self.shape, np.float32, "disparity")
+        disp = _flat(disparity if self.params.depth else None, self.shape, np.float32, "disparity")
         known = _flat(feedback, self.shape, np.uint8, "feedback")
         if self._turns.is_new:
             self._turns.start(timestamp_s)

@@ -10,6 +10,7 @@ import numpy as np
 
 from calib.errors import InputError
 from planview.maps.builder import MapBuilder
+from planview.maps.one_statistic import reduced
 from planview.maps.recording import MapsFrame, MapsRecording
 from planview.pipeline.boxes import BodyBoxes
 from planview.pipeline.config import Config
@@ -98,7 +99,7 @@ class MapsPipeline(StereoDescription):
                 f"{self.recording.path}: frame {frame.index}: expected {len(frame.pixels)} points in reach of the rig, "
                 f"found {len(maps.points.pixels)}: the maps are damaged or another rig's"
             )
-        maps = replace(maps, points=replace(maps.points, colours=frame.colours))
+        maps = reduced(replace(maps, points=replace(maps.points, colours=frame.colours)), self.config.maps.statistic)
         clock.record("maps")
         observation = Observation(frame.index, frame.timestamp_s, maps=maps)
         tracks = tuple(self._boxes(track) for track in self.tracker.update(observation))

@@ -13,6 +13,7 @@ from calib.ground_camera import GroundCamera
 from calib.types import F32, U8
 from planview.foreground.mixture import Foreground
 from planview.maps.builder import FloorPoints, MapBuilder
+from planview.maps.one_statistic import reduced
 from planview.maps.view import StereoView
 from planview.pipeline.boxes import BodyBoxes
 from planview.pipeline.config import Config
@@ -148,7 +149,7 @@ class Pipeline(StereoDescription):
         """Foreground, maps and people of the next frame."""
         clock = StageClock(matched.stages_ms)
         mask, points = self.separate(matched, clock)
-        maps = self.maps.of(points)
+        maps = reduced(self.maps.of(points), self.config.maps.statistic)
         clock.record("maps")
         observation = Observation(matched.frame, matched.timestamp_s, matched.image, mask, None, maps)
         tracks = tuple(self._boxes(track) for track in self.tracker.update(observation))

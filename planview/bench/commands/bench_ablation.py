@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,9 +15,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from calib.errors import InputError
+from calib.files import write_whole
 from planview.bench.ablation import AblationRecording, AblationRow, Interval, Trial, ablation_rows, run_trials
 from planview.bench.accuracy import scene_files
 from planview.bench.commands.options import BenchOptions
+from planview.bench.provenance import provenance
 from planview.bench.suite import SUITE, chosen_files
 from planview.bench.variants import CONFIGURED, LADDER, RULES, Variant, chosen_variants
 from planview.evaluation.result import KINDS, Evaluation
@@ -48,6 +49,8 @@ class AblationOptions(BenchOptions):
     """Trials at the same time, each in a process of its own."""
     scenes: Path = SUITE
     """Folder with challenges."""
+    out: Path | None = None
+    """JSON file that gets the table; none by default."""
 
 
 def bench_ablation(*, options: AblationOptions | None = None) -> None:
@@ -66,15 +69,18 @@ def bench_ablation(*, options: AblationOptions | None = None) -> None:
             f"expected --jobs from 1, --minutes above 0, --seed from 0, found {o.jobs}, {o.minutes:g}, {o.seed}"
         )
     base, variants = o.settings(), chosen_variants(RULES if o.rules else LADDER, o.variant)
-    recordings = [AblationRecording(path, None, path) for path in o.recording] + _challenges(o)
-    for folder in o.recording:
-        AblationRecording(folder, None, folder).folder()
-    with tempfile.TemporaryDirectory(prefix="planview-ablation-") as temporary:
-        trials = [Trial(r, v, base, Path(temporary) / f"{i}.h5") for v in variants for i, r in enumerate(recordings)]
-        rows = ablation_rows(_watched(trials, variants, o.jobs))
+    given = [AblationRecording(path, None, o.cache_folder) for path in o.recording]
+    for recording in given:
+        recording.folder()
+    recordings = given + _challenges(o)
+    rows = ablation_rows(_watched([Trial(r, v, base) for v in variants for r in recordings], variants, o.jobs))
+    names = {"recordings": [r.name for r in recordings], **provenance()}
+    text = json.dumps(names | {"variants": [row.to_json() for row in rows]}, indent=2) + "\n"
+    if o.out is not None:
+        o.out.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(o.out, text)
     if o.json_output:
-        found = [row.to_json() for row in rows]
-        print(json.dumps({"recordings": [r.name for r in recordings], "variants": found}, indent=2))
+        print(text, end="")
     else:
         print_ablation(rows, Console(markup=False, width=TABLE_WIDTH))
 

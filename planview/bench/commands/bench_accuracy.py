@@ -24,7 +24,7 @@ from planview.bench.accuracy import (
     totals,
 )
 from planview.bench.commands.options import BenchOptions
-from planview.pipeline.factory import FloorTrackerName
+from planview.bench.passes import BenchTracker
 from planview.synthetic.committed import SCENES
 
 
@@ -37,8 +37,8 @@ class AccuracyOptions(BenchOptions):
     """Only these scenes, by name."""
     seeds: int = 1
     """Seed 0 is the scene as committed; every further one a variation of it."""
-    tracker: FloorTrackerName = "template"
-    """Which tracker to score."""
+    tracker: BenchTracker = "template"
+    """Which tracker to score; peer is the naive engine to compare with."""
     frames: int | None = None
     """Only the first frames of every scene."""
     scale: float = 1.0

@@ -17,19 +17,22 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from calib.errors import InputError
+from calib.files import write_whole
 from planview.bench.accuracy import scene_files
 from planview.bench.commands.options import BenchOptions
+from planview.bench.passes import BenchTracker, in_processes
+from planview.bench.provenance import provenance
 from planview.bench.suite import (
     JUDGING_SEED,
     SUITE,
     SuiteJob,
     SuiteScore,
     SuiteTotals,
+    Way,
     chosen_files,
-    run_jobs,
+    run_job,
     suite_totals,
 )
-from planview.pipeline.factory import FloorTrackerName
 
 
 @Parameter(name="*")
@@ -46,8 +49,12 @@ class ChallengeOptions(BenchOptions):
     """Only these scenes, by name."""
     jobs: int = 1
     """Scenes worked on at the same time, each in a process of its own."""
-    tracker: FloorTrackerName = "template"
-    """Tracker that follows people."""
+    tracker: BenchTracker = "template"
+    """Tracker that follows people; peer is the naive engine to compare with."""
+    refine: Annotated[bool, Parameter(negative="")] = False
+    """Score the refined tracks, too."""
+    peer: Annotated[bool, Parameter(negative="")] = False
+    """Score the naive engine, too: its tracks come from the same pass."""
     scenes: Path = SUITE
     """Folder with challenges."""
     out: Path | None = None
@@ -60,7 +67,10 @@ def bench_suite(*, options: ChallengeOptions | None = None) -> None:
     Every seed is another recording of every scene: other rooms, rigs, lenses, light, people, clothes and ways. Seeds 0
     to 99 are for working on the engine; seeds from 100 on are for judging it, each once.
 
-    Example: planview bench suite --seed 1 --minutes 3 --jobs 2
+    Rendered recordings, and runs of the present code over them, are kept in the cache: what was interrupted goes on
+    where it was.
+
+    Example: planview bench suite --seed 1 --minutes 3 --jobs 2 --refine --peer
     """
     options = options or ChallengeOptions()
     if options.jobs < 1 or not 0 < options.minutes <= 1000 or any(s < 0 for s in options.seed):
@@ -73,15 +83,20 @@ def bench_suite(*, options: ChallengeOptions | None = None) -> None:
     console.print("seeds: " + ", ".join(f"{s} ({'judging' if s >= JUDGING_SEED else 'worked on'})" for s in seeds))
     settings, files = options.settings(), scene_files(options.scene, options.scenes)
     chosen = [(s, path) for s in seeds for path in chosen_files(files, s, options.minutes)]
-    work = [SuiteJob(path, s, options.cache_folder, options.out, settings, options.tracker) for s, path in chosen]
-    scores = _watched(work, options.jobs, console)
-    result = _json(scores, suite_totals(scores))
+    o = options
+    work = [SuiteJob(p, s, o.cache_folder, o.out, settings, o.tracker, o.refine, o.peer) for s, p in chosen]
+    ways = _watched(work, options.jobs, console)
+    result = {"seeds": seeds, **provenance()} | {
+        way: _json(scores, suite_totals(scores)) for way, scores in ways.items()
+    }
     if options.out is not None:
-        (options.out / "suite.json").write_text(json.dumps(result, indent=2) + "\n")
+        options.out.mkdir(parents=True, exist_ok=True)
+        write_whole(options.out / "suite.json", json.dumps(result, indent=2) + "\n")
     if options.json_output:
         print(json.dumps(result, indent=2))
-    else:
-        print_suite(scores, suite_totals(scores), Console(markup=False))
+        return
+    for way, scores in ways.items():
+        print_suite(way, scores, suite_totals(scores), Console(markup=False))
 
 
 def _new_seed() -> int:
@@ -89,21 +104,26 @@ def _new_seed() -> int:
     return JUDGING_SEED + (time.time_ns() // 1_000_000 ^ os.getpid()) % 1_000_000_000
 
 
-def _watched(work: Sequence[SuiteJob], jobs: int, console: Console) -> list[SuiteScore]:
-    """Scores in the order of the work, with a bar while it lasts."""
+def _watched(work: Sequence[SuiteJob], jobs: int, console: Console) -> dict[Way, list[SuiteScore]]:
+    """Scores of every way in the order of the work, with a bar while it lasts."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    scores: dict[tuple[int, str], SuiteScore] = {}
+    done: dict[tuple[int, str], list[SuiteScore]] = {}
     with Progress(*columns, console=console) as progress:
         task = progress.add_task("rendering and tracking", total=len(work))
-        for done in run_jobs(work, jobs):
-            scores[done.score.seed, done.score.name] = done
-            progress.update(task, advance=1, description=f"{done.score.name}-{done.score.seed} done")
-    return [scores[job.seed, job.path.stem] for job in work]
+        for scores in in_processes(run_job, work, jobs):
+            first = scores[0].score
+            done[first.seed, first.name] = scores
+            progress.update(task, advance=1, description=f"{first.name}-{first.seed} done")
+    ways: dict[Way, list[SuiteScore]] = {}
+    for job in work:
+        for score in done[job.seed, job.path.stem]:
+            ways.setdefault(score.way, []).append(score)
+    return ways
 
 
-def print_suite(scores: Sequence[SuiteScore], together: SuiteTotals, console: Console) -> None:
+def print_suite(way: Way, scores: Sequence[SuiteScore], together: SuiteTotals, console: Console) -> None:
     """A row per scene, and all together: significant errors, switches, mean errors of position and height [cm]."""
-    table = Table("scene", "seed", "rows", "significant", "MOTA", "IDF1", "switch", "pos cm", "height")
+    table = Table(f"scene, {way}", "seed", "rows", "significant", "MOTA", "IDF1", "switch", "pos cm", "height")
     for column in (*table.columns[1:3], *table.columns[4:]):
         column.justify = "right"
     for item in scores:
@@ -126,11 +146,9 @@ def print_suite(scores: Sequence[SuiteScore], together: SuiteTotals, console: Co
     )
     for item in scores:
         for error in item.score.evaluation.significant:
-            console.print(
-                f"{item.score.name} ({item.score.seed}) frame {error.frame}: {error.kind}, person {error.truth_id}, "
-                f"track {error.track_id}: {error.note}",
-                highlight=False,
-            )
+            where = f"{way}: {item.score.name} ({item.score.seed}) frame {error.frame}"
+            who = f"person {error.truth_id}, track {error.track_id}"
+            console.print(f"{where}: {error.kind}, {who}: {error.note}", highlight=False)
 
 
 def _kinds(counts: dict[str, int]) -> str:

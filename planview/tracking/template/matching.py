@@ -13,6 +13,7 @@ from calib.types import F32
 from planview.tracking.template._kernels import clear, search
 from planview.tracking.template.params import TemplateTrackerParams
 from planview.tracking.template.state import TemplateFrame, TemplatePerson
+from planview.tracking.template.templates import gaussian_model
 
 JOINT_MAX = 3
 """Up to so many people in contact all orders are tried (6 searches of 3 people)."""
@@ -127,8 +128,11 @@ class JointMatcher:
         one_sided = self._height_max_m / 3
         filled = person.template_occupancy[person.template_height > 0]
         typical = max(float(filled.mean()) if filled.size else 0.0, maps.occupancy_min, 1e-9)
+        height, occupancy = person.template_height, person.template_occupancy
+        if p.person_model == "gaussian":
+            height, occupancy = gaussian_model(person, p.width_m, maps.grid.cell_m)
         search(
-            person.template_height, person.template_occupancy, self._frame.free_height, self._frame.free_occupancy,
+            height, occupancy, self._frame.free_height, self._frame.free_occupancy,
             row, col, person.reach_cells, one_sided,
             m.height_weight / one_sided, m.occupancy_weight / typical, m.distance_weight * maps.grid.cell_m / p.width_m,
             m.separation_weight, p.width_m / 2 / maps.grid.cell_m, np.array(self._placed).reshape(-1, 2), self._result,

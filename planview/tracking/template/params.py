@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 
 from calib.params import Params
@@ -34,6 +36,9 @@ class TemplateTrackerParams(Params):
     detection: PersonDetectionParams = PersonDetectionParams()
     axis: BodyAxisParams = BodyAxisParams()
     identity: IdentityParams = IdentityParams()
+    person_model: Literal["templates", "gaussian"] = "templates"
+    """What is matched: the person's own adaptive templates, or a Gaussian as wide as a torso, of the person's height
+    and visible surface, the simpler model that the paper argues against (Harville 2002, abstract)."""
     joint: bool = True
     """Among people in contact try every order of matching instead of the paper's (the most certain first)."""
     width_m: float = Field(0.40, gt=0.1, le=1.0)

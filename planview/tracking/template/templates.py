@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from calib.types import F64
+import numpy as np
+
+from calib.types import F32, F64
 from planview.tracking.template._kernels import adapt, occupancy_peak
 from planview.tracking.template.params import TemplateTrackerParams
 from planview.tracking.template.state import TemplateFrame, TemplatePerson
@@ -58,3 +60,17 @@ def nearest_peak(frame: TemplateFrame, person: TemplatePerson, people: F64, me: 
     if peak_row < 0 or not (0 <= row < grid.n_rows and 0 <= col < grid.n_cols):
         return None
     return grid.centre_of(row, col)
+
+
+def gaussian_model(person: TemplatePerson, width_m: float, cell_m: float) -> tuple[F32, F32]:
+    """Height and occupancy of a person that is nothing but a Gaussian: as tall and as much surface as the templates.
+
+    Args:
+        width_m: torso width, two deviations [m].
+        cell_m: side of a cell [m].
+    """
+    cells = np.arange(len(person.template_height)) - len(person.template_height) // 2
+    squared = (cells[:, None] ** 2 + cells[None, :] ** 2) * (cell_m / width_m * 2) ** 2
+    weight = np.exp(-squared / 2)
+    occupancy = person.template_occupancy.sum() * weight / weight.sum()
+    return np.where(squared <= 1, person.height_m, 0.0).astype(np.float32), occupancy.astype(np.float32)

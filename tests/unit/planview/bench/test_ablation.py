@@ -9,11 +9,11 @@ from rich.console import Console
 from calib.errors import InputError
 from planview.bench.ablation import AblationRow, Interval, bootstrap
 from planview.bench.commands.bench_ablation import TABLE_WIDTH, AblationOptions, bench_ablation, print_ablation
-from planview.bench.one_statistic import NOMINAL_HEIGHT_M, height_only, occupancy_only
 from planview.bench.suite import suite_recording
 from planview.bench.variants import CONFIGURED, LADDER, RULES, chosen_variants
 from planview.maps.builder import CameraViewpoint, FloorPoints, PlanViewMaps
 from planview.maps.grid import Grid
+from planview.maps.one_statistic import NOMINAL_HEIGHT_M, reduced
 from planview.pipeline.config import Config, load_config
 
 CHALLENGE = """description = "one crosses"
@@ -53,7 +53,7 @@ def maps():
 @pytest.mark.parametrize("variant", LADDER + RULES, ids=lambda v: v.name)
 def test_variant_changes_the_configuration_by_known_parameters(variant):
     changed = load_config(None, variant.settings) != Config()
-    assert changed or not variant.depth_in_foreground
+    assert changed or variant.way != "online"
 
 
 def test_variants_of_foreground_and_feedback_run_in_full_and_others_from_recorded_points():
@@ -63,7 +63,7 @@ def test_variants_of_foreground_and_feedback_run_in_full_and_others_from_recorde
 
 
 def test_maps_without_occupancy_count_cells_and_keep_their_highest_point(maps):
-    left = height_only(maps)
+    left = reduced(maps, "height")
     assert left.height[0, 0] == pytest.approx(1.6)
     assert left.occupancy[0, 0] == pytest.approx(0.01)
     assert left.occupancy[0, 1] == 0
@@ -73,7 +73,7 @@ def test_maps_without_occupancy_count_cells_and_keep_their_highest_point(maps):
 
 
 def test_maps_without_height_are_equally_high_and_keep_occupancy(maps):
-    left = occupancy_only(maps)
+    left = reduced(maps, "occupancy")
     assert left.height[0].tolist() == pytest.approx([NOMINAL_HEIGHT_M, 0.0])
     assert left.points.xyz[:, 2].tolist() == pytest.approx([NOMINAL_HEIGHT_M] * 2)
     assert left.occupancy[0, 0] == pytest.approx(0.003)
@@ -100,12 +100,14 @@ def test_unknown_variant_is_refused_with_the_known_ones():
 def test_command_compares_variants_with_the_engine_as_configured(tmp_path, capsys):
     (tmp_path / "tiny.toml").write_text(CHALLENGE)
     folder, _ = suite_recording(tmp_path / "tiny.toml", 3, tmp_path / "cache")
-    variants = ["identity layer off", "height only"]
-    bench_ablation(options=AblationOptions(recording=[folder], variant=variants, json_output=True))
-    result = json.loads(capsys.readouterr().out)
+    variants = ["identity layer off", "Gaussian person model", "naive engine"]
+    out = tmp_path / "ablation.json"
+    bench_ablation(options=AblationOptions(recording=[folder], variant=variants, cache=tmp_path, out=out))
+    assert "naive engine" in capsys.readouterr().out
+    result = json.loads(out.read_text())
     assert result["recordings"] == [folder.name]
     names = [row["variant"] for row in result["variants"]]
-    assert names == [CONFIGURED.name, "identity layer off", "height only"]
+    assert names == [CONFIGURED.name, *variants]
     assert result["variants"][0]["change_per_10_min"] == [0.0, 0.0, 0.0]
     # One person alone: nothing to mend, so that tracking the recorded points gives the same tracks.
     assert result["variants"][1]["position_error_m"] == result["variants"][0]["position_error_m"]
@@ -113,7 +115,7 @@ def test_command_compares_variants_with_the_engine_as_configured(tmp_path, capsy
 
 def test_command_refuses_a_recording_without_truth(tmp_path):
     with pytest.raises(InputError, match=r"truth\.csv"):
-        bench_ablation(options=AblationOptions(recording=[tmp_path]))
+        bench_ablation(options=AblationOptions(recording=[tmp_path], cache=tmp_path))
 
 
 def test_table_has_every_figure_with_its_interval_and_the_papers_count(capsys):

@@ -6,6 +6,7 @@ import pytest
 
 from calib.errors import InputError
 from planview.bench.commands.bench_suite import ChallengeOptions, bench_suite
+from planview.bench.passes import Pass, run_pass
 from planview.bench.suite import (
     SUITE,
     SuiteJob,
@@ -16,7 +17,7 @@ from planview.bench.suite import (
     suite_recording,
     suite_totals,
 )
-from planview.pipeline.config import load_config
+from planview.pipeline.config import Config, load_config
 
 CHALLENGE = """description = "one crosses"
 covers = ["320x240"]
@@ -75,8 +76,8 @@ def test_recording_that_was_cut_off_is_rendered_again(challenge, recording):
 
 
 def test_job_scores_its_scene_and_totals_count_per_ten_minutes(challenge, recording, tmp_path):
-    job = SuiteJob(challenge, 3, recording[0], tmp_path, load_config(None, ()))
-    result = run_job(job)
+    job = SuiteJob(challenge, 3, recording[0], tmp_path, Config())
+    (result,) = run_job(job)
     assert (result.score.name, result.score.seed, result.duration_s) == ("tiny", 3, 8.0)
     assert (tmp_path / "tiny-3" / "tracks.csv").is_file()
     whole = suite_totals([result, result])
@@ -84,6 +85,27 @@ def test_job_scores_its_scene_and_totals_count_per_ten_minutes(challenge, record
     assert whole.truth_rows == 2 * result.score.evaluation.truth_rows > 0
     assert whole.significant_per_10_min == pytest.approx(37.5 * whole.significant["total"])
     assert whole.strict >= whole.significant["total"] - whole.significant["swapped"]
+
+
+def test_pass_is_kept_and_gives_refined_and_peer_tracks_of_the_same_scene(challenge, recording, monkeypatch):
+    job = SuiteJob(challenge, 3, recording[0], None, Config(), refine=True, peer=True)
+    first = run_job(job)
+    assert [score.way for score in first] == ["online", "refined", "peer"]
+    monkeypatch.setattr("planview.bench.passes.run", None)
+    assert [s.to_json() for s in run_job(job)] == [s.to_json() for s in first]
+
+
+def test_run_in_the_cache_that_was_cut_off_is_run_again(challenge, recording):
+    job = Pass(recording[1], recording[0], Config(), recorded=True)
+    tracks = run_pass(job) / "tracks.csv"
+    whole = tracks.read_bytes()
+    tracks.write_bytes(whole[: len(whole) // 2])
+    assert (run_pass(job) / "tracks.csv").read_bytes() == whole
+
+
+def test_run_of_another_configuration_is_another_run(recording):
+    other = load_config(None, ["template.joint=false"])
+    assert Pass(recording[1], recording[0], Config()).folder != Pass(recording[1], recording[0], other).folder
 
 
 def test_challenge_with_a_value_out_of_range_is_refused_naming_file_and_key(challenge, tmp_path):
@@ -98,9 +120,11 @@ def test_command_reports_scenes_and_seeds_as_json(challenge, recording, tmp_path
     bench_suite(options=options)
     captured = capsys.readouterr()
     assert "seeds: 3 (worked on)" in captured.err
-    (scene,) = json.loads(captured.out)["scenes"]
+    result = json.loads(captured.out)
+    (scene,) = result["online"]["scenes"]
     assert (scene["scene"], scene["seed"]) == ("tiny", 3)
-    assert json.loads((tmp_path / "suite.json").read_text())["totals"]["minutes"] == pytest.approx(8 / 60)
+    assert result["seeds"] == [3] and result["commit"] and result["date"]
+    assert json.loads((tmp_path / "suite.json").read_text())["online"]["totals"]["minutes"] == pytest.approx(8 / 60)
 
 
 def test_command_refuses_minutes_that_are_not_positive():

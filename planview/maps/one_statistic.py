@@ -1,51 +1,23 @@
-"""Tracking with one of the two plan-view statistics (Harville 2002, section 5)."""
+"""One of the two plan-view statistics alone (Harville 2002, section 5)."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
-from planview.maps.builder import FloorPoints, PlanViewMaps
+from planview.maps.builder import FloorPoints, PlanViewMaps, Statistic
 from planview.maps.grid import Grid
-from planview.tracking.base import Decision, Observation, Tracker, TrackerDebug
-from planview.trajectories.state import TrackState
 
-Statistic = Literal["height", "occupancy"]
 NOMINAL_HEIGHT_M = 1.7
 """Height of everything where height is not measured [m]: an adult, so that no test of height refuses it."""
 
 
-class OneStatistic:
-    """A tracker of plan-view maps that is given one statistic; the other is a constant and carries no information.
-
-    Args:
-        tracker: follows the people.
-        statistic: what it is given.
-    """
-
-    def __init__(self, tracker: Tracker, statistic: Statistic) -> None:
-        self._tracker = tracker
-        self._reduce = height_only if statistic == "height" else occupancy_only
-
-    @property
-    def decisions(self) -> tuple[Decision, ...]:
-        """Decisions of the last update."""
-        return self._tracker.decisions
-
-    def update(self, observation: Observation) -> tuple[TrackState, ...]:
-        """Track one frame from what is left of its maps."""
-        maps = observation.maps
-        return self._tracker.update(replace(observation, maps=self._reduce(maps) if maps else None))
-
-    def debug(self) -> TrackerDebug:
-        """Shapes and tiles that explain the last update."""
-        return self._tracker.debug()
-
-    def reset(self) -> None:
-        """Forget everybody."""
-        self._tracker.reset()
+def reduced(maps: PlanViewMaps, statistic: Statistic) -> PlanViewMaps:
+    """The maps with what is left of them; the statistic that is not named is a constant and carries no information."""
+    if statistic == "both":
+        return maps
+    return height_only(maps) if statistic == "height" else occupancy_only(maps)
 
 
 def height_only(maps: PlanViewMaps) -> PlanViewMaps:
