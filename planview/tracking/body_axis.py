@@ -4,7 +4,8 @@ A camera sees the near half of a head or torso, so the centroid of what is visib
 a sphere of radius r, weighted by the image area that each point takes (which is how a camera samples it), the mean of
 the visible half lies 2/3 r in front of the centre along the viewing ray; under a depression angle e, that is
 2/3 r cos(e) on the floor. A vertical cylinder gives pi/4 r (for horizontal rays). The head is a sphere to within a
-centimetre or two, the torso is not a cylinder, so the head is used wherever it is visible. All of this is ours; the
+centimetre or two but small, so that depth noise and what the matcher draws in from behind it move it; the whole body is
+large, but sways about its axis. Both are measured and averaged, each weighted by its variance. All of this is ours; the
 paper reports the template's centre (18 cm mean error).
 """
 
@@ -22,6 +23,11 @@ from planview.maps.builder import FloorPoints, Viewpoint
 from planview.tracking._axis_kernels import height_histograms, slab_centroids
 
 _BIN_M = 0.02
+HEAD_STD_M, BODY_STD_M = 0.02, 0.05
+"""Deviations of the centroids of head and body from where a sphere and a cylinder have them [m]: a nod; a stride, arms."""
+HEAD_NOISE, BODY_NOISE = 0.7, 0.2
+"""Shares of a pixel's depth deviation that are left in the centroids: errors of a matcher that smooths agree over about
+a head, and a body has a dozen such patches."""
 
 
 class BodyAxisParams(Params):
@@ -31,8 +37,9 @@ class BodyAxisParams(Params):
     """Mean horizontal radius of a head with hair [m]: breadth 0.155 m, length 0.195 m, hair and stereo borders 1 cm."""
     head_height_m: float = Field(0.23, gt=0.0, le=0.5)
     """Vertex to chin [m]."""
-    torso_radius_m: float = Field(0.16, gt=0.0, le=0.5)
-    """Mean horizontal radius of shoulders and chest [m]: half of breadth 0.42 m and depth 0.24 m, averaged."""
+    body_radius_m: float = Field(0.085, gt=0.0, le=0.5)
+    """Mean radius of legs, trunk and head, each weighted by its height [m]: legs 7 cm, half of the trunk's depth of
+    24 cm less its rounded sides, head 9.5 cm."""
     cap_m: float = Field(0.04, gt=0.0, le=0.15)
     """The top is found from the area that a head shows in its uppermost part, this high [m]: a few centimetres hold
     enough pixels that one stray match does not decide."""
@@ -45,10 +52,10 @@ class AxisMeasurement:
     """The axis of one person's body on the floor [m]; NaN where nothing of it was visible.
 
     Attributes:
-        x_m, y_m: floor position below the head's centre.
-        visible_m: (x, y) of the centroid of what is visible of it.
+        x_m, y_m: floor position of the axis.
+        visible_m: (x, y) of the centroid of what is visible of the body.
         height_m: top of the head above the floor.
-        from_head: False where too little of the head is visible and the torso gave the position.
+        from_head: False where too little of the head is visible to be measured.
     """
 
     x_m: float
@@ -92,7 +99,9 @@ class BodyAxis:
         away, depression = self._view.viewing(people_m)
         top = self._top(histogram, depression)
         high = np.full(k, np.inf)
-        body = self._centroid(points, label, top - 3 * p.head_height_m, high, people_m, radius_m)
+        low = np.full(k, -np.inf)
+        body = self._centroid(points, label, low, high, people_m, radius_m)
+        body = self._centroid(points, label, low, high, body[:, :2], radius_m)
         # Twice: the second time around the head itself, so that a raised arm does not pull it.
         head = self._centroid(points, label, top - p.head_height_m, high, body[:, :2], radius_m)
         head = self._centroid(points, label, top - p.head_height_m, high, head[:, :2], 2 * p.head_radius_m)
@@ -100,12 +109,19 @@ class BodyAxis:
         measurements = []
         for i in range(k):
             from_head = bool(head[i, 2] >= whole)
-            visible = head[i] if from_head else body[i]
-            offset = (2 / 3) * p.head_radius_m if from_head else (math.pi / 4) * p.torso_radius_m
-            x, y = visible[:2] + offset * math.cos(depression[i]) * away[i]
+            share = self._head_share(*body[i, :2]) if from_head else 0.0
+            visible = share * head[i, :2] + (1 - share) * body[i, :2] if from_head else body[i, :2]
+            offset = share * (2 / 3) * p.head_radius_m + (1 - share) * (math.pi / 4) * p.body_radius_m
+            x, y = visible + offset * math.cos(depression[i]) * away[i]
             where = (float(visible[0]), float(visible[1]))
             measurements.append(AxisMeasurement(float(x), float(y), where, float(top[i]), from_head))
         return measurements
+
+    def _head_share(self, x_m: float, y_m: float) -> float:
+        """Weight of the head in the mean of head and body, by their variances there."""
+        _, noise_m, _ = self._view.footprint(x_m, y_m, 0.0, sigmas=1.0)
+        head, body = HEAD_STD_M**2 + (HEAD_NOISE * noise_m) ** 2, BODY_STD_M**2 + (BODY_NOISE * noise_m) ** 2
+        return body / (head + body)
 
     def _top(self, histogram: F64, depression: F64) -> F64:
         """Height (K,) above which just as much area is visible as a head's cap shows."""

@@ -1,9 +1,9 @@
 """Who is who after contact: one identity layer beneath all trackers, by what is lasting about a person.
 
-Place tells people apart until they touch or vanish. What lasts is kept here: colours by body height, body height and
-breadth, learned only while a person is clear of others. After a contact the fresh measurements of all people involved
-are compared with everything remembered, jointly, and an exchange is mended when the odds for it are high enough.
-The papers have no such model (Harville 2002, section 5: "no long-term person appearance models"); all of this is ours.
+Place tells people apart until they touch or vanish. What lasts is kept: colours by body height and body height, learned
+only while a person is clear of others. After a contact the fresh measurements of all involved are compared with what is
+remembered, jointly, and an exchange is mended when its odds are high enough. All ours (Harville 2002, section 5: "no
+long-term person appearance models").
 """
 
 from __future__ import annotations
@@ -37,6 +37,8 @@ class IdentityParams(Params):
     """Probability that an exchange happened from which on it is mended: one mended wrongly in twenty."""
     doubt_s: float = Field(15.0, gt=0, le=600)
     """How long after a contact it may still be judged [s]; a conversation in a crowd lasts as long."""
+    remember_s: float = Field(60.0, ge=0, le=3600)
+    """How long a person who is gone is remembered, and recognised by appearance when coming back [s]."""
     colour_scatter: float = Field(0.12, gt=0, le=1)
     """Deviation of a person's colours from their mean (Hellinger distance): turning round and half hidden legs change
     a tenth to a sixth of a silhouette."""
@@ -180,14 +182,16 @@ class IdentityLayer:
         fresh.learn(appearance)
         return dissimilarity(fresh, memory, self.params)
 
-    def known_as(self, who: Existence, absent: Sequence[Existence]) -> tuple[Existence, float] | None:
-        """Which of the people absent a newcomer is by appearance, and the confidence; None for a new person.
+    def undecided(self, who: Existence, absent: Sequence[Existence]) -> bool:
+        """Whether a newcomer may be one of the people absent, and has not been measured often enough to tell."""
+        memory = self._memory.get(who.track_id)
+        return (memory is None or memory.looks < self.params.looks) and any(other.track_id in self._memory for other in absent)
 
-        That it is another person has the cost of a look at the far end of one person's own variation.
-        """
+    def known_as(self, who: Existence, absent: Sequence[Existence]) -> tuple[Existence, float] | None:
+        """Which of the people absent a newcomer is by appearance, and the confidence; None for a new person."""
         memory = self._memory.get(who.track_id)
         known = [other for other in absent if other.track_id in self._memory]
-        if memory is None or memory.looks < self.params.looks or not known:
+        if memory is None or not known:
             return None
         costs = [dissimilarity(memory, self._memory[other.track_id], self.params) for other in known]
         odds = np.exp(-np.nan_to_num(np.array([STRANGER_COST, *costs]), nan=np.inf))

@@ -36,10 +36,12 @@ class Identities:
     def __init__(self, params: TemplateTrackerParams, life: LifeCycle) -> None:
         self._params, self._life = params, life
         self._layer = IdentityLayer(params.identity)
+        self.reset()
 
     def reset(self) -> None:
         """Forget all people."""
         self._layer.reset()
+        self._gone: list[TemplatePerson] = []
 
     def update(self, maps: PlanViewMaps, people: Sequence[TemplatePerson]) -> None:
         """Note contacts, learn appearances, mend exchanges; once per frame, after all are located."""
@@ -57,23 +59,23 @@ class Identities:
             for person, look in zip(clear, looks, strict=False):
                 person.clear_s = self._life.now_s
                 self._layer.learn(person.existence, look)
-        self._layer.retain([q.existence for q in people])
+        remember_s = self._params.identity.remember_s
+        self._gone = [q for q in self._gone if self._life.unobserved_s(q.existence) <= remember_s]
+        self._layer.retain([q.existence for q in (*people, *self._gone)])
         confirmed = [q for q in people if q.existence.confirmed]
         for exchange in self._layer.exchanges([q.existence for q in confirmed], self._life.now_s):
             self._mend(exchange, confirmed)
 
-    def known_as(self, newcomer: TemplatePerson, people: Sequence[TemplatePerson]) -> TemplatePerson | None:
-        """The person not clearly observed now who a newcomer is by appearance; the identity moves to the newcomer.
+    def remember(self, person: TemplatePerson) -> None:
+        """A person is gone, and may come back."""
+        self._gone.append(person)
 
-        Returns the track that the person was believed to be, which has none of its own any more.
+    def known_as(self, newcomer: TemplatePerson, people: Sequence[TemplatePerson]) -> TemplatePerson | None:
+        """Who a newcomer is by appearance, of the people gone or not clearly observed; the identity moves to it.
+
+        Returns the track that the person was believed to be, if any, which has none of its own any more.
         """
-        p, now_s = self._params, self._life.now_s
-        absent = []
-        for person in people:
-            away_s = now_s - person.clear_s
-            reach_m = p.reach_m + p.speed_max_mps * away_s
-            if person.existence.confirmed and away_s > p.confirm_s and math.dist(newcomer.at_m, person.at_m) < reach_m:
-                absent.append(person)
+        absent = self._absent(newcomer, people)
         found = self._layer.known_as(newcomer.existence, [person.existence for person in absent])
         if found is None:
             return None
@@ -82,7 +84,23 @@ class Identities:
         self._layer.forget(newcomer.existence)
         newcomer.tallest_m = max(newcomer.tallest_m, person.tallest_m)
         self._life.reassign([newcomer.existence, who], [who, newcomer.existence], confidence)
-        return person
+        self._gone = [q for q in self._gone if q is not person]
+        return person if person in people else None
+
+    def undecided(self, newcomer: TemplatePerson, people: Sequence[TemplatePerson]) -> bool:
+        """Whether a newcomer may be a person who is absent, and its appearance is not known yet."""
+        absent = self._absent(newcomer, people)
+        return self._layer.undecided(newcomer.existence, [person.existence for person in absent])
+
+    def _absent(self, newcomer: TemplatePerson, people: Sequence[TemplatePerson]) -> list[TemplatePerson]:
+        """People not clearly observed now who could have walked to where the newcomer is."""
+        p, absent = self._params, []
+        for person in (*people, *self._gone):
+            away_s = self._life.now_s - person.clear_s
+            reach_m = p.reach_m + p.speed_max_mps * away_s
+            if person.existence.confirmed and away_s > p.confirm_s and math.dist(newcomer.at_m, person.at_m) < reach_m:
+                absent.append(person)
+        return absent
 
     def _contacts(self, maps: PlanViewMaps, people: Sequence[TemplatePerson]) -> dict[int, float]:
         """Note who is in contact; distance to the nearest other person by ``id`` [m]."""

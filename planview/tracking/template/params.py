@@ -61,6 +61,9 @@ class TemplateTrackerParams(Params):
     """Time constant of the templates [s]: a relatively high gain (Harville 2002, section 4)."""
     confirm_s: float = Field(0.4, ge=0.0)
     """How long a newcomer must be tracked without a miss before it is confirmed [s]."""
+    recognise_s: float = Field(0.5, ge=0.0)
+    """How much longer a newcomer may wait to be confirmed, if it may be a person who was here before and has not been
+    clearly observed yet [s]: who comes in is wholly in view after a step."""
     arm_m: float = Field(0.9, gt=0.0)
     """What is this near to a person [m] and small beside it is carried, or a limb: an arm's length and half a box."""
     part_area: float = Field(0.6, ge=0.0, le=1.0)

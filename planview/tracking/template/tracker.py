@@ -157,13 +157,15 @@ class TemplateTracker:
 
     def _confirm(self, frame: TemplateFrame) -> None:
         """Confirm who was tracked long enough and is a body of its own."""
-        separate = Separate(frame.maps, self.params)
+        p, separate = self.params, Separate(frame.maps, self.params)
         known = [person for person in self._people if person.state == "confirmed"]
         for person in list(self._people):
             age = self._life.age_s(person.existence)
-            if person.state != "tentative" or not person.observed or age < self.params.confirm_s - 1e-9:
+            if person.state != "tentative" or not person.observed or age < p.confirm_s - 1e-9:
                 continue
             if not separate(person, known):
+                continue
+            if age < p.confirm_s + p.recognise_s and self._identities.undecided(person, self._people):
                 continue
             known.append(person)
             replaced = self._identities.known_as(person, self._people)
@@ -250,6 +252,7 @@ class TemplateTracker:
                 self._life.prune(person.existence, "too low for a person before it was confirmed")
             elif person.state == "lost" and gone > self.params.lost_s:
                 self._life.prune(person.existence, f"lost for {gone:.1f} s", gone)
+                self._identities.remember(person)
             else:
                 keep.append(person)
         self._people = keep
