@@ -9,16 +9,18 @@ import numpy as np
 
 from calib.types import F64
 from planview.maps.builder import FloorPoints
-from planview.maps.colour import CODES, smoothing
+from planview.maps.colour import CODES, chromatic, smoothing
 from planview.tracking._appearance_kernels import colour_histograms
-from planview.tracking.identity import Appearance
+from planview.tracking.identity import Appearance, AppearanceModel
 
 PART_TOPS = (0.5, 0.85)
 """Where legs end and the head begins, as shares of the body height (anthropometric tables: crotch 0.47 to 0.5,
 shoulders 0.82)."""
 FLOOR_SHARE = 0.1
 """Lower points are left out: shoes and the floor's own colour."""
-_SMOOTHING = smoothing()
+CHROMATIC_MIN = 0.3
+"""Share of trunk or legs in colours other than grey from which a stranger is unlikely to look the same."""
+_SMOOTHING, _CHROMATIC = smoothing(), chromatic()
 
 
 def appearances(
@@ -47,3 +49,10 @@ def appearances(
         Appearance(np.asarray(h, dtype=np.float32), math.nan if math.isnan(tall) else tall)
         for h, tall in zip(histograms, heights_m, strict=True)
     ]
+
+
+def is_distinctive(model: AppearanceModel) -> bool:
+    """Whether clothes tell a person from strangers: grey, black and white ones are worn by many, and all in grey video."""
+    clothes = slice(0, len(PART_TOPS))
+    share = model.colours[clothes] @ _CHROMATIC / np.maximum(model.counts[clothes], 1e-9)
+    return bool((share >= CHROMATIC_MIN).any())

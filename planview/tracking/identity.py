@@ -185,7 +185,9 @@ class IdentityLayer:
     def undecided(self, who: Existence, absent: Sequence[Existence]) -> bool:
         """Whether a newcomer may be one of the people absent, and has not been measured often enough to tell."""
         memory = self._memory.get(who.track_id)
-        return (memory is None or memory.looks < self.params.looks) and any(other.track_id in self._memory for other in absent)
+        return (memory is None or memory.looks < self.params.looks) and any(
+            other.track_id in self._memory for other in absent
+        )
 
     def known_as(self, who: Existence, absent: Sequence[Existence]) -> tuple[Existence, float] | None:
         """Which of the people absent a newcomer is by appearance, and the confidence; None for a new person."""

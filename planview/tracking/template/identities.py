@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from planview.maps.builder import PlanViewMaps
-from planview.tracking.appearance import appearances
+from planview.tracking.appearance import appearances, is_distinctive
 from planview.tracking.detection import PersonCandidate, inseparable
 from planview.tracking.identity import Exchange, IdentityLayer
 from planview.tracking.lifecycle import LifeCycle
@@ -67,8 +67,10 @@ class Identities:
             self._mend(exchange, confirmed)
 
     def remember(self, person: TemplatePerson) -> None:
-        """A person is gone, and may come back."""
-        self._gone.append(person)
+        """A person is gone, and may come back: strangers may do so too, and must look different."""
+        memory = self._layer.remembered(person.existence)
+        if memory is not None and is_distinctive(memory):
+            self._gone.append(person)
 
     def known_as(self, newcomer: TemplatePerson, people: Sequence[TemplatePerson]) -> TemplatePerson | None:
         """Who a newcomer is by appearance, of the people gone or not clearly observed; the identity moves to it.
