@@ -17,14 +17,15 @@ VIEW_DISTANCE_M = 15.0
 
 
 def stereo_camera_info(view: StereoView) -> CameraInfo:
-    """The rectified left camera."""
+    """The rectified left camera, or that of images with depth."""
     geometry, residual_px = view.geometry, view.vertical_residual_px
     on_floor = view.camera.back_project(_border(*geometry.size))
     return CameraInfo(
         width=geometry.width,
         height=geometry.height,
         focal_px=geometry.focal_u_px,
-        baseline_m=geometry.baseline_m,
+        baseline_m=geometry.baseline_m if view.sensor is None else None,
+        depth_sensor=view.sensor,
         calibration=view.calibration or None,
         vertical_residual_px=None if math.isnan(residual_px) else residual_px,
         view_m=_outline(on_floor, view.floor.world_SE3_left.translation[:2]),

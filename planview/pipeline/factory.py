@@ -16,7 +16,7 @@ from planview.tracking.base import ImageTracker, Tracker
 from planview.tracking.ellipse_particle import floor_ellipse_tracker, image_ellipse_tracker
 from planview.tracking.human_model.tracker import HumanModelTracker
 from planview.tracking.template import TemplateTracker
-from stereo.readers import OpenOptions, open_video
+from stereo.readers import OpenOptions, find_reader, open_video
 from stereo.recording import Video
 
 TrackerName = Literal["template", "human-model", "ellipse-particle"]
@@ -33,8 +33,9 @@ def open_engine(
 ) -> Engine:
     """Open a recording, or the plan-view maps of one, with the tracker asked for.
 
-    The template tracker needs a stereo recording or its maps; the human-model tracker a video and its ``camera.toml``;
-    the ellipse-particle tracker takes any: of a stereo recording it tracks the plan-view occupancy map.
+    The template tracker needs a stereo recording, images with depth, or the maps of either; the human-model tracker a
+    video and its ``camera.toml``; the ellipse-particle tracker takes any: with depth it tracks the plan-view occupancy
+    map.
 
     Args:
         options: calibration, rate and topics of a stereo recording that are not taken from itself.
@@ -57,8 +58,13 @@ def open_engine(
 
 
 def is_stereo(path: Path, calibration: Path | None = None) -> bool:
-    """Whether a path holds a pair of cameras rather than one."""
-    return calibration is not None or (path.is_dir() and any(path.glob("left*")) and any(path.glob("right*")))
+    """Whether a path holds a pair of cameras, or images with depth, rather than one camera."""
+    if calibration is not None:
+        return True
+    try:
+        return find_reader(path).key != "side-by-side"  # which one camera's video looks like
+    except InputError:
+        return False
 
 
 def base_config(path: Path) -> Config:

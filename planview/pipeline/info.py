@@ -39,6 +39,8 @@ class CameraInfo(InfoPart):
     focal_px: float | None = None
     baseline_m: float | None = None
     """Between left and right camera; None for one camera."""
+    depth_sensor: str | None = None
+    """How the depth of images with depth was measured; None for others."""
     calibration: str | None = None
     """File or folder the calibration came from."""
     vertical_residual_px: float | None = None

@@ -24,7 +24,7 @@ class MapsLog:
 
     def __init__(self, engine: Engine, path: Path) -> None:
         if engine.stereo is None:
-            raise InputError("--save-maps: expected a stereo recording, found one of a single camera")
+            raise InputError("--save-maps: expected a stereo pair or images with depth, found a single camera")
         self._engine, self._step = engine, engine.stereo.reduction
         self._writer = MapsWriter(path, engine.stereo, engine.config.model_dump_json(), engine.recording.fps)
 

@@ -11,7 +11,8 @@ from typing import Literal
 from calib.pose import SE3
 from calib.rgbd import DepthSensor, RgbdRig
 from calib.types import F64
-from stereo.readers.paired import PairedFrames
+from stereo.pace import rate_by_movement
+from stereo.readers.paired import DEFAULT_FPS, PairedFrames
 from stereo.readers.reader import Stream
 from stereo.readers.source import Decoded, DecodedDepth
 from stereo.readers.stereo_layout import world_pose
@@ -37,6 +38,11 @@ SENSOR_OF_SIZE: dict[Size, DepthSensor] = {
 }
 """Sizes of depth images that only one kind of sensor has; all others count as structured light, 640x480 and 320x240
 being those of Kinect, Xtion and Astra."""
+
+
+SLOW = 0.6
+"""Images without times are assumed to come at the usual rate unless people then would move faster than a fast walker of
+2.2 m/s (our choice)."""
 
 
 class RgbdImages(PairedFrames[RgbdFrame, DecodedDepth]):
@@ -110,7 +116,20 @@ class RgbdLayout:
             world_pose(self.folder),
         )  # fmt: skip
         recording.notes, recording.even = notes, self.even
+        if self.times_s is None and not self.even:
+            _pace(recording)
         return recording
+
+
+def _pace(recording: RgbdImages) -> None:
+    """Give frames without times the rate at which people walk, where that is clearly less than usual."""
+    rate = rate_by_movement(recording.at, recording.n_frames, recording.camera)
+    slow = rate is not None and rate < SLOW * DEFAULT_FPS
+    recording.fps = round(rate, 1) if slow and rate else DEFAULT_FPS
+    why = ", at which what moves is as fast as a walker" if slow else ""
+    recording.notes.append(
+        f"no timestamps: {recording.fps:g} frames per second are assumed{why} (--fps gives another rate)"
+    )
 
 
 def resized(rig: RgbdRig, depth_size: Size) -> RgbdRig:
