@@ -52,7 +52,7 @@ def appearances(
 
 
 def is_distinctive(model: AppearanceModel) -> bool:
-    """Whether clothes tell a person from strangers: grey, black and white ones are worn by many, and all in grey video."""
+    """Whether clothes tell a person from strangers: grey and black are worn by many, and by all in grey video."""
     clothes = slice(0, len(PART_TOPS))
     share = model.colours[clothes] @ _CHROMATIC / np.maximum(model.counts[clothes], 1e-9)
     return bool((share >= CHROMATIC_MIN).any())

@@ -24,7 +24,7 @@ from planview.tracking._axis_kernels import height_histograms, slab_centroids
 
 _BIN_M = 0.02
 HEAD_STD_M, BODY_STD_M = 0.02, 0.05
-"""Deviations of the centroids of head and body from where a sphere and a cylinder have them [m]: a nod; a stride, arms."""
+"""Deviations of the centroids of head and body from where a sphere and a cylinder have them [m]: a nod; a stride."""
 HEAD_NOISE, BODY_NOISE = 0.7, 0.2
 """Shares of a pixel's depth deviation that are left in the centroids: errors of a matcher that smooths agree over about
 a head, and a body has a dozen such patches."""

@@ -2,8 +2,7 @@
 
 Place tells people apart until they touch or vanish. What lasts is kept: colours by body height and body height, learned
 only while a person is clear of others. After a contact the fresh measurements of all involved are compared with what is
-remembered, jointly, and an exchange is mended when its odds are high enough. All ours (Harville 2002, section 5: "no
-long-term person appearance models").
+remembered, jointly, and an exchange is mended when its odds are high enough. All ours (Harville 2002 has none).
 """
 
 from __future__ import annotations
@@ -185,9 +184,8 @@ class IdentityLayer:
     def undecided(self, who: Existence, absent: Sequence[Existence]) -> bool:
         """Whether a newcomer may be one of the people absent, and has not been measured often enough to tell."""
         memory = self._memory.get(who.track_id)
-        return (memory is None or memory.looks < self.params.looks) and any(
-            other.track_id in self._memory for other in absent
-        )
+        told = memory is not None and memory.looks >= self.params.looks
+        return not told and any(other.track_id in self._memory for other in absent)
 
     def known_as(self, who: Existence, absent: Sequence[Existence]) -> tuple[Existence, float] | None:
         """Which of the people absent a newcomer is by appearance, and the confidence; None for a new person."""
