@@ -23,6 +23,7 @@ COMMANDS = {
     "view": "Open a run in the rerun viewer.",
 }
 CALIBRATE = {
+    "align": "Find where stereo heads are beside each other from people who walk.",
     "board": "Calibrate a stereo rig from chessboard or ChArUco images.",
     "convert": "Convert a calibration from one format to another.",
     "floor": "Find the floor in a stereo recording.",
@@ -30,6 +31,7 @@ CALIBRATE = {
     "ui": "Calibrate in the browser.",
 }
 BENCH = {
+    "heads": "Align two heads by people who walk, and track with both against each alone.",
     "speed": "Time every stage side by side with plain OpenCV.",
     "accuracy": "Render every committed scene, track it and score it.",
     "suite": "Render challenges drawn from a seed, track and score them.",

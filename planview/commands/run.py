@@ -29,6 +29,7 @@ from planview.runs.refine import refine_run
 from planview.runs.report.page import write_report
 from planview.runs.run import RunOptions
 from planview.runs.run import run as run_engine
+from stereo.readers.several import is_heads
 
 
 @Parameter(name="*")
@@ -99,6 +100,8 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
         engine = open_engine(recording, options.tracker, settings, options.camera, source)
     if options.save_maps and (engine.stereo is None or is_maps(recording)):
         raise InputError(f"--save-maps: expected a stereo recording, found {recording}")
+    if options.save_maps and is_heads(recording):
+        raise InputError("--save-maps: expected a recording of one head, whose view maps.h5 holds, found several heads")
     analytics = Analytics(load_rules(options.rules, RulePlane(engine.camera, engine.size))) if options.rules else None
     with folder_lock(out) as stale:
         if stale:

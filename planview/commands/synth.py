@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from calib.errors import InputError
+
+if TYPE_CHECKING:
+    from planview.synthetic.writing import Storage, Written
 
 
 def synth(
@@ -27,11 +31,15 @@ def synth(
 ) -> None:
     """Render a recording with calibration and exact truth from a TOML scene.
 
+    A scene with [[head]] tables in the place of [rig] (name, start_s, rig) gives a folder for each head and rigs.toml
+    with their true poses and clocks.
+
     Example: planview synth data/synthetic/crossing.toml /tmp/crossing --frames 150
     """
     from rich.console import Console
     from rich.progress import Progress
 
+    from planview.synthetic.heads import load_heads, with_seed, write_heads
     from planview.synthetic.rendering import SceneRenderer
     from planview.synthetic.scene import load_scene
     from planview.synthetic.writing import write_recording
@@ -44,6 +52,14 @@ def synth(
         raise InputError("expected either --video or --jpeg, found both")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: expected a new or empty folder for the recording, found one in use")
+    storage: Storage = "video" if video else "jpg" if jpeg else "png"
+    heads = load_heads(scene)
+    if heads:
+        if opencv or world:
+            raise InputError("expected neither --opencv nor --world for several heads: rigs.toml is always written")
+        parts = write_heads(with_seed(heads, seed), out, scale=scale, frames=frames, storage=storage)
+        _tell(parts, out, json_output)
+        return
     description = load_scene(scene)
     if seed is not None:
         description = description.model_copy(update={"seed": seed})
@@ -54,11 +70,16 @@ def synth(
             renderer,
             out,
             frames=frames,
-            storage="video" if video else "jpg" if jpeg else "png",
+            storage=storage,
             opencv=opencv,
             world=world,
             done=lambda: progress.advance(task),
         )
-    print(f"{written.frames} frames, {written.truth_rows} truth rows in {out}", file=sys.stderr)
+    _tell([written], out, json_output)
+
+
+def _tell(written: Sequence[Written], out: Path, json_output: bool) -> None:
+    frames, rows = sum(part.frames for part in written), sum(part.truth_rows for part in written)
+    print(f"{frames} frames, {rows} truth rows in {out}", file=sys.stderr)
     if json_output:
-        print(json.dumps({"frames": written.frames, "truth_rows": written.truth_rows, "folder": str(out)}))
+        print(json.dumps({"frames": frames, "truth_rows": rows, "folder": str(out)}))

@@ -9,7 +9,7 @@ from time import perf_counter
 from typing import Any, Protocol, TypeVar
 
 from calib.ground_camera import GroundCamera
-from calib.types import F32
+from calib.types import F32, U8
 from planview.maps.view import StereoView
 from planview.pipeline.config import Config
 from planview.pipeline.info import CameraInfo, FloorInfo
@@ -25,6 +25,27 @@ STAGES = ("read", "rectify", "match", "foreground", "maps", "track")
 
 
 @dataclass(frozen=True, eq=False)
+class HeadResult:
+    """What one of several heads measured in a frame.
+
+    Attributes:
+        name: of the head.
+        image: (H, W[, 3]) uint8, rectified left image; None when the head has no frame at that time.
+        foreground: (h, w) uint8 mask at the size of foreground and maps, or None.
+        disparity: (H, W) float32 [px], NaN invalid, or None.
+        tracks: people, with their boxes in the head's image.
+        n_points: how many of the maps' points are the head's; heads follow one another in them.
+    """
+
+    name: str
+    image: U8 | None
+    foreground: U8 | None
+    disparity: F32 | None
+    tracks: tuple[TrackState, ...]
+    n_points: int
+
+
+@dataclass(frozen=True, eq=False)
 class FrameResult:
     """Everything about one frame.
 
@@ -36,6 +57,7 @@ class FrameResult:
         observation: the tracker's input (image, foreground, maps).
         disparity: (H, W) float32 [px], NaN invalid; None for a single camera.
         stages_ms: time of every stage; reading and matching run ahead in other threads.
+        heads: what each of several heads measured; empty for a recording of one head.
     """
 
     frame: int
@@ -45,6 +67,7 @@ class FrameResult:
     observation: Observation
     disparity: F32 | None
     stages_ms: dict[str, float]
+    heads: tuple[HeadResult, ...] = ()
 
 
 class AnyRecording(Protocol):

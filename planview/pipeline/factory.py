@@ -10,6 +10,7 @@ from calib.ground_camera import GroundCamera, load_ground_camera
 from planview.maps.recording import MapsRecording, is_maps
 from planview.pipeline.config import Config
 from planview.pipeline.engine import Engine
+from planview.pipeline.heads import HeadsPipeline
 from planview.pipeline.maps_pipeline import MapsPipeline, recorded_config
 from planview.pipeline.pipeline import Pipeline, SingleCameraPipeline
 from planview.tracking.base import ImageTracker, Tracker
@@ -17,6 +18,7 @@ from planview.tracking.ellipse_particle import floor_ellipse_tracker, image_elli
 from planview.tracking.human_model.tracker import HumanModelTracker
 from planview.tracking.template import TemplateTracker
 from stereo.readers import OpenOptions, find_reader, open_video
+from stereo.readers.several import is_heads
 from stereo.recording import Video
 
 TrackerName = Literal["template", "human-model", "ellipse-particle"]
@@ -50,6 +52,8 @@ def open_engine(
     if is_maps(path):
         return _open_maps(path, tracker, config, camera or options.calibration)
     config = config or Config()
+    if is_heads(path):
+        return _open_heads(path, tracker, config, camera or options.calibration)
     if tracker == "template" or (tracker == "ellipse-particle" and is_stereo(path, options.calibration)):
         return Pipeline.from_recording(path, config, options, floor_tracker(tracker, config))
     video = open_video(path)
@@ -84,6 +88,14 @@ def _open_maps(path: Path, tracker: TrackerName, config: Config | None, foreign:
     recording = MapsRecording(path)
     config = config or recorded_config(recording)
     return MapsPipeline(recording, floor_tracker(tracker, config), config)
+
+
+def _open_heads(path: Path, tracker: TrackerName, config: Config, foreign: Path | None) -> HeadsPipeline:
+    if tracker == "human-model":
+        raise InputError(f"{path}: expected a tracker of plan-view maps (template, ellipse-particle), found {tracker}")
+    if foreign is not None:
+        raise InputError(f"{foreign}: expected the calibration of every head in its own folder")
+    return HeadsPipeline.from_recording(path, floor_tracker(tracker, config), config)
 
 
 def floor_tracker(tracker: FloorTrackerName, config: Config) -> Tracker:

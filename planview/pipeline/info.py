@@ -47,3 +47,9 @@ class CameraInfo(InfoPart):
     """Mean vertical offset left after rectification, as measured and corrected [px]."""
     view_m: list[tuple[float, float]] = Field(default_factory=list)
     """Outline of the view on the floor, world frame (x, y) [m], when known."""
+    name: str = ""
+    """Of a head among several."""
+    at_m: tuple[float, float] = (0.0, 0.0)
+    """Where on the floor the camera is, world frame (x, y) [m]."""
+    heads: list[CameraInfo] = Field(default_factory=list)
+    """All cameras of a recording with several heads, the first one included."""

@@ -56,8 +56,9 @@ class SceneRenderer:
         world_SE3_left: placement of the rectified left camera in that world, None for a single camera.
     """
 
-    def __init__(self, scene: Scene, scale: float = 1.0) -> None:
-        self.scene = scene
+    def __init__(self, scene: Scene, scale: float = 1.0, start_s: float = 0.0) -> None:
+        """Args: scale is a factor on the image size, start_s the time in the scene of the first frame [s]."""
+        self.scene, self._start_s = scene, start_s
         palette = Palette()
         room = room_mesh(scene.room, palette)
         self._cast = Cast(scene, palette)
@@ -78,7 +79,7 @@ class SceneRenderer:
 
     @property
     def n_frames(self) -> int:
-        return self.scene.n_frames
+        return max(1, self.scene.n_frames - round(self._start_s * self.scene.fps))
 
     @property
     def size(self) -> tuple[int, int]:
@@ -116,7 +117,8 @@ class SceneRenderer:
 
     def frame(self, index: int) -> RenderedFrame:
         """Frame ``index``, from 0; frames may be rendered in any order."""
-        t = index / self.scene.fps
+        time_s = index / self.scene.fps
+        t = self._start_s + time_s
         actors = self._cast.at(t)
         layers = [r.render(actors, t) for r in self._renderers]
         images = [s(layer.linear, index, t) for s, layer in zip(self._sensors, layers, strict=True)]
@@ -126,4 +128,4 @@ class SceneRenderer:
         ]
         truth = tuple(row for row in rows if row is not None)
         right = images[1] if len(images) > 1 else None
-        return RenderedFrame(index, t, images[0], right, layers[0].depth, people[layers[0].owner], truth)
+        return RenderedFrame(index, time_s, images[0], right, layers[0].depth, people[layers[0].owner], truth)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.errors import InputError
-from stereo.readers import euroc, folders, kitti, middlebury, rgbd_folders, side_by_side, tum_rgbd, video_pair
+from stereo.readers import euroc, folders, kitti, middlebury, rgbd_folders, several, side_by_side, tum_rgbd, video_pair
 from stereo.readers.bags import layout as bag_layout
 from stereo.readers.foreign import content_text, foreign_text
 from stereo.readers.images import ImageFiles, image_files
@@ -16,6 +16,7 @@ from stereo.readers.timestamps import load_timestamps
 from stereo.readers.videos import VideoFile, video_files
 
 READERS: tuple[Reader, ...] = (
+    several.READER,
     bag_layout.READER,
     euroc.READER,
     kitti.READER,

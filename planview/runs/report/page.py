@@ -14,10 +14,13 @@ from calib.errors import InputError
 from calib.types import F64
 from planview.analytics.clock import Clock
 from planview.analytics.events import Event, read_events
+from planview.pipeline.info import CameraInfo
 from planview.runs.info import RunInfo, read_run_info, write_result
 from planview.runs.report import plots
 from planview.trajectories.table import Trajectories, read_tracks
 
+_NOT_SHOWN = {"view_m", "world_SE3_left", "name", "at_m", "heads"}
+"""Of camera and floor, what is drawn and not listed."""
 _UNITS = {"s": "s", "ms": "ms", "m": "m", "px": "px", "deg": "°", "mps": "m/s"}
 PEOPLE_MAX = 200
 """Rows of the table of people; tracks.csv has them all."""
@@ -239,13 +242,15 @@ def _way_m(xy: F64, times: F64) -> float:
 
 
 def _camera_rows(info: RunInfo) -> list[NamedFigure]:
+    cameras = (info.rig.heads or [info.rig]) if info.rig is not None else []
     rows = []
-    for part in (info.rig, info.floor):
+    for part in (*cameras, info.floor):
         if part is None:
             continue
-        for name, value in part.model_dump(exclude={"view_m", "world_SE3_left"}).items():
+        head = f"{part.name}: " if isinstance(part, CameraInfo) and part.name else ""
+        for name, value in part.model_dump(exclude=_NOT_SHOWN).items():
             if value is not None:
-                rows.append(NamedFigure(_words(name), _figure(value)))
+                rows.append(NamedFigure(head + _words(name), _figure(value)))
     return rows
 
 

@@ -36,16 +36,27 @@ def floor_plot(tracks: Trajectories, camera: CameraInfo | None, rules: dict[str,
         rules: the ``rules`` object of counts.json.
     """
     figure, axes = _figure(7.0, 6.0)
-    if camera is not None and camera.view_m:
-        axes.fill(*np.array(camera.view_m).T, facecolor="#e8eef7", edgecolor="#9db2cf", zorder=0, label="view")
-    axes.plot(0, 0, marker="v", markersize=11, color="black", zorder=5)
-    axes.annotate("camera", (0, 0), xytext=(8, -4), textcoords="offset points", fontsize=8)
+    for head in (camera.heads or [camera]) if camera is not None else []:
+        _draw_view(axes, head)
+    if camera is None:
+        _draw_camera(axes, (0.0, 0.0), "")
     for name, rule in rules.items():
         _draw_rule(axes, name, rule)
     for number, track_id in enumerate(np.unique(tracks.track_id)):
         _draw_track(axes, tracks.where(tracks.track_id == track_id), COLOURS[number % len(COLOURS)])
     _floor_axes(axes)
     return _png(figure)
+
+
+def _draw_view(axes: Axes, camera: CameraInfo) -> None:
+    if camera.view_m:
+        axes.fill(*np.array(camera.view_m).T, facecolor="#e8eef7b0", edgecolor="#9db2cf", zorder=0, label="view")
+    _draw_camera(axes, camera.at_m, camera.name)
+
+
+def _draw_camera(axes: Axes, at_m: tuple[float, float], name: str) -> None:
+    axes.plot(*at_m, marker="v", markersize=11, color="black", zorder=5)
+    axes.annotate(_plain(name) or "camera", at_m, xytext=(8, -4), textcoords="offset points", fontsize=8)
 
 
 def _draw_track(axes: Axes, track: Trajectories, colour: str) -> None:

@@ -7,11 +7,15 @@ import rerun.blueprint as rrb
 
 from planview.maps.view import StereoView
 from planview.pipeline.engine import Engine
+from planview.pipeline.heads import HeadsPipeline
 
 
 def blueprint(engine: Engine) -> rrb.Blueprint:
     """Image and disparity, 3D view, both maps, decisions and series, side by side."""
-    image = rrb.Spatial2DView(origin="image", name="image, foreground, people")
+    image: rrb.Spatial2DView | rrb.Tabs = rrb.Spatial2DView(origin="image", name="image, foreground, people")
+    others = [rrb.Spatial2DView(origin=f"{name}/image", name=name) for name, _ in other_heads(engine)]
+    if others:
+        image = rrb.Tabs(image, *others, active_tab=0)
     decisions = rrb.TextLogView(origin="decisions", name="decisions")
     counts = rrb.TimeSeriesView(origin="people", name="people")
     times = rrb.TimeSeriesView(origin="time_ms", name="stage times [ms]")
@@ -39,6 +43,14 @@ def blueprint(engine: Engine) -> rrb.Blueprint:
         ),
         collapse_panels=True,
     )
+
+
+def other_heads(engine: Engine) -> list[tuple[str, StereoView]]:
+    """Names, which are their paths in the recording, and views of all heads of a recording but the first."""
+    if not isinstance(engine, HeadsPipeline):
+        return []
+    heads = zip(engine.recording.heads, engine.heads, strict=True)
+    return [(head.name, each.stereo) for head, each in heads][1:]
 
 
 def _eye(stereo: StereoView, direction: tuple[float, float, float]) -> rrb.EyeControls3D:

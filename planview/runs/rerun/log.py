@@ -15,10 +15,10 @@ import rerun as rr
 
 from calib.errors import WorkError
 from calib.images import encode_image
-from calib.types import F32, U8
+from calib.types import F32, I32, U8
 from planview.maps.view import StereoView
 from planview.pipeline.engine import Engine, FrameResult
-from planview.runs.rerun.blueprint import blueprint, shown_floor
+from planview.runs.rerun.blueprint import blueprint, other_heads, shown_floor
 from planview.tracking.base import Drawing
 from planview.trajectories.state import TrackState
 
@@ -62,7 +62,10 @@ class RerunLog:
         self._check_room()
         self._stream.set_time("frame", sequence=result.frame)
         self._stream.set_time("time", duration=result.timestamp_s)
-        self._log_image(result)
+        self._log_image("image", result.observation.image, result.observation.foreground)
+        for head in result.heads[1:]:
+            self._log_image(f"{head.name}/image", head.image, head.foreground)
+            self._log_boxes(f"{head.name}/image", [t for t in head.tracks if not math.isnan(t.box_px[0])])
         if self._stereo:
             self._log_depth(self._stereo, result)
             self._log_maps(result)
@@ -89,29 +92,32 @@ class RerunLog:
         self._stream.log("image", rr.AnnotationContext(labels), static=True)
         if self._stereo is None:
             return
-        pose, geometry = self._stereo.floor.world_SE3_left, self._stereo.geometry
+        self._log_camera("world/camera", self._stereo)
+        for name, stereo in other_heads(self._engine):
+            self._log_camera(f"world/{name}", stereo)
+            self._stream.log(f"{name}/image", rr.AnnotationContext(labels), static=True)
+        self._stream.log("world/floor", rr.LineStrips3D([_floor_grid(self._stereo)], colors=[90, 90, 90]), static=True)
+
+    def _log_camera(self, path: str, stereo: StereoView) -> None:
+        pose, geometry = stereo.floor.world_SE3_left, stereo.geometry
+        self._stream.log(path, rr.Transform3D(translation=pose.translation, mat3x3=pose.rotation), static=True)
         self._stream.log(
-            "world/camera", rr.Transform3D(translation=pose.translation, mat3x3=pose.rotation), static=True
-        )
-        self._stream.log(
-            "world/camera",
+            path,
             rr.Pinhole(
                 image_from_camera=geometry.matrix, resolution=geometry.size, camera_xyz=rr.ViewCoordinates.RDF,
                 image_plane_distance=0.4,
             ),
             static=True,
         )  # fmt: skip
-        self._stream.log("world/floor", rr.LineStrips3D([_floor_grid(self._stereo)], colors=[90, 90, 90]), static=True)
 
-    def _log_image(self, result: FrameResult) -> None:
-        image, foreground = result.observation.image, result.observation.foreground
+    def _log_image(self, path: str, image: U8 | None, foreground: U8 | None) -> None:
         if image is not None:
             encoded = encode_image(image, quality=JPEG_QUALITY)
-            self._stream.log("image/left", rr.EncodedImage(contents=encoded, media_type="image/jpeg"))
+            self._stream.log(f"{path}/left", rr.EncodedImage(contents=encoded, media_type="image/jpeg"))
         if image is not None and foreground is not None:
             size = image.shape[1], image.shape[0]
             full = np.asarray(cv2.resize(foreground, size, interpolation=cv2.INTER_NEAREST), dtype=np.uint8)
-            self._stream.log("image/foreground", rr.SegmentationImage(full, opacity=0.4))
+            self._stream.log(f"{path}/foreground", rr.SegmentationImage(full, opacity=0.4))
 
     def _log_depth(self, stereo: StereoView, result: FrameResult) -> None:
         """Disparity in sixteenths of a pixel at the analysis size, and the foreground cloud in colour."""
@@ -123,14 +129,13 @@ class RerunLog:
             colormap = rr.components.Colormap.Turbo
             shown = rr.DepthImage(sixteenths, meter=16.0, colormap=colormap, depth_range=(lowest, highest))
             self._stream.log("disparity", shown)
-        maps, image = result.observation.maps, result.observation.image
-        if maps is None or image is None:
+        maps = result.observation.maps
+        colours = _point_colours(stereo, result)
+        if maps is None or colours is None:
             return
         step = max(1, len(maps.points.xyz) // CLOUD_POINTS_MAX)
-        xyz, pixels = maps.points.xyz[::step], maps.points.pixels[::step]
-        rows, cols = np.divmod(pixels, stereo.shape[1])
-        colours = _rgb(image)[rows * stereo.reduction, cols * stereo.reduction]
-        self._stream.log("world/foreground", rr.Points3D(xyz, colors=colours, radii=0.012))
+        cloud = rr.Points3D(maps.points.xyz[::step], colors=colours[::step], radii=0.012)
+        self._stream.log("world/foreground", cloud)
 
     def _log_maps(self, result: FrameResult) -> None:
         maps = result.observation.maps
@@ -160,13 +165,13 @@ class RerunLog:
             while trail and trail[0][0] < now_s - TRAIL_S:
                 trail.popleft()
         self._trails = {track.track_id: self._trails[track.track_id] for track in tracks}
-        self._log_boxes([track for track in tracks if not math.isnan(track.box_px[0])])
+        self._log_boxes("image", [track for track in tracks if not math.isnan(track.box_px[0])])
         self._log_bodies([track for track in tracks if not math.isnan(track.x_m)])
 
-    def _log_boxes(self, tracks: list[TrackState]) -> None:
+    def _log_boxes(self, path: str, tracks: list[TrackState]) -> None:
         boxes = np.array([track.box_px for track in tracks], dtype=np.float32).reshape(-1, 4)
         self._stream.log(
-            "image/people",
+            f"{path}/people",
             rr.Boxes2D(
                 array=boxes, array_format=rr.Box2DFormat.XYWH, labels=[_label(track) for track in tracks],
                 colors=[colour_of(track) for track in tracks],
@@ -250,6 +255,29 @@ def _grey_tile(tile: F32 | U8) -> U8:
 def _rgb(image: U8) -> U8:
     code = cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB
     return np.asarray(cv2.cvtColor(image, code), dtype=np.uint8)
+
+
+def _point_colours(stereo: StereoView, result: FrameResult) -> U8 | None:
+    """(N, 3) RGB of the maps' points, each from its head's image; None without an image."""
+    maps, image = result.observation.maps, result.observation.image
+    if maps is None:
+        return None
+    pixels = maps.points.pixels
+    if not result.heads:
+        return None if image is None else _colours_at(image, pixels, stereo.shape[1], stereo.reduction)
+    parts, start = [np.empty((0, 3), dtype=np.uint8)], 0
+    for head in result.heads:
+        mine = pixels[start : start + head.n_points]
+        if head.image is not None and head.foreground is not None:
+            width = head.foreground.shape[1]
+            parts.append(_colours_at(head.image, mine, width, -(-head.image.shape[1] // width)))
+        start += head.n_points
+    return np.concatenate(parts)
+
+
+def _colours_at(image: U8, pixels: I32, width: int, reduction: int) -> U8:
+    rows, cols = np.divmod(pixels, width)
+    return np.asarray(_rgb(image)[rows * reduction, cols * reduction], dtype=np.uint8)
 
 
 def _floor_grid(stereo: StereoView) -> F32:

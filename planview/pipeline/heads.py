@@ -1,0 +1,171 @@
+"""Several stereo heads in one world: each separates its foreground, one tracker follows people in the joint maps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from calib.errors import InputError
+from calib.rigs_file import RIGS_FILE
+from planview.maps.builder import FloorPoints
+from planview.maps.heads import HeadsMapBuilder
+from planview.pipeline.boxes import BodyBoxes
+from planview.pipeline.config import Config
+from planview.pipeline.describe import StereoDescription, stereo_camera_info
+from planview.pipeline.engine import FrameResult, HeadResult, StageClock
+from planview.pipeline.info import CameraInfo
+from planview.pipeline.pipeline import AHEAD, MatchedFrame, Pipeline
+from planview.pipeline.setup import set_up_any
+from planview.tracking.base import Observation, Tracker
+from planview.trajectories.state import TrackState
+from stereo.readers.heads import HeadsFrame, HeadsRecording, open_heads
+from stereo.readers.prefetch import prefetch
+
+
+@dataclass(frozen=True, eq=False)
+class MatchedHeads:
+    """The rectified and matched pairs of one moment; None for a head without a frame."""
+
+    frame: HeadsFrame
+    pairs: tuple[MatchedFrame | None, ...]
+    stages_ms: dict[str, float]
+
+
+class HeadsPipeline(StereoDescription):
+    """Rectify, match and separate foreground per head, build joint maps and track: an ``Engine`` for several heads.
+
+    Attributes:
+        heads: the stages of every head up to its foreground points.
+        recording, config, tracker: see ``Engine``.
+        stereo: the first head's pair over the joint grid.
+    """
+
+    def __init__(self, recording: HeadsRecording, heads: Sequence[Pipeline], tracker: Tracker, config: Config) -> None:
+        """Compose the stages.
+
+        Args:
+            heads: one engine per head of the recording, with floors in the common world; their trackers are not used.
+        """
+        self.recording, self.heads, self.tracker, self.config = recording, tuple(heads), tracker, config
+        views, grids = [head.maps.view for head in heads], [head.maps.grid for head in heads]
+        try:
+            self.maps = HeadsMapBuilder(grids, views, config.maps)
+        except ValueError as error:
+            raise InputError(f"{recording.path}: expected heads of one place, found them far apart: {error}") from error
+        self.stereo = replace(heads[0].stereo, grid=self.maps.grid)
+        self._boxes = [BodyBoxes(h.stereo.geometry, h.stereo.floor.world_SE3_left) for h in heads]
+
+    @staticmethod
+    def from_recording(
+        recording: Path | HeadsRecording, tracker: Tracker, config: Config | None = None
+    ) -> HeadsPipeline:
+        """Get every head of a recording ready, or of a folder with ``rigs.toml``.
+
+        Raises:
+            InputError: no such recording, or a head that cannot be opened.
+            WorkError: a head has no usable frame or hardly any disparity.
+        """
+        config = config or Config()
+        recording = open_heads(recording) if isinstance(recording, Path) else recording
+        heads = []
+        for head in recording.heads:
+            setup = replace(set_up_any(head.recording, config), floor_source=RIGS_FILE)
+            heads.append(Pipeline(head.recording, setup, config, tracker))
+        return HeadsPipeline(recording, heads, tracker, config)
+
+    def camera_info(self) -> CameraInfo:
+        """The first head's camera, with those of all heads."""
+        every = [
+            stereo_camera_info(engine.stereo).model_copy(update={"name": head.name, "at_m": _place(engine)})
+            for head, engine in zip(self.recording.heads, self.heads, strict=True)
+        ]
+        return every[0].model_copy(update={"heads": every})
+
+    def reset(self) -> None:
+        """Forget people, background and feedback."""
+        self.tracker.reset()
+        for head in self.heads:
+            head.reset()
+
+    def step(self, frame: HeadsFrame) -> FrameResult:
+        """Track the next moment.
+
+        Raises:
+            ValueError: images of another size than the calibration's.
+        """
+        return self.track(self.match(frame))
+
+    def __iter__(self) -> Iterator[FrameResult]:
+        """``step`` over the recording from its first moment, but matching runs ahead in its own thread."""
+        self.reset()
+        with closing(prefetch(self._matched(), AHEAD)) as matched:
+            for moment in matched:
+                yield self.track(moment)
+
+    def match(self, frame: HeadsFrame, clock: StageClock | None = None) -> MatchedHeads:
+        """Rectify and match the pairs of a moment; depends on no other frame."""
+        stages = dict(clock.stages_ms) if clock else {}
+        pairs = [h.match(f) if f is not None else None for h, f in zip(self.heads, frame.frames, strict=True)]
+        for pair in pairs:
+            _add(stages, pair.stages_ms if pair else {})
+        return MatchedHeads(frame, tuple(pairs), stages)
+
+    def track(self, matched: MatchedHeads) -> FrameResult:
+        """Foreground of every head, joint maps and people of the next moment."""
+        frame, stages = matched.frame, dict(matched.stages_ms)
+        masks, points = [], []
+        for head, pair in zip(self.heads, matched.pairs, strict=True):
+            clock = StageClock()
+            mask, found = head.separate(pair, clock) if pair else (None, None)
+            masks.append(mask)
+            points.append(found)
+            _add(stages, clock.stages_ms)
+        clock = StageClock(stages)
+        maps = self.maps(points)
+        clock.record("maps")
+        first = matched.pairs[0]
+        observation = Observation(frame.index, frame.timestamp_s, first.image if first else None, masks[0], None, maps)
+        tracks = self.tracker.update(observation)
+        self._learn(points, tracks)
+        results = tuple(
+            HeadResult(
+                head.name,
+                pair.image if pair else None,
+                mask,
+                pair.disparity if pair else None,
+                tuple(boxes(track) for track in tracks),
+                len(found.xyz) if found else 0,
+            )
+            for head, pair, mask, boxes, found in zip(
+                self.recording.heads, matched.pairs, masks, self._boxes, points, strict=True
+            )
+        )
+        clock.record("track")
+        return FrameResult(
+            frame.index, frame.timestamp_s, results[0].tracks, self.tracker.decisions, observation,
+            first.disparity if first else None, clock.stages_ms, results,
+        )  # fmt: skip
+
+    def _learn(self, points: Sequence[FloorPoints | None], tracks: Sequence[TrackState]) -> None:
+        for head, found in zip(self.heads, points, strict=True):
+            if found is not None:
+                head.learn(found, tracks)
+
+    def _matched(self) -> Iterator[MatchedHeads]:
+        clock = StageClock()
+        for frame in self.recording:
+            clock.record("read")
+            yield self.match(frame, clock)
+            clock = StageClock()
+
+
+def _place(engine: Pipeline) -> tuple[float, float]:
+    x, y, _ = engine.stereo.floor.world_SE3_left.translation
+    return float(x), float(y)
+
+
+def _add(stages: dict[str, float], more: dict[str, float]) -> None:
+    for stage, duration in more.items():
+        stages[stage] = stages.get(stage, 0.0) + duration
