@@ -36,6 +36,7 @@ BENCH = {
     "accuracy": "Render every committed scene, track it and score it.",
     "suite": "Render challenges drawn from a seed, track and score them.",
     "ablation": "Switch parts of the engine off and compare the variants.",
+    "results": "Write the page of results from what suite and ablation measured.",
     "memory": "Watch the memory of a long run.",
     "calibration": "Score board, floor and human calibration against known truth.",
     "counting": "Score counts and occupancy on rendered and real recordings.",

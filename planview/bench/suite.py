@@ -63,16 +63,18 @@ class SuiteScore:
 
     Attributes:
         recording: folder of the scene.
-        duration_s: its length [s].
+        frames, duration_s: its length, in frames and [s].
     """
 
     way: Way
     score: SceneScore
     recording: Path
+    frames: int
     duration_s: float
 
     def to_json(self) -> dict[str, Any]:
-        return {**self.score.to_json(), "recording": str(self.recording), "duration_s": self.duration_s}
+        of_scene = {"recording": str(self.recording), "frames": self.frames, "duration_s": self.duration_s}
+        return self.score.to_json() | of_scene
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ class SuiteTotals:
         strict: lost, missed and false tracks as significant ones, and every change of identity (CLEAR).
         significant_per_10_min, strict_per_10_min: the same for ten minutes.
         mota, idf1: pooled over rows.
-        position_error_m, height_error_m: pooled means over matches; NaN without one.
+        position_error_m, position_std_m, height_error_m: pooled means and deviation over matches; NaN without one.
     """
 
     minutes: float
@@ -98,6 +100,7 @@ class SuiteTotals:
     idf1: float
     switches: int
     position_error_m: float
+    position_std_m: float
     height_error_m: float
 
 
@@ -183,12 +186,8 @@ def run_job(job: SuiteJob) -> list[SuiteScore]:
     if job.peer and job.tracker == "template":
         tracks["peer"] = read_tracks(kept / PEER)
     truth = read_truth(recording / "truth.csv")
-    return [
-        SuiteScore(
-            way, SceneScore(job.path.stem, job.seed, evaluate_tracks(t, truth), kept), recording, scene.duration_s
-        )
-        for way, t in tracks.items()
-    ]
+    scores = {way: SceneScore(job.path.stem, job.seed, evaluate_tracks(t, truth), kept) for way, t in tracks.items()}
+    return [SuiteScore(way, score, recording, scene.n_frames, scene.duration_s) for way, score in scores.items()]
 
 
 def refined_tracks(folder: Path) -> Trajectories:
@@ -218,5 +217,6 @@ def suite_totals(scores: Sequence[SuiteScore]) -> SuiteTotals:
         idf1=2 * sum(e.identity.idtp for e in every) / rows if rows else float("nan"),
         switches=switches,
         position_error_m=pooled.position_error_m,
+        position_std_m=pooled.position_std_m,
         height_error_m=pooled.height_error_m,
     )

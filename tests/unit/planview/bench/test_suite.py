@@ -2,9 +2,11 @@
 
 import json
 
+import cv2
 import pytest
 
 from calib.errors import InputError
+from planview.bench.commands.bench_results import bench_results
 from planview.bench.commands.bench_suite import ChallengeOptions, bench_suite
 from planview.bench.passes import Pass, run_pass
 from planview.bench.suite import (
@@ -125,6 +127,24 @@ def test_command_reports_scenes_and_seeds_as_json(challenge, recording, tmp_path
     assert (scene["scene"], scene["seed"]) == ("tiny", 3)
     assert result["seeds"] == [3] and result["commit"] and result["date"]
     assert json.loads((tmp_path / "suite.json").read_text())["online"]["totals"]["minutes"] == pytest.approx(8 / 60)
+
+
+def test_results_page_shows_a_failure_of_the_suite(challenge, recording, tmp_path):
+    options = ChallengeOptions(seed=[3], scenes=challenge.parent, cache=recording[0], out=tmp_path, refine=True)
+    bench_suite(options=options)
+    report = json.loads((tmp_path / "suite.json").read_text())
+    scene = report["online"]["scenes"][0]
+    scene["significant_error_list"] = [
+        {"kind": "lost", "frame": 40, "truth_id": 1, "track_id": 1, "duration_s": 2.0, "note": "alone for 2.0 s"}
+    ]
+    (tmp_path / "suite.json").write_text(json.dumps(report))
+    bench_results(tmp_path / "suite.json", out=tmp_path / "docs" / "results.md")
+    page = (tmp_path / "docs" / "results.md").read_text()
+    assert "tiny (3), frame 40: person 1, track 1: alone for 2.0 s, gone after refinement" in page
+    (picture,) = (tmp_path / "docs" / "results").iterdir()
+    assert f"](results/{picture.name})" in page
+    assert cv2.imread(str(picture)).shape == (320, 640, 3)
+    assert picture.stat().st_size < 60_000
 
 
 def test_command_refuses_minutes_that_are_not_positive():
