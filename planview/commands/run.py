@@ -117,7 +117,8 @@ def _track(
     engine: Engine, out: Path, options: TrackingOptions, analytics: Analytics | None, console: Console
 ) -> RunInfo:
     how = RunOptions(tracker=options.tracker, analytics=analytics, debug=options.debug, max_frames=options.frames)
-    n_frames = min(options.frames or engine.recording.n_frames, engine.recording.n_frames)
+    announced = engine.recording.n_frames
+    n_frames = min(options.frames or announced, announced) if announced else options.frames or None
     with FrameProgress(console, n_frames) as progress:
         info = run_engine(engine, out, how, _logs(engine, out, options.rrd, options.save_maps), progress)
     write_report(out)

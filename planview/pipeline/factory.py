@@ -17,7 +17,7 @@ from planview.tracking.base import ImageTracker, Tracker
 from planview.tracking.ellipse_particle import floor_ellipse_tracker, image_ellipse_tracker
 from planview.tracking.human_model.tracker import HumanModelTracker
 from planview.tracking.template import TemplateTracker
-from stereo.readers import OpenOptions, find_reader, open_video
+from stereo.readers import OpenOptions, holds_pair, open_video
 from stereo.readers.several import is_heads
 from stereo.recording import Video
 
@@ -63,12 +63,7 @@ def open_engine(
 
 def is_stereo(path: Path, calibration: Path | None = None) -> bool:
     """Whether a path holds a pair of cameras, or images with depth, rather than one camera."""
-    if calibration is not None:
-        return True
-    try:
-        return find_reader(path).key != "side-by-side"  # which one camera's video looks like
-    except InputError:
-        return False
+    return calibration is not None or holds_pair(path)
 
 
 def base_config(path: Path) -> Config:

@@ -16,7 +16,7 @@ from planview.runs.info import RunInfo
 class FrameProgress:
     """A bar with frames per second, remaining time and the people in view; call it with every frame."""
 
-    def __init__(self, console: Console, n_frames: int) -> None:
+    def __init__(self, console: Console, n_frames: int | None) -> None:
         self._progress = Progress(
             TextColumn("tracking"),
             BarColumn(),

@@ -124,6 +124,8 @@ def run(
                     log.frame(result)
                 if watch:
                     watch(result)
+                if interrupts.noted and getattr(engine.recording, "is_live", False):
+                    break  # the usual end of cameras that run
                 interrupts.check()
         _refuse_empty(engine, progress)
         finished = True

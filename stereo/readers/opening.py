@@ -5,7 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.errors import InputError
-from stereo.readers import euroc, folders, kitti, middlebury, rgbd_folders, several, side_by_side, tum_rgbd, video_pair
+from stereo.readers import (
+    euroc,
+    folders,
+    kitti,
+    live,
+    middlebury,
+    rgbd_folders,
+    several,
+    side_by_side,
+    tum_rgbd,
+    video_pair,
+)
 from stereo.readers.bags import layout as bag_layout
 from stereo.readers.foreign import content_text, foreign_text
 from stereo.readers.images import ImageFiles, image_files
@@ -26,6 +37,7 @@ READERS: tuple[Reader, ...] = (
     rgbd_folders.READER,
     video_pair.READER,
     side_by_side.READER,
+    live.READER,
 )
 """In the order in which they are asked: the first that a path fits opens it."""
 
@@ -45,6 +57,12 @@ def find_reader(path: Path) -> Reader:
         raise InputError(f"{path}: expected a recording, found {foreign}")
     looked_for = "; ".join(reader.looks_for for reader in READERS)
     raise InputError(f"{path}: expected a recording ({looked_for}), found {content_text(path)}")
+
+
+def holds_pair(path: Path) -> bool:
+    """Whether a path holds images of two cameras, or images with depth; one video counts as one camera's."""
+    reader = next((reader for reader in READERS if reader.fits(path)), None)
+    return reader is not None and reader.key not in ("side-by-side", "live")
 
 
 def find_layout(path: Path, options: OpenOptions | None = None) -> tuple[Reader, Layout]:

@@ -13,9 +13,12 @@ from calib.types import F64, U8
 from stereo.readers.paired import DEFAULT_FPS, PairedFrames, both, rate_of, time_at
 from stereo.readers.prefetch import prefetch
 from stereo.readers.source import Decoded, ItemSource
-from stereo.recording import StereoFrame
+from stereo.recording import Skipped, StereoFrame
 
 __all__ = ["DEFAULT_FPS", "DecodedPair", "PairsOf", "StereoRecording", "both", "rate_of", "split_pairs", "time_at"]
+
+SAMPLE_STEP_S = 0.25
+"""Frames in which a live camera's floor is looked for are so far apart [s] (our choice: 12 take 3 s)."""
 
 DecodedPair = tuple[Decoded, Decoded]
 PairsOf = Callable[[Sequence[int] | None], Generator[DecodedPair, None, None]]
@@ -27,9 +30,11 @@ class StereoRecording(PairedFrames[StereoFrame, Decoded]):
 
     Attributes:
         rig, world_SE3_left: see ``Recording``.
+        is_live: frames come from cameras as they run.
     """
 
     sides = ("left", "right")
+    is_live = False
 
     def __init__(
         self,
@@ -52,6 +57,26 @@ class StereoRecording(PairedFrames[StereoFrame, Decoded]):
         if a.ndim != b.ndim:
             a, b = as_colour(a), as_colour(b)
         return StereoFrame(first.index, timestamp_s, a, b)
+
+
+class LiveRecording(StereoRecording):
+    """Frames of two cameras as they run; every iteration begins with the next frame that comes."""
+
+    is_live = True
+
+    def sample(self, count: int) -> list[StereoFrame]:
+        """Up to ``count`` usable frames from now on, ``SAMPLE_STEP_S`` apart."""
+        frames: list[StereoFrame] = []
+        with closing(self._pairs(None)) as pairs:
+            for left, right in pairs:
+                frame = self._frame(left, right)
+                if isinstance(frame, Skipped):
+                    continue
+                if not frames or frame.timestamp_s - frames[-1].timestamp_s >= SAMPLE_STEP_S:
+                    frames.append(frame)
+                if len(frames) >= count:
+                    break
+        return frames
 
 
 def split_pairs(

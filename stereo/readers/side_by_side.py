@@ -32,22 +32,22 @@ def _fits(path: Path) -> bool:
 def _find(path: Path, options: OpenOptions) -> StereoLayout:
     video = _video(path) or path
     source = VideoFile(video)
-    return packed_layout(path, video, source, sampled(source), options)
+    return packed_layout(path, video, video.parent, source, sampled(source), options)
 
 
 def packed_layout(
-    path: Path, named: Path, source: FrameSource, pictures: Sequence[U8], options: OpenOptions
+    path: Path, named: Path, folder: Path, source: FrameSource, pictures: Sequence[U8], options: OpenOptions
 ) -> StereoLayout:
     """Tell how the two views share a source's pictures, and which is the left one.
 
     Args:
         path: of the recording.
-        named: the video, for messages; calibration and times lie in its folder.
+        named: the video, for messages.
+        folder: where calibration, times and world.toml lie.
         pictures: a few of the source.
     Raises:
         InputError: the pictures are no two views of one scene.
     """
-    folder = named.parent
     calibration = options.calibration or folder
     packing, shared = find_packing(pictures, _aspect(calibration))
     if packing is None:

@@ -14,7 +14,7 @@ from calib.formats import load_rig
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64
-from stereo.readers.pair import DEFAULT_FPS, PairsOf, StereoRecording, rate_of
+from stereo.readers.pair import DEFAULT_FPS, LiveRecording, PairsOf, StereoRecording, rate_of
 from stereo.readers.reader import OpenOptions, Stream
 from stereo.readers.source import FrameSource
 from stereo.readers.timestamps import load_timestamps
@@ -57,6 +57,24 @@ class StereoLayout:
         recording = StereoRecording(
             self.path, rig, self.pairs, self.n_frames, self.fps, self.times_s, world_pose(self.folder)
         )
+        recording.notes, recording.even = list(self.notes), self.even
+        return recording
+
+
+class LiveLayout(StereoLayout):
+    """Two cameras as they run: how many frames come is not known (``n_frames`` is 0)."""
+
+    @staticmethod
+    def of(layout: StereoLayout, rig: Callable[[], StereoRig] | None) -> LiveLayout:
+        """The same, with another source of the calibration unless None."""
+        return LiveLayout(
+            layout.path, layout.folder, layout.size, layout.pairs, layout.streams, 0, layout.fps, layout.times_s,
+            rig or layout.rig, layout.notes, layout.even,
+        )  # fmt: skip
+
+    def open(self) -> LiveRecording:
+        """See ``Layout``."""
+        recording = LiveRecording(self.path, self.rig(), self.pairs, 0, self.fps, None, world_pose(self.folder))
         recording.notes, recording.even = list(self.notes), self.even
         return recording
 

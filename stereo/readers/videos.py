@@ -18,6 +18,8 @@ MAX_BROKEN_RUN = 25
 """Failing reads in a row after which a video counts as ended: about a second, more than a lost key frame costs."""
 
 
+MIN_FRAME_BYTES = 200
+"""Videos hold more than this for a frame, or so little that counting their frames costs nothing [bytes]."""
 SEEK_BEYOND = 250
 """Frames to read on rather than seek: the usual distance of key frames, from which a seek would decode anyway."""
 
@@ -35,7 +37,7 @@ class VideoFile:
         try:
             found, first = capture.read()
             self._start_ms = float(capture.get(cv2.CAP_PROP_POS_MSEC))
-            self.n_frames = max(0, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)))
+            self.n_frames = _announced(capture, path)
             fps = capture.get(cv2.CAP_PROP_FPS)
         finally:
             capture.release()
@@ -89,6 +91,19 @@ class VideoFile:
     def _as_stored(self, image: object) -> U8:
         pixels = np.asarray(image, dtype=np.uint8)
         return as_grey(pixels) if self._grey else pixels
+
+
+def _announced(capture: cv2.VideoCapture, path: Path) -> int:
+    """Frames that the header announces; of a file too small for so many they are counted instead."""
+    announced = capture.get(cv2.CAP_PROP_FRAME_COUNT)
+    if not np.isfinite(announced) or announced < 0:
+        return 0
+    if announced <= path.stat().st_size / MIN_FRAME_BYTES:
+        return int(announced)
+    count = 1
+    while count < announced and capture.grab():
+        count += 1
+    return count
 
 
 def video_files(folder: Path) -> list[Path]:
