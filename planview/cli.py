@@ -41,6 +41,7 @@ BENCH = {
     "calibration": "Score board, floor and human calibration against known truth.",
     "counting": "Score counts and occupancy on rendered and real recordings.",
     "pets": "Score the single-camera trackers on PETS S2-L1 view 1.",
+    "resume": "Kill runs at random moments, resume them, and compare their results.",
     "trackers": "Compare the three trackers on the same recordings.",
 }
 

@@ -47,7 +47,7 @@ class Analytics:
     def reset(self) -> None:
         """Forget all people and all stays."""
         self._people = CountedPeople(self.params)
-        self._memory: dict[int, _Memory] = {}
+        self._memory: dict[CountedPerson, _Memory] = {}
         self._inside: dict[str, int] = {area.name: 0 for area in self._areas}
         self.stays: dict[str, list[Stay]] = {area.name: [] for area in self._areas}
 
@@ -65,14 +65,14 @@ class Analytics:
         events: list[Event] = []
         self._inside = dict.fromkeys(self._inside, 0)
         for person, sighting in present:
-            memory = self._memory.get(id(person)) or self._remember(person)
+            memory = self._memory.get(person) or self._remember(person)
             if sighting is not None:
                 self._look(person, sighting, memory)
             events += self._release(person, memory, timestamp_s)
             for area, state in zip(self._areas, memory.areas, strict=True):
                 self._inside[area.name] += state.stay is not None and state.stay.counted
         for person in gone:
-            self._memory.pop(id(person), None)
+            self._memory.pop(person, None)
         return tuple(sorted(events, key=lambda e: e.timestamp_s))
 
     def _look(self, person: CountedPerson, sighting: Sighting, memory: _Memory) -> None:
@@ -108,7 +108,7 @@ class Analytics:
 
     def _remember(self, person: CountedPerson) -> _Memory:
         memory = _Memory([WireState(wire) for wire in self._wires], [AreaState(area) for area in self._areas])
-        self._memory[id(person)] = memory
+        self._memory[person] = memory
         return memory
 
     def _settled(self, rule: Placed, hysteresis_m: float) -> tuple[str, F64, PlaneName, float, float]:

@@ -190,6 +190,13 @@ class PeerLog:
         matched = MatchedFrame(result.frame, result.timestamp_s, image, disparity, {})
         self._tracks.add(result.frame, result.timestamp_s, self._peer.track(matched).tracks)
 
+    def mark(self) -> dict[str, int]:
+        """See ``RunLog``; a bench is not resumed."""
+        return {}
+
+    def finish(self) -> None:
+        """See ``RunLog``."""
+
     def close(self) -> None:
         """Write the tracks."""
         text = io.StringIO()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,7 @@ from planview.maps.recording import is_maps
 from planview.pipeline.config import load_config
 from planview.pipeline.engine import Engine
 from planview.pipeline.factory import TrackerName, base_config, open_engine
+from planview.runs.checkpoint.file import Checkpoint
 from planview.runs.folder import check_folder, prepare_folder
 from planview.runs.info import RunInfo
 from planview.runs.lock import folder_lock
@@ -27,7 +29,8 @@ from planview.runs.log import RunLog
 from planview.runs.progress import FrameProgress, summary
 from planview.runs.refine import refine_run
 from planview.runs.report.page import write_report
-from planview.runs.run import RunOptions
+from planview.runs.resume import checkpoint_of, is_finished
+from planview.runs.run import RunOptions, run_identity
 from planview.runs.run import run as run_engine
 from stereo.readers.several import is_heads
 
@@ -61,6 +64,10 @@ class TrackingOptions:
     """Also write decisions.csv: every decision of the tracker with its reason."""
     overwrite: Flag = False
     """Replace what a run, or another program under the same names, left in the folder."""
+    resume: Flag = False
+    """Go on with the run that was interrupted or killed in this folder: the same results as without interruption."""
+    checkpoint_every: float = 30.0
+    """Time between two checkpoints to resume from, in seconds; 0 for none."""
     frames: int = 0
     """Stop after so many frames; 0 for all."""
     refine: Flag = False
@@ -92,10 +99,17 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
     options = options or TrackingOptions()
     if options.frames < 0:
         raise InputError(f"--frames: expected a number from 0, found {options.frames}")
+    if not 0 <= options.checkpoint_every < math.inf:
+        raise InputError(f"--checkpoint-every: expected a time from 0 s, found {options.checkpoint_every:g}")
+    if options.resume and options.overwrite:
+        raise InputError("expected --resume or --overwrite, found both")
     settings = load_config(options.config, options.set_, base_config(recording))
     source = open_options(options.calibration, options.fps, options.topics)
-    check_folder(out, options.overwrite, recording)
+    check_folder(out, options.overwrite or options.resume, recording)
     console = Console(stderr=True, markup=False)
+    if options.resume and is_finished(out):
+        console.print(f"{out}: the run is finished; nothing is left to resume")
+        return
     with console.status("opening the recording, aligning rows, finding the floor"):
         engine = open_engine(recording, options.tracker, settings, options.camera, source)
     if options.save_maps and (engine.stereo is None or is_maps(recording)):
@@ -106,7 +120,6 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
     with folder_lock(out) as stale:
         if stale:
             console.print(stale)
-        prepare_folder(out, options.overwrite)
         info = _track(engine, out, options, analytics, console)
     summary(console, info, out)
     if options.json_output:
@@ -116,25 +129,37 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
 def _track(
     engine: Engine, out: Path, options: TrackingOptions, analytics: Analytics | None, console: Console
 ) -> RunInfo:
-    how = RunOptions(tracker=options.tracker, analytics=analytics, debug=options.debug, max_frames=options.frames)
+    how = RunOptions(options.tracker, analytics, options.debug, options.frames, options.checkpoint_every)
+    checkpoint = None
+    if options.resume:
+        identity = run_identity(engine, how, _log_names(options), out)
+        checkpoint = checkpoint_of(out, identity, lambda text: console.print(text, soft_wrap=True))
+    if checkpoint is None:
+        prepare_folder(out, options.overwrite or options.resume)
+    logs = _logs(engine, out, options, checkpoint)
     announced = engine.recording.n_frames
     n_frames = min(options.frames or announced, announced) if announced else options.frames or None
     with FrameProgress(console, n_frames) as progress:
-        info = run_engine(engine, out, how, _logs(engine, out, options.rrd, options.save_maps), progress)
+        info = run_engine(engine, out, how, logs, progress, checkpoint)
     write_report(out)
     if options.refine:
         info = refine_run(out).info
     return info
 
 
-def _logs(engine: Engine, out: Path, rrd: bool, save_maps: bool) -> list[RunLog]:
+def _log_names(options: TrackingOptions) -> list[str]:
+    return ["MapsLog"] * options.save_maps + ["RerunLog"] * options.rrd
+
+
+def _logs(engine: Engine, out: Path, options: TrackingOptions, checkpoint: Checkpoint | None) -> list[RunLog]:
+    positions = checkpoint.written["logs"] if checkpoint else {}
     logs: list[RunLog] = []
-    if save_maps:
+    if options.save_maps:
         from planview.runs.maps_log import MapsLog
 
-        logs.append(MapsLog(engine, out / "maps.h5"))
-    if rrd:
+        logs.append(MapsLog(engine, out / "maps.h5", positions.get("MapsLog")))
+    if options.rrd:
         from planview.runs.rerun.log import RerunLog
 
-        logs.append(RerunLog(engine, out / "run.rrd"))
+        logs.append(RerunLog(engine, out / "run.rrd", positions.get("RerunLog")))
     return logs

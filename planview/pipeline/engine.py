@@ -131,6 +131,12 @@ class Engine(Protocol):
     def __iter__(self) -> Iterator[FrameResult]:
         """Track the recording from its first frame; each iteration starts with ``reset``."""
 
+    def memory(self) -> dict[str, object]:
+        """By name, the objects that hold all that the engine carries from frame to frame (``runs.checkpoint``)."""
+
+    def after(self, frame: int) -> Iterator[FrameResult]:
+        """Go on tracking after a frame, with the memory of the frames up to it."""
+
 
 class StageClock:
     """Adds the time since the last stage to a frame's stage times [ms]."""
@@ -144,6 +150,21 @@ class StageClock:
         now = perf_counter()
         self.stages_ms[stage] = 1e3 * (now - self._since)
         self._since = now
+
+
+class Indexed(Protocol):
+    """A frame with its place in the recording, from 0."""
+
+    @property
+    def index(self) -> int: ...
+
+
+IndexedFrame = TypeVar("IndexedFrame", bound=Indexed)
+
+
+def beyond(frames: Iterable[IndexedFrame], last: int) -> Iterator[IndexedFrame]:
+    """The frames after one. Those before are read and passed over: what could not be read is noted again."""
+    return (frame for frame in frames if frame.index > last)
 
 
 def timed_steps(

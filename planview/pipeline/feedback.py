@@ -33,15 +33,21 @@ class FeedbackParams(Params):
 
 
 class Feedback:
-    """Remembers which tracks have walked, and paints the mask for the next frame."""
+    """Remembers which tracks have walked, and paints the mask for the next frame.
+
+    Attributes:
+        mask: (H, W) uint8, as the last call returned it; None at first.
+    """
 
     def __init__(self, params: FeedbackParams) -> None:
         self.params = params
+        self.mask: U8 | None = None
         self._origin: dict[int, tuple[float, float]] = {}
         self._walked: set[int] = set()
 
     def reset(self) -> None:
         """Forget all tracks."""
+        self.mask = None
         self._origin.clear()
         self._walked.clear()
 
@@ -67,7 +73,8 @@ class Feedback:
             side = 2 * p.spread_px + 1
             persons = np.asarray(cv2.dilate(persons, np.ones((side, side), dtype=np.uint8)), dtype=np.uint8)
         # A person's pixel is no ground.
-        return np.where(persons > 0, np.uint8(PERSON), ground * np.uint8(BACKGROUND))
+        self.mask = np.where(persons > 0, np.uint8(PERSON), ground * np.uint8(BACKGROUND))
+        return self.mask
 
     def _remember(self, tracks: Sequence[TrackState]) -> None:
         alive = {track.track_id for track in tracks}

@@ -14,7 +14,7 @@ from planview.maps.heads import HeadsMapBuilder
 from planview.pipeline.boxes import BodyBoxes
 from planview.pipeline.config import Config
 from planview.pipeline.describe import StereoDescription, stereo_camera_info
-from planview.pipeline.engine import FrameResult, HeadResult, StageClock
+from planview.pipeline.engine import FrameResult, HeadResult, StageClock, beyond
 from planview.pipeline.info import CameraInfo
 from planview.pipeline.pipeline import AHEAD, MatchedFrame, Pipeline
 from planview.pipeline.setup import set_up_any
@@ -100,7 +100,18 @@ class HeadsPipeline(StereoDescription):
     def __iter__(self) -> Iterator[FrameResult]:
         """``step`` over the recording from its first moment, but matching runs ahead in its own thread."""
         self.reset()
-        with closing(prefetch(self._matched(), AHEAD)) as matched:
+        yield from self.after(-1)
+
+    def memory(self) -> dict[str, object]:
+        """See ``Engine``."""
+        memory: dict[str, object] = {"tracker": self.tracker}
+        for n, head in enumerate(self.heads):
+            memory |= {f"foreground{n}": head.foreground, f"feedback{n}": head.feedback}
+        return memory
+
+    def after(self, frame: int) -> Iterator[FrameResult]:
+        """See ``Engine``."""
+        with closing(prefetch(self._matched(frame), AHEAD)) as matched:
             for moment in matched:
                 yield self.track(moment)
 
@@ -153,9 +164,9 @@ class HeadsPipeline(StereoDescription):
             if found is not None:
                 head.learn(found, tracks)
 
-    def _matched(self) -> Iterator[MatchedHeads]:
+    def _matched(self, after: int) -> Iterator[MatchedHeads]:
         clock = StageClock()
-        for frame in self.recording:
+        for frame in beyond(self.recording, after):
             clock.record("read")
             yield self.match(frame, clock)
             clock = StageClock()

@@ -15,7 +15,7 @@ from planview.maps.recording import MapsFrame, MapsRecording
 from planview.pipeline.boxes import BodyBoxes
 from planview.pipeline.config import Config
 from planview.pipeline.describe import StereoDescription
-from planview.pipeline.engine import FrameResult, StageClock, timed_steps
+from planview.pipeline.engine import FrameResult, StageClock, beyond, timed_steps
 from planview.tracking.base import Observation, Tracker
 
 FIXED_TABLES = ("analysis", "rectify", "range", "sgbm", "floor", "foreground", "feedback")
@@ -87,7 +87,15 @@ class MapsPipeline(StereoDescription):
     def __iter__(self) -> Iterator[FrameResult]:
         """``step`` over the recording from its first frame."""
         self.reset()
-        yield from timed_steps(self.recording, self._track)
+        yield from self.after(-1)
+
+    def memory(self) -> dict[str, object]:
+        """See ``Engine``."""
+        return {"tracker": self.tracker}
+
+    def after(self, frame: int) -> Iterator[FrameResult]:
+        """See ``Engine``."""
+        yield from timed_steps(beyond(self.recording, frame), self._track)
 
     def _track(self, frame: MapsFrame, clock: StageClock) -> FrameResult:
         self._mask[:] = 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from planview.maps.view import StereoView
 from planview.pipeline.boxes import BodyBoxes
 from planview.pipeline.config import Config
 from planview.pipeline.describe import StereoDescription, ground_camera_info, ground_floor_info
-from planview.pipeline.engine import FrameResult, StageClock, timed_steps
+from planview.pipeline.engine import FrameResult, StageClock, beyond, timed_steps
 from planview.pipeline.feedback import Feedback
 from planview.pipeline.front_end import FrontEnd
 from planview.pipeline.info import CameraInfo, FloorInfo
@@ -91,7 +91,6 @@ class Pipeline(StereoDescription):
             self.maps.grid, reduction, setup.sensor,
         )  # fmt: skip
         self._boxes = BodyBoxes(geometry, floor.world_SE3_left)
-        self._feedback: U8 | None = None
 
     @staticmethod
     def from_recording(
@@ -116,7 +115,6 @@ class Pipeline(StereoDescription):
         self.tracker.reset()
         self.foreground.reset()
         self.feedback.reset()
-        self._feedback = None
 
     def step(self, frame: StereoFrame | RgbdFrame) -> FrameResult:
         """Track the next frame, of the recording's kind.
@@ -129,7 +127,15 @@ class Pipeline(StereoDescription):
     def __iter__(self) -> Iterator[FrameResult]:
         """``step`` over the recording from its first frame, but reading and matching run ahead in their own thread."""
         self.reset()
-        for matched in prefetch(self._matched(), AHEAD):
+        yield from self.after(-1)
+
+    def memory(self) -> dict[str, object]:
+        """See ``Engine``."""
+        return {"tracker": self.tracker, "foreground": self.foreground, "feedback": self.feedback}
+
+    def after(self, frame: int) -> Iterator[FrameResult]:
+        """See ``Engine``."""
+        for matched in prefetch(self._matched(frame), AHEAD):
             yield self.track(matched)
 
     def match(self, frame: StereoFrame | RgbdFrame, clock: StageClock | None = None) -> MatchedFrame:
@@ -165,17 +171,18 @@ class Pipeline(StereoDescription):
         reduction = self.stereo.reduction
         image = self._reduced_image(matched.image)
         disparity = np.ascontiguousarray(matched.disparity[::reduction, ::reduction])
-        mask = self.foreground.update(image, disparity, matched.timestamp_s, self._feedback)
+        mask = self.foreground.update(image, disparity, matched.timestamp_s, self.feedback.mask)
         clock.record("foreground")
         return mask, self.maps.points(disparity, mask, image, self.foreground.exposure)
 
     def learn(self, points: FloorPoints, tracks: Sequence[TrackState]) -> None:
         """Tell the foreground of the next frame where people are; ``points`` are those of this frame."""
-        self._feedback = self.feedback(points, tracks, self.maps.shape)
+        self.feedback(points, tracks, self.maps.shape)
 
-    def _matched(self) -> Iterator[MatchedFrame]:
+    def _matched(self, after: int) -> Iterator[MatchedFrame]:
+        frames: Iterable[StereoFrame | RgbdFrame] = self.recording
         clock = StageClock()
-        for frame in self.recording:
+        for frame in beyond(frames, after):
             clock.record("read")
             yield self.match(frame, clock)
             clock = StageClock()
@@ -233,7 +240,15 @@ class SingleCameraPipeline:
     def __iter__(self) -> Iterator[FrameResult]:
         """``step`` over the recording from its first frame."""
         self.reset()
-        yield from timed_steps(self.recording, self._track)
+        yield from self.after(-1)
+
+    def memory(self) -> dict[str, object]:
+        """See ``Engine``."""
+        return {"tracker": self.tracker, "source": self._source}
+
+    def after(self, frame: int) -> Iterator[FrameResult]:
+        """See ``Engine``."""
+        yield from timed_steps(beyond(self.recording, frame), self._track)
 
     def _track(self, frame: VideoFrame, clock: StageClock) -> FrameResult:
         if self.tracker.needs_foreground:

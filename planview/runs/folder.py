@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import io
-import os
-from collections.abc import Callable
 from fnmatch import fnmatch
 from pathlib import Path
-from typing import IO
 
 from calib.errors import InputError, WorkError
 from calib.files import PART
@@ -16,9 +12,10 @@ from planview.runs.lock import check_unlocked, folder_lock
 
 _NAMES = (
     "tracks.csv", "tracks_online.csv", "refinement.csv", "events.csv", "decisions.csv", "counts.json",
- "run.json", "run.rrd", "run-[0-9]*.rrd", "maps.h5", "maps-[0-9]*.h5", "report.html",
+    "run.json", "run.rrd", "run-[0-9]*.rrd", "maps.h5", "maps-[0-9]*.h5", "report.html",
     "checkpoint.npz", "checkpoint.previous.npz",
 )  # fmt: skip
+_UNFINISHED = "an unfinished run; go on with --resume"
 PRODUCTS = (*_NAMES, *(name + PART for name in _NAMES))
 """Names and patterns of everything that a run may leave in its folder."""
 
@@ -79,14 +76,14 @@ def _refuse_results(folder: Path) -> None:
             f"{folder}: holds {names}, which is no planview run's (there is no run.json); "
             "choose another folder or add --overwrite"
         )
-    raise InputError(f"{folder}: holds {_run_in(folder)}; choose another folder or add --overwrite")
+    raise InputError(f"{folder}: holds {_run_in(folder)} or add --overwrite")
 
 
 def _run_in(folder: Path) -> str:
     try:
-        return "an unfinished run" if finished_run(folder) is None else "a finished run"
+        return _UNFINISHED if finished_run(folder) is None else "a finished run; choose another folder"
     except InputError:
-        return "a run of another version"
+        return "a run of another version; choose another folder"
 
 
 def finished_run(folder: Path) -> RunInfo | None:
@@ -100,56 +97,3 @@ def finished_run(folder: Path) -> RunInfo | None:
         return None
     info = read_run_info(path)
     return info if info.finished else None
-
-
-class FrameFile:
-    """A text file that grows by whole frames.
-
-    A frame is written in one piece and pushed to the system; when that fails half-way (a full disk), what was written
-    of it is cut off again.
-    """
-
-    def __init__(self, path: Path, write_header: Callable[[IO[str]], None]) -> None:
-        self.path = path
-        self._guarded(lambda: self._open(path))
-        try:
-            self.add(write_header)
-        except WorkError:
-            self.close()
-            raise
-
-    def _open(self, path: Path) -> None:
-        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
-        self._size = 0
-
-    def add(self, write: Callable[[IO[str]], None]) -> None:
-        """Append what ``write`` writes.
-
-        Raises:
-            WorkError: the disk is full or the file cannot be written; the file ends with the last whole frame.
-        """
-        text = io.StringIO()
-        write(text)
-        data = text.getvalue().encode()
-        if data:
-            self._guarded(lambda: self._append(data))
-
-    def _append(self, data: bytes) -> None:
-        try:
-            written = 0
-            while written < len(data):
-                written += os.write(self._descriptor, data[written:])
-        except BaseException:
-            os.ftruncate(self._descriptor, self._size)
-            os.lseek(self._descriptor, self._size, os.SEEK_SET)
-            raise
-        self._size += len(data)
-
-    def _guarded(self, action: Callable[[], None]) -> None:
-        try:
-            action()
-        except OSError as error:
-            raise WorkError(f"{self.path}: cannot be written ({error.strerror}); earlier frames are kept") from error
-
-    def close(self) -> None:
-        os.close(self._descriptor)

@@ -12,4 +12,11 @@ class RunLog(Protocol):
 
     def frame(self, result: FrameResult) -> None: ...
 
-    def close(self) -> None: ...
+    def mark(self) -> dict[str, int]:
+        """Bring all frames so far to the disk; the position from which a run can go on after a kill."""
+
+    def close(self) -> None:
+        """All frames are complete on the disk, whether the run finished or not; it may be resumed."""
+
+    def finish(self) -> None:
+        """After ``close`` of a run that finished: nothing is kept for going on."""

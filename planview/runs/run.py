@@ -2,37 +2,37 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import platform
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import IO
-
-import numpy as np
+from typing import Any
 
 from calib.errors import WorkError
 from planview.analytics.clock import Span
-from planview.analytics.events import Event, write_event_header, write_event_rows
 from planview.analytics.stream import Analytics
 from planview.analytics.totals import Counts
 from planview.pipeline.engine import Engine, FrameResult
-from planview.runs.folder import FrameFile
+from planview.runs.checkpoint.decode import decode
+from planview.runs.checkpoint.encode import encode
+from planview.runs.checkpoint.file import Checkpoint, remove_checkpoints, write_checkpoint
+from planview.runs.checkpoint.identity import digest_of, identity_of
+from planview.runs.frame_file import FilePosition
 from planview.runs.info import RunInfo, SkippedFrame, write_result, write_run_info
 from planview.runs.interrupts import Interrupts
 from planview.runs.lock import folder_lock
 from planview.runs.log import RunLog
-from planview.tracking.base import Decision
-from planview.trajectories.table import write_header, write_rows
+from planview.runs.tables import RunTables
+from planview.runs.totals import RunTotals
 
 LIBRARIES = ("planview", "numpy", "opencv-python-headless", "scipy", "open3d", "numba")
-DECISION_COLUMNS = ("frame", "timestamp_s", "id", "kind", "reason", "value")
 SKIPPED_MAX = 1000
 """run.json names at most so many skipped frames."""
 
@@ -46,43 +46,14 @@ class RunOptions:
         analytics: counts while running; None for no rules.
         debug: write ``decisions.csv``, every decision of the tracker with its reason.
         max_frames: stop after so many frames; 0 for all.
+        checkpoint_every_s: time between two checkpoints [s]; 0 for none.
     """
 
     tracker: str = "template"
     analytics: Analytics | None = None
     debug: bool = False
     max_frames: int = 0
-
-
-@dataclass
-class _Progress:
-    """What a run has counted so far."""
-
-    frames: int = 0
-    tracks: int = 0
-    people: set[int] = field(default_factory=set)
-    stages: dict[str, list[float]] = field(default_factory=dict)
-    events: list[Event] = field(default_factory=list)
-    first_s: float = 0.0
-    last_s: float = 0.0
-
-    def take(self, result: FrameResult) -> None:
-        if self.frames == 0:
-            self.first_s = result.timestamp_s
-        self.frames += 1
-        self.last_s = result.timestamp_s
-        self.tracks += len(result.tracks)
-        self.people |= {track.track_id for track in result.tracks if track.state == "confirmed"}
-        for stage, duration in result.stages_ms.items():
-            self.stages.setdefault(stage, []).append(duration)
-
-    def remark(self) -> str:
-        """Why nobody was found; empty when somebody was."""
-        if self.people or not self.frames:
-            return ""
-        if not self.tracks:
-            return f"nothing of a person's size moved in {self.frames} frames"
-        return "what moved was too short or too small to be believed (--rrd and --debug show why)"
+    checkpoint_every_s: float = 0.0
 
 
 def run(
@@ -91,105 +62,210 @@ def run(
     options: RunOptions | None = None,
     logs: Sequence[RunLog] = (),
     watch: Callable[[FrameResult], None] | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> RunInfo:
     """Track a recording and write the output folder.
 
-    The folder must exist (``planview.runs.folder.prepare_folder``). When the run is interrupted or fails, ``run.json``
-    says ``finished: false`` and every file is valid up to the last finished frame.
+    The folder must be empty of results (``planview.runs.folder.prepare_folder``). When the run is interrupted or fails,
+    ``run.json`` says ``finished: false`` and every file is valid up to the last finished frame.
 
     Args:
         engine: from ``open_engine``, or composed by hand.
-        logs: take every frame; closed at the end, whatever happens.
+        logs: take every frame, one of each class; closed at the end, whatever happens.
         watch: called after every frame, e.g. to show progress.
+        checkpoint: to go on from (``planview.runs.resume.checkpoint_of``), with logs made for its positions.
     Raises:
         InputError: another process writes into the folder.
         WorkError: the disk is full, or no frame can be used.
         KeyboardInterrupt: Ctrl-C, SIGTERM or SIGHUP came; raised after the frame under way, with all files closed.
     """
-    options = options or RunOptions()
-    info, started, progress = _start(engine, options), time.monotonic(), _Progress()
+    job = _Run(engine, folder, options or RunOptions(), logs)
     finished = False
-    try:
-        with ExitStack() as stack:
-            for log in logs:
-                stack.callback(log.close)
-            stack.enter_context(folder_lock(folder))
-            interrupts = stack.enter_context(Interrupts())
-            write_run_info(info, folder / "run.json")
-            files = stack.enter_context(closing(_Files(folder, options)))
-            for result in _limited(engine, options.max_frames):
-                progress.take(result)
-                files.add(result, progress)
-                for log in logs:
-                    log.frame(result)
-                if watch:
-                    watch(result)
-                if interrupts.noted and getattr(engine.recording, "is_live", False):
-                    break  # the usual end of cameras that run
-                interrupts.check()
-        _refuse_empty(engine, progress)
-        finished = True
-    finally:
-        info = _finish(info, engine, progress, options, time.monotonic() - started, finished)
-        _write_end(info, folder)
+    with folder_lock(folder):
+        try:
+            job.track(watch, checkpoint)
+            finished = True
+        finally:
+            info = job.end(finished)
     return info
 
 
-def _refuse_empty(engine: Engine, progress: _Progress) -> None:
-    if progress.frames == 0:
-        skipped = engine.recording.skipped
-        why = f" ({skipped[0].why})" if skipped else ""
-        raise WorkError(f"{engine.recording.path}: none of {engine.recording.n_frames} frames can be used{why}")
+class _Run:
+    """One run: its parts, and the steps that ``run`` puts in order."""
+
+    def __init__(self, engine: Engine, folder: Path, options: RunOptions, logs: Sequence[RunLog]) -> None:
+        self._engine, self._folder, self._options = engine, folder, options
+        self._logs = {type(log).__name__: log for log in logs}
+        self._totals, self._started = RunTotals(), time.monotonic()
+        self._info = _info_of(engine, options)
+
+    def track(self, watch: Callable[[FrameResult], None] | None, checkpoint: Checkpoint | None) -> None:
+        """All frames; files are closed whatever happens."""
+        options = self._options
+        with ExitStack() as stack:
+            for log in self._logs.values():
+                stack.callback(log.close)
+            interrupts = stack.enter_context(Interrupts())
+            frames = self._frames(checkpoint)
+            write_run_info(self._information("running"), self._folder / "run.json")
+            tables = stack.enter_context(closing(self._tables(checkpoint)))
+            is_live = getattr(self._engine.recording, "is_live", False)
+            marks = _Schedule(0.0 if is_live else options.checkpoint_every_s)
+            for result in frames:
+                self._take(result, tables)
+                if watch:
+                    watch(result)
+                if marks.due(interrupts.noted) and not self._mark(tables):
+                    marks.stop()
+                if interrupts.noted and is_live:
+                    break  # the usual end of cameras that run
+                interrupts.check()
+        self._refuse_empty()
+
+    def _frames(self, checkpoint: Checkpoint | None) -> Iterator[FrameResult]:
+        """Results from the first frame, or from the one after the checkpoint, as many as asked for."""
+        self._engine.reset()
+        if checkpoint is not None:
+            decode(checkpoint.memory, self._memory())
+        limit = self._options.max_frames
+        if limit and self._totals.frames >= limit:
+            return
+        for result in self._engine.after(self._totals.last_frame):
+            yield result
+            if self._totals.frames == limit:
+                return
+
+    def _tables(self, checkpoint: Checkpoint | None) -> RunTables:
+        options = self._options
+        positions = checkpoint and {name: FilePosition(*at) for name, at in checkpoint.written["tables"].items()}
+        return RunTables(self._folder, options.analytics is not None, options.debug, positions)
+
+    def _take(self, result: FrameResult, tables: RunTables) -> None:
+        self._totals.take(result)
+        analytics = self._options.analytics
+        events = analytics.update(result.frame, result.timestamp_s, result.tracks) if analytics else ()
+        self._totals.events.extend(events)
+        tables.add(result, events)
+        for log in self._logs.values():
+            log.frame(result)
+
+    def _memory(self) -> dict[str, object]:
+        memory = {"totals": self._totals, **self._engine.memory()}
+        return memory | ({"analytics": self._options.analytics} if self._options.analytics else {})
+
+    def _mark(self, tables: RunTables) -> bool:
+        """Write a checkpoint: first all that it refers to, then the checkpoint, then run.json.
+
+        Returns:
+            False when the engine holds what a checkpoint cannot (a tracker from elsewhere): the run goes on without.
+        """
+        written = {"tables": tables.mark(), "logs": {name: log.mark() for name, log in self._logs.items()}}
+        before_s = self._totals.elapsed_s
+        self._totals.elapsed_s = self._elapsed_s()
+        try:
+            memory = encode(self._memory())
+        except TypeError as error:
+            warnings.warn(f"this run writes no checkpoints: {error}", stacklevel=2)
+            return False
+        finally:
+            self._totals.elapsed_s = before_s
+        identity = run_identity(self._engine, self._options, list(self._logs), self._folder)
+        write_checkpoint(self._folder, Checkpoint(identity, written, memory))
+        write_run_info(self._information("running"), self._folder / "run.json")
+        return True
+
+    def _elapsed_s(self) -> float:
+        return self._totals.elapsed_s + time.monotonic() - self._started
+
+    def _refuse_empty(self) -> None:
+        recording = self._engine.recording
+        if self._totals.frames == 0:
+            why = f" ({recording.skipped[0].why})" if recording.skipped else ""
+            raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used{why}")
+
+    def end(self, finished: bool) -> RunInfo:
+        """The last words. A run that failed may have no room for them: run.json then stays as it was, unfinished."""
+        info = self._information("finished" if finished else "interrupted")
+        try:
+            if info.counts:
+                write_result(self._folder / "counts.json", json.dumps(info.counts, indent=2) + "\n")
+            write_run_info(info, self._folder / "run.json")
+        except WorkError:
+            if finished:
+                raise
+        if finished:
+            for log in self._logs.values():
+                log.finish()
+            remove_checkpoints(self._folder)
+        return info
+
+    def _information(self, state: str) -> RunInfo:
+        skipped, totals = self._engine.recording.skipped, self._totals
+        return self._info.model_copy(
+            update={
+                "state": state,
+                "finished": state == "finished",
+                "elapsed_s": self._elapsed_s(),
+                "frames_read": totals.frames,
+                "frames_skipped": len(skipped),
+                "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:SKIPPED_MAX]],
+                "stages_ms": {stage: times.median_ms for stage, times in totals.stages.items()},
+                "people": len(totals.people),
+                "remark": totals.remark(),
+                "counts": self._counts() if state != "running" else {},
+            }
+        )
+
+    def _counts(self) -> dict[str, object]:
+        analytics, totals = self._options.analytics, self._totals
+        if analytics is None:
+            return {}
+        frame_s = 1 / self._engine.recording.fps
+        span = Span(totals.first_s, totals.last_s + frame_s, frame_s)
+        stays = {name: sorted(stays, key=lambda s: s.start_s) for name, stays in analytics.stays.items()}
+        events = sorted(totals.events, key=lambda e: e.timestamp_s)
+        return Counts(analytics.rules, events, stays, span, analytics.params.interval_s).to_json()
 
 
-def _write_end(info: RunInfo, folder: Path) -> None:
-    """A run that failed may have no room for its last words either: run.json then stays as it was, unfinished."""
-    try:
-        if info.counts:
-            write_result(folder / "counts.json", json.dumps(info.counts, indent=2) + "\n")
-        write_run_info(info, folder / "run.json")
-    except WorkError:
-        if info.finished:
-            raise
+class _Schedule:
+    """When the next checkpoint is due."""
+
+    def __init__(self, every_s: float) -> None:
+        self._every_s, self._last_s = every_s, time.monotonic()
+
+    def due(self, stopping: bool) -> bool:
+        """Whether it is time, or the run is about to stop."""
+        now_s = time.monotonic()
+        if not self._every_s or (now_s - self._last_s < self._every_s and not stopping):
+            return False
+        self._last_s = now_s
+        return True
+
+    def stop(self) -> None:
+        """No checkpoint is due any more."""
+        self._every_s = 0.0
 
 
-class _Files:
-    """tracks.csv, and events.csv and decisions.csv where asked for."""
+def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str], folder: Path) -> dict[str, Any]:
+    """What a run that goes on must share with the one that was interrupted (``checkpoint.identity``).
 
-    def __init__(self, folder: Path, options: RunOptions) -> None:
-        self._analytics = options.analytics
-        self._tracks = FrameFile(folder / "tracks.csv", write_header)
-        self._events = FrameFile(folder / "events.csv", write_event_header) if options.analytics else None
-        self._decisions = FrameFile(folder / "decisions.csv", _decision_header) if options.debug else None
-
-    def add(self, result: FrameResult, progress: _Progress) -> None:
-        frame, moment = result.frame, result.timestamp_s
-        self._tracks.add(lambda file: write_rows(file, frame, moment, result.tracks))
-        if self._analytics and self._events:
-            events = self._analytics.update(frame, moment, result.tracks)
-            progress.events.extend(events)
-            self._events.add(lambda file: write_event_rows(file, events))
-        if self._decisions:
-            self._decisions.add(lambda file: _decision_rows(file, frame, moment, result.decisions))
-
-    def close(self) -> None:
-        for file in (self._tracks, self._events, self._decisions):
-            if file:
-                file.close()
+    Args:
+        logs: names of their classes.
+    """
+    rules = options.analytics and {"rules": options.analytics.rules, "params": options.analytics.params}
+    settings = {
+        "tracker": options.tracker,
+        "rules": digest_of(rules) if rules else "",
+        "debug": options.debug,
+        "logs": sorted(logs),
+    }
+    return identity_of(engine, settings, folder)
 
 
-def _limited(engine: Engine, max_frames: int) -> Iterator[FrameResult]:
-    for n, result in enumerate(engine, 1):
-        yield result
-        if n == max_frames:
-            break
-
-
-def _start(engine: Engine, options: RunOptions) -> RunInfo:
+def _info_of(engine: Engine, options: RunOptions) -> RunInfo:
     return RunInfo(
         input=os.fspath(engine.recording.path),
         tracker=options.tracker,
-        state="running",
         started_at=datetime.now(UTC).astimezone().isoformat(timespec="seconds"),
         versions={"python": platform.python_version(), **_versions()},
         config=engine.config.model_dump(mode="json"),
@@ -206,44 +282,3 @@ def _versions() -> dict[str, str]:
         with suppress(PackageNotFoundError):
             found[name] = version(name)
     return found
-
-
-def _finish(
-    info: RunInfo, engine: Engine, progress: _Progress, options: RunOptions, elapsed_s: float, finished: bool
-) -> RunInfo:
-    skipped = engine.recording.skipped
-    return info.model_copy(
-        update={
-            "state": "finished" if finished else "interrupted",
-            "finished": finished,
-            "elapsed_s": elapsed_s,
-            "frames_read": progress.frames,
-            "frames_skipped": len(skipped),
-            "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:SKIPPED_MAX]],
-            "stages_ms": {stage: float(np.median(times)) for stage, times in progress.stages.items()},
-            "people": len(progress.people),
-            "remark": progress.remark(),
-            "counts": _counts(progress, options, engine.recording.fps),
-        }
-    )
-
-
-def _counts(progress: _Progress, options: RunOptions, fps: float) -> dict[str, object]:
-    analytics = options.analytics
-    if analytics is None:
-        return {}
-    span = Span(progress.first_s, progress.last_s + 1 / fps, 1 / fps)
-    stays = {name: sorted(stays, key=lambda s: s.start_s) for name, stays in analytics.stays.items()}
-    events = sorted(progress.events, key=lambda e: e.timestamp_s)
-    return Counts(analytics.rules, events, stays, span, analytics.params.interval_s).to_json()
-
-
-def _decision_header(file: IO[str]) -> None:
-    csv.writer(file, lineterminator="\n").writerow(DECISION_COLUMNS)
-
-
-def _decision_rows(file: IO[str], frame: int, timestamp_s: float, decisions: tuple[Decision, ...]) -> None:
-    csv.writer(file, lineterminator="\n").writerows(
-        (frame, f"{timestamp_s:.4f}", d.track_id, d.kind, d.reason, "" if np.isnan(d.value) else f"{d.value:.4f}")
-        for d in decisions
-    )

@@ -6,7 +6,7 @@ import colorsys
 import math
 import shutil
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import cv2
@@ -19,6 +19,7 @@ from calib.types import F32, I32, U8
 from planview.maps.view import StereoView
 from planview.pipeline.engine import Engine, FrameResult
 from planview.runs.rerun.blueprint import blueprint, other_heads, shown_floor
+from planview.runs.rerun.parts import RrdParts
 from planview.tracking.base import Drawing
 from planview.trajectories.state import TrackState
 
@@ -34,24 +35,31 @@ FREE_BYTES_MIN = 64 * 2**20
 
 
 class RerunLog:
-    """Writes ``run.rrd``.
+    """Writes ``run.rrd``, in parts while the run goes on (``planview.runs.rerun.parts``).
 
     Args:
         engine: whose frames will come.
         path: the file to write.
+        position: of ``mark``, to go on from there; what was written after it is dropped.
     Raises:
+        InputError: what was written up to the position is not there any more.
         WorkError: too little free disk space.
     """
 
-    def __init__(self, engine: Engine, path: Path) -> None:
-        self._engine, self._path = engine, path
+    def __init__(self, engine: Engine, path: Path, position: Mapping[str, int] | None = None) -> None:
+        self._engine, self._path, self._parts = engine, path, RrdParts(path, position)
         self._check_room()
         self._stereo = engine.stereo
         self._trails: dict[int, deque[tuple[float, float, float]]] = {}  # time [s], x and y [m]
         self._shown: set[str] = set()
         self._stream = rr.RecordingStream("planview", recording_id=f"planview-{path.parent.name}")
-        self._stream.save(str(path), default_blueprint=blueprint(engine))
+        self._stream.save(str(self._parts.open_path), default_blueprint=blueprint(engine))
         self._log_static()
+
+    def mark(self) -> dict[str, int]:
+        """See ``RunLog``."""
+        self._stream.flush()
+        return self._parts.position()
 
     def frame(self, result: FrameResult) -> None:
         """Log one frame, on the timelines ``frame`` and ``time``.
@@ -75,8 +83,13 @@ class RerunLog:
         self._log_series(result)
 
     def close(self) -> None:
-        """Flush and close the file."""
+        """See ``RunLog``."""
         self._stream.disconnect()
+        self._parts.join()
+
+    def finish(self) -> None:
+        """See ``RunLog``."""
+        self._parts.remove()
 
     def _check_room(self) -> None:
         free = shutil.disk_usage(self._path.parent).free

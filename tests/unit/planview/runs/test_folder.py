@@ -7,7 +7,8 @@ import pytest
 from full_disk import fill_disk_after
 
 from calib.errors import InputError, WorkError
-from planview.runs.folder import PRODUCTS, FrameFile, check_folder, finished_run, prepare_folder
+from planview.runs.folder import PRODUCTS, check_folder, finished_run, prepare_folder
+from planview.runs.frame_file import FrameFile
 from planview.runs.info import RunInfo, read_run_info, write_run_info
 
 
@@ -35,7 +36,7 @@ def test_a_finished_run_is_refused_and_kept(tmp_path: Path) -> None:
 def test_an_unfinished_run_is_refused_and_kept(tmp_path: Path) -> None:
     finish(tmp_path, finished=False)
     (tmp_path / "tracks.csv").write_text("precious")
-    with pytest.raises(InputError, match="unfinished run; choose another folder or add --overwrite"):
+    with pytest.raises(InputError, match="unfinished run; go on with --resume or add --overwrite"):
         prepare_folder(tmp_path, overwrite=False)
     assert (tmp_path / "tracks.csv").read_text() == "precious"
 

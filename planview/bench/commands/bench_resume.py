@@ -1,0 +1,78 @@
+"""``planview bench resume``."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from calib.errors import InputError, WorkError
+from planview.bench.commands.options import JsonFlag
+from planview.bench.resume import KillBench
+from planview.pipeline.factory import TrackerName
+
+
+def bench_resume(
+    recording: Path,
+    *,
+    kills: int = 50,
+    seed: int = 0,
+    frames: int = 0,
+    tracker: TrackerName = "template",
+    camera: Path | None = None,
+    rules: Path | None = None,
+    checkpoint_every: float = 0.3,
+    set_: Annotated[Sequence[str], Parameter(name="--set")] = (),
+    json_output: JsonFlag = False,
+) -> None:
+    """Kill runs at random moments, resume them, and compare their results with those of a run that is left alone.
+
+    Example: planview bench resume out/maps.h5 --kills 50
+
+    Parameters
+    ----------
+    recording
+        Whatever planview run takes; plan-view maps are the cheapest.
+    kills
+        How many runs are killed (three in ten of them twice).
+    seed
+        Of the moments.
+    frames
+        Frames per run; 0 for all.
+    tracker
+        As for planview run.
+    camera
+        As for planview run.
+    rules
+        As for planview run.
+    checkpoint_every
+        Time between two checkpoints, in seconds.
+    set_
+        As for planview run.
+    json_output
+        Print one JSON object.
+    """
+    if kills < 1:
+        raise InputError(f"--kills: expected a number from 1, found {kills}")
+    words = [str(recording), "--debug", "--tracker", tracker, "--checkpoint-every", f"{checkpoint_every:g}"]
+    words += ["--frames", str(frames)] if frames else []
+    for name, value in (("--camera", camera), ("--rules", rules)):
+        words += [name, str(value)] if value is not None else []
+    words += [word for setting in set_ for word in ("--set", setting)]
+    messages = Console(stderr=True, markup=False, soft_wrap=True)
+    with tempfile.TemporaryDirectory(prefix="planview-resume-") as place:
+        runs = KillBench(words, Path(place), seed).kills(kills, lambda text: messages.print(text, highlight=False))
+    identical = sum(not run.differing for run in runs)
+    resumed = sum(run.resumed_at > 0 for run in runs)
+    if json_output:
+        print(json.dumps({"kills": kills, "identical": identical, "runs": [asdict(run) for run in runs]}, indent=2))
+    else:
+        print(f"{identical}/{kills} runs identical after kill and resumption ({resumed} of them from a checkpoint)")
+    if identical < kills:
+        raise WorkError(f"{kills - identical} of {kills} resumed runs differ from the run that was left alone")

@@ -1,0 +1,98 @@
+"""``run.rrd`` in parts, one for every time that a run was taken up again, joined in the end."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sysconfig
+from collections.abc import Mapping
+from pathlib import Path
+
+from calib.errors import InputError, WorkError
+from calib.files import sync, whole_file
+
+JOINED_BYTES_MAX = 2 * 2**30
+"""Parts that are larger together stay apart: rerun joins in memory (our choice)."""
+
+
+class RrdParts:
+    """The files that a rerun recording is written to.
+
+    rerun cannot go on with a file. But a file that is cut off after whole messages can be read, and ``rerun rrd merge``
+    makes one recording of several that share its id, as the viewer does with files that are opened together.
+
+    Args:
+        path: of the file that the parts become.
+        position: to go on from; what was written after it is dropped.
+    Attributes:
+        joined: whether the last ``join`` made one file.
+    Raises:
+        InputError: the parts do not reach to the position.
+    """
+
+    def __init__(self, path: Path, position: Mapping[str, int] | None = None) -> None:
+        self._path = path
+        self._count = 1 if position is None else self._cut_off(position) + 1
+        self.joined = False
+
+    @property
+    def open_path(self) -> Path:
+        """The part being written."""
+        return self._part(self._count)
+
+    def position(self) -> dict[str, int]:
+        """Where the recording stands; everything up to there is brought to the disk."""
+        sync(self.open_path)
+        return {"parts": self._count, "bytes": self.open_path.stat().st_size}
+
+    def _cut_off(self, position: Mapping[str, int]) -> int:
+        """Drop what was written after a position; returns the number of parts left."""
+        last = position["parts"]
+        if last == 1 and self._path.exists():
+            self._path.replace(self._part(1))
+        size = self._part(last).stat().st_size if self._part(last).is_file() else 0
+        if size < position["bytes"]:
+            found = f"expected {position['bytes']} bytes before the checkpoint, found {size}"
+            raise InputError(f"{self._part(last)}: {found}")
+        os.truncate(self._part(last), position["bytes"])
+        self._path.unlink(missing_ok=True)
+        for path in self._path.parent.glob(f"{self._path.stem}-[0-9]*.rrd"):
+            if path not in [self._part(n) for n in range(1, last + 1)]:
+                path.unlink()
+        return last
+
+    def join(self) -> None:
+        """Make one file of the parts, where they are not too large for that.
+
+        Raises:
+            WorkError: they cannot be joined.
+        """
+        parts = [self._part(n) for n in range(1, self._count + 1)]
+        if len(parts) == 1:
+            sync(parts[0])
+            parts[0].replace(self._path)
+        elif sum(part.stat().st_size for part in parts) <= JOINED_BYTES_MAX:
+            with whole_file(self._path) as whole:
+                _merge(parts, whole)
+        self.joined = self._path.is_file()
+
+    def remove(self) -> None:
+        """Remove the parts, if they were joined."""
+        for n in range(1, self._count + 1):
+            if self.joined:
+                self._part(n).unlink(missing_ok=True)
+
+    def _part(self, number: int) -> Path:
+        return self._path.with_name(f"{self._path.stem}-{number}{self._path.suffix}")
+
+
+def _merge(parts: list[Path], target: Path) -> None:
+    program = Path(sysconfig.get_path("scripts")) / "rerun"
+    command: list[Path | str] = [program, "rrd", "merge", *parts, "-o", target]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise WorkError(f"{target}: the rerun program cannot be started ({error.strerror})") from error
+    if done.returncode != 0:
+        told = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+        raise WorkError(f"{target}: the parts of the rerun recording cannot be joined ({told})")
