@@ -21,9 +21,9 @@ _MAX_CANDIDATES = 20
 class PersonDetectionParams(Params):
     """What counts as a person who is not tracked yet; our choices where no source is named."""
 
-    height_min_m: float = Field(1.2, gt=0.0)
-    """Plausible minimum height [m] (Harville 2002, section 4): above chair backs (about 1.1 m) and below the head of
-    a seated adult (about 1.3 m)."""
+    height_min_m: float = Field(0.85, gt=0.0)
+    """Plausible minimum height [m] (Harville 2002, section 4): a child of two years. Chairs reach 1.1 m: what is as low
+    must move by itself to be confirmed, apart from all people."""
     low_m: float = Field(0.4, gt=0.0)
     """The same where a person was lost [m]: people crouch and sit on the floor (head at about 0.75 m), and are looked
     for where they vanished before anything else is thought of."""

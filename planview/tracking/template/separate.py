@@ -6,13 +6,15 @@ import math
 from collections.abc import Sequence
 
 from planview.maps.builder import PlanViewMaps
-from planview.tracking.detection import inseparable
+from planview.tracking.detection import PersonCandidate, inseparable
 from planview.tracking.newcomers import is_part_of
 from planview.tracking.template.params import TemplateTrackerParams
 from planview.tracking.template.state import TemplatePerson
 
 SEATED_M = 1.4
 """Heads of seated adults are below this [m] (anthropometric tables: seat 0.45 m, sitting height up to 0.95 m)."""
+CHAIR_M = 1.2
+"""What is lower than this may be a chair, a case, or the lap of a seated person [m]."""
 
 
 class Separate:
@@ -20,19 +22,24 @@ class Separate:
 
     Args:
         maps: of the frame.
+        now_s: its time [s].
     """
 
-    def __init__(self, maps: PlanViewMaps, params: TemplateTrackerParams) -> None:
-        self._maps, self._params = maps, params
+    def __init__(self, maps: PlanViewMaps, params: TemplateTrackerParams, now_s: float) -> None:
+        self._maps, self._params, self._now_s = maps, params, now_s
 
     def __call__(self, person: TemplatePerson, known: Sequence[TemplatePerson]) -> bool:
         """Whether a newcomer is neither a part of one of the people known nor a thing that was put down."""
-        return not any(self._part_of(person, other) for other in known) and not self._put_down(person)
+        if any(self._part_of(person, other) for other in known):
+            # What a person carries or pushes moves and looks tall, but not by itself: its proof begins again.
+            person.spawned_m, person.alone_s = person.at_m, self._now_s
+            return False
+        return not self._put_down(person)
 
     def _put_down(self, person: TemplatePerson) -> bool:
-        """As low as a seated person, and never moved since it appeared."""
-        moved = math.dist(person.at_m, person.spawned_m)
-        return person.height_m < SEATED_M and moved < self._params.moved_m
+        """As low as a seated person, and has not moved by itself since it appeared."""
+        enough_m = self._params.moved_m
+        return person.height_m < SEATED_M and math.dist(person.at_m, person.spawned_m) < enough_m
 
     def _part_of(self, person: TemplatePerson, other: TemplatePerson) -> bool:
         """Not to be told apart from another person, or within that person's reach and much smaller."""
@@ -40,3 +47,9 @@ class Separate:
         if inseparable(maps.view, person.at_m, other.at_m, p.detection.separation_m):
             return True
         return is_part_of(maps, person.at_m, other.at_m, p.part_area, p.arm_m, p.width_m / 2)
+
+
+def small_beside(candidate: PersonCandidate, people: Sequence[TemplatePerson], params: TemplateTrackerParams) -> bool:
+    """Whether a newcomer as low as furniture stands within an arm of a person, whose it is then."""
+    place = candidate.x_m, candidate.y_m
+    return candidate.height_m < CHAIR_M and any(math.dist(place, q.at_m) < params.arm_m for q in people)

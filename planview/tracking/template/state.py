@@ -31,6 +31,7 @@ class TemplatePerson:
         offset_m: from the visible surface to the body axis [m].
         head: the head was measured in this frame.
         head_in_view: the top of the head has been inside the image; until then the height is not known.
+        alone_s: time when it was last within reach of another person, before it was confirmed [s].
         clear_s: time of the last clear measurement of the appearance [s].
         too_low: now lower than a newcomer may be.
         score, reach_cells, searched_m: of the last search, for debugging.
@@ -48,6 +49,7 @@ class TemplatePerson:
     offset_m: tuple[float, float] = (0.0, 0.0)
     head: bool = False
     head_in_view: bool = False
+    alone_s: float = -math.inf
     clear_s: float = -math.inf
     too_low: bool = False
     score: float = math.nan

@@ -17,7 +17,7 @@ from planview.tracking.lifecycle import LifeCycle
 from planview.tracking.template.identities import HEAD_ROOM_M, Identities
 from planview.tracking.template.matching import JointMatcher
 from planview.tracking.template.params import TemplateTrackerParams
-from planview.tracking.template.separate import Separate
+from planview.tracking.template.separate import Separate, small_beside
 from planview.tracking.template.state import TemplateFrame, TemplatePerson
 from planview.tracking.template.templates import blend, nearest_peak, renew, slipped
 from planview.trajectories.state import TrackState
@@ -157,13 +157,13 @@ class TemplateTracker:
 
     def _confirm(self, frame: TemplateFrame) -> None:
         """Confirm who was tracked long enough and is a body of its own."""
-        p, separate = self.params, Separate(frame.maps, self.params)
+        p, separate = self.params, Separate(frame.maps, self.params, self._life.now_s)
         known = [person for person in self._people if person.state == "confirmed"]
         for person in list(self._people):
             age = self._life.age_s(person.existence)
             if person.state != "tentative" or not person.observed or age < p.confirm_s - 1e-9:
                 continue
-            if not separate(person, known):
+            if not separate(person, known) or self._life.now_s - person.alone_s < p.confirm_s - 1e-9:
                 continue
             if age < p.confirm_s + p.recognise_s and self._identities.undecided(person, self._people):
                 continue
@@ -186,7 +186,7 @@ class TemplateTracker:
             person = self._lost_match(frame, candidate)
             if person is not None:
                 self._reacquire(frame, person, candidate)
-            elif not candidate.low:
+            elif not candidate.low and not small_beside(candidate, self._people, self.params):
                 self._spawn(frame, candidate)
 
     def _lost_match(self, frame: TemplateFrame, candidate: PersonCandidate) -> TemplatePerson | None:

@@ -78,9 +78,26 @@ def test_tentative_track_is_dropped_at_its_first_miss() -> None:
     assert results[1] == ()
 
 
-def test_furniture_below_a_persons_height_is_never_tracked() -> None:
-    results = follow(TemplateTracker(), [[p] for p in walk(-1.0, 1.0, 0.0, 20, 1.05)])
+def test_what_is_lower_than_a_small_child_is_never_tracked() -> None:
+    results = follow(TemplateTracker(), [[p] for p in walk(-1.0, 1.0, 0.0, 20, 0.75)])
     assert all(tracks == () for tracks in results)
+
+
+def test_chair_that_stands_still_is_never_confirmed() -> None:
+    results = follow(TemplateTracker(), [[(0.2, 0.1, 1.05)]] * 30)
+    assert not any(confirmed(tracks) for tracks in results)
+
+
+def test_child_that_walks_is_a_person() -> None:
+    results = follow(TemplateTracker(), [[p] for p in walk(-1.0, 1.0, 0.0, 20, 1.05)])
+    assert [track.height_m for track in confirmed(results[-1])] == [pytest.approx(1.05, abs=0.08)]
+
+
+def test_chair_that_a_person_pushes_and_leaves_is_never_confirmed() -> None:
+    pushing = [[p, (p[0] + 0.6, 0.0, 1.05)] for p in walk(-1.4, 0.0, 0.0, 20)]
+    leaving = [[p, (0.6, 0.0, 1.05)] for p in walk(0.0, -1.4, 0.0, 20)]
+    results = follow(TemplateTracker(), pushing + leaving)
+    assert all(len(confirmed(tracks)) <= 1 for tracks in results)
 
 
 def test_person_who_sits_down_stays_tracked() -> None:
