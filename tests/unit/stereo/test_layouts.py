@@ -1,0 +1,190 @@
+import struct
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from toy_stereo import toy_rig
+
+from calib.errors import InputError
+from calib.formats import write_rig
+from calib.rig import save_rig
+from calib.types import AnyArray
+from stereo.readers import OpenOptions, find_layout, find_reader, open_recording
+from stereo.readers.bits import to_8_bits, true_bits
+from stereo.readers.image_header import header_size
+from stereo.readers.images import decode_image
+from stereo.readers.sides import split_sides
+
+W, H, COUNT = 32, 24, 6
+START = 1_403_715_273_262_142_976
+
+
+def picture(value: int) -> AnyArray:
+    image = np.add.outer(np.arange(H), np.arange(W)).astype(np.uint8)
+    image[:8, :8] = value
+    return image
+
+
+def euroc(folder: Path, listed: bool = True, missing: int | None = None) -> Path:
+    write_rig(toy_rig((W, H), focal_px=30.0), folder / "mav0", "euroc")
+    for camera in ("cam0", "cam1"):
+        (folder / "mav0" / camera / "data").mkdir(parents=True)
+        names = [f"{START + i * 50_000_000}.png" for i in range(COUNT) if (camera, i) != ("cam1", missing)]
+        for i in range(COUNT):
+            cv2.imwrite(str(folder / "mav0" / camera / "data" / f"{START + i * 50_000_000}.png"), picture(10 * i))
+        if listed:
+            rows = "".join(f"{name[:-4]},{name}\n" for name in names)
+            (folder / "mav0" / camera / "data.csv").write_text("#timestamp [ns],filename\n" + rows)
+    return folder
+
+
+@pytest.mark.parametrize("listed", [True, False])
+def test_euroc_folder_has_the_rate_of_its_stamps_and_its_own_calibration(tmp_path: Path, listed: bool) -> None:
+    recording = open_recording(euroc(tmp_path, listed))
+    assert [round(f.timestamp_s, 6) for f in recording] == [0.0, 0.05, 0.1, 0.15, 0.2, 0.25]
+    assert recording.fps == pytest.approx(20.0) and recording.rig.baseline_m == pytest.approx(0.12)
+
+
+def test_euroc_frame_of_one_camera_is_counted(tmp_path: Path) -> None:
+    recording = open_recording(euroc(tmp_path, missing=3))
+    assert [f.index for f in recording] == [0, 1, 2, 4, 5]
+    assert "1 of 6 frames without a mate within 12.5 ms" in recording.notes[0]
+
+
+def test_euroc_cameras_in_the_wrong_order_are_exchanged(tmp_path: Path) -> None:
+    folder = euroc(tmp_path) / "mav0"
+    first, second = folder / "cam0" / "sensor.yaml", folder / "cam1" / "sensor.yaml"
+    texts = first.read_text(), second.read_text()
+    first.write_text(texts[1])
+    second.write_text(texts[0])
+    recording = open_recording(tmp_path)
+    assert recording.rig.right_SE3_left.translation[0] < 0
+    assert "cam0 is the right camera" in recording.notes[0]
+
+
+def kitti(folder: Path, suffix: str) -> Path:
+    drive = folder / "2011_09_26" / f"2011_09_26_drive_0001_{suffix}"
+    for camera in ("image_00", "image_01"):
+        (drive / camera / "data").mkdir(parents=True)
+        for i in (0, 1, 3):
+            cv2.imwrite(str(drive / camera / "data" / f"{i:010d}.png"), picture(10 * i))
+        times = "".join(f"2011-09-26 13:02:25.{i}00000000\n" for i in range(4))
+        (drive / camera / "timestamps.txt").write_text(times)
+    rows = [f"S_rect_{i}: {W} {H}\nP_rect_{i}: 25 0 15.5 {shift} 0 25 11.5 0 0 0 1 0\n"
+            for i, shift in (("00", 0), ("01", -2.5))]  # fmt: skip
+    raw = write_rig(toy_rig((W, H), focal_px=30.0), folder / "raw.txt", "kitti")[0]
+    (folder / "2011_09_26" / "calib_cam_to_cam.txt").write_text(raw.read_text() + "".join(rows))
+    raw.unlink()
+    return folder
+
+
+@pytest.mark.parametrize(("suffix", "focal_px", "baseline_m"), [("sync", 25.0, 0.1), ("extract", 30.0, 0.12)])
+def test_kitti_drive_is_rectified_when_its_name_says_so(
+    tmp_path: Path, suffix: str, focal_px: float, baseline_m: float
+) -> None:
+    recording = open_recording(kitti(tmp_path, suffix))
+    assert recording.rig.left.fx == focal_px and recording.rig.baseline_m == pytest.approx(baseline_m)
+    assert [f.timestamp_s for f in recording] == pytest.approx([0.0, 0.1, 0.3])
+
+
+def test_middlebury_pair_is_one_frame(tmp_path: Path) -> None:
+    for name in ("im0", "im1"):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), picture(0))
+    write_rig(toy_rig((W, H), focal_px=30.0), tmp_path / "calib.txt", "middlebury")
+    recording = open_recording(tmp_path)
+    assert find_reader(tmp_path).key == "middlebury"
+    assert len(list(recording)) == 1 and recording.rig.baseline_m == pytest.approx(0.12)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [("left{:03d}", "right{:03d}"), ("{:03d}_L", "{:03d}_R"), ("cam0_{}", "cam1_{}"), ("I1_{:06d}", "I2_{:06d}"),
+     ("{}-imageLeft", "{}-imageRight")],
+)  # fmt: skip
+def test_images_in_one_folder_pair_by_any_naming_of_the_sides(tmp_path: Path, names: tuple[str, str]) -> None:
+    for i in range(COUNT):
+        for value, name in zip((10, 200), names, strict=True):
+            cv2.imwrite(str(tmp_path / f"{name.format(i)}.png"), picture(value + i))
+    save_rig(toy_rig((W, H), focal_px=30.0), tmp_path / "rig.toml")
+    frames = list(open_recording(tmp_path))
+    assert [(int(f.left[0, 0]), int(f.right[0, 0])) for f in frames] == [(10 + i, 200 + i) for i in range(COUNT)]
+
+
+def test_names_that_tell_no_side_are_no_pair() -> None:
+    assert split_sides(["frame1", "frame2", "frame3"]) is None
+    assert split_sides(["camera1", "camera2", "camera3"]) is None
+    assert split_sides(["calibration", "result"]) is None
+
+
+def test_nanoseconds_in_file_names_give_the_rate(tmp_path: Path) -> None:
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        for i in range(COUNT):
+            cv2.imwrite(str(tmp_path / side / f"{START + i * 50_000_000}.png"), picture(i))
+    save_rig(toy_rig((W, H), focal_px=30.0), tmp_path / "rig.toml")
+    assert open_recording(tmp_path).fps == pytest.approx(20.0)
+
+
+def test_nanoseconds_in_timestamps_csv_are_told_as_such(tmp_path: Path) -> None:
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        for i in range(COUNT):
+            cv2.imwrite(str(tmp_path / side / f"{i}.png"), picture(i))
+    save_rig(toy_rig((W, H), focal_px=30.0), tmp_path / "rig.toml")
+    rows = "".join(f"{i},{START + i * 50_000_000}\n" for i in range(COUNT))
+    (tmp_path / "timestamps.csv").write_text("frame,timestamp_s\n" + rows)
+    recording = open_recording(tmp_path)
+    assert recording.fps == pytest.approx(20.0) and "taken as ns" in recording.notes[0]
+    even = open_recording(tmp_path, OpenOptions(fps=5.0))
+    assert [f.timestamp_s for f in even][:3] == pytest.approx([0.0, 0.2, 0.4])
+
+
+def test_twelve_bits_in_sixteen_are_scaled_by_the_brightest_frame(tmp_path: Path) -> None:
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        for i in range(COUNT):
+            bright = 4000 if (side, i) == ("right", 5) else 900
+            cv2.imwrite(str(tmp_path / side / f"{i}.png"), np.full((H, W), bright, np.uint16))
+    save_rig(toy_rig((W, H), focal_px=30.0), tmp_path / "rig.toml")
+    recording = open_recording(tmp_path)
+    assert int(next(iter(recording)).left[0, 0]) == 900 >> 4
+    assert [note for note in recording.notes if "16 bits" in note] == [
+        "images of 16 bits whose values use 12: their upper 8 bits are taken"
+    ]
+
+
+def test_true_bits_are_those_of_the_largest_value() -> None:
+    assert [true_bits([np.array([[v]], np.uint16)]) for v in (255, 256, 1023, 4095, 4096, 65535)] == [
+        8, 10, 10, 12, 14, 16,
+    ]  # fmt: skip
+    assert true_bits([np.zeros((2, 2), np.uint8)]) is None
+    np.testing.assert_array_equal(to_8_bits(np.array([[4095, 65535]], np.uint16), 12), [[255, 255]])
+
+
+def test_image_that_announces_a_bomb_is_not_decoded() -> None:
+    header = struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
+    chunk = b"IHDR" + header
+    data = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk)) + b"IEND"
+    assert header_size(data) == (60_000, 60_000)
+    assert decode_image(data) is None
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".tiff", ".webp", ".ppm"])
+def test_size_in_the_header_is_that_of_the_image(suffix: str) -> None:
+    data = cv2.imencode(suffix, np.zeros((37, 53, 3), np.uint8))[1].tobytes()
+    assert header_size(data) == (53, 37)
+    assert header_size(data[:8]) is None
+
+
+def test_pointer_of_git_lfs_is_told_as_such(tmp_path: Path) -> None:
+    (tmp_path / "a.bag").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 727\n")
+    with pytest.raises(InputError, match="git-lfs pointer instead of the file of 727 bytes"):
+        find_layout(tmp_path / "a.bag")
+
+
+def test_zed_recording_names_the_way_out(tmp_path: Path) -> None:
+    (tmp_path / "a.svo2").write_bytes(b"SVO")
+    with pytest.raises(InputError, match="ZED SDK"):
+        find_layout(tmp_path / "a.svo2")
