@@ -3,64 +3,208 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from types import TracebackType
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 from rich.console import Console
-from rich.table import Table
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from calib.errors import InputError, WorkError
 from planview.commands.options import JsonFlag
-from planview.runs.sweep import Job, jobs_of, run_jobs
+from planview.studies.figures import FIGURES
+from planview.studies.pools import ClusterPool, Pool, ProcessPool
+from planview.studies.ranking import Estimate, Ranked
+from planview.studies.results import JobResult
+from planview.studies.study import RecordingEntry, Study, load_study, varied
+from planview.studies.sweep import StudyResults, run_study
+
+FAILED_MAX = 20
+"""Failed runs that are printed; summary.csv has them all."""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class SweepOptions:
+    """What is varied without a study file, and where runs take place."""
+
+    out: Path | None = None
+    """Folder for results; a study file's own name without .toml by default. What an earlier study there has done with
+    the same input, configuration and version is not repeated."""
+    vary: Annotated[Sequence[str], Parameter(name="--vary")] = ()
+    """Without a study file: a parameter and its values, e.g. template.width_m=0.35,0.40; may be given several times."""
+    config: Path | None = None
+    """Without a study file: TOML file with parameters common to all runs."""
+    jobs: int = 1
+    """Runs at the same time, each in a process of its own on one core."""
+    cluster: str | None = None
+    """Address of a Dask scheduler (tcp://HOST:PORT) whose workers share this file system, instead of processes here."""
+    json_output: JsonFlag = False
+    """Print one JSON object: runs, ranking, failed."""
 
 
 def sweep(
-    recordings: Annotated[Sequence[Path], Parameter(consume_multiple=True)],
-    *,
-    out: Path,
-    vary: Annotated[Sequence[str], Parameter(name="--vary")] = (),
-    config: Path | None = None,
-    jobs: int = 1,
-    cluster: str | None = None,
-    json_output: JsonFlag = False,
+    sources: Annotated[Sequence[Path], Parameter(consume_multiple=True)], *, options: SweepOptions | None = None
 ) -> None:
-    """Run every recording with every combination of settings; score those that have a truth.csv.
+    """Run recordings with many configurations and seeds, score them against truth and rank the configurations.
 
-    Example: planview sweep rec1 rec2 --out sweeps --vary maps.cell_m=0.03,0.04 --vary seed=1,2
+    Writes summary.csv (a row per run), report.html (ranking with confidence intervals) and a folder per run. Runs that
+    fail are reported at the end, when all others are done, and make the exit status 1.
+
+    Example: planview sweep STUDY.toml --jobs 4
+
+    Example of STUDY.toml: recordings = ["hall/*"], seeds = [0, 1], objective = "mota", then [parameters] with
+    template.width_m = [0.35, 0.4, 0.45] and template.identity.enabled = [true, false]
+
+    Example without a file: planview sweep rec1 rec2 --out sweeps --vary maps.cell_m=0.03,0.04 --vary seed=1,2
 
     Parameters
     ----------
-    recordings
-        Stereo recordings, or maps.h5 that planview run --save-maps wrote: for parameters of the tracker, many times as
-        fast; truth.csv is looked for beside them.
-    out
-        Folder in which each run gets a folder of its own; finished runs found there are kept, not repeated.
-    vary
-        A parameter and its values, e.g. template.width_m=0.35,0.40,0.45; may be given several times.
-    config
-        TOML file with parameters common to all runs.
-    jobs
-        Runs at the same time, in processes of their own.
-    cluster
-        Address of a Dask scheduler (tcp://...) that shares this file system, instead of local processes.
-    json_output
-        Print one JSON object, a list of runs.
+    sources
+        A study file (.toml), or recordings: stereo, single-camera, or maps.h5 that planview run --save-maps wrote.
     """
-    rows = run_jobs(jobs_of(recordings, vary, config, out), jobs, cluster)
-    if json_output:
-        print(json.dumps({"runs": [{"folder": str(job.folder), "settings": job.settings, **row} for job, row in rows]}))
-        return
-    Console(markup=False).print(_table(rows))
+    options = options or SweepOptions()
+    study, names, out = _study(sources, options)
+    console = Console(stderr=True, markup=False, highlight=False, soft_wrap=True)
+    with _Watch(console) as watch:
+        results = run_study(study, names, out, _pool(options), watch)
+    if options.json_output:
+        print(json.dumps(_json(results, out)))
+    else:
+        print_ranking(results, out)
+    _report_failures(results, console)
 
 
-def _table(rows: Sequence[tuple[Job, dict[str, float]]]) -> Table:
-    table = Table("recording", "settings", "people", "mota", "idf1", "position [m]", "significant errors")
-    for job, row in rows:
-        figures = (_text(row.get(key)) for key in ("people", "mota", "idf1", "position_error_mean_m", "errors"))
-        table.add_row(job.folder.parent.name, " ".join(job.settings) or "defaults", *figures)
-    return table
+def _study(sources: Sequence[Path], options: SweepOptions) -> tuple[Study, list[str], Path]:
+    """The study with absolute paths, names of its recordings, and the folder for results."""
+    if len(sources) == 1 and sources[0].suffix == ".toml":
+        if options.vary or options.config:
+            raise InputError(f"{sources[0]}: expected --vary and --config in the study file, found them as options")
+        study, folder = load_study(sources[0]), sources[0].parent
+        out = options.out or sources[0].with_suffix("")
+    else:
+        if options.out is None:
+            raise InputError("--out: expected a folder for the results, found none")
+        found = varied(options.vary)
+        entries = [RecordingEntry(path=path) for path in sources]
+        study = Study(recordings=entries, config=options.config, parameters=found.parameters, seeds=found.seeds)
+        folder, out = Path(), options.out
+    names = [_name(entry.path, folder) for entry in study.recordings]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise InputError(f"expected every recording once, found {twice[0]} twice")
+    return _absolute(study), names, out.absolute()
 
 
-def _text(value: float | None) -> str:
-    return "-" if value is None else f"{value:g}" if float(value).is_integer() else f"{value:.3f}"
+def _absolute(study: Study) -> Study:
+    """Workers may have another current folder."""
+    entries = [
+        RecordingEntry(**{name: value and value.absolute() for name, value in entry}) for entry in study.recordings
+    ]
+    return study.model_copy(update={"recordings": entries, "config": study.config and study.config.absolute()})
+
+
+def _name(path: Path, folder: Path) -> str:
+    try:
+        return str(path.relative_to(folder))
+    except ValueError:
+        return str(path)
+
+
+def _pool(options: SweepOptions) -> Callable[[], Pool]:
+    if options.cluster is None:
+        pool = ProcessPool(options.jobs)
+        return lambda: pool
+    address = options.cluster
+    return lambda: ClusterPool(address)
+
+
+class _Watch:
+    """Progress of the whole study on stderr."""
+
+    def __init__(self, console: Console) -> None:
+        columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+        self._progress = Progress(
+            TextColumn("{task.description}"), *columns, TextColumn("{task.fields[state]}"), console=console
+        )
+        self._runs = self._progress.add_task("runs", total=0, state="")
+        self._maps = self._progress.add_task("plan-view recordings", total=0, state="", visible=False)
+        self._failed = self._reused = 0
+
+    def __enter__(self) -> _Watch:
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._progress.stop()
+
+    def planned(self, runs: int, maps: int) -> None:
+        for task, more in ((self._runs, runs), (self._maps, maps)):
+            self._progress.update(task, total=(self._progress.tasks[task].total or 0) + more)
+        self._progress.update(self._maps, visible=bool(self._progress.tasks[self._maps].total))
+
+    def recorded(self, error: str) -> None:
+        self._progress.update(self._maps, advance=1)
+
+    def ended(self, result: JobResult) -> None:
+        self._failed += bool(result.error)
+        self._reused += result.reused
+        parts = [f"{self._reused} done before"] * bool(self._reused) + [f"{self._failed} failed"] * bool(self._failed)
+        self._progress.update(self._runs, advance=1, state=", ".join(parts))
+
+
+def print_ranking(results: StudyResults, out: Path) -> None:
+    """Configurations with their whole names, best first."""
+    objective = results.study.objective
+    for place, row in enumerate(results.ranking, 1):
+        print(f"{place}. {_printable(row.configuration.label)}")
+        known = [objective, *(name for name in FIGURES if name != objective)]
+        figures = [f"{FIGURES[n].label} {_text(row.figures[n], FIGURES[n].digits)}" for n in known if n in row.figures]
+        print("   " + ", ".join([*figures, f"{row.runs} runs" + (f", {row.failed} failed" if row.failed else "")]))
+    print(f"{out / 'report.html'}")
+
+
+def _text(value: Estimate, digits: int) -> str:
+    interval = "" if math.isnan(value.low) else f" [{value.low:.{digits}f}, {value.high:.{digits}f}]"
+    return f"{value.mean:.{digits}f}{interval}"
+
+
+def _json(results: StudyResults, out: Path) -> dict[str, Any]:
+    return {
+        "out": str(out),
+        "objective": results.study.objective,
+        "runs": [run.to_json() for run in results.runs],
+        "ranking": [_ranked_json(row) for row in results.ranking],
+        "failed": len(results.failed),
+    }
+
+
+def _ranked_json(row: Ranked) -> dict[str, Any]:
+    figures: dict[str, Any] = {name: _estimate_json(value) for name, value in row.figures.items()}
+    return {"settings": list(row.configuration.settings), "runs": row.runs, "failed": row.failed} | figures
+
+
+def _estimate_json(value: Estimate) -> dict[str, float | None]:
+    named = {"mean": value.mean, "low": value.low, "high": value.high}
+    return {name: None if math.isnan(number) else number for name, number in named.items()}
+
+
+def _report_failures(results: StudyResults, console: Console) -> None:
+    failed = results.failed
+    for run in failed[:FAILED_MAX]:
+        console.print(_printable(f"failed: {run.recording}, {run.configuration.label}, seed {run.seed}: {run.error}"))
+    if len(failed) > FAILED_MAX:
+        console.print(f"and {len(failed) - FAILED_MAX} more, in summary.csv")
+    if failed:
+        raise WorkError(f"{len(failed)} of {len(results.runs)} runs failed; the others are done")
+
+
+def _printable(text: str) -> str:
+    """Names of files may hold escape codes."""
+    return "".join(c if c.isprintable() else "?" for c in text)

@@ -60,6 +60,7 @@ class Pipeline(StereoDescription):
     Attributes:
         setup: rectification, floor and disparity range.
         front_end, foreground, maps, feedback: the stages between reading and tracking.
+        ahead: frames that iteration reads and matches ahead in a thread of their own; 0 for one thread.
         recording, config, tracker, stereo: see ``Engine``.
     """
 
@@ -91,6 +92,7 @@ class Pipeline(StereoDescription):
             self.maps.grid, reduction, setup.sensor,
         )  # fmt: skip
         self._boxes = BodyBoxes(geometry, floor.world_SE3_left)
+        self.ahead = AHEAD
 
     @staticmethod
     def from_recording(
@@ -125,7 +127,7 @@ class Pipeline(StereoDescription):
         return self.track(self.match(frame))
 
     def __iter__(self) -> Iterator[FrameResult]:
-        """``step`` over the recording from its first frame, but reading and matching run ahead in their own thread."""
+        """``step`` over the recording from its first frame, but reading and matching may run ``ahead`` in a thread."""
         self.reset()
         yield from self.after(-1)
 
@@ -135,7 +137,8 @@ class Pipeline(StereoDescription):
 
     def after(self, frame: int) -> Iterator[FrameResult]:
         """See ``Engine``."""
-        for matched in prefetch(self._matched(frame), AHEAD):
+        frames = prefetch(self._matched(frame), self.ahead) if self.ahead else self._matched(frame)
+        for matched in frames:
             yield self.track(matched)
 
     def match(self, frame: StereoFrame | RgbdFrame, clock: StageClock | None = None) -> MatchedFrame:

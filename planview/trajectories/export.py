@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from calib.errors import InputError
-from planview.trajectories.file import TrajectoryFile, surrounding_area, whole_file
+from planview.trajectories.file import TrajectoryFile, replaced, surrounding_area
 from planview.trajectories.jsonl import write_jsonl
 from planview.trajectories.jupedsim import write_jupedsim
 from planview.trajectories.motchallenge import write_motchallenge
@@ -34,7 +34,7 @@ class ExportFormat(NamedTuple):
 
 
 def _write_csv(path: Path, file: TrajectoryFile) -> None:
-    with whole_file(path) as part, part.open("w", encoding="utf-8") as out:
+    with replaced(path) as part, part.open("w", encoding="utf-8") as out:
         write_table(out, file.table)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError, WorkError
+from calib.files import whole_file
 from planview.trajectories.table import Trajectories
 
 ROWS_MAX = 50_000_000
@@ -93,20 +93,15 @@ def refuse_many(path: Path, rows: int) -> None:
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
-    """A path beside ``path`` to write to, renamed into place and synced when all is written.
+def replaced(path: Path) -> Iterator[Path]:
+    """A path to write to, which becomes ``path`` in one step when all is written (see ``calib.files.whole_file``).
 
     Raises:
         WorkError: the file cannot be written; what was there is kept.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        yield part
-        with part.open("rb") as written:
-            os.fsync(written.fileno())
-        os.replace(part, path)
+        with whole_file(path) as part:
+            yield part
     except OSError as error:
         raise WorkError(f"{path}: cannot be written ({error.strerror or error})") from error
-    finally:
-        part.unlink(missing_ok=True)

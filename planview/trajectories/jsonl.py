@@ -16,7 +16,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import F64
-from planview.trajectories.file import TrajectoryFile, whole_file
+from planview.trajectories.file import TrajectoryFile, replaced
 from planview.trajectories.rows import sorted_rows
 from planview.trajectories.table import STATES, Trajectories
 
@@ -31,7 +31,7 @@ def write_jsonl(path: Path, file: TrajectoryFile) -> None:
     Raises:
         WorkError: the file cannot be written.
     """
-    with whole_file(path) as part, part.open("w", encoding="utf-8") as out:
+    with replaced(path) as part, part.open("w", encoding="utf-8") as out:
         stream_jsonl(out, file.table)
 
 

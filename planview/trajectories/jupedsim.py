@@ -15,7 +15,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import F64
-from planview.trajectories.file import TrajectoryFile, checked_area, checked_rate, refuse_many, whole_file
+from planview.trajectories.file import TrajectoryFile, checked_area, checked_rate, refuse_many, replaced
 from planview.trajectories.rows import sorted_rows
 from planview.trajectories.table import positions_table
 
@@ -57,7 +57,7 @@ def write_jupedsim(path: Path, file: TrajectoryFile) -> None:
     speed = np.hypot(*table.velocity_mps.T)[:, None]
     heading = np.where(speed > 0, table.velocity_mps / np.where(speed > 0, speed, 1.0), 0.0)
     rows = zip(*(c.tolist() for c in (table.frame, table.track_id, table.x_m, table.y_m, *heading.T)), strict=True)
-    with whole_file(path) as part, closing(sqlite3.connect(part)) as database, database:
+    with replaced(path) as part, closing(sqlite3.connect(part)) as database, database:
         database.executescript(_SCHEMA)
         database.executemany("INSERT INTO trajectory_data VALUES (?, ?, ?, ?, ?, ?)", rows)
         database.executemany("INSERT INTO metadata VALUES (?, ?)", _metadata(file))

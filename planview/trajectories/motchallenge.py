@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import F64, Bool
-from planview.trajectories.file import TrajectoryFile, whole_file
+from planview.trajectories.file import TrajectoryFile, replaced
 from planview.trajectories.rows import read_numbers, sorted_rows
 from planview.trajectories.table import IGNORED, Trajectories, positions_table
 
@@ -56,7 +56,7 @@ def write_motchallenge(path: Path, file: TrajectoryFile) -> None:
     columns = [table.frame + 1, table.track_id, _or_minus_one(table.box_px), np.ones(len(table)), _or_minus_one(world)]
     rows = np.column_stack(columns)
     formats = ["%d", "%d", *["%.1f"] * 4, "%d", *["%.4f"] * 3]
-    with whole_file(path) as part:
+    with replaced(path) as part:
         np.savetxt(part, rows, formats, delimiter=",")
 
 

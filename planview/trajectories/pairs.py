@@ -24,6 +24,11 @@ def tracks_file(path: Path) -> Path:
     return path / "tracks.csv" if path.is_dir() else path
 
 
+def truth_file(folder: Path) -> Path | None:
+    """The truth in the folder of a recording; None where there is none."""
+    return next((folder / name for name in _TRUTH_FILES if (folder / name).is_file()), None)
+
+
 def file_pairs(tracks: Path, truth: Path) -> list[FilePair]:
     """One pair for two files (or folders of one run and one recording), else the pairs of two folders by name.
 
@@ -34,7 +39,7 @@ def file_pairs(tracks: Path, truth: Path) -> list[FilePair]:
     Raises:
         InputError: a truth without tracks, or no truth at all.
     """
-    own_truth = next((truth / name for name in _TRUTH_FILES if (truth / name).is_file()), truth)
+    own_truth = truth_file(truth) or truth
     if not own_truth.is_dir():
         return [FilePair("", tracks_file(tracks), own_truth)]
     truths = _by_name(truth, _TRUTH_FILES)

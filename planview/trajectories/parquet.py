@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import F64
-from planview.trajectories.file import TrajectoryFile, checked_area, checked_rate, refuse_many, whole_file
+from planview.trajectories.file import TrajectoryFile, checked_area, checked_rate, refuse_many, replaced
 from planview.trajectories.rows import sorted_rows
 from planview.trajectories.table import STATES, TRACK_COLUMNS, Trajectories
 
@@ -41,7 +41,7 @@ def write_parquet(path: Path, file: TrajectoryFile) -> None:
         WorkError: the file cannot be written.
     """
     frame = data_frame(file)
-    with whole_file(path) as part:
+    with replaced(path) as part:
         frame.to_parquet(part, engine="pyarrow", index=False)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import F64, AnyArray
-from planview.trajectories.file import TrajectoryFile, checked_area, checked_rate, refuse_many, whole_file
+from planview.trajectories.file import TrajectoryFile, checked_area, checked_rate, refuse_many, replaced
 from planview.trajectories.rows import sorted_rows
 from planview.trajectories.table import positions_table
 
@@ -60,7 +60,7 @@ def write_ped_data_archive(path: Path, file: TrajectoryFile) -> None:
     columns = (table.track_id, table.frame, table.x_m, table.y_m, table.height_m)
     for name, column in zip(_ROW.names or (), columns, strict=True):
         rows[name] = column[order]
-    with whole_file(path) as part, h5py.File(part, "w") as out:
+    with replaced(path) as part, h5py.File(part, "w") as out:
         out.attrs.update(file_version=FILE_VERSION, wkt_geometry=file.walkable_wkt or "", source="planview")
         dataset = out.create_dataset("trajectory", data=rows, compression="gzip" if len(rows) else None)
         dataset.attrs.update(

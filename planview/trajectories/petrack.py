@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import F64
-from planview.trajectories.file import TrajectoryFile, checked_rate, whole_file
+from planview.trajectories.file import TrajectoryFile, checked_rate, replaced
 from planview.trajectories.rows import read_numbers, sorted_rows
 from planview.trajectories.table import positions_table
 
@@ -60,7 +60,7 @@ def write_petrack(path: Path, file: TrajectoryFile, unit: str = "m") -> None:
     rows: F64 = np.column_stack([table.track_id[order], table.frame[order], values])
     digits = "%.4f" if unit == "m" else "%.2f"
     header = f"# framerate: {file.fps:g} fps\n# id frame x/{unit} y/{unit} z/{unit}"
-    with whole_file(path) as part:
+    with replaced(path) as part:
         np.savetxt(part, rows, ["%d", "%d", digits, digits, digits], header=header, comments="")
 
 

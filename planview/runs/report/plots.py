@@ -35,7 +35,7 @@ def floor_plot(tracks: Trajectories, camera: CameraInfo | None, rules: dict[str,
         camera: its view_m outlines the floor that it sees.
         rules: the ``rules`` object of counts.json.
     """
-    figure, axes = _figure(7.0, 6.0)
+    figure, axes = new_figure(7.0, 6.0)
     for head in (camera.heads or [camera]) if camera is not None else []:
         _draw_view(axes, head)
     if camera is None:
@@ -45,7 +45,7 @@ def floor_plot(tracks: Trajectories, camera: CameraInfo | None, rules: dict[str,
     for number, track_id in enumerate(np.unique(tracks.track_id)):
         _draw_track(axes, tracks.where(tracks.track_id == track_id), COLOURS[number % len(COLOURS)])
     _floor_axes(axes)
-    return _png(figure)
+    return png_bytes(figure)
 
 
 def _draw_view(axes: Axes, camera: CameraInfo) -> None:
@@ -56,7 +56,7 @@ def _draw_view(axes: Axes, camera: CameraInfo) -> None:
 
 def _draw_camera(axes: Axes, at_m: tuple[float, float], name: str) -> None:
     axes.plot(*at_m, marker="v", markersize=11, color="black", zorder=5)
-    axes.annotate(_plain(name) or "camera", at_m, xytext=(8, -4), textcoords="offset points", fontsize=8)
+    axes.annotate(plain_text(name) or "camera", at_m, xytext=(8, -4), textcoords="offset points", fontsize=8)
 
 
 def _draw_track(axes: Axes, track: Trajectories, colour: str) -> None:
@@ -82,7 +82,7 @@ def _draw_rule(axes: Axes, name: str, rule: dict[str, Any]) -> None:
         axes.plot(*points.T, color="none")
     else:
         axes.fill(*points.T, facecolor="#f5d76e55", edgecolor="#a07f00", zorder=1)
-    axes.annotate(_plain(name), points.mean(axis=0), fontsize=8, color="#b00020", zorder=6)
+    axes.annotate(plain_text(name), points.mean(axis=0), fontsize=8, color="#b00020", zorder=6)
 
 
 def heat_map(tracks: Trajectories, frame_s: float) -> tuple[Grid, F64]:
@@ -107,7 +107,7 @@ def heat_map(tracks: Trajectories, frame_s: float) -> tuple[Grid, F64]:
 def heat_plot(tracks: Trajectories, frame_s: float) -> bytes:
     """Where people spent their time."""
     grid, heat = heat_map(tracks, frame_s)
-    figure, axes = _figure(7.0, 5.4)
+    figure, axes = new_figure(7.0, 5.4)
     shown = axes.imshow(
         np.where(heat > 0, heat, np.nan),
         origin="lower",
@@ -117,7 +117,7 @@ def heat_plot(tracks: Trajectories, frame_s: float) -> bytes:
     )
     figure.colorbar(shown, ax=axes, label="seconds per cell")
     _floor_axes(axes)
-    return _png(figure)
+    return png_bytes(figure)
 
 
 def people_plot(tracks: Trajectories, times_s: F64, frames: I64) -> bytes:
@@ -126,7 +126,7 @@ def people_plot(tracks: Trajectories, times_s: F64, frames: I64) -> bytes:
     Args:
         times_s, frames: (N,) time and frame of every frame of the run.
     """
-    figure, axes = _figure(7.0, 2.4)
+    figure, axes = new_figure(7.0, 2.4)
     shades = ((("confirmed", "lost"), "#c9d6ea", "only predicted"), (("confirmed",), "#1f4e9c", "observed"))
     for states, colour, label in shades:
         rows = tracks.frame[np.isin(tracks.state, states)]
@@ -134,18 +134,18 @@ def people_plot(tracks: Trajectories, times_s: F64, frames: I64) -> bytes:
         axes.fill_between(times_s, count, step="post", color=colour, label=label, linewidth=0)
     axes.set_ylim(0, 1.1 * max(1.0, axes.get_ylim()[1]))
     _count_axes(axes, "people")
-    return _png(figure)
+    return png_bytes(figure)
 
 
 def stage_plot(stages_ms: dict[str, float]) -> bytes:
     """Median time of every stage."""
-    figure, axes = _figure(7.0, 0.7 + 0.3 * len(stages_ms))
-    bars = axes.barh([_plain(name) for name in stages_ms], list(stages_ms.values()), color="#1f4e9c")
+    figure, axes = new_figure(7.0, 0.7 + 0.3 * len(stages_ms))
+    bars = axes.barh([plain_text(name) for name in stages_ms], list(stages_ms.values()), color="#1f4e9c")
     axes.bar_label(bars, fmt=" %.1f", fontsize=8)
     axes.invert_yaxis()
     axes.set_xlabel("median per frame [ms]")
     axes.margins(x=0.12)
-    return _png(figure)
+    return png_bytes(figure)
 
 
 def crossings_plot(crossings: Mapping[str, Sequence[tuple[float, str]]], end_s: float) -> bytes:
@@ -154,7 +154,7 @@ def crossings_plot(crossings: Mapping[str, Sequence[tuple[float, str]]], end_s: 
     Args:
         crossings: (time [s], direction) of every tripwire by name.
     """
-    figure, axes = _figure(7.0, 2.6)
+    figure, axes = new_figure(7.0, 2.6)
     for number, (name, events) in enumerate(crossings.items()):
         for direction, style, text in (
             ("left_to_right", "-", "left to right"),
@@ -167,10 +167,10 @@ def crossings_plot(crossings: Mapping[str, Sequence[tuple[float, str]]], end_s: 
                 style,
                 where="post",
                 color=COLOURS[number % len(COLOURS)],
-                label=_plain(f"{name}, {text}"),
+                label=plain_text(f"{name}, {text}"),
             )
     _count_axes(axes, "crossings")
-    return _png(figure)
+    return png_bytes(figure)
 
 
 def occupancy_plot(series: dict[str, list[tuple[float, int]]], end_s: float) -> bytes:
@@ -179,7 +179,7 @@ def occupancy_plot(series: dict[str, list[tuple[float, int]]], end_s: float) -> 
     Args:
         series: (time [s], people from then on) of every zone or queue by name.
     """
-    figure, axes = _figure(7.0, 2.6)
+    figure, axes = new_figure(7.0, 2.6)
     for number, (name, changes) in enumerate(series.items()):
         times = [t for t, _ in changes]
         numbers = [n for _, n in changes]
@@ -188,14 +188,14 @@ def occupancy_plot(series: dict[str, list[tuple[float, int]]], end_s: float) -> 
             [*numbers, numbers[-1]],
             where="post",
             color=COLOURS[number % len(COLOURS)],
-            label=_plain(name),
+            label=plain_text(name),
         )
     axes.set_ylim(0, 1.1 * max(1.0, axes.get_ylim()[1]))
     _count_axes(axes, "people")
-    return _png(figure)
+    return png_bytes(figure)
 
 
-def _figure(width: float, height: float) -> tuple[Figure, Axes]:
+def new_figure(width: float, height: float) -> tuple[Figure, Axes]:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained")
@@ -232,12 +232,13 @@ def _whole_numbers(axes: Axes) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
 
 
-def _plain(text: str) -> str:
+def plain_text(text: str) -> str:
     """Text that matplotlib does not take for a formula, and without characters that its font has no picture of."""
     return "".join(c for c in text if c.isprintable() and ord(c) < 0x2000).replace("$", r"\$")
 
 
-def _png(figure: Figure) -> bytes:
+def png_bytes(figure: Figure) -> bytes:
+    """A finished picture."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=_DPI)
     return buffer.getvalue()

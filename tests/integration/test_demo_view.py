@@ -1,4 +1,4 @@
-"""``planview demo``, ``sweep`` and ``view``."""
+"""``planview demo`` and ``view``."""
 
 import json
 import shutil
@@ -34,30 +34,6 @@ def test_demo_without_its_clip_is_refused(say: Say, tmp_path: Path, monkeypatch:
     status, told = say("demo", "--out", tmp_path / "out")
     assert status == 2
     assert "demo clip" in one_sentence(told)
-
-
-def test_sweep_keeps_finished_runs_and_refuses_those_of_other_parameters(say: Say, copy: Path, tmp_path: Path) -> None:
-    out, config = tmp_path / "sweep", tmp_path / "c.toml"
-    config.write_text("[analysis]\nsetup_frames = 4\n")
-    words = ["sweep", copy, "--out", out, "--config", config, "--vary", "maps.cell_m=0.03,0.05"]
-    assert say(*words)[0] == 0
-    tracks = sorted(out.glob("copy/*/tracks.csv"))
-    assert [file.parent.name for file in tracks] == ["maps.cell_m-0.03", "maps.cell_m-0.05"]
-    made = [file.stat().st_mtime_ns for file in tracks]
-    assert say(*words)[0] == 0
-    assert [file.stat().st_mtime_ns for file in tracks] == made
-    config.write_text("[analysis]\nsetup_frames = 5\n")
-    status, told = say(*words)
-    assert status == 2
-    assert "other parameters" in one_sentence(told)
-
-
-@pytest.mark.parametrize("vary", ["maps.no_such=1,2", "maps.cell_m", "maps.cell_m=0.03,0.03"])
-def test_sweep_refuses_wrong_settings_before_it_runs(say: Say, copy: Path, tmp_path: Path, vary: str) -> None:
-    status, told = say("sweep", copy, "--out", tmp_path / "sweep", "--vary", vary)
-    assert status == 2
-    assert one_sentence(told)
-    assert not (tmp_path / "sweep").exists()
 
 
 def test_view_of_a_run_without_rerun_recording_is_refused(say: Say, tmp_path: Path) -> None:

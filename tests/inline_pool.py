@@ -1,0 +1,28 @@
+"""A pool that runs jobs in this process, at once."""
+
+from collections.abc import Callable
+from concurrent.futures import Future
+
+
+class InlinePool:
+    """A ``planview.studies.pools.Pool``; ``submitted`` counts the jobs."""
+
+    def __init__(self, at_once: int | None = 1) -> None:
+        self.at_once = at_once
+        self.submitted = self.restarts = 0
+
+    def submit(self, function: Callable[..., object], *arguments: object) -> Future[object]:
+        self.submitted += 1
+        future: Future[object] = Future()
+        try:
+            future.set_result(function(*arguments))
+        except BaseException as error:
+            future.set_exception(error)
+        return future
+
+    def restart(self) -> None:
+        self.restarts += 1
+
+    def check(self) -> None: ...
+
+    def close(self) -> None: ...

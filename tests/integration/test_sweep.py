@@ -1,0 +1,176 @@
+"""``planview sweep``: studies over recordings, configurations and seeds."""
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from inline_pool import InlinePool
+from toy_run import EMPTY, FEW, FRAMES, Say, one_sentence
+from toy_stereo import walking
+
+from planview.cli import main
+from planview.pipeline.pipeline import Pipeline
+from planview.runs.maps_log import MapsLog
+from planview.runs.run import run
+
+TRUTH = "frame,id,x_m,y_m,height_m\n" + "".join(
+    f"{i},1,{walking(i - EMPTY)[0].x_m:.3f},{walking(i - EMPTY)[0].y_m:.3f},1.75\n" for i in range(EMPTY, FRAMES)
+)
+
+
+@pytest.fixture
+def pool(monkeypatch: pytest.MonkeyPatch) -> InlinePool:
+    """Jobs run in this process; tells how many ran."""
+    inline = InlinePool()
+    monkeypatch.setattr("planview.commands.sweep.ProcessPool", lambda processes: inline)
+    return inline
+
+
+@pytest.fixture(scope="module")
+def toy_maps(engine: Pipeline, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The plan-view recording of the toy recording."""
+    folder = tmp_path_factory.mktemp("maps")
+    run(engine, folder, None, [MapsLog(engine, folder / "maps.h5")])
+    return folder / "maps.h5"
+
+
+@pytest.fixture
+def halls(toy_maps: Path, tmp_path: Path) -> Path:
+    """Folders a and b, each with maps.h5 and truth."""
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        shutil.copy(toy_maps, tmp_path / name / "maps.h5")
+        (tmp_path / name / "truth.csv").write_text(TRUTH)
+    return tmp_path
+
+
+def study(folder: Path, text: str) -> Path:
+    path = folder / "study.toml"
+    path.write_text(text)
+    return path
+
+
+def rows(out: Path) -> list[dict[str, str]]:
+    with (out / "summary.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_study_tracks_maps_of_a_recording_that_it_records_once(
+    say: Say, pool: InlinePool, copy: Path, tmp_path: Path
+) -> None:
+    (copy / "truth.csv").write_text(TRUTH)
+    (tmp_path / "c.toml").write_text("[analysis]\nsetup_frames = 4\n")
+    text = 'recordings = ["copy"]\nconfig = "c.toml"\n[parameters]\ntemplate.width_m = [0.35, {}]\n'
+    path, out = study(tmp_path, text.format(0.4)), tmp_path / "study"
+    assert say("sweep", path)[0] == 0
+    assert pool.submitted == 3
+    assert len(list(out.glob("maps/*/maps.h5"))) == 1
+    assert say("sweep", path)[0] == 0
+    assert pool.submitted == 3
+    study(tmp_path, text.format(0.45))
+    assert say("sweep", path)[0] == 0
+    assert pool.submitted == 4
+    assert [(r["template.width_m"], r["state"], r["tracked_from"]) for r in rows(out)] == [
+        ("0.35", "done", "maps"), ("0.45", "done", "maps"),
+    ]  # fmt: skip
+
+
+def test_study_gives_the_tracks_of_a_plain_run(say: Say, pool: InlinePool, copy: Path, tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text("[analysis]\nsetup_frames = 4\n")
+    assert say("run", copy, "--out", tmp_path / "plain", "--set", FEW)[0] == 0
+    plain = (tmp_path / "plain" / "tracks.csv").read_bytes()
+    for maps in ("true", "false"):
+        path = study(tmp_path, f'recordings = ["copy"]\nconfig = "c.toml"\nmaps = {maps}\n')
+        assert say("sweep", path, "--out", tmp_path / maps)[0] == 0
+        (tracks,) = (tmp_path / maps).glob("jobs/*/tracks.csv")
+        assert tracks.read_bytes() == plain
+
+
+def test_recordings_of_one_name_do_not_get_each_others_results(say: Say, pool: InlinePool, halls: Path) -> None:
+    out = halls / "out"
+    with (halls / "b" / "maps.h5").open("ab") as file:
+        file.write(b"\0")
+    assert say("sweep", halls / "a" / "maps.h5", "--out", out)[0] == 0
+    folder_of_a = rows(out)[0]["folder"]
+    assert say("sweep", halls / "b" / "maps.h5", "--out", out)[0] == 0
+    assert pool.submitted == 2
+    assert rows(out)[0]["folder"] != folder_of_a
+
+
+def test_recordings_of_equal_content_are_scored_against_their_own_truth(
+    say: Say, pool: InlinePool, halls: Path
+) -> None:
+    (halls / "b" / "truth.csv").write_text(TRUTH.replace(",1,", ",7,").replace("1.75", "1.95"))
+    assert say("sweep", halls / "a" / "maps.h5", halls / "b" / "maps.h5", "--out", halls / "out")[0] == 0
+    errors = [float(row["height_error_mean_m"]) for row in rows(halls / "out")]
+    assert abs(errors[1] - errors[0]) > 0.1
+
+
+def test_bad_recordings_are_reported_at_the_end_and_the_others_are_done(
+    say: Say, pool: InlinePool, halls: Path
+) -> None:
+    (halls / "b" / "maps.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
+    path = study(halls, 'recordings = ["b/maps.h5", "none", "a/maps.h5"]\nseeds = [0, 1]\n')
+    status, told = say("sweep", path)
+    assert status == 1
+    assert one_sentence(told) == "planview: 4 of 6 runs failed; the others are done"
+    assert "failed: none, defaults, seed 0:" in told
+    assert [row["state"] for row in rows(halls / "study")] == ["failed"] * 4 + ["done"] * 2
+    (halls / "b" / "maps.h5").write_bytes((halls / "a" / "maps.h5").read_bytes())
+    assert "2 of 6 runs failed" in say("sweep", path)[1]
+
+
+def test_ranking_prints_whole_names_and_json_has_runs_and_intervals(
+    say: Say, pool: InlinePool, halls: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = study(halls, 'recordings = ["a/maps.h5"]\n[parameters]\ntemplate.width_m = [0.5]\n')
+    with pytest.raises(SystemExit):
+        main(["sweep", str(path)])
+    assert "1. template.width_m=0.5\n" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["sweep", str(path), "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert found["failed"] == 0 and found["runs"][0]["reused"]
+    assert found["ranking"][0]["mota"]["mean"] == found["runs"][0]["mota"]
+
+
+def test_page_is_one_file_that_shows_names_as_text(say: Say, pool: InlinePool, halls: Path) -> None:
+    evil = halls / "<script>alert(1)"
+    (halls / "a").rename(evil)
+    path = study(
+        halls, 'recordings = ["<script>*/maps.h5", "b/maps.h5"]\n[parameters]\ntemplate.width_m = [0.3, 0.4]\n'
+    )
+    assert say("sweep", path)[0] == 0
+    page = (halls / "study" / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 3
+    assert "<script" not in page and "http" not in page.replace("http-equiv", "")
+    assert "template.width_m=0.3" in page
+
+
+@pytest.mark.parametrize("vary", ["maps.no_such=1,2", "maps.cell_m", "maps.cell_m=0.03,0.03", "seed=x", "seed=-1"])
+def test_sweep_refuses_wrong_settings_before_it_runs(say: Say, copy: Path, tmp_path: Path, vary: str) -> None:
+    status, told = say("sweep", copy, "--out", tmp_path / "sweep", "--vary", vary)
+    assert status == 2
+    assert one_sentence(told)
+    assert not (tmp_path / "sweep").exists()
+
+
+def test_optuna_tries_its_samples(say: Say, pool: InlinePool, halls: Path) -> None:
+    text = 'recordings = ["a/maps.h5"]\nmethod = "optuna"\nsamples = 5\n[parameters]\n'
+    path = study(halls, text + "template.width_m = { min = 0.3, max = 0.5 }\n")
+    assert say("sweep", path)[0] == 0
+    assert len(rows(halls / "study")) == 5
+    assert say("sweep", path)[0] == 0
+    assert pool.submitted == 5
+
+
+def test_what_killed_processes_left_is_removed(say: Say, pool: InlinePool, halls: Path) -> None:
+    import socket
+
+    host = "".join(c for c in socket.gethostname() if c.isalnum())
+    left = halls / "out" / "jobs" / f".attempt-{host}-4194305-0"
+    left.mkdir(parents=True)
+    assert say("sweep", halls / "a" / "maps.h5", "--out", halls / "out")[0] == 0
+    assert not left.exists()
