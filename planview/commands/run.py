@@ -68,6 +68,8 @@ class TrackingOptions:
     """Go on with the run that was interrupted or killed in this folder: the same results as without interruption."""
     checkpoint_every: float = 30.0
     """Time between two checkpoints to resume from, in seconds; 0 for none."""
+    strict: Flag = False
+    """Refuse a recording that fails one of doctor's cheap checks (exit status 2) instead of warning of it."""
     frames: int = 0
     """Stop after so many frames; 0 for all."""
     refine: Flag = False
@@ -129,7 +131,9 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
 def _track(
     engine: Engine, out: Path, options: TrackingOptions, analytics: Analytics | None, console: Console
 ) -> RunInfo:
-    how = RunOptions(options.tracker, analytics, options.debug, options.frames, options.checkpoint_every)
+    how = RunOptions(
+        options.tracker, analytics, options.debug, options.frames, options.checkpoint_every, options.strict
+    )
     checkpoint = None
     if options.resume:
         identity = run_identity(engine, how, _log_names(options), out)

@@ -8,10 +8,9 @@ import numpy as np
 
 from calib.types import F64
 from planview.doctor.check import Check, at_least, at_most
-from planview.doctor.evidence import RecordingEvidence
 from stereo.depth import RectifiedGeometry
 from stereo.rectify import Rectifier
-from stereo.vertical import VerticalModel, fit_affine
+from stereo.vertical import VerticalFit, VerticalModel, fit_affine
 
 MIN_MATCHES = 60
 """Fewest corners found in both images on which the geometry is judged."""
@@ -34,28 +33,34 @@ MIN_TURN_DEG = 0.3
 """Poses with less rotation look the same mirrored."""
 
 
-def alignment_checks(evidence: RecordingEvidence) -> list[Check]:
-    """Row offset, its trend and what turn of a camera explains it, left-right order and mirrored pose."""
-    matches, width = evidence.matches, evidence.plain.geometry.width
+def alignment_checks(plain: Rectifier, matches: F64, vertical: VerticalFit) -> list[Check]:
+    """Row offset, its trend and what turn of a camera explains it, left-right order and mirrored pose.
+
+    Args:
+        plain: rectifier of the calibration as it is.
+        matches: (N, 4) float64 [px] in its images, as from ``match_corners``.
+        vertical: row offset before and after it is taken out.
+    """
+    width = plain.geometry.width
     enough = len(matches) >= MIN_MATCHES
     model = fit_affine(matches) if enough else VerticalModel(math.nan)
     scale = 640.0 / width
     offset = float(np.median(np.abs(matches[:, 3]))) * scale if enough else math.nan
     positive = float(np.mean(matches[:, 0] - matches[:, 2] > -0.5)) if enough else math.nan
-    turn = np.degrees(turn_of(matches, evidence.plain.geometry)) if enough else np.full(3, math.nan)
+    turn = np.degrees(turn_of(matches, plain.geometry)) if enough else np.full(3, math.nan)
     turned_deg, axes = float(np.linalg.norm(turn)), ", ".join(f"{t:+.2f}" for t in turn)
     return [
         at_least("matched corners", float(len(matches)), MIN_MATCHES, "", "corners that both cameras show"),
         at_least("left-right order", positive, MIN_POSITIVE, "", "share of corners nearer than infinity"),
         at_most("row offset", offset, MAX_OFFSET, "px", "median, of 640 px, before it is taken out"),
-        at_most("row offset trend", trend(model, evidence.plain) * scale, MAX_TREND, "px", "change over the image"),
+        at_most("row offset trend", trend(model, plain) * scale, MAX_TREND, "px", "change over the image"),
         at_most(
             "camera turn", turned_deg, MAX_TURN_DEG, "deg", f"right camera since calibration: {axes} about x, y, z"
         ),
-        at_most("row residual", evidence.vertical.after_px, MAX_RESIDUAL, "px", "median, after it is taken out"),
+        at_most("row residual", vertical.after_px, MAX_RESIDUAL, "px", "median, after it is taken out"),
         at_most(
             "mirrored pose",
-            mirror_ratio(evidence.plain, matches),
+            mirror_ratio(plain, matches),
             MAX_MIRROR,
             "",
             "row error of the pose over its mirror image",

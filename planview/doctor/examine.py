@@ -71,7 +71,7 @@ def examine(
         Check("calibration and layout", True, 1.0, note=evidence.recording.rig.source),
         *timing_checks(evidence),
         *light_checks(evidence),
-        *alignment_checks(evidence),
+        *alignment_checks(evidence.plain, evidence.matches, evidence.vertical),
         *scene_checks(evidence),
         *people_checks(evidence, person_height_m),
     ]

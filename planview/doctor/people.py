@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from calib.pose import SE3
-from calib.types import F32, F64
+from calib.types import F32, F64, Bool
 from planview.doctor.check import Check, between
 from planview.doctor.evidence import RecordingEvidence
 from planview.foreground.blobs import find_blobs
@@ -31,15 +31,19 @@ TALLEST_PERCENTILE = 98.0
 
 def people_checks(evidence: RecordingEvidence, person_height_m: float | None) -> list[Check]:
     """Measured height of people against the known one, or against what people can be."""
-    heights = person_heights(evidence)
+    return [height_check(person_heights(evidence), person_height_m)]
+
+
+def height_check(heights: F64, person_height_m: float | None = None) -> Check:
+    """Measured (N,) heights [m] of people against the known one, or against what people can be."""
     # Cut by the image's edge or half hidden, people look smaller, never taller.
     value = float(np.percentile(heights, 75)) if len(heights) >= 3 else math.nan
     if person_height_m is None:
         note = "of moving people; no known height was given"
-        return [between("person height", value, PLAUSIBLE_M, "m", note)]
+        return between("person height", value, PLAUSIBLE_M, "m", note)
     limits = (person_height_m * (1 - TOLERANCE), person_height_m * (1 + TOLERANCE))
     note = f"known to be {person_height_m:g} m" if math.isfinite(value) else "no person was found to measure"
-    return [between("person height", value, limits, "m", f"{note}: baseline and units", needed=True)]
+    return between("person height", value, limits, "m", f"{note}: baseline and units", needed=True)
 
 
 def person_heights(evidence: RecordingEvidence) -> F64:
@@ -49,7 +53,11 @@ def person_heights(evidence: RecordingEvidence) -> F64:
     geometry = evidence.rectifier.geometry
     background = median_image(evidence.disparities)
     found = [_things(d, background, geometry, evidence.floor.world_SE3_left) for d in evidence.disparities]
-    things: F64 = np.concatenate(found)
+    return large_heights(np.concatenate(found))
+
+
+def large_heights(things: F64) -> F64:
+    """Heights [m] of those (N, 2) ``standing_things`` that are no shreds."""
     if len(things) == 0:
         return np.empty(0)
     large = things[:, 1] >= LARGE * np.percentile(things[:, 1], 90)
@@ -57,11 +65,27 @@ def person_heights(evidence: RecordingEvidence) -> F64:
 
 
 def _things(disparity: F32, background: F32, geometry: RectifiedGeometry, world_SE3_left: SE3) -> F64:
-    """(N, 2) height [m] and surface (in units that all things share) of what stands out of the background."""
     depth = DepthFromDisparity(geometry)(disparity)
+    above = heights_above_floor(back_project(depth, geometry), world_SE3_left)
+    return standing_things(above, depth, disparity - background > NEARER_PX)
+
+
+def heights_above_floor(points: F32, world_SE3_left: SE3) -> F32:
+    """(H, W) heights [m] of (H, W, 3) points of the rectified left camera."""
     z = world_SE3_left.rotation[2].astype(np.float32)
-    above = back_project(depth, geometry) @ z + np.float32(world_SE3_left.translation[2])
-    stands_out = (disparity - background > NEARER_PX) & (above > ABOVE_FLOOR_M)
+    return np.asarray(points @ z + np.float32(world_SE3_left.translation[2]), dtype=np.float32)
+
+
+def standing_things(above: F32, depth: F32, moved: Bool) -> F64:
+    """What stands out of the background.
+
+    Args:
+        above, depth: (H, W) float32 [m], NaN where unknown.
+        moved: (H, W) bool.
+    Returns:
+        (N, 2) height [m] and surface (in units that all things share).
+    """
+    stands_out = moved & (above > ABOVE_FLOOR_M)
     mask = cv2.morphologyEx(stands_out.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     blobs = find_blobs(np.asarray(mask, dtype=np.uint8))
     surface = depth * depth

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from calib.rig import Floor
 from planview.doctor.check import Check, at_least, at_most, between
 from planview.doctor.evidence import RecordingEvidence
 from planview.maps.grid import GridParams
@@ -29,18 +30,21 @@ def scene_checks(evidence: RecordingEvidence) -> list[Check]:
     shares = [float(np.mean(np.isfinite(d[inside]))) for d in evidence.disparities]
     return [
         at_least("valid disparity", float(np.median(shares)), MIN_VALID, "", "share of the picture, median frame"),
-        *floor_checks(evidence),
+        *floor_checks(evidence.floor, evidence.floor_refused),
         *depth_checks(evidence.rectifier.geometry),
     ]
 
 
-def floor_checks(evidence: RecordingEvidence) -> list[Check]:
-    """Share, flatness and distance of the floor."""
-    floor = evidence.floor
+def floor_checks(floor: Floor | None, refused: str = "") -> list[Check]:
+    """Share, flatness and distance of the floor.
+
+    Args:
+        floor: None when ``refused`` says why none was found.
+    """
     share = floor.inlier_fraction if floor else math.nan
-    why = "share of valid depth that lies on it" if floor else evidence.floor_refused
+    why = "share of valid depth that lies on it" if floor else refused
     return [
-        at_least("floor share", share, MIN_FLOOR, "", why, needed=True),
+        at_least("floor share", share, MIN_FLOOR, "", why, needed=floor is None),
         at_most("floor flatness", floor.residual_m if floor else math.nan, MAX_FLATNESS, "m", "rms from the plane"),
         between(
             "camera height", floor.height_m if floor else math.nan, HEIGHT_BETWEEN, "m", "of the left camera above it"

@@ -10,6 +10,8 @@ from typing import Any, Protocol, TypeVar
 
 from calib.ground_camera import GroundCamera
 from calib.types import F32, U8
+from planview.doctor.check import Check
+from planview.doctor.motion import Thumbnails
 from planview.maps.view import StereoView
 from planview.pipeline.config import Config
 from planview.pipeline.info import CameraInfo, FloorInfo
@@ -58,6 +60,7 @@ class FrameResult:
         disparity: (H, W) float32 [px], NaN invalid; None for a single camera.
         stages_ms: time of every stage; reading and matching run ahead in other threads.
         heads: what each of several heads measured; empty for a recording of one head.
+        thumbnails: of both rectified images; None without a pair.
     """
 
     frame: int
@@ -68,6 +71,7 @@ class FrameResult:
     disparity: F32 | None
     stages_ms: dict[str, float]
     heads: tuple[HeadResult, ...] = ()
+    thumbnails: Thumbnails | None = None
 
 
 class AnyRecording(Protocol):
@@ -115,6 +119,10 @@ class Engine(Protocol):
 
     @property
     def stereo(self) -> StereoView | None: ...
+
+    @property
+    def checks(self) -> Sequence[Check]:
+        """What was found of the recording before its first frame; none where nothing is checked."""
 
     def camera_info(self) -> CameraInfo | None:
         """The camera as ``run.json`` has it; None for one that is not calibrated."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.rigs_file import RIGS_FILE
+from planview.doctor.check import Check
 from planview.maps.builder import FloorPoints
 from planview.maps.heads import HeadsMapBuilder
 from planview.pipeline.boxes import BodyBoxes
@@ -74,6 +75,12 @@ class HeadsPipeline(StereoDescription):
             setup = replace(set_up_any(head.recording, config), floor_source=RIGS_FILE)
             heads.append(Pipeline(head.recording, setup, config, tracker))
         return HeadsPipeline(recording, heads, tracker, config)
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """See ``Engine``; those of every head under its name."""
+        named = zip(self.recording.heads, self.heads, strict=True)
+        return tuple(replace(check, name=f"{head.name}: {check.name}") for head, one in named for check in one.checks)
 
     def camera_info(self) -> CameraInfo:
         """The first head's camera, with those of all heads."""
@@ -156,7 +163,7 @@ class HeadsPipeline(StereoDescription):
         clock.record("track")
         return FrameResult(
             frame.index, frame.timestamp_s, results[0].tracks, self.tracker.decisions, observation,
-            first.disparity if first else None, clock.stages_ms, results,
+            first.disparity if first else None, clock.stages_ms, results, first.thumbnails if first else None,
         )  # fmt: skip
 
     def _learn(self, points: Sequence[FloorPoints | None], tracks: Sequence[TrackState]) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError
+from planview.doctor.check import Check
 from planview.maps.builder import MapBuilder
 from planview.maps.one_statistic import reduced
 from planview.maps.recording import MapsFrame, MapsRecording
@@ -46,6 +47,8 @@ class MapsPipeline(StereoDescription):
     Attributes:
         recording, config, tracker, stereo: see ``Engine``.
     """
+
+    checks: tuple[Check, ...] = ()
 
     def __init__(self, recording: MapsRecording, tracker: Tracker, config: Config | None = None) -> None:
         """Compose the stages.

@@ -11,6 +11,8 @@ import numpy as np
 
 from calib.ground_camera import GroundCamera
 from calib.types import F32, U8
+from planview.doctor.check import Check
+from planview.doctor.motion import Thumbnails, thumbnails
 from planview.foreground.mixture import Foreground
 from planview.maps.builder import FloorPoints, MapBuilder
 from planview.maps.one_statistic import reduced
@@ -31,6 +33,7 @@ from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, open_any
 from stereo.readers.prefetch import prefetch
 from stereo.recording import Recording, RgbdFrame, RgbdRecording, StereoFrame, Video, VideoFrame
+from stereo.rectify import RectifiedPair
 
 AHEAD = 2
 """Frames matched ahead of the tracker."""
@@ -45,6 +48,7 @@ class MatchedFrame:
         image: (H, W[, 3]) uint8, rectified; the left one of a pair.
         disparity: (H, W) float32 [px], NaN invalid.
         stages_ms: time of the stages so far.
+        thumbnails: of both rectified images.
     """
 
     frame: int
@@ -52,6 +56,7 @@ class MatchedFrame:
     image: U8
     disparity: F32
     stages_ms: dict[str, float]
+    thumbnails: Thumbnails | None = None
 
 
 class Pipeline(StereoDescription):
@@ -112,6 +117,11 @@ class Pipeline(StereoDescription):
         recording = open_any(Path(path), options)
         return Pipeline(recording, set_up_any(recording, config), config, tracker, matcher)
 
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """See ``Engine``."""
+        return self.setup.checks
+
     def reset(self) -> None:
         """Forget people, background and feedback."""
         self.tracker.reset()
@@ -152,7 +162,8 @@ class Pipeline(StereoDescription):
         clock.record("rectify")
         disparity = self.front_end.disparity(rectified)
         clock.record("match")
-        return MatchedFrame(frame.index, frame.timestamp_s, rectified.left, disparity, clock.stages_ms)
+        small = thumbnails(rectified.left_grey, rectified.right_grey) if isinstance(rectified, RectifiedPair) else None
+        return MatchedFrame(frame.index, frame.timestamp_s, rectified.left, disparity, clock.stages_ms, small)
 
     def track(self, matched: MatchedFrame) -> FrameResult:
         """Foreground, maps and people of the next frame."""
@@ -166,7 +177,7 @@ class Pipeline(StereoDescription):
         clock.record("track")
         return FrameResult(
             matched.frame, matched.timestamp_s, tracks, self.tracker.decisions, observation,
-            matched.disparity, clock.stages_ms,
+            matched.disparity, clock.stages_ms, matched.thumbnails,
         )  # fmt: skip
 
     def separate(self, matched: MatchedFrame, clock: StageClock) -> tuple[U8, FloorPoints]:
@@ -206,6 +217,7 @@ class SingleCameraPipeline:
     """
 
     stereo = None
+    checks: tuple[Check, ...] = ()
 
     def __init__(
         self,

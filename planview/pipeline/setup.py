@@ -13,6 +13,9 @@ from calib.errors import WorkError
 from calib.rgbd import DepthSensor
 from calib.rig import Floor
 from calib.types import F64
+from planview.doctor.alignment import alignment_checks
+from planview.doctor.check import Check
+from planview.doctor.scene import floor_checks
 from planview.pipeline.config import Config
 from planview.pipeline.front_end import RgbdFrontEnd, StereoFrontEnd
 from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
@@ -46,6 +49,7 @@ class Setup:
         disparities: range that people on that floor can have.
         floor_source: "found" or the file that gave it.
         vertical: the row offset that was measured, before and after.
+        checks: what these frames tell of the calibration.
     """
 
     rectifier: Rectifier
@@ -54,6 +58,7 @@ class Setup:
     floor_source: str
     vertical: VerticalFit
     sensor: DepthSensor | None = None
+    checks: tuple[Check, ...] = ()
 
     @property
     def calibration(self) -> str:
@@ -91,6 +96,11 @@ class RgbdSetup:
     sensor: DepthSensor
     vertical_residual_px: float = math.nan
 
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """What the first frames tell."""
+        return tuple(floor_checks(self.floor))
+
     def front_end(self, config: Config, matcher: Matcher | None = None) -> RgbdFrontEnd:
         """The stages before the foreground; there is nothing to match."""
         return RgbdFrontEnd(self.rectifier)
@@ -127,13 +137,18 @@ def set_up(recording: Recording, config: Config) -> Setup:
     """
     search = floor_search(config)
     frames = setup_frames(recording, search.frames)
-    refuse_foreign(recording.path, Rectifier(recording.rig, config.rectify), frames)
+    plain = Rectifier(recording.rig, config.rectify)
+    matches = _corners(plain, frames)
+    refuse_foreign(recording.path, plain, matches)
     rectifier, vertical = aligned_rectifier(recording.rig, frames, config.rectify)
     if recording.world_SE3_left is not None:
         floor, source = Floor(recording.world_SE3_left), "world.toml"
     else:
         floor, source = FloorEstimator(rectifier, search)(frames), "found"
-    return Setup(rectifier, floor, disparity_range(rectifier.geometry, config.range, floor), source, vertical)
+    checks = *alignment_checks(plain, matches, vertical), *floor_checks(floor)
+    return Setup(
+        rectifier, floor, disparity_range(rectifier.geometry, config.range, floor), source, vertical, checks=checks
+    )
 
 
 def floor_search(config: Config) -> FloorSearch:
@@ -147,15 +162,15 @@ def floor_search(config: Config) -> FloorSearch:
     )
 
 
-def refuse_foreign(path: Path, rectifier: Rectifier, frames: Sequence[StereoFrame]) -> None:
+def refuse_foreign(path: Path, rectifier: Rectifier, matches: F64) -> None:
     """Matched corners must lie nearer than infinity and about on their rows.
 
     Args:
         rectifier: of the calibration as it is, without correction.
+        matches: (N, 4) float64 [px] in its images, as from ``match_corners``.
     Raises:
         WorkError: left and right are swapped, or the calibration is another rig's.
     """
-    matches = _corners(rectifier, frames)
     if len(matches) < MIN_ORDER_MATCHES:
         return
     beyond = float(np.mean(matches[:, 0] - matches[:, 2] <= -0.5))

@@ -21,6 +21,18 @@ class SkippedFrame(InfoPart):
     why: str
 
 
+class RunWarning(InfoPart):
+    """A check of the recording that failed before or during the run."""
+
+    name: str
+    """As ``planview doctor`` calls it."""
+    value: float | None = None
+    """What was found; None when it could not be measured."""
+    unit: str = ""
+    text: str
+    """What was expected and found, in one sentence."""
+
+
 class RunInfo(InfoPart):
     """All of run.json. Every field has a default, so that a page can be made of what there is."""
 
@@ -56,6 +68,8 @@ class RunInfo(InfoPart):
     """Ids that were ever confirmed."""
     remark: str = ""
     """What a reader of the results should know, in one sentence: why there are none."""
+    warnings: list[RunWarning] = Field(default_factory=list)
+    """Why the tracks may be wrong although the run finished: checks of the recording that failed."""
     counts: dict[str, JsonValue] = Field(default_factory=dict)
     """Totals per rule when rules were given (the ``rules`` object of ``count --json``)."""
 

@@ -65,4 +65,6 @@ def summary(console: Console, info: RunInfo, folder: Path) -> None:
     stages = ", ".join(f"{name} {ms:.1f}" for name, ms in info.stages_ms.items() if ms is not None)
     table.add_row("ms per frame", stages)
     table.add_row("results", str(folder))
+    for warning in info.warnings:
+        table.add_row("warning", warning.text)
     console.print(table)

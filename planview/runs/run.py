@@ -24,6 +24,7 @@ from planview.runs.checkpoint.decode import decode
 from planview.runs.checkpoint.encode import encode
 from planview.runs.checkpoint.file import Checkpoint, remove_checkpoints, write_checkpoint
 from planview.runs.checkpoint.identity import digest_of, identity_of
+from planview.runs.checks import RunChecks
 from planview.runs.frame_file import FilePosition
 from planview.runs.info import RunInfo, SkippedFrame, write_result, write_run_info
 from planview.runs.interrupts import Interrupts
@@ -47,6 +48,7 @@ class RunOptions:
         debug: write ``decisions.csv``, every decision of the tracker with its reason.
         max_frames: stop after so many frames; 0 for all.
         checkpoint_every_s: time between two checkpoints [s]; 0 for none.
+        strict: refuse a recording that fails a check instead of warning.
     """
 
     tracker: str = "template"
@@ -54,6 +56,7 @@ class RunOptions:
     debug: bool = False
     max_frames: int = 0
     checkpoint_every_s: float = 0.0
+    strict: bool = False
 
 
 def run(
@@ -75,7 +78,8 @@ def run(
         watch: called after every frame, e.g. to show progress.
         checkpoint: to go on from (``planview.runs.resume.checkpoint_of``), with logs made for its positions.
     Raises:
-        InputError: another process writes into the folder.
+        InputError: another process writes into the folder; or ``options.strict``, and the recording fails a check: what
+            was tracked until then is kept.
         WorkError: the disk is full, or no frame can be used.
         KeyboardInterrupt: Ctrl-C, SIGTERM or SIGHUP came; raised after the frame under way, with all files closed.
     """
@@ -98,6 +102,7 @@ class _Run:
         self._logs = {type(log).__name__: log for log in logs}
         self._totals, self._started = RunTotals(), time.monotonic()
         self._info = _info_of(engine, options)
+        self._checks = RunChecks(engine, options.strict)
 
     def track(self, watch: Callable[[FrameResult], None] | None, checkpoint: Checkpoint | None) -> None:
         """All frames; files are closed whatever happens."""
@@ -115,12 +120,14 @@ class _Run:
                 self._take(result, tables)
                 if watch:
                     watch(result)
+                self._checks.update(result)
                 if marks.due(interrupts.noted) and not self._mark(tables):
                     marks.stop()
                 if interrupts.noted and is_live:
                     break  # the usual end of cameras that run
                 interrupts.check()
         self._refuse_empty()
+        self._checks.refuse()
 
     def _frames(self, checkpoint: Checkpoint | None) -> Iterator[FrameResult]:
         """Results from the first frame, or from the one after the checkpoint, as many as asked for."""
@@ -212,6 +219,7 @@ class _Run:
                 "stages_ms": {stage: times.median_ms for stage, times in totals.stages.items()},
                 "people": len(totals.people),
                 "remark": totals.remark(),
+                "warnings": self._checks.warnings(),
                 "counts": self._counts() if state != "running" else {},
             }
         )

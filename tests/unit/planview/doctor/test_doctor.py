@@ -17,7 +17,8 @@ from calib.types import U8
 from planview.cli import main
 from planview.doctor.check import at_least, at_most, between
 from planview.doctor.examine import Diagnosis, examine
-from planview.doctor.timing import best_lag, longest_step
+from planview.doctor.motion import best_lag
+from planview.doctor.timing import longest_step
 
 RIG = toy_rig(rotation_deg=(0.4, -0.6, 1.0))
 COUNT = 30
@@ -181,9 +182,9 @@ def test_best_lag_finds_a_shift_between_frames() -> None:
     t = np.arange(60)[:, None] + np.array([0.0, 20.0, 40.0])
     signal = np.sin(t / 3.0) + 0.5 * np.sin(t / 7.0)
     late = np.sin((t - 2.5) / 3.0) + 0.5 * np.sin((t - 2.5) / 7.0)
-    assert best_lag(signal, late) == pytest.approx(2.5, abs=0.15)
-    assert best_lag(late, signal) == pytest.approx(-2.5, abs=0.15)
-    assert np.isnan(best_lag(np.zeros((60, 3)), np.zeros((60, 3))))
+    assert best_lag(signal, late).frames == pytest.approx(2.5, abs=0.15)
+    assert best_lag(late, signal).frames == pytest.approx(-2.5, abs=0.15)
+    assert np.isnan(best_lag(np.zeros((60, 3)), np.zeros((60, 3))).frames)
 
 
 def test_longest_step_is_relative_to_the_usual_one() -> None:
