@@ -19,6 +19,7 @@ import stereo
 from calib.errors import InputError, WorkError
 from planview.bench import peer
 from planview.bench.peer import Peer, PeerLog
+from planview.maps.recording import MapsRecording
 from planview.pipeline.config import Config
 from planview.pipeline.engine import Engine
 from planview.pipeline.factory import open_engine
@@ -111,9 +112,11 @@ def _is_whole(job: Pass) -> bool:
         whole = finished_run(job.folder) is not None
         for name in ("tracks.csv", PEER) if job.recorded else ("tracks.csv",):
             read_tracks(job.folder / name)
+        if job.recorded and job.tracker == "template":
+            MapsRecording(job.folder / "maps.h5")
     except InputError:
         return False
-    return whole and (not job.recorded or (job.folder / "maps.h5").is_file())
+    return whole
 
 
 def in_processes(work: Callable[[Job], Result], jobs: Sequence[Job], at_once: int) -> Iterator[Result]:

@@ -165,12 +165,19 @@ def is_whole(folder: Path, n_frames: int) -> bool:
     times = folder / "timestamps.csv"
     return (
         len(images) == 2 * n_frames
-        and all(path.stat().st_size > 0 for path in images)
+        and all(_has_end(path) for path in images)
         and (folder / "rig.toml").is_file()
         and (folder / "truth.csv").is_file()
         and times.is_file()
         and len(times.read_text().splitlines()) == n_frames + 1
     )
+
+
+def _has_end(path: Path) -> bool:
+    """Whether a JPEG file ends with its end marker."""
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - 2))
+        return file.read() == b"\xff\xd9"
 
 
 def run_job(job: SuiteJob) -> list[SuiteScore]:

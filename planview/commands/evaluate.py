@@ -88,6 +88,7 @@ def evaluate(tracks: Path, truth: Path, *, options: EvaluateOptions | None = Non
 
 def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, int] | None) -> Evaluation:
     found, true = load_tracks(pair.tracks), load_truth(pair.truth)
+    _refuse_other_frames(pair, found, true)
     if span is None:
         _note_frames_beyond(found, true)
     try:
@@ -175,6 +176,17 @@ def _span(text: str) -> tuple[int, int]:
     if span[0] > span[1]:
         raise InputError(f"--frames: expected FIRST:LAST with FIRST not after LAST, found {text!r}")
     return span
+
+
+def _refuse_other_frames(pair: FilePair, tracks: Trajectories, truth: Trajectories) -> None:
+    """Truth that ends before the first track or begins after the last one is of another recording."""
+    if not len(tracks) or not len(truth):
+        return
+    (first, last), (begin, end) = ((int(t.frame.min()), int(t.frame.max())) for t in (tracks, truth))
+    if begin > last or end < first:
+        raise InputError(
+            f"{pair.truth}: expected truth of the frames {first} to {last} of {pair.tracks}, found {begin} to {end}"
+        )
 
 
 def _note_frames_beyond(tracks: Trajectories, truth: Trajectories) -> None:

@@ -191,6 +191,16 @@ def test_evaluate_prints_one_json_object_with_the_agreed_keys(
     assert "30 truth rows lie after the last track" in " ".join(err.split())
 
 
+def test_truth_of_other_frames_is_refused_naming_both_files(
+    files: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    files[1].write_text("frame,id,x_m,y_m,height_m\n500,1,0,0,1.7\n501,1,0,0,1.7\n")
+    assert run(str(files[0]), str(files[1])) == 2
+    err = " ".join(capsys.readouterr().err.split())
+    assert f"{files[1]}: expected truth of the frames 0 to " in err
+    assert err.endswith(f"of {files[0]}, found 500 to 501")
+
+
 def test_evaluate_lists_each_significant_error(files: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
     text = files[1].read_text() + "".join(f"{t},5,3,3,1.6,1\n" for t in range(20, 90))
     files[1].write_text(text)
