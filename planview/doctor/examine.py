@@ -10,7 +10,7 @@ from calib.errors import InputError
 from planview.doctor.alignment import alignment_checks
 from planview.doctor.check import Check
 from planview.doctor.evidence import RecordingEvidence, gather
-from planview.doctor.exposure import light_checks
+from planview.doctor.exposure import image_checks
 from planview.doctor.people import people_checks
 from planview.doctor.scene import scene_checks
 from planview.doctor.timing import timing_checks
@@ -70,7 +70,7 @@ def examine(
     checks = [
         Check("calibration and layout", True, 1.0, note=evidence.recording.rig.source),
         *timing_checks(evidence),
-        *light_checks(evidence),
+        *image_checks(evidence.spread),
         *alignment_checks(evidence.plain, evidence.matches, evidence.vertical),
         *scene_checks(evidence),
         *people_checks(evidence, person_height_m),

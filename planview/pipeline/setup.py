@@ -15,6 +15,7 @@ from calib.rig import Floor
 from calib.types import F64
 from planview.doctor.alignment import alignment_checks
 from planview.doctor.check import Check
+from planview.doctor.exposure import image_checks
 from planview.doctor.scene import floor_checks
 from planview.pipeline.config import Config
 from planview.pipeline.front_end import RgbdFrontEnd, StereoFrontEnd
@@ -145,7 +146,7 @@ def set_up(recording: Recording, config: Config) -> Setup:
         floor, source = Floor(recording.world_SE3_left), "world.toml"
     else:
         floor, source = FloorEstimator(rectifier, search)(frames), "found"
-    checks = *alignment_checks(plain, matches, vertical), *floor_checks(floor)
+    checks = *image_checks(frames), *alignment_checks(plain, matches, vertical), *floor_checks(floor)
     return Setup(
         rectifier, floor, disparity_range(rectifier.geometry, config.range, floor), source, vertical, checks=checks
     )

@@ -226,4 +226,10 @@ def test_command_refuses_a_height_without_sense(tmp_path: Path, capsys: pytest.C
 def test_diagnosis_without_evidence_still_says_why(tmp_path: Path) -> None:
     diagnosis = examine(tmp_path)
     assert isinstance(diagnosis, Diagnosis) and not diagnosis.ok
-    assert diagnosis.evidence is None and "expected left/ and right/" in diagnosis.checks[0].note
+    assert diagnosis.evidence is None and "left/ and right/" in diagnosis.checks[0].note
+
+
+def test_fault_compression_to_blocks(tmp_path: Path, pairs: Pairs) -> None:
+    coded = [tuple(cv2.imencode(".jpg", i, [cv2.IMWRITE_JPEG_QUALITY, 5])[1] for i in pair) for pair in pairs[:4]]
+    blocks = [tuple(cv2.imdecode(c, cv2.IMREAD_GRAYSCALE) for c in pair) for pair in coded]
+    assert "compression" in failed(write_toy_recording(tmp_path / "r", RIG, blocks))  # type: ignore[arg-type]
