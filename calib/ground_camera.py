@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from calib.errors import InputError
 from calib.files import write_whole
+from calib.text import load_toml
 from calib.types import F64
 
 LENS_K_320: dict[str, float] = {
@@ -147,7 +147,7 @@ def load_ground_camera(path: Path) -> GroundCamera:
     """
     keys = {"width", "height", "focal_px", "height_m", "tilt_deg", "lens", "roll_deg"}
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = load_toml(path, "a camera.toml")
         if unknown := set(data) - keys:
             raise InputError(f"{path}: expected the keys {sorted(keys)}, found {sorted(unknown)[0]!r}")
         return GroundCamera(
@@ -161,5 +161,5 @@ def load_ground_camera(path: Path) -> GroundCamera:
         )
     except KeyError as error:
         raise InputError(f"{path}: expected a camera.toml with the key {error}, found none") from error
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, ValueError, TypeError) as error:
+    except (ValueError, TypeError, OverflowError) as error:
         raise InputError(f"{path}: expected a camera.toml, found {error}") from error

@@ -1,8 +1,16 @@
 """Base of every parameter table, and what is said of values that a table refuses."""
 
 from collections.abc import Callable
+from typing import Self
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+
+LARGEST = {"_m": 1e4, "_m2": 1e4, "_s": 1e6, "_px": 1e6, "_deg": 360.0, "_mps": 100.0, "_mps2": 1e4}
+"""Largest magnitude by the unit in a parameter's name: beyond the reach of any camera, a recording of ten days, an
+image, a person. What a field says of its own range comes first."""
+LARGEST_PLAIN = 1e12
+SMALLEST = 1e-9
+"""Smallest magnitude of a number that is not 0: less is lost in float32 beside anything it is added to (our choice)."""
 
 Location = tuple[int | str, ...]
 """Keys and list positions that lead to a value."""
@@ -12,6 +20,16 @@ class Params(BaseModel):
     """Frozen, unknown keys refused, values checked; each field's docstring gives meaning, unit and source."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
+
+    @model_validator(mode="after")
+    def _within_reason(self) -> Self:
+        """Refuse numbers beyond what their unit can mean, where a field has no narrower range of its own."""
+        for name, value in self:
+            if isinstance(value, float) and value:
+                largest = next((most for unit, most in LARGEST.items() if name.endswith(unit)), LARGEST_PLAIN)
+                if not SMALLEST <= abs(value) <= largest:
+                    raise ValueError(f"expected {name} of 0 or from {SMALLEST:g} to {largest:g}, found {value:g}")
+        return self
 
 
 def dotted(location: Location) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast, get_args
@@ -14,6 +13,7 @@ from calib.camera import Camera, LensModel
 from calib.errors import InputError
 from calib.files import write_whole
 from calib.pose import SE3
+from calib.text import parse_toml
 from calib.types import F64
 
 MAX_BASELINE_M = 5.0
@@ -131,7 +131,7 @@ def parse_rig(text: str, source: str) -> StereoRig:
         ValueError: not TOML, keys missing, or values that cannot be a rig.
     """
     try:
-        data = tomllib.loads(text)
+        data = parse_toml(text)
         pose = data["right_SE3_left"]
         return StereoRig(
             _camera(data["left"]),

@@ -16,9 +16,9 @@ class FloorParams(Params):
     """Deviation of a single frame's disparity against that of the medians [1] (our choice: 0.45 px)."""
     inlier_sigmas: float = Field(default=3.0, gt=0.5, le=10)
     """Points within this many deviations lie on a plane: 99.7 % of Gaussian noise (our choice)."""
-    min_height_m: float = Field(default=0.8, gt=0)
+    min_height_m: float = Field(default=0.8, gt=0, le=100)
     """Lowest camera: below it people are taller than the view (our choice)."""
-    max_height_m: float = Field(default=12.0, gt=0)
+    max_height_m: float = Field(default=12.0, gt=0, le=100)
     """Highest camera: beyond it a person covers a few disparities at most (our choice)."""
     max_tilt_deg: float = Field(default=83.0, gt=0, lt=90)
     """Steepest view of a floor; beyond it the plane is a wall seen from above (our choice)."""
@@ -43,9 +43,9 @@ class FloorParams(Params):
     medians make a plane too; above 0.8 on a surface (our choice)."""
     n_candidates: int = Field(default=8, ge=1, le=50)
     """Planes looked for, largest first; a room has a floor, three walls and some furniture (our choice)."""
-    ransac_iterations: int = Field(default=2000, ge=10)
+    ransac_iterations: int = Field(default=2000, ge=10, le=100_000)
     """Triples tried per candidate: one of 2000 hits a plane of 12 % of the remaining points with 97 % (our choice)."""
-    fit_points: int = Field(default=400_000, ge=1000)
+    fit_points: int = Field(default=400_000, ge=1000, le=10_000_000)
     """Points looked at over all frames, evenly thinned (our choice, for speed)."""
     edge_cells: float = Field(default=2.5, ge=0, le=20)
     """Floor this close to something on it is left out of the last fits, in cells (our choice: 25 px at 640 px, what

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from calib.errors import InputError
 from calib.files import write_whole
 from calib.pose import SE3
 from calib.rig import Floor
+from calib.text import load_toml
 
 MAX_HEIGHT_M = 100.0
 """A camera higher than this above the floor means wrong units."""
@@ -50,12 +50,12 @@ def load_world(path: Path) -> Floor:
         InputError: unreadable, keys missing, or values that cannot be a camera above a floor.
     """
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = load_toml(path, "a world.toml")
         pose = _pose(data["world_SE3_left"])
         floor = _floor(pose, data.get("floor", {}))
     except KeyError as error:
         raise InputError(f"{path}: expected a world.toml with the key {error}, found none") from error
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, ValueError, TypeError, AttributeError) as error:
+    except (ValueError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(f"{path}: expected a world.toml, found {error}") from error
     if not 0.0 < floor.height_m <= MAX_HEIGHT_M:
         raise InputError(

@@ -9,9 +9,7 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.rig import StereoRig
-
-MAX_BYTES = 2_000_000
-"""Calibration files are a few kilobytes; anything larger is something else and is not read."""
+from calib.text import MAX_BYTES, require_file
 
 Size = tuple[int, int]
 
@@ -72,6 +70,7 @@ def read_source(path: Path) -> Source:
     Raises:
         InputError: unreadable, too large, or not text.
     """
+    require_file(path, "a calibration file")
     try:
         with path.open("rb") as file:
             raw = file.read(MAX_BYTES + 1)

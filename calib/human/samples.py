@@ -14,6 +14,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.files import write_whole
+from calib.text import read_text
 from calib.types import F64
 
 COLUMNS = (
@@ -119,7 +120,7 @@ def read_samples(path: Path) -> tuple[HumanSample, ...]:
                 f"{path}: expected the columns {', '.join(COLUMNS)} (or box, head, foot in JSON), "
                 f"found no {error} in sample {i}"
             ) from error
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, OverflowError) as error:
             raise InputError(f"{path}: expected a standing person in sample {i}, found: {error}") from error
     return tuple(samples)
 
@@ -158,12 +159,7 @@ def write_samples(samples: Sequence[HumanSample], path: Path, image_size: tuple[
 
 
 def _text(path: Path) -> str:
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: expected a file of samples, found one of {path.stat().st_size} bytes")
-        return path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected a CSV or JSON file of samples, found {error}") from error
+    return read_text(path, "a CSV or JSON file of samples", MAX_BYTES)
 
 
 def _csv_rows(text: str, path: Path) -> list[dict[str, Any]]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import IO, Literal, cast, get_args
 
 from calib.errors import InputError
+from calib.text import require_file
 
 EventKind = Literal["crossing", "entry", "exit"]
 Direction = Literal["left_to_right", "right_to_left", ""]
@@ -53,6 +54,7 @@ def read_events(path: Path) -> list[Event]:
     Raises:
         InputError: unreadable, columns missing, or a value that does not belong.
     """
+    require_file(path, "an events file")
     try:
         with path.open(newline="", encoding="utf-8") as file:
             reader = csv.DictReader(file)

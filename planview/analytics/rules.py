@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,13 +12,19 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from calib.errors import InputError
 from calib.params import Location, dotted, first_problem
+from calib.text import load_toml
 from calib.types import F64
 from planview.analytics.geometry import PlaneName, RulePlane, crossing_edges
 
 Point = tuple[float, float]
 _Name = Annotated[str, Field(min_length=1, max_length=100)]
-_Number = Annotated[float, Field(allow_inf_nan=False)]
+_Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e5, le=1e5)]
 _PointIn = tuple[_Number, _Number]
+MAX_POINTS = 500
+"""Corners of a zone: each pair of edges is tried for crossing, and each person against each edge (our choice)."""
+MAX_RULES = 200
+"""Rules of one kind (our choice)."""
+_Polygon = Annotated[list[_PointIn], Field(max_length=MAX_POINTS)]
 
 
 class _Table(BaseModel):
@@ -44,8 +49,8 @@ class Tripwire(_Table):
 class Zone(_Table):
     """An area that people are in; the polygon is closed by itself."""
 
-    polygon_m: list[_PointIn] | None = None
-    polygon_px: list[_PointIn] | None = None
+    polygon_m: _Polygon | None = None
+    polygon_px: _Polygon | None = None
     hysteresis_m: float | None = Field(None, ge=0, le=5)
     """Instead of the parameter of the same name."""
     min_age_s: float | None = Field(None, ge=0, le=60)
@@ -65,9 +70,9 @@ class Queue(_Table):
 class _File(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    tripwire: list[Tripwire] = Field(default_factory=list)
-    zone: list[Zone] = Field(default_factory=list)
-    queue: list[Queue] = Field(default_factory=list)
+    tripwire: list[Tripwire] = Field(default_factory=list, max_length=MAX_RULES)
+    zone: list[Zone] = Field(default_factory=list, max_length=MAX_RULES)
+    queue: list[Queue] = Field(default_factory=list, max_length=MAX_RULES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,11 +116,7 @@ def load_rules(path: Path, plane: RulePlane | None = None) -> Rules:
         InputError: unreadable, empty, a key or value that does not belong, duplicate names, a line of zero length or
             outside the view, a polygon that crosses itself or has no area, a queue of an unknown zone.
     """
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: expected a rules.toml, found {error}") from error
-    return parse_rules(data, plane or RulePlane(), str(path))
+    return parse_rules(load_toml(path, "a rules.toml"), plane or RulePlane(), str(path))
 
 
 def parse_rules(data: dict[str, Any], plane: RulePlane, source: str) -> Rules:

@@ -17,6 +17,7 @@ from rich.table import Table
 
 from calib.errors import InputError, WorkError
 from calib.files import write_whole
+from calib.text import require_file
 from planview.analytics.clock import Clock
 from planview.analytics.count import count_tracks, count_truth
 from planview.analytics.events import read_events, write_event_header, write_event_rows
@@ -136,6 +137,7 @@ def _score(
 
 
 def _is_events(path: Path) -> bool:
+    require_file(path, "truth or events")
     try:
         with path.open("rb") as file:
             return b"rule" in file.readline(10_000).strip().split(b",")

@@ -37,10 +37,10 @@ class MapParams(GridParams):
     deviations of the floor's depth measured from 2.7 m above (our choice)."""
     smoothing_m: float = Field(0.04, ge=0.0, le=0.2)
     """Standard deviation of the Gaussian that smooths both maps [m]. Harville 2002, section 3: 1-4 cm."""
-    occupancy_min: float = Field(0.25, ge=0.0)
+    occupancy_min: float = Field(0.25, ge=0.0, le=10.0)
     """theta_occ as visible surface per floor area [m^2/m^2]: height counts only where there is more. A head viewed
     from the side or from above gives about 1, stray matches are far below (our choice; the paper gives no value)."""
-    depth_std_max_m: float = Field(0.40, gt=0.0)
+    depth_std_max_m: float = Field(0.40, ge=0.01, le=10.0)
     """Points whose predicted depth deviation is larger [m] are left out: beyond it a body smears over more than the
     2 W_avg of a template (Harville 2002, section 4; our choice)."""
     distance_max_m: float = Field(15.0, gt=0.5, le=100.0)

@@ -16,8 +16,9 @@ MAX_CELLS = 4_000_000
 class GridParams(Params):
     """Cells on the world floor."""
 
-    cell_m: float = Field(0.04, gt=0, le=0.5)
-    """Side of a cell [m]. Harville 2002, section 3: 2-4 cm; positions are finer, since heads are located by points."""
+    cell_m: float = Field(0.04, ge=0.005, le=0.5)
+    """Side of a cell [m]. Harville 2002, section 3: 2-4 cm; positions are finer, since heads are located by points;
+    below 5 mm the cells of a head hold no points."""
 
 
 @dataclass(frozen=True)

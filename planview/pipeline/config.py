@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from pydantic import Field, ValidationError
 from calib.errors import InputError
 from calib.floor.params import FloorParams
 from calib.params import Params, first_problem
+from calib.text import MAX_DEPTH, load_toml, parse_toml
 from planview.foreground.mixture import ForegroundParams
 from planview.maps.builder import MapParams
 from planview.pipeline.feedback import FeedbackParams
@@ -37,7 +37,7 @@ class AnalysisParams(Params):
 class Config(Params):
     """Every parameter of a run."""
 
-    seed: int = Field(0, ge=0)
+    seed: int = Field(0, ge=0, lt=2**63)
     """Seed of every random generator."""
     analysis: AnalysisParams = AnalysisParams()
     rectify: RectifyParams = RectifyParams()
@@ -61,10 +61,7 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = (), base: C
     """
     tables: dict[str, Any] = {}
     if path is not None:
-        try:
-            tables = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-            raise InputError(f"{path}: expected a TOML configuration, found {error}") from error
+        tables = load_toml(path, "a TOML configuration")
         _validate(tables, str(path), base)
     for override in overrides:
         _apply(tables, override)
@@ -74,11 +71,11 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = (), base: C
 def _apply(tables: dict[str, Any], override: str) -> None:
     name, equals, text = override.partition("=")
     keys = name.strip().split(".")
-    if not equals or not all(keys):
-        raise InputError(f"--set: expected table.key=value, found {override!r}")
+    if not equals or not all(keys) or len(keys) > MAX_DEPTH:
+        raise InputError(f"--set: expected table.key=value, found {override!r:.80}")
     try:
-        value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        value = parse_toml(f"value = {text}")["value"]
+    except ValueError:
         value = text.strip()
     for key in keys[:-1]:
         tables = tables.setdefault(key, {})

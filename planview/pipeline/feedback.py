@@ -21,12 +21,12 @@ class FeedbackParams(Params):
 
     enabled: bool = True
     """Give feedback at all."""
-    body_m: float = Field(0.6, gt=0.0)
+    body_m: float = Field(0.6, gt=0.0, le=5.0)
     """Foreground this near to a person's axis on the floor belongs to the person [m]: an arm's length."""
-    travelled_m: float = Field(0.5, ge=0.0)
+    travelled_m: float = Field(0.5, ge=0.0, le=100.0)
     """Only a track that has moved this far since its start is protected from being learned [m]: furniture that was
     mistaken for a person does not walk, and must fade into the background."""
-    ground_m: float = Field(0.12, ge=0.0)
+    ground_m: float = Field(0.12, ge=0.0, le=2.0)
     """Foreground lower than this and away from every person is floor under a new light [m]: a shoe's height."""
     spread_px: int = Field(5, ge=0, le=50)
     """A person's pixels are widened by so much for the next frame [px]."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Literal
 
@@ -11,6 +10,7 @@ from pydantic import Field, ValidationError, model_validator
 from calib.errors import InputError
 from calib.ground_camera import LENS_K_320
 from calib.params import Params, first_problem
+from calib.text import parse_toml, read_text
 from planview.synthetic.persons import Person
 from planview.synthetic.setting import Colour, Furniture, Keyframes, Pair, Room, Triple
 
@@ -166,17 +166,14 @@ def load_scene(path: Path) -> Scene:
     Raises:
         InputError: unreadable, not TOML, an unknown key or a value out of range.
     """
-    try:
-        return parse_scene(path.read_text(encoding="utf-8"), str(path))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected a scene in TOML, found {error}") from error
+    return parse_scene(read_text(path, "a scene in TOML"), str(path))
 
 
 def parse_scene(text: str, source: str) -> Scene:
     """A scene from its TOML text; ``source`` names it in messages (same errors as ``load_scene``)."""
     try:
-        return Scene.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{source}: expected a scene in TOML, found {error}") from error
+        return Scene.model_validate(parse_toml(text))
     except ValidationError as error:
         raise InputError(f"{source}: {first_problem(error)}") from error
+    except ValueError as error:
+        raise InputError(f"{source}: expected a scene in TOML, found {error}") from error

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError
+from calib.text import require_file
 from planview.trajectories.file import TrajectoryFile, timed_by_rate
 from planview.trajectories.jsonl import read_jsonl
 from planview.trajectories.jupedsim import read_jupedsim
@@ -56,6 +57,7 @@ def load_file(path: Path, *, truth: bool = False) -> TrajectoryFile:
     Raises:
         InputError: unreadable or none of these.
     """
+    require_file(path, "trajectories")
     try:
         with path.open("rb") as file:
             start = file.read(_FIRST_LINE)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError
+from calib.text import require_file
 from calib.types import F64, I64
 
 KEY_MAX = 2**53
@@ -20,6 +21,7 @@ def read_numbers(path: Path, delimiter: str | None, expected: str) -> F64:
     Raises:
         InputError: unreadable, rows of different lengths, or values that are not numbers; ``expected`` is named.
     """
+    require_file(path, expected)
     try:
         with warnings.catch_warnings():
             # A file with nothing but comments is an empty table.

@@ -12,6 +12,7 @@ from typing import IO, cast
 import numpy as np
 
 from calib.errors import InputError
+from calib.text import require_file
 from calib.types import F64, I64, Bool
 from planview.trajectories.rows import require_unique
 from planview.trajectories.state import State, TrackState
@@ -209,6 +210,7 @@ class _Columns:
 
     def __init__(self, path: Path, required: tuple[str, ...], what: str) -> None:
         self._path = path
+        require_file(path, f"a {what} file")
         try:
             with path.open(newline="", encoding="utf-8") as file:
                 reader = csv.DictReader(file)
