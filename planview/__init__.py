@@ -10,6 +10,8 @@ for result in planview.Pipeline.from_recording("data/synthetic/demo"):
 """
 
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -79,6 +81,22 @@ __all__ = [
     "read_truth",
     "run",
 ]
+
+
+def _refuse_hidden() -> None:
+    """Python takes a user's calib.py or stereo.py beside the script for ours of the same name."""
+    for name in ("calib", "stereo"):
+        spec = find_spec(name)
+        places = (spec.submodule_search_locations if spec else None) or ()
+        if not any((Path(place) / "py.typed").is_file() for place in places):
+            found = spec.origin if spec else "nothing"
+            raise ImportError(
+                f"planview needs its own package {name!r}, and Python finds {found} instead: "
+                "rename that file, or run the script from another folder"
+            )
+
+
+_refuse_hidden()
 
 
 def __getattr__(name: str) -> Any:

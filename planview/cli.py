@@ -131,5 +131,7 @@ def _refuse_empty(words: Sequence[str]) -> None:
 
 
 def _fail(message: str, status: int) -> None:
-    print(f"planview: {message}", file=sys.stderr)
+    from calib.text import printable
+
+    print(f"planview: {printable(message)}", file=sys.stderr)
     raise SystemExit(status)

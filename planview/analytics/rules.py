@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from calib.errors import InputError
 from calib.params import Location, dotted, first_problem
@@ -17,7 +17,16 @@ from calib.types import F64
 from planview.analytics.geometry import PlaneName, RulePlane, crossing_edges
 
 Point = tuple[float, float]
-_Name = Annotated[str, Field(min_length=1, max_length=100)]
+
+
+def _plain_name(name: str) -> str:
+    """Names are cells of events.csv, which spreadsheets open: what they would take for a formula is refused."""
+    if name[0] in "=+-@" or not name.isprintable():
+        raise ValueError(f"expected a name of printable characters that begins with none of = + - @, found {name!r}")
+    return name
+
+
+_Name = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_plain_name)]
 _Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e5, le=1e5)]
 _PointIn = tuple[_Number, _Number]
 MAX_POINTS = 500

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from calib.errors import InputError
@@ -20,6 +19,7 @@ from planview.calibration.head_alignment import AlignParams, HeadAlignment
 from planview.calibration.head_record import HeadRecord, record_head
 from planview.commands.options import JsonFlag
 from planview.pipeline.config import Config, load_config
+from planview.runs.console import PlainConsole
 
 
 @Parameter(name="*")
@@ -65,7 +65,7 @@ def calibrate_align(first: Path, second: Path, /, *others: Path, options: AlignO
         raise InputError(f"expected every head once, found {', '.join(map(str, heads))}")
     if options.out is not None:
         check_inside(heads, options.out.parent)
-    console = Console(stderr=True, markup=False)
+    console = PlainConsole(stderr=True)
     records = _records(heads, load_config(options.config, options.set_), console)
     alignments = align_records(records, AlignParams(clock_s=options.clock))
     for record, alignment in zip(records[1:], alignments, strict=True):
@@ -106,7 +106,7 @@ def report(path: Path, a: HeadAlignment) -> dict[str, Any]:
     }
 
 
-def _records(heads: Sequence[Path], config: Config, console: Console) -> list[HeadRecord]:
+def _records(heads: Sequence[Path], config: Config, console: PlainConsole) -> list[HeadRecord]:
     columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
     records = []
     with Progress(*columns, console=console, transient=True) as progress:

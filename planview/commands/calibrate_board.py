@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 from cyclopts import Parameter
-from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
@@ -20,6 +19,7 @@ from calib.formats import write_rig
 from planview.calibration.board import BoardRequest, calibrate_images
 from planview.calibration.board_report import write_report
 from planview.commands.options import JsonFlag
+from planview.runs.console import PlainConsole
 
 
 @Parameter(name="*")
@@ -81,7 +81,7 @@ def calibrate_board(images: Path, /, *, square: str, options: BoardOptions | Non
 
 
 def _calibrate(images: Path, request: BoardRequest) -> BoardCalibration:
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     with Progress(console=console, transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("detecting the board", total=None)
 
@@ -94,7 +94,7 @@ def _calibrate(images: Path, request: BoardRequest) -> BoardCalibration:
 
 
 def _print_summary(result: BoardCalibration, files: list[Path]) -> None:
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     rig, std = result.rig, result.std
     for one in result.rejected:
         console.print(f"not used: {one.name}: {one.why}", highlight=False)

@@ -22,6 +22,7 @@ from planview.calibration.floor import FloorView, floor_from_tracks, given_floor
 from planview.commands.options import Flag, JsonFlag
 from planview.pipeline.config import load_config
 from planview.pipeline.setup import floor_search
+from planview.runs.console import PlainConsole
 from planview.trajectories.table import read_tracks
 from stereo.floor import FloorSearch
 from stereo.readers import OpenOptions, open_recording
@@ -80,7 +81,7 @@ def calibrate_floor(recording: Path, *, options: FloorOptions | None = None) -> 
     search = floor_search(load_config(options.config))
     if options.frames is not None:
         search = search.model_copy(update={"frames": options.frames})
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     view, floor = _find(recording, search, options, console)
     target = (recording if recording.is_dir() else recording.parent) / "world.toml" if options.save else options.out
     image = options.picture or (target and target.with_suffix(".png"))

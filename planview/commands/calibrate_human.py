@@ -25,6 +25,7 @@ from calib.types import U8
 from planview.calibration.human import collect_samples
 from planview.calibration.pictures import COMPUTED, crowd, draw_grid, draw_person, draw_samples
 from planview.commands.options import Flag, JsonFlag
+from planview.runs.console import PlainConsole
 from stereo.readers.opening import open_video
 from stereo.recording import Video
 
@@ -68,7 +69,7 @@ def calibrate_human(samples: Path, *, options: HumanOptions | None = None) -> No
         places. With --auto, a video.
     """
     options = options or HumanOptions()
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     if options.lens is not None and options.lens not in LENS_K_320:
         raise InputError(f"--lens: expected one of {', '.join(LENS_K_320)}, found {options.lens!r}")
     if not 0.5 <= options.person_height <= 2.5:

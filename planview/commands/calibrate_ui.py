@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rich.console import Console
-
 from calib.errors import InputError, WorkError
+from planview.runs.console import PlainConsole
 
 
 def calibrate_ui(
@@ -41,5 +40,5 @@ def calibrate_ui(
     from planview.calibration.browser.opening import open_session
 
     session = open_session(recording, calibration)
-    Console(stderr=True).print(f"open http://127.0.0.1:{port}/ in a browser; Ctrl-C ends")
+    PlainConsole(stderr=True).print(f"open http://127.0.0.1:{port}/ in a browser; Ctrl-C ends")
     serve(session, out, port)

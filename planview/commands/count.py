@@ -27,6 +27,7 @@ from planview.analytics.rules import load_rules
 from planview.analytics.scoring import CountScores, score_counts, score_events
 from planview.analytics.totals import Counts
 from planview.commands.options import JsonFlag, checked
+from planview.runs.console import PlainConsole
 from planview.runs.info import RunInfo, read_run_info
 from planview.trajectories.layouts import load_tracks, load_truth
 from planview.trajectories.pairs import tracks_file
@@ -103,7 +104,7 @@ def count(tracks: Path, *, rules: Path, options: CountOptions | None = None) -> 
     if options.json_output:
         print(json.dumps(result, indent=2))
     else:
-        print_counts(result, Console(markup=False))
+        print_counts(result, PlainConsole())
 
 
 def _run_beside(path: Path) -> RunInfo | None:
@@ -152,7 +153,7 @@ def _folder(out: Path | None, tracks: Path) -> Path | None:
     beside = tracks.parent
     if tracks.name == "tracks.csv" and beside.stat().st_mode & stat.S_IWUSR and os.access(beside, os.W_OK):
         return beside
-    Console(stderr=True, markup=False).print("no events.csv and counts.json written: --out names a folder for them")
+    PlainConsole(stderr=True).print("no events.csv and counts.json written: --out names a folder for them")
     return None
 
 

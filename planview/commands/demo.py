@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rich.console import Console
-
 from calib.errors import InputError
 from planview.commands.evaluate import EvaluateOptions, evaluate
 from planview.commands.options import JsonFlag
 from planview.commands.run import TrackingOptions, run
+from planview.runs.console import PlainConsole
 from planview.synthetic.committed import DEMO
 
 
@@ -33,6 +32,4 @@ def demo(
         raise InputError(f"{DEMO}: expected the demo clip, found nothing; run planview from its repository")
     run(DEMO, out=out, options=TrackingOptions(rrd=True, debug=True, overwrite=True))
     evaluate(out / "tracks.csv", DEMO / "truth.csv", options=EvaluateOptions(json_output=json_output))
-    Console(stderr=True, markup=False, soft_wrap=True).print(
-        f"Look at it: planview view {out}    or open {out / 'report.html'}"
-    )
+    PlainConsole(stderr=True, soft_wrap=True).print(f"Look at it: planview view {out}    or open {out / 'report.html'}")

@@ -6,7 +6,6 @@ import json
 import math
 from pathlib import Path
 
-from rich.console import Console
 from rich.table import Table
 
 from calib.errors import InputError, WorkError
@@ -17,6 +16,7 @@ from planview.doctor.examine import Diagnosis, examine
 from planview.doctor.pictures import write_pictures
 from planview.pipeline.config import load_config
 from planview.pipeline.setup import floor_search
+from planview.runs.console import PlainConsole
 
 
 def doctor(
@@ -59,10 +59,10 @@ def doctor(
     if json_output:
         print(json.dumps(diagnosis.to_json(), allow_nan=False))
     else:
-        Console().print(table(diagnosis))
+        PlainConsole(markup=True).print(table(diagnosis))
     if out is not None and diagnosis.evidence is not None:
         for path in write_pictures(diagnosis.evidence, out):
-            Console(stderr=True).print(f"wrote {path}", highlight=False)
+            PlainConsole(stderr=True).print(f"wrote {path}", highlight=False)
     failed = [check for check in diagnosis.checks if not check.ok]
     if failed:
         raise WorkError(

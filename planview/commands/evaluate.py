@@ -15,6 +15,7 @@ from calib.errors import InputError
 from planview.commands.options import Flag, JsonFlag, checked
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
+from planview.runs.console import PlainConsole
 from planview.runs.info import read_run_info
 from planview.trajectories.layouts import load_tracks, load_truth
 from planview.trajectories.pairs import FilePair, file_pairs
@@ -83,7 +84,7 @@ def evaluate(tracks: Path, truth: Path, *, options: EvaluateOptions | None = Non
     if options.json_output:
         print(json.dumps(_json(pairs, results, together), indent=2))
     else:
-        _print_all(pairs, results, together, Console(markup=False))
+        _print_all(pairs, results, together, PlainConsole())
 
 
 def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, int] | None) -> Evaluation:
@@ -195,7 +196,7 @@ def _note_frames_beyond(tracks: Trajectories, truth: Trajectories) -> None:
     end = int(tracks.frame.max()) if len(tracks) else -1
     beyond = int((truth.frame > end).sum())
     if beyond:
-        Console(stderr=True, markup=False).print(
+        PlainConsole(stderr=True).print(
             f"{beyond} truth rows lie after the last track (frame {end}) and count as misses; "
             f"--frames 0:{max(end, 0)} leaves them out"
         )

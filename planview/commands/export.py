@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
-from rich.console import Console
 
 from calib.errors import InputError
 from planview.commands.options import Flag
+from planview.runs.console import PlainConsole
 from planview.trajectories.export import FORMATS, ExportName, prepared
 from planview.trajectories.file import TrajectoryFile, checked_area
 from planview.trajectories.jsonl import stream_jsonl
@@ -96,7 +96,7 @@ def _refuse_existing(out: Path, source: Path, overwrite: bool) -> None:
 def _say(out: Path, file: TrajectoryFile) -> None:
     people = len(set(file.table.track_id.tolist()))
     rate = f", {file.fps:g} frames per second" if file.fps else ""
-    console = Console(stderr=True, markup=False, highlight=False, soft_wrap=True)
+    console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
     console.print(f"{out}: {len(file.table)} rows of {people} people{rate}")
 
 

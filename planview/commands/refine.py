@@ -6,10 +6,9 @@ import json
 from collections import Counter
 from pathlib import Path
 
-from rich.console import Console
-
 from planview.commands.options import JsonFlag, checked
 from planview.refinement.params import RefineParams
+from planview.runs.console import PlainConsole
 from planview.runs.refine import refine_run
 
 _DEFAULTS = RefineParams()
@@ -48,4 +47,4 @@ def refine(
         print(json.dumps({"changes": counts, "rows": len(refined.tracks)}))
     else:
         text = ", ".join(f"{kind} {number}" for kind, number in counts.items())
-        Console(stderr=True, markup=False, soft_wrap=True).print(f"{out / 'tracks.csv'}: {text}")
+        PlainConsole(stderr=True, soft_wrap=True).print(f"{out / 'tracks.csv'}: {text}")

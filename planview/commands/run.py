@@ -22,6 +22,7 @@ from planview.pipeline.config import load_config
 from planview.pipeline.engine import Engine
 from planview.pipeline.factory import TrackerName, base_config, open_engine
 from planview.runs.checkpoint.file import Checkpoint
+from planview.runs.console import PlainConsole
 from planview.runs.folder import check_folder, prepare_folder
 from planview.runs.info import RunInfo
 from planview.runs.lock import folder_lock
@@ -108,7 +109,7 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
     settings = load_config(options.config, options.set_, base_config(recording))
     source = open_options(options.calibration, options.fps, options.topics)
     check_folder(out, options.overwrite or options.resume, recording)
-    console = Console(stderr=True, markup=False)
+    console = PlainConsole(stderr=True)
     if options.resume and is_finished(out):
         console.print(f"{out}: the run is finished; nothing is left to resume")
         return

@@ -11,11 +11,11 @@ from types import TracebackType
 from typing import Annotated, Any
 
 from cyclopts import Parameter
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from calib.errors import InputError, WorkError
 from planview.commands.options import JsonFlag
+from planview.runs.console import PlainConsole
 from planview.studies.figures import FIGURES
 from planview.studies.pools import ClusterPool, Pool, ProcessPool
 from planview.studies.ranking import Estimate, Ranked
@@ -69,7 +69,7 @@ def sweep(
     """
     options = options or SweepOptions()
     study, names, out = _study(sources, options)
-    console = Console(stderr=True, markup=False, highlight=False, soft_wrap=True)
+    console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
     with _Watch(console) as watch:
         results = run_study(study, names, out, _pool(options), watch)
     if options.json_output:
@@ -126,7 +126,7 @@ def _pool(options: SweepOptions) -> Callable[[], Pool]:
 class _Watch:
     """Progress of the whole study on stderr."""
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: PlainConsole) -> None:
         columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
         self._progress = Progress(
             TextColumn("{task.description}"), *columns, TextColumn("{task.fields[state]}"), console=console
@@ -195,7 +195,7 @@ def _estimate_json(value: Estimate) -> dict[str, float | None]:
     return {name: None if math.isnan(number) else number for name, number in named.items()}
 
 
-def _report_failures(results: StudyResults, console: Console) -> None:
+def _report_failures(results: StudyResults, console: PlainConsole) -> None:
     failed = results.failed
     for run in failed[:FAILED_MAX]:
         console.print(_printable(f"failed: {run.recording}, {run.configuration.label}, seed {run.seed}: {run.error}"))

@@ -36,9 +36,9 @@ def synth(
 
     Example: planview synth data/synthetic/crossing.toml /tmp/crossing --frames 150
     """
-    from rich.console import Console
     from rich.progress import Progress
 
+    from planview.runs.console import PlainConsole
     from planview.synthetic.heads import load_heads, with_seed, write_heads
     from planview.synthetic.rendering import SceneRenderer
     from planview.synthetic.scene import load_scene
@@ -64,7 +64,7 @@ def synth(
     if seed is not None:
         description = description.model_copy(update={"seed": seed})
     renderer = SceneRenderer(description, scale)
-    with Progress(console=Console(stderr=True), transient=True) as progress:
+    with Progress(console=PlainConsole(stderr=True), transient=True) as progress:
         task = progress.add_task(f"Rendering {scene.name}", total=min(renderer.n_frames, frames or renderer.n_frames))
         written = write_recording(
             renderer,

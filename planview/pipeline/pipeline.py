@@ -177,7 +177,7 @@ class Pipeline(StereoDescription):
         clock.record("track")
         return FrameResult(
             matched.frame, matched.timestamp_s, tracks, self.tracker.decisions, observation,
-            matched.disparity, clock.stages_ms, matched.thumbnails,
+            matched.disparity, clock.stages_ms, thumbnails=matched.thumbnails,
         )  # fmt: skip
 
     def separate(self, matched: MatchedFrame, clock: StageClock) -> tuple[U8, FloorPoints]:

@@ -75,7 +75,7 @@ class Setup:
         """The stages before the foreground; with SGBM over the disparities when there is no matcher."""
         masks = self.rectifier.mask, self.rectifier.right_mask
         matcher = matcher or SgbmMatcher(self.rectifier.geometry, config.sgbm, self.disparities, *masks)
-        return StereoFrontEnd(self.rectifier, matcher)
+        return StereoFrontEnd(self.rectifier, matcher, self.disparities)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,13 +7,14 @@ import base64
 from pathlib import Path
 from typing import Any
 
-from nicegui import events, run, ui
+from nicegui import app, events, run, ui
 
 from calib.errors import InputError
 from calib.ground_camera import LENS_K_320
 from calib.images import encode_image
 from calib.types import U8
 from planview.calibration.browser.overlay import overlay
+from planview.calibration.browser.own_page import OwnPageOnly
 from planview.calibration.browser.session import CalibrationSession
 
 TOOLS = {"box": "Box", "head": "Head", "foot": "Foot", "floor": "Floor points"}
@@ -113,6 +114,7 @@ def serve(session: CalibrationSession, folder: Path, port: int) -> None:
     def index() -> None:
         Page(session, folder)
 
+    app.add_middleware(OwnPageOnly, port=port)
     ui.run(host="127.0.0.1", port=port, show=False, reload=False, title="planview", show_welcome_message=False)
 
 

@@ -152,3 +152,10 @@ def test_wild_rules_are_accepted_or_refused(data: dict[str, object]) -> None:
         assert str(error).startswith("r")  # noqa: PT017
     else:
         assert rules.names
+
+
+@pytest.mark.parametrize("name", ["=HYPERLINK(1)", "@door", "-1+1", "+door", "a\tb", "a\x1b[31m"])
+def test_name_that_a_spreadsheet_or_terminal_would_act_on_is_refused(name: str) -> None:
+    rule = {"name": name, "from_m": [0, 0], "to_m": [1, 0]}
+    with pytest.raises(InputError, match="begins with none of"):
+        parse_rules({"tripwire": [rule]}, RulePlane(), "rules.toml")
