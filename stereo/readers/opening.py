@@ -18,8 +18,9 @@ from stereo.readers import (
     video_pair,
 )
 from stereo.readers.bags import layout as bag_layout
+from stereo.readers.bits import bits_note
 from stereo.readers.foreign import content_text, foreign_text
-from stereo.readers.images import ImageFiles, image_files
+from stereo.readers.images import ImageFiles, bits_of, image_files
 from stereo.readers.pair import StereoRecording
 from stereo.readers.reader import AnyRecording, Layout, OpenOptions, Reader
 from stereo.readers.single import SingleRecording
@@ -108,10 +109,11 @@ def open_video(path: Path) -> SingleRecording:
     if path.is_file():
         return SingleRecording(path, VideoFile(path), None)
     files, stamps = image_files(path), path / "timestamps.csv"
-    times = load_timestamps(stamps).times_s if stamps.is_file() else None
+    times, notes = load_timestamps(stamps) if stamps.is_file() else (None, ())
     if files:
-        return SingleRecording(path, ImageFiles(files), times)
+        bits = bits_of(files)
+        return SingleRecording(path, ImageFiles(files, bits), times, (*notes, *bits_note(bits)))
     found = video_files(path)
     if len(found) == 1:
-        return SingleRecording(path, VideoFile(found[0]), times)
+        return SingleRecording(path, VideoFile(found[0]), times, notes)
     raise InputError(f"{path}: expected images or one video, found {len(found)} videos and no image")

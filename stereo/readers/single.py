@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -17,11 +17,12 @@ from stereo.recording import Skipped, VideoFrame
 class SingleRecording:
     """Frames of one camera, decoded ahead in the background; what cannot be decoded is noted in ``skipped``."""
 
-    def __init__(self, path: Path, source: FrameSource, times_s: F64 | None) -> None:
+    def __init__(self, path: Path, source: FrameSource, times_s: F64 | None, notes: Sequence[str] = ()) -> None:
         self.path = path
         self.n_frames = source.n_frames
         self.size = source.size
         self.skipped: list[Skipped] = []
+        self.notes = list(notes)
         nominal = source.fps if math.isfinite(source.fps) else DEFAULT_FPS
         self.fps = nominal if times_s is None else rate_of(times_s)
         self._source = source
