@@ -25,5 +25,9 @@ class RefineParams(Params):
     """Deviation of the median height of a fragment [m]: posture and depth noise."""
     cost_max: float = Field(9.0, gt=0, le=100)
     """Largest sum of squared normalised differences of a join: three deviations."""
+    doubt_s: float = Field(15.0, ge=0, le=600)
+    """How long before it was mended an exchange may have happened [s]: as long as the identity layer is in doubt."""
+    contact_m: float = Field(0.6, gt=0, le=5)
+    """Two people must have been this near for their ids to be exchanged [m]: bodies that touch, and their errors."""
     fill_s: float = Field(2.0, ge=0, le=60)
     """Longest gap that is filled [s]; beyond it the path is a guess and rows stay lost."""

@@ -10,6 +10,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.types import F64, I64, Bool
 from planview.refinement.changes import Change
+from planview.refinement.exchanges import exchanges_undone
 from planview.refinement.joining import End, Fragment, FragmentSimilarity, Join, joins
 from planview.refinement.params import RefineParams
 from planview.refinement.smoothing import smoothed
@@ -42,12 +43,14 @@ def refine(
     confirmed = tracks.where(tracks.state == "confirmed")
     if not np.isfinite(confirmed.x_m + confirmed.y_m).all():
         raise InputError("expected floor positions in all confirmed rows to refine them, found rows without")
+    tracks, exchanged = exchanges_undone(tracks, params)
+    confirmed = tracks.where(tracks.state == "confirmed")
     clock = _Clock(tracks)
     ids = [int(i) for i in np.unique(confirmed.track_id)]
     own = {i: tracks.where(tracks.track_id == i) for i in ids}
     fragments = [_fragment(own[i], clock, params) for i in ids]
     links = joins(fragments, params, similarity)
-    changes, parts = [], [tracks.where(~np.isin(tracks.track_id, ids))]
+    changes, parts = exchanged, [tracks.where(~np.isin(tracks.track_id, ids))]
     for chain in _chains(ids, links):
         path = _joined([own[i] for i in chain])
         refined, made = _refined_path(path, clock, params)

@@ -159,3 +159,19 @@ def test_refinement_adds_no_row_before_a_track_and_keeps_ids_unique(
     assert len({*zip(result.frame.tolist(), result.track_id.tolist(), strict=True)}) == len(result)
     assert set(result.track_id) <= set(tracks.track_id)
     assert np.isfinite(result.x_m).all()
+
+
+def test_mended_exchange_is_undone_from_the_contact_on() -> None:
+    """Two people meet in frame 20 and part; their ids are exchanged there and mended in frame 30."""
+    frame = np.arange(41)
+    xy = [np.column_stack([0.1 * (frame - 20.0), np.full(41, y)]) * [sign, 1] for y, sign in ((0.0, 1), (0.3, -1))]
+    between = (frame > 20) & (frame < 30)
+    online = [
+        positions_table(frame, np.where(between, 3 - track, track), at, np.full(41, 1.7), 0.1 * frame)
+        for track, at in zip((1, 2), xy, strict=True)
+    ]
+    table = concatenated(online)
+    result = refine(table.where(np.lexsort((table.track_id, table.frame))))
+    assert [c[:4] for c in result.changes if c.kind == "exchange"] == [(1, 21, 29, "exchange")]
+    first = result.tracks.where(result.tracks.track_id == 1)
+    assert np.allclose(first.x_m, xy[0][:, 0], atol=0.05) and np.allclose(first.y_m, 0.0, atol=0.05)
