@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -11,7 +11,7 @@ from calib.camera import Camera
 from calib.pose import SE3
 from calib.rgbd import DepthSensor
 from calib.rig import StereoRig
-from calib.types import F32, U8
+from calib.types import F32, F64, U8
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +92,7 @@ class RgbdRecording(Protocol):
         world_SE3_camera: from ``world.toml``, else None (the floor is then found from the recording).
         n_frames: frames announced by the files (an upper bound).
         fps: nominal frames per second.
+        times_s: (n,) float64 [s] by frame index, NaN where unknown; None without a table of times.
         skipped: frames passed over so far while iterating.
     """
 
@@ -102,12 +103,16 @@ class RgbdRecording(Protocol):
     world_SE3_camera: SE3 | None
     n_frames: int
     fps: float
+    times_s: F64 | None
     skipped: list[Skipped]
 
     def __iter__(self) -> Iterator[RgbdFrame]: ...
 
     def sample(self, count: int) -> list[RgbdFrame]:
         """Up to ``count`` usable frames spread evenly over the recording, without decoding all of it."""
+
+    def at(self, indices: Sequence[int]) -> list[RgbdFrame]:
+        """The usable ones of these frames, whose indices ascend."""
 
 
 @dataclass(frozen=True, eq=False)

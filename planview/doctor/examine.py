@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,13 +10,14 @@ from typing import Any
 from calib.errors import InputError
 from planview.doctor.alignment import alignment_checks
 from planview.doctor.check import Check
-from planview.doctor.evidence import RecordingEvidence, gather
-from planview.doctor.exposure import image_checks
+from planview.doctor.evidence import RecordingEvidence, RgbdEvidence, gather, gather_rgbd
+from planview.doctor.exposure import image_checks, light_checks
 from planview.doctor.people import people_checks
 from planview.doctor.scene import scene_checks
-from planview.doctor.timing import timing_checks
+from planview.doctor.timing import clock_checks, timing_checks
 from stereo.floor import FloorSearch
-from stereo.readers import OpenOptions, open_recording
+from stereo.readers import OpenOptions, open_any
+from stereo.readers.pair import StereoRecording
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +30,7 @@ class Diagnosis:
     """
 
     checks: tuple[Check, ...]
-    evidence: RecordingEvidence | None
+    evidence: RecordingEvidence | RgbdEvidence | None
 
     @property
     def ok(self) -> bool:
@@ -47,7 +49,7 @@ def examine(
     person_height_m: float | None = None,
     search: FloorSearch | None = None,
 ) -> Diagnosis:
-    """Examine a recording.
+    """Examine a recording of a pair or of images with depth; of the latter the checks of a pair are skipped.
 
     A recording that is there but is refused (its calibration or its layout) fails the check "calibration and layout"
     with the reason, and nothing else is asked.
@@ -63,15 +65,30 @@ def examine(
     if not path.exists():
         raise InputError(f"{path}: expected a recording (folder or video), found nothing there")
     try:
-        recording = open_recording(path, OpenOptions(calibration))
+        recording = open_any(path, OpenOptions(calibration))
     except InputError as error:
         return Diagnosis((Check("calibration and layout", False, 0.0, note=str(error)),), None)
+    if not isinstance(recording, StereoRecording):
+        return _examine_rgbd(gather_rgbd(recording, frames, search), person_height_m)
     evidence = gather(recording, frames, search)
     checks = [
         Check("calibration and layout", True, 1.0, note=evidence.recording.rig.source),
         *timing_checks(evidence),
         *image_checks(evidence.spread),
         *alignment_checks(evidence.plain, evidence.matches, evidence.vertical),
+        *scene_checks(evidence),
+        *people_checks(evidence, person_height_m),
+    ]
+    return Diagnosis(tuple(checks), evidence)
+
+
+def _examine_rgbd(evidence: RgbdEvidence, person_height_m: float | None) -> Diagnosis:
+    skipped = "skipped: images with depth have no left and right camera whose rows and order could be compared"
+    checks = [
+        Check("calibration and layout", True, 1.0, note=evidence.recording.source),
+        *clock_checks(evidence),
+        *light_checks([f.image for f in evidence.spread]),
+        Check("alignment of a pair", True, math.nan, note=skipped),
         *scene_checks(evidence),
         *people_checks(evidence, person_height_m),
     ]

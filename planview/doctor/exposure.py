@@ -30,18 +30,29 @@ disparities there. Images as recorded have 0.7 to 1.3, JPEG of quality 10 has 5 
 
 def image_checks(frames: Sequence[StereoFrame]) -> list[Check]:
     """Over-exposure, under-exposure, brightness of left against right, and compression, of frames as recorded."""
-    left = [as_grey(f.left) for f in frames]
-    right = [as_grey(f.right) for f in frames]
-    over = max(float(np.median([_saturated(i) for i in side])) for side in (left, right))
-    bright = min(float(np.median([np.percentile(i[::2, ::2], 90) for i in side])) for side in (left, right))
-    levels = [float(np.median([np.mean(i[::4, ::4]) for i in side])) + 1.0 for side in (left, right)]
+    sides = [as_grey(f.left) for f in frames], [as_grey(f.right) for f in frames]
+    levels = [float(np.median([np.mean(i[::4, ::4]) for i in side])) + 1.0 for side in sides]
     ratio = max(levels) / min(levels)
-    blocks = max(float(np.median([blocking(i) for i in side])) for side in (left, right))
+    blocks = max(float(np.median([blocking(i) for i in side])) for side in sides)
+    return [
+        *light_checks(*sides),
+        at_most("brightness match", ratio, MAX_MISMATCH, "", "mean brightness of one camera over the other"),
+        at_most("compression", blocks, MAX_BLOCKING, "", "grey steps at the borders of 8x8 blocks over those inside"),
+    ]
+
+
+def light_checks(*cameras: Sequence[U8]) -> list[Check]:
+    """Over-exposure and under-exposure.
+
+    Args:
+        cameras: images of each.
+    """
+    sides = [[as_grey(image) for image in images] for images in cameras]
+    over = max(float(np.median([_saturated(i) for i in side])) for side in sides)
+    bright = min(float(np.median([np.percentile(i[::2, ::2], 90) for i in side])) for side in sides)
     return [
         at_most("over-exposure", over, MAX_OVER, "", "share of saturated pixels in the worse camera"),
         at_least("under-exposure", bright, MIN_BRIGHT, "grey", "brightest tenth of the picture, darker camera"),
-        at_most("brightness match", ratio, MAX_MISMATCH, "", "mean brightness of one camera over the other"),
-        at_most("compression", blocks, MAX_BLOCKING, "", "grey steps at the borders of 8x8 blocks over those inside"),
     ]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from calib.pose import SE3
 from calib.types import F32, F64, Bool
 from planview.doctor.check import Check, between
-from planview.doctor.evidence import RecordingEvidence
+from planview.doctor.evidence import SceneEvidence
 from planview.foreground.blobs import find_blobs
 from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project, median_image
 
@@ -29,7 +29,7 @@ TALLEST_PERCENTILE = 98.0
 """Percentile of a person's points taken for the top of the head: single points above it are wrong matches."""
 
 
-def people_checks(evidence: RecordingEvidence, person_height_m: float | None) -> list[Check]:
+def people_checks(evidence: SceneEvidence, person_height_m: float | None) -> list[Check]:
     """Measured height of people against the known one, or against what people can be."""
     return [height_check(person_heights(evidence), person_height_m)]
 
@@ -46,7 +46,7 @@ def height_check(heights: F64, person_height_m: float | None = None) -> Check:
     return between("person height", value, limits, "m", f"{note}: baseline and units", needed=True)
 
 
-def person_heights(evidence: RecordingEvidence) -> F64:
+def person_heights(evidence: SceneEvidence) -> F64:
     """(N,) heights [m] of things that stand out of the background, one per thing and frame."""
     if evidence.floor is None:
         return np.empty(0)

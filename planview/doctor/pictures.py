@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.images import as_colour, as_grey, write_image
 from calib.types import F32, U8
-from planview.doctor.evidence import RecordingEvidence
+from planview.doctor.evidence import RecordingEvidence, RgbdEvidence, SceneEvidence
 from planview.doctor.exposure import SATURATED_LEVEL
 from stereo.depth import DepthFromDisparity, back_project
 
@@ -17,23 +17,25 @@ LINE_STEP_PX = 25
 FLOOR_BAND_M = 0.10
 
 
-def write_pictures(evidence: RecordingEvidence, folder: Path) -> list[Path]:
+def write_pictures(evidence: RecordingEvidence | RgbdEvidence, folder: Path) -> list[Path]:
     """Write PNG pictures of the frame in the middle of the recording.
 
     Returns:
-        ``rows.png`` (rectified pair with horizontal lines and matched corners), ``disparity.png``, ``floor.png`` (what
-        lies on the floor green, above it red) and ``exposure.png`` (saturated pixels magenta).
+        ``rows.png`` (of a pair: rectified, with horizontal lines and matched corners), ``disparity.png``, ``floor.png``
+        (what lies on the floor green, above it red) and ``exposure.png`` (saturated pixels magenta).
     """
     folder.mkdir(parents=True, exist_ok=True)
-    middle = len(evidence.pairs) // 2
-    pair, disparity = evidence.pairs[middle], evidence.disparities[middle]
-    frame = evidence.spread[middle]
-    pictures = {
-        "rows.png": rows_picture(pair.left_grey, pair.right_grey),
-        "disparity.png": disparity_picture(disparity, evidence.searched.first_px + evidence.searched.count),
-        "floor.png": floor_picture(evidence, pair.left_grey, disparity),
-        "exposure.png": np.hstack([exposure_picture(as_grey(frame.left)), exposure_picture(as_grey(frame.right))]),
-    }
+    middle = len(evidence.disparities) // 2
+    disparity = evidence.disparities[middle]
+    pictures = {"disparity.png": disparity_picture(disparity, evidence.searched.first_px + evidence.searched.count)}
+    if isinstance(evidence, RgbdEvidence):
+        left, recorded = as_grey(evidence.rectified[middle].left), [evidence.spread[middle].image]
+    else:
+        pair, frame = evidence.pairs[middle], evidence.spread[middle]
+        left, recorded = pair.left_grey, [frame.left, frame.right]
+        pictures["rows.png"] = rows_picture(pair.left_grey, pair.right_grey)
+    pictures["floor.png"] = floor_picture(evidence, left, disparity)
+    pictures["exposure.png"] = np.hstack([exposure_picture(as_grey(image)) for image in recorded])
     for name, picture in pictures.items():
         write_image(folder / name, picture)
     return [folder / name for name in pictures]
@@ -55,7 +57,7 @@ def disparity_picture(disparity: F32, largest_px: int) -> U8:
     return picture
 
 
-def floor_picture(evidence: RecordingEvidence, left: U8, disparity: F32) -> U8:
+def floor_picture(evidence: SceneEvidence, left: U8, disparity: F32) -> U8:
     """The left image with what lies on the floor tinted green and what stands above it red."""
     picture = as_colour(left)
     if evidence.floor is None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.rig import Floor
 from planview.doctor.check import Check, at_least, at_most, between
-from planview.doctor.evidence import RecordingEvidence
+from planview.doctor.evidence import SceneEvidence
 from planview.maps.grid import GridParams
 from stereo.depth import RectifiedGeometry
 
@@ -24,7 +24,7 @@ MAX_DEPTH = {2.0: 0.15, 4.0: 0.5, 8.0: math.inf}
 """Predicted depth deviation at a distance [m]: at 4 m half a metre is a person's width (our choice)."""
 
 
-def scene_checks(evidence: RecordingEvidence) -> list[Check]:
+def scene_checks(evidence: SceneEvidence) -> list[Check]:
     """Share of valid disparity, floor share, flatness and height, depth and cell error at 2, 4 and 8 m."""
     inside = evidence.rectifier.mask > 0
     shares = [float(np.mean(np.isfinite(d[inside]))) for d in evidence.disparities]
@@ -47,7 +47,7 @@ def floor_checks(floor: Floor | None, refused: str = "") -> list[Check]:
         at_least("floor share", share, MIN_FLOOR, "", why, needed=floor is None),
         at_most("floor flatness", floor.residual_m if floor else math.nan, MAX_FLATNESS, "m", "rms from the plane"),
         between(
-            "camera height", floor.height_m if floor else math.nan, HEIGHT_BETWEEN, "m", "of the left camera above it"
+            "camera height", floor.height_m if floor else math.nan, HEIGHT_BETWEEN, "m", "of the (left) camera above it"
         ),
     ]
 

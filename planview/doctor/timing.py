@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.types import F64
 from planview.doctor.check import Check, at_least, at_most
-from planview.doctor.evidence import RecordingEvidence
+from planview.doctor.evidence import RecordingEvidence, RgbdEvidence
 from planview.doctor.motion import MotionFindings, MotionWatch, thumbnails
 
 MAX_GAP = 2.5
@@ -26,17 +26,20 @@ MAX_LAG = 0.5
 
 def timing_checks(evidence: RecordingEvidence) -> list[Check]:
     """Usable frames, gaps in the timestamps, frozen camera and lag between the cameras."""
-    found = len(evidence.spread) + len(evidence.run)
-    usable = found / max(1, evidence.frames_asked)
-    gap = longest_step(_times(evidence))
     watch = MotionWatch()
     for frame in evidence.run:
         pair = evidence.rectifier(frame.left, frame.right)
         watch.update(thumbnails(pair.left_grey, pair.right_grey))
+    return [*clock_checks(evidence), *motion_checks(watch.findings())]
+
+
+def clock_checks(evidence: RecordingEvidence | RgbdEvidence) -> list[Check]:
+    """Usable frames, and gaps in the timestamps."""
+    usable = (len(evidence.spread) + len(evidence.run)) / max(1, evidence.frames_asked)
+    gap = longest_step(_times(evidence))
     return [
         at_least("usable frames", usable, MIN_USABLE, "", "share of the frames looked at that can be decoded"),
         at_most("timestamp gap", gap, MAX_GAP, "steps", "longest step between frames over the usual one"),
-        *motion_checks(watch.findings()),
     ]
 
 
@@ -57,7 +60,7 @@ def longest_step(times_s: F64) -> float:
     return float(steps.max() / np.median(steps)) if len(steps) >= 2 else math.nan
 
 
-def _times(evidence: RecordingEvidence) -> F64:
+def _times(evidence: RecordingEvidence | RgbdEvidence) -> F64:
     times = evidence.recording.times_s
     if times is None:
         return np.array([f.timestamp_s for f in evidence.run])

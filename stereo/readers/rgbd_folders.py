@@ -73,7 +73,7 @@ def _find(path: Path, options: OpenOptions) -> RgbdLayout:
         (Stream("image", images.size, len(sides[0]), clock.times_s),
          Stream("depth", depths.size, len(sides[1]), clock.times_s)),
         len(pairs), clock.fps, clock.times_s, partial(load_rgbd, options.calibration or path, images.size, depths.size),
-        clock.notes if clock.times_s is not None else (), clock.even,
+        clock.notes, clock.even, assumed=() if clock.times_s is not None else clock.notes,
     )  # fmt: skip
 
 

@@ -87,6 +87,7 @@ class RgbdLayout:
         times_s: (n,) float64 [s] by frame index, NaN where unknown; None takes the times of the decoded images.
         rig: reads the calibration; raises InputError.
         unpaired: images without depth.
+        assumed: those of the notes that ``open`` gives anew, once it has estimated the rate of images without times.
     """
 
     path: Path
@@ -100,13 +101,14 @@ class RgbdLayout:
     notes: tuple[str, ...] = ()
     even: bool = False
     unpaired: int = 0
+    assumed: tuple[str, ...] = ()
     kind: Literal["rgbd"] = "rgbd"
 
     def open(self) -> RgbdImages:
         """See ``Layout``."""
         rig = self.rig()
         image, depth = (stream.size for stream in self.streams)
-        notes = list(self.notes)
+        notes = [note for note in self.notes if note not in self.assumed]
         if rig.depth_camera is None and image != depth:
             notes.append(f"depth of {depth[0]}x{depth[1]} without a calibration of its own counts as registered")
             rig = resized(rig, depth)

@@ -1,0 +1,82 @@
+"""The engine, its floor and its doctor on exact images with depth."""
+
+import csv
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from toy_rgbd import EMPTY, HEIGHT_M, TILT_DEG, walker_m, write_toy_rgbd
+from toy_run import Say
+
+from planview.doctor.examine import examine
+from planview.pipeline.config import Config
+from planview.pipeline.factory import floor_tracker
+from planview.pipeline.pipeline import Pipeline
+
+FEW = Config.model_validate({"analysis": {"setup_frames": 6}})
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_toy_rgbd(tmp_path_factory.mktemp("rgbd") / "recording")
+
+
+@pytest.fixture(scope="module")
+def engine(recording: Path) -> Pipeline:
+    return Pipeline.from_recording(recording, FEW)
+
+
+def test_floor_of_depth_is_where_it_was_put(engine: Pipeline) -> None:
+    floor = engine.setup.floor
+    assert floor.height_m == pytest.approx(HEIGHT_M, abs=0.02)
+    assert np.degrees(floor.tilt_rad) == pytest.approx(TILT_DEG, abs=0.3)
+
+
+def test_person_is_tracked_from_depth_alone(engine: Pipeline) -> None:
+    off = [
+        np.hypot(track.x_m - walker_m(result.frame)[0], track.y_m - walker_m(result.frame)[1])
+        for result in engine
+        for track in result.tracks
+        if track.state == "confirmed"
+    ]
+    assert len(off) >= 15
+    assert np.median(off) < 0.1  # a card has no thickness, a body's axis is set 6 cm behind its surface
+
+
+def test_steps_give_the_tracks_of_the_iteration(engine: Pipeline) -> None:
+    iterated = [result.tracks for result in engine]
+    engine.reset()
+    assert [engine.step(frame).tracks for frame in engine.recording] == iterated
+
+
+def test_ellipse_tracker_takes_depth_too(engine: Pipeline) -> None:
+    with_ellipses = Pipeline(engine.recording, engine.setup, FEW, floor_tracker("ellipse-particle", FEW))
+    assert any(track.state == "confirmed" for result in with_ellipses for track in result.tracks)
+
+
+def test_run_names_the_sensor_and_no_baseline(recording: Path, tmp_path: Path, say: Say) -> None:
+    status, _ = say("run", recording, "--out", tmp_path / "out", "--frames", EMPTY + 8, "--rrd")
+    assert status == 0
+    text = (tmp_path / "out" / "run.json").read_text()
+    assert '"depth_sensor": "structured-light"' in text
+    assert '"baseline_m": null' in text
+    with (tmp_path / "out" / "tracks.csv").open() as file:
+        assert any(row["state"] == "confirmed" for row in csv.DictReader(file))
+    assert (tmp_path / "out" / "run.rrd").stat().st_size > 0
+
+
+def test_doctor_passes_depth_and_says_what_it_skips(recording: Path) -> None:
+    diagnosis = examine(recording, frames=10, person_height_m=1.75)
+    assert diagnosis.ok, [check for check in diagnosis.checks if not check.ok]
+    assert any(check.note.startswith("skipped") for check in diagnosis.checks)
+
+
+def test_wrong_scale_is_refused_with_its_likely_cause(recording: Path, tmp_path: Path, say: Say) -> None:
+    copy = tmp_path / "scaled"
+    shutil.copytree(recording, copy)
+    calibration = copy / "camera.json"
+    calibration.write_text(calibration.read_text().replace("{", '{"depth_scale": 10, ', 1))
+    status, text = say("run", copy, "--out", tmp_path / "out")
+    assert status == 1
+    assert "another scale" in text
