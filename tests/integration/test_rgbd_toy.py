@@ -11,7 +11,6 @@ from toy_run import Say
 
 from planview.doctor.examine import examine
 from planview.pipeline.config import Config
-from planview.pipeline.factory import floor_tracker
 from planview.pipeline.pipeline import Pipeline
 
 FEW = Config.model_validate({"analysis": {"setup_frames": 6}})
@@ -48,11 +47,6 @@ def test_steps_give_the_tracks_of_the_iteration(engine: Pipeline) -> None:
     iterated = [result.tracks for result in engine]
     engine.reset()
     assert [engine.step(frame).tracks for frame in engine.recording] == iterated
-
-
-def test_ellipse_tracker_takes_depth_too(engine: Pipeline) -> None:
-    with_ellipses = Pipeline(engine.recording, engine.setup, FEW, floor_tracker("ellipse-particle", FEW))
-    assert any(track.state == "confirmed" for result in with_ellipses for track in result.tracks)
 
 
 def test_run_names_the_sensor_and_no_baseline(recording: Path, tmp_path: Path, say: Say) -> None:
