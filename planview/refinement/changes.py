@@ -16,10 +16,11 @@ class Change(NamedTuple):
     Attributes:
         track_id: the id after refinement.
         first_frame, last_frame: the frames that changed.
-        kind: "begin" (tentative rows confirmed), "exchange" (a mended exchange of ids undone from its contact on), "fill" (a gap interpolated), "join" (another id made one with this) or
-            "smooth" (positions moved).
+        kind: "begin" (tentative rows confirmed), "exchange" (a mended exchange of ids undone from its contact), "fill"
+            (a gap interpolated), "join" (another id made one with this) or "smooth" (positions moved).
         reason: one clause with the numbers that decided it.
-        value: frames confirmed, time that an exchange was moved back [s], frames filled, cost of the join, or root mean square movement [m].
+        value: frames confirmed, time that an exchange was moved back [s], frames filled, cost of the join, or root mean
+            square movement [m].
     """
 
     track_id: int
