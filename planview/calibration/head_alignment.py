@@ -43,11 +43,10 @@ class AlignParams(Params):
     rival: float = Field(0.8, gt=0.0, le=1.0)
     """A quite different motion under which so large a share of the best one's people meet makes the result ambiguous:
     to and fro on one line is the same line turned by 180 degrees at another clock."""
-    disparity_px: float = Field(0.2, ge=-2.0, le=2.0)
-    """What is missing in the disparities of people's heads [px]: a head is small against the window of the matching,
-    which mixes it with what is behind it, so that people are found 5 to 10 cm too far away on small images, and heads
-    that face each other would be found twice that apart. Measured against truth on two rendered recordings of 320x240
-    (0.18 to 0.28 px)."""
+    disparity_px: float = Field(0.07, ge=-2.0, le=2.0)
+    """What is missing in the disparities of people [px]: they are small against the window of the matching, which mixes
+    them with what is behind, so that they are found 2 to 4 cm too far away on small images, and heads that face each
+    other would be found twice that apart. Measured against truth on a rendered recording of 320x240 (0.06 and 0.07)."""
     disparity_std_px: float = Field(0.05, ge=0.0, le=2.0)
     """Deviation of that from one camera to another [px]; it is a part of the deviations of x and y."""
     position_std_max_m: float = Field(0.10, gt=0.0)

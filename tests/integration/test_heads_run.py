@@ -47,3 +47,19 @@ def test_other_commands_ask_for_one_of_the_heads(say: Say, heads: Path) -> None:
     status, told = say("calibrate", "floor", heads)
     assert status == 2
     assert "left_one" in one_sentence(told)
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (("left_one", "left_one"), "every head once"),
+        (("left_one", "right_one", "--clock", "-1"), "--clock"),
+        (("left_one", "right_one", "--out", "left_one/rigs.toml"), "above all heads"),
+    ],
+)
+def test_heads_that_cannot_be_aligned_are_refused_at_once(
+    say: Say, heads: Path, words: tuple[str, ...], found: str
+) -> None:
+    status, told = say("calibrate", "align", *(heads / w if w[0] in "lr" else w for w in words))
+    assert status == 2
+    assert found in one_sentence(told)
