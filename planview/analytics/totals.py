@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -60,12 +60,11 @@ class Counts:
     def _zone(self, name: str) -> dict[str, Any]:
         stays, events = self.stays[name], [event for event in self.events if event.rule == name]
         dwell = [stay.dwell_s + (0.0 if stay.left else self.span.frame_s) for stay in stays]
-        series = self.occupancy(name, self.span.frame_times())
         return {
             "kind": "zone",
             **_passages(events),
             "mean_occupancy": sum(dwell) / self.span.duration_s if self.span.duration_s > 0 else 0.0,
-            "max_occupancy": int(series.max()),
+            "max_occupancy": over_frames(stays, self.span).max,
             "mean_dwell_s": float(np.mean(dwell)) if dwell else 0.0,
             "max_dwell_s": max(dwell, default=0.0),
             "stays": len(stays),
@@ -81,13 +80,13 @@ class Counts:
     def _queue(self, queue: Queue) -> dict[str, Any]:
         """A stay of at least min_wait_s is waiting, from entering the zone until leaving it."""
         waits = [stay for stay in self.stays[queue.zone] if stay.dwell_s >= queue.min_wait_s]
-        length = occupancy_at(waits, self.span.frame_times(), self.span.frame_s)
+        length = over_frames(waits, self.span)
         waited = [stay.dwell_s for stay in waits]
         return {
             "kind": "queue",
             "zone": queue.zone,
-            "mean_length": float(length.mean()),
-            "max_length": int(length.max()),
+            "mean_length": length.mean,
+            "max_length": length.max,
             "mean_wait_s": float(np.mean(waited)) if waited else 0.0,
             "max_wait_s": max(waited, default=0.0),
             "waited": len(waits),
@@ -95,7 +94,9 @@ class Counts:
             "length": self._changes(waits),
             "intervals": [
                 {"start_s": float(start), "mean_length": self._mean_within(waits, float(start))}
-                for start in self.span.interval_starts(self.interval_s)
+                for start in self.span.interval_starts(
+                    self.interval_s, [t for s in waits for t in (s.start_s, s.end_s)]
+                )
             ],
         }
 
@@ -107,11 +108,11 @@ class Counts:
         return [(round(float(t), 4), int(n)) for t, n in zip(times, numbers, strict=True)]
 
     def _intervals(self, events: Sequence[Event]) -> list[tuple[float, list[Event]]]:
-        starts = self.span.interval_starts(self.interval_s)
+        starts = self.span.interval_starts(self.interval_s, [event.timestamp_s for event in events])
         groups: list[list[Event]] = [[] for _ in starts]
-        for event in events:
-            index = int((event.timestamp_s - self.span.start_s) // self.interval_s)
-            groups[min(max(index, 0), len(starts) - 1)].append(event)
+        indices = np.searchsorted(starts, [event.timestamp_s for event in events], side="right") - 1
+        for event, index in zip(events, np.clip(indices, 0, None), strict=True):
+            groups[index].append(event)
         return [(float(start), group) for start, group in zip(starts, groups, strict=True)]
 
     def _mean_within(self, stays: Sequence[Stay], start_s: float) -> float:
@@ -127,6 +128,27 @@ def occupancy_at(stays: Sequence[Stay], times_s: F64, frame_s: float) -> I64:
     ends = np.sort([_end(stay, frame_s) for stay in stays])
     slack = 1e-6  # timestamps in files have four decimals
     return np.searchsorted(starts, times_s + slack, side="right") - np.searchsorted(ends, times_s + slack, side="right")
+
+
+class OverFrames(NamedTuple):
+    """Number of people over all frames: its greatest value and its mean."""
+
+    max: int
+    mean: float
+
+
+def over_frames(stays: Sequence[Stay], span: Span) -> OverFrames:
+    """What ``occupancy_at`` gives at all frames, at the cost of the stays and not of the time.
+
+    The number is greatest at the first frame of some stay; the mean counts the frames of every stay.
+    """
+    if not stays:
+        return OverFrames(0, 0.0)
+    slack = 1e-6  # as in occupancy_at
+    first = span.first_frames(np.array([stay.start_s for stay in stays]) - slack)
+    last = span.first_frames(np.array([_end(stay, span.frame_s) for stay in stays]) - slack)
+    at = np.minimum(first, span.n_frames - 1) * span.frame_s + span.start_s
+    return OverFrames(int(occupancy_at(stays, at, span.frame_s).max()), float((last - first).sum()) / span.n_frames)
 
 
 def _end(stay: Stay, frame_s: float) -> float:

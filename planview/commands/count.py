@@ -28,7 +28,7 @@ from planview.analytics.scoring import CountScores, score_counts, score_events
 from planview.analytics.totals import Counts
 from planview.commands.options import JsonFlag, checked
 from planview.runs.console import PlainConsole
-from planview.runs.info import RunInfo, read_run_info
+from planview.runs.info import RunInfo, read_run_info, unfinished_beside
 from planview.trajectories.layouts import load_tracks, load_truth
 from planview.trajectories.pairs import tracks_file
 from planview.trajectories.table import Trajectories
@@ -91,8 +91,11 @@ def count(tracks: Path, *, rules: Path, options: CountOptions | None = None) -> 
     path = tracks_file(tracks)
     found = load_tracks(path)
     info = _run_beside(path)
-    rules_in_plane = load_rules(rules, _plane(options.camera, options.rig, info))
     clock = Clock(found, options.fps)
+    for told in (unfinished_beside(path), clock.jump()):
+        if told:
+            PlainConsole(stderr=True, soft_wrap=True).print(told)
+    rules_in_plane = load_rules(rules, _plane(options.camera, options.rig, info))
     n_frames = info.frames_read + info.frames_skipped if info else 0
     counts = count_tracks(found, rules_in_plane, params, clock=clock, n_frames=n_frames)
     result = counts.to_json()

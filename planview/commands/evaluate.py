@@ -16,7 +16,7 @@ from planview.commands.options import Flag, JsonFlag, checked
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
 from planview.runs.console import PlainConsole
-from planview.runs.info import read_run_info
+from planview.runs.info import read_run_info, unfinished_beside
 from planview.trajectories.layouts import load_tracks, load_truth
 from planview.trajectories.pairs import FilePair, file_pairs
 from planview.trajectories.table import Trajectories
@@ -90,6 +90,8 @@ def evaluate(tracks: Path, truth: Path, *, options: EvaluateOptions | None = Non
 def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, int] | None) -> Evaluation:
     found, true = load_tracks(pair.tracks), load_truth(pair.truth)
     _refuse_other_frames(pair, found, true)
+    if told := unfinished_beside(pair.tracks):
+        PlainConsole(stderr=True, soft_wrap=True).print(told)
     if span is None:
         _note_frames_beyond(found, true)
     try:

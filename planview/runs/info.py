@@ -91,6 +91,16 @@ def write_result(path: Path, text: str) -> None:
         raise WorkError(f"{path}: cannot be written ({error.strerror})") from error
 
 
+def unfinished_beside(tracks: Path) -> str:
+    """A sentence where tracks are of a run that has not finished; empty elsewhere (errors of ``read_run_info``)."""
+    path = tracks.parent / "run.json"
+    info = read_run_info(path) if tracks.name == "tracks.csv" and path.is_file() else None
+    if info is None or info.finished or not info.started_at:
+        return ""
+    how = "is still running or was killed" if info.state == "running" else "was interrupted"
+    return f"{tracks}: the run {how}: what follows is of the frames tracked until then (planview run --resume goes on)"
+
+
 def read_run_info(path: Path) -> RunInfo:
     """Read run.json.
 

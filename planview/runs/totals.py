@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from planview.analytics.clock import JUMP_S, jump_told
 from planview.analytics.events import Event
 from planview.pipeline.engine import FrameResult
 
@@ -51,6 +52,7 @@ class RunTotals:
         tracks: rows.
         people: ids that were ever confirmed.
         elapsed_s: time of the run up to its last checkpoint [s].
+        jump: the last jump of the clock, in words.
     """
 
     frames: int = 0
@@ -62,11 +64,14 @@ class RunTotals:
     first_s: float = 0.0
     last_s: float = 0.0
     elapsed_s: float = 0.0
+    jump: str = ""
 
     def take(self, result: FrameResult) -> None:
         """Count one frame."""
         if self.frames == 0:
             self.first_s = result.timestamp_s
+        elif result.timestamp_s - self.last_s > JUMP_S:
+            self.jump = jump_told(self.last_frame, result.frame, result.timestamp_s - self.last_s)
         self.frames += 1
         self.last_frame, self.last_s = result.frame, result.timestamp_s
         self.tracks += len(result.tracks)
@@ -75,9 +80,9 @@ class RunTotals:
             self.stages.setdefault(stage, StageTimes()).add(duration)
 
     def remark(self) -> str:
-        """Why there are no people; empty when there are."""
+        """Why there are no people, or that the clock has jumped; empty when nothing is to be said."""
         if self.people or not self.frames:
-            return ""
+            return self.jump
         if not self.tracks:
             return f"nothing of a person's size moved in {self.frames} frames"
         return "what moved was too short or too small to be believed (--rrd and --debug show why)"
