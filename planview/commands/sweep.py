@@ -14,6 +14,7 @@ from cyclopts import Parameter
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from calib.errors import InputError, WorkError
+from calib.text import printable
 from planview.commands.options import JsonFlag
 from planview.runs.console import PlainConsole
 from planview.studies.figures import FIGURES
@@ -163,7 +164,7 @@ def print_ranking(results: StudyResults, out: Path) -> None:
     """Configurations with their whole names, best first."""
     objective = results.study.objective
     for place, row in enumerate(results.ranking, 1):
-        print(f"{place}. {_printable(row.configuration.label)}")
+        print(f"{place}. {printable(row.configuration.label)}")
         known = [objective, *(name for name in FIGURES if name != objective)]
         figures = [f"{FIGURES[n].label} {_text(row.figures[n], FIGURES[n].digits)}" for n in known if n in row.figures]
         print("   " + ", ".join([*figures, f"{row.runs} runs" + (f", {row.failed} failed" if row.failed else "")]))
@@ -198,13 +199,8 @@ def _estimate_json(value: Estimate) -> dict[str, float | None]:
 def _report_failures(results: StudyResults, console: PlainConsole) -> None:
     failed = results.failed
     for run in failed[:FAILED_MAX]:
-        console.print(_printable(f"failed: {run.recording}, {run.configuration.label}, seed {run.seed}: {run.error}"))
+        console.print(printable(f"failed: {run.recording}, {run.configuration.label}, seed {run.seed}: {run.error}"))
     if len(failed) > FAILED_MAX:
         console.print(f"and {len(failed) - FAILED_MAX} more, in summary.csv")
     if failed:
         raise WorkError(f"{len(failed)} of {len(results.runs)} runs failed; the others are done")
-
-
-def _printable(text: str) -> str:
-    """Names of files may hold escape codes."""
-    return "".join(c if c.isprintable() else "?" for c in text)
