@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 
 class InfoPart(BaseModel):
     """Part of run.json; unknown keys are kept out by their writer, and ignored by an older reader."""
 
     model_config = ConfigDict(extra="ignore", use_attribute_docstrings=True, ser_json_inf_nan="null")
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _writable(cls, value: object) -> object:
+        """Names of files that are not UTF-8 are written out, since JSON cannot hold them."""
+        return value.encode("utf-8", "backslashreplace").decode() if isinstance(value, str) else value
 
 
 class FloorInfo(InfoPart):

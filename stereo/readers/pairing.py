@@ -47,10 +47,10 @@ def even_sequence(numbers: list[int]) -> list[int]:
     if not steps:
         return numbers
     step, _ = steps.most_common(1)[0]
-    full = range(numbers[0], numbers[-1] + 1, step)
-    if any(s % step for s in steps) or len(full) > 2 * len(numbers):
+    # Numbers of any length may stand in names: the length of a range would have to fit a machine word.
+    if any(s % step for s in steps) or (numbers[-1] - numbers[0]) // step + 1 > 2 * len(numbers):
         return numbers
-    return list(full)
+    return list(range(numbers[0], numbers[-1] + 1, step))
 
 
 def _numbered(files: list[Path], number: Callable[[Path], int | None]) -> dict[int, Path] | None:

@@ -1,0 +1,114 @@
+"""A good recording damaged in many ways: a clear sentence or a counted skip, the right status, and nothing lost."""
+
+import os
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+from faults.damage import FRAMES, Fault
+from faults.faults import FAULTS
+from toy_stereo import ToyWorld, toy_rig, walking, write_toy_recording
+
+import planview.commands.run as command
+from calib.floor.world_file import save_world
+from calib.rig import Floor
+from planview.cli import main
+from planview.runs.info import read_run_info
+from planview.trajectories.table import read_tracks
+
+FEW = ("--set", "analysis.setup_frames=4")
+NOTES = "notes of another program"
+
+
+@pytest.fixture(scope="session")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """30 frames of 160x120 in which a person walks."""
+    world, rig = ToyWorld(), toy_rig((160, 120), 115.0, 0.12)
+    pairs = [world.pair(rig, walking(i), i) for i in range(FRAMES)]
+    folder = write_toy_recording(tmp_path_factory.mktemp("faults") / "good", rig, pairs)
+    save_world(Floor(world.world_SE3_left), folder / "world.toml")
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plots cost more than the run."""
+    monkeypatch.setattr(command, "write_report", lambda folder: None)
+
+
+def told_by(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str]:
+    try:
+        main([str(word) for word in words])
+    except SystemExit as left:
+        return int(left.code or 0), capsys.readouterr().err
+    return 0, capsys.readouterr().err
+
+
+def test_there_are_at_least_sixty_faults() -> None:
+    assert len({fault.name for fault in FAULTS}) == len(FAULTS) >= 60
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
+def test_fault(fault: Fault, good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording, out = tmp_path / "recording", tmp_path / "out"
+    shutil.copytree(good, recording)
+    out.mkdir()
+    (out / "notes.txt").write_text(NOTES)
+    fault.damage(recording)
+    words = [word.replace("{}", str(recording)) for word in fault.words]
+    status, told = told_by(capsys, "run", recording, "--out", out, *FEW, *words)
+    assert status == fault.status, told
+    assert "Traceback" not in told
+    assert (out / "notes.txt").read_text() == NOTES
+    sentences = [line for line in told.splitlines() if line.startswith("planview: ")]
+    if fault.status:
+        assert len(sentences) == 1 and re.search(fault.says, sentences[0]), told
+        assert not (out / "run.json").exists() or not read_run_info(out / "run.json").finished
+        return
+    assert not sentences
+    info = read_run_info(out / "run.json")
+    assert info.finished
+    if not fault.name.startswith("video"):
+        assert (info.frames_read, info.frames_skipped) == (FRAMES - fault.skipped, fault.skipped), info.skipped
+    assert {warning.name for warning in info.warnings} >= ({fault.warns} if fault.warns else set())
+    read_tracks(out / "tracks.csv")
+
+
+def test_good_recording_runs_without_a_warning(good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, told = told_by(capsys, "run", good, "--out", tmp_path / "out", "--strict", *FEW)
+    assert status == 0, told
+    info = read_run_info(tmp_path / "out" / "run.json")
+    assert info.warnings == [] and info.frames_read == FRAMES
+
+
+@pytest.mark.parametrize("name", ["caf\udce9", "a\x1b]0;owned\x07b", "[red]x[/]", "-x y"], ids=ascii)
+def test_folder_names_of_any_kind_run_and_stay_text(
+    good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    shutil.copytree(good, tmp_path / name)
+    status, told = told_by(capsys, "run", tmp_path / name, "--out", tmp_path / f"{name}-out", *FEW)
+    assert status == 0, told
+    assert "\x1b]" not in told and "\x07" not in told
+    assert read_run_info(tmp_path / f"{name}-out" / "run.json").finished
+
+
+def test_finished_run_survives_every_refusal(good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    assert told_by(capsys, "run", good, "--out", out, *FEW)[0] == 0
+    before = {file.name: file.read_bytes() for file in out.iterdir()}
+    recording = tmp_path / "recording"
+    shutil.copytree(good, recording)
+    (recording / "rig.toml").unlink()
+    refused = [
+        ("run", good, "--out", out),
+        ("run", recording, "--out", out, "--overwrite"),
+        ("run", good, "--out", out, "--overwrite", "--set", "maps.cell_m=0"),
+        ("run", good, "--out", out / "tracks.csv"),
+        ("run", tmp_path / "none", "--out", out, "--overwrite"),
+        ("run", os.devnull, "--out", out, "--overwrite"),
+    ]
+    for words in refused:
+        status, told = told_by(capsys, *words)
+        assert status == 2 and told.startswith("planview: "), told
+    assert {file.name: file.read_bytes() for file in out.iterdir()} == before

@@ -1,0 +1,210 @@
+# ruff: noqa: E501
+"""Whatever a file holds, its parser reads it or refuses it in a sentence, and raises nothing else.
+
+``HYPOTHESIS_PROFILE=nightly`` tries 10,000 cases of every parser instead of 200.
+"""
+
+import random
+import sqlite3
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from toy_stereo import toy_rig
+
+from calib.errors import InputError
+from calib.floor.world_file import load_world, save_world
+from calib.formats import FORMATS, load_rig, write_rig
+from calib.formats.tsai import load_tsai
+from calib.ground_camera import GroundCamera, load_ground_camera, save_ground_camera
+from calib.human.samples import read_image_size, read_samples
+from calib.pose import SE3
+from calib.rig import Floor
+from planview.analytics.events import read_events
+from planview.analytics.rules import load_rules
+from planview.maps.recording import MapsRecording
+from planview.pipeline.config import load_config
+from planview.runs.info import read_run_info
+from planview.synthetic.scene import load_scene
+from planview.trajectories.export import FORMATS as EXPORTS
+from planview.trajectories.export import ExportName
+from planview.trajectories.file import TrajectoryFile
+from planview.trajectories.layouts import load_file
+from planview.trajectories.table import positions_table
+from stereo.readers.timestamps import load_timestamps
+
+ROOT = Path(__file__).resolve().parents[2]
+SIZE = (320, 240)
+EXTREMES = (
+    b"-1", b"0", b"1e308", b"1e-308", b"-1e400", b"nan", b"inf", b"9" * 400, b"9" * 5000, b"99999999999999999999",
+    b"2147483648", b"true", b"null", b'""', b"[]", b"{}", b"[[]]", b"'", b'"', b",", b"=", b":", b"\n", b"\r\n", b"\x00",
+    b"\xff\xfe", b"\xef\xbb\xbf", b"\xc3\xa4", b"#", b"[", b"]" * 3, b"{" * 40, b"a.b.c", b"<x>", b"<!DOCTYPE x>", b"&a",
+    b"*a", b"<<: *a", b"!!python/object:os.system", b"%YAML:1.0\n", b"1970-01-01", b"\xed\xb3\xbf", b" ", b"\t",
+)  # fmt: skip
+"""What stands instead of parts of a good file: extremes of numbers, marks of the formats, bytes that are no text."""
+
+
+def damaged(good: bytes, seed: int, steps: int) -> bytes:
+    """A good file after some random edits: parts removed, doubled, moved, replaced by extremes or by noise."""
+    rng, data = random.Random(seed), bytearray(good)
+    for _ in range(steps):
+        start = rng.randrange(len(data) + 1)
+        stop = min(len(data), start + rng.choice((0, 1, 1, 3, 8, 40)))
+        part = bytes(data[start:stop])
+        kind = rng.randrange(6)
+        if kind == 0:
+            data[start:stop] = b""
+        elif kind == 1:
+            data[start:start] = part * rng.choice((1, 2, 20))
+        elif kind == 2:
+            place = rng.randrange(len(data) + 1)
+            data[place:place] = part
+        elif kind == 3:
+            data[start:stop] = rng.randbytes(stop - start)
+        elif kind == 4:
+            del data[start + rng.randrange(200) :]
+        else:
+            data[start:stop] = rng.choice(EXTREMES)
+    return bytes(data)
+
+
+def without_other_errors(read: Callable[[Path], object], path: Path, data: bytes) -> None:
+    path.write_bytes(data)
+    with suppress(InputError):
+        read(path)
+
+
+fuzzed = given(seed=st.integers(0, 2**32), steps=st.integers(1, 6), form=st.integers(0, 1000))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("fuzz")
+
+
+@cache
+def calibrations() -> tuple[tuple[str, bytes], ...]:
+    """A good file of every format, by its name."""
+    import tempfile
+
+    found: list[tuple[str, bytes]] = []
+    with tempfile.TemporaryDirectory() as place:
+        for form in FORMATS:
+            target = Path(place) / f"{form.key}{form.suffix}"
+            try:
+                files = write_rig(toy_rig(), target, form.key)
+            except InputError:
+                continue
+            found += [(file.name, file.read_bytes()) for file in files]
+    return tuple(found)
+
+
+@cache
+def trajectories() -> tuple[tuple[str, bytes], ...]:
+    """Good trajectories in every format."""
+    import tempfile
+
+    frame = np.repeat(np.arange(6), 2)
+    ids, xy = np.tile([1, 2], 6), np.column_stack([frame * 0.1, frame * -0.2])
+    table = positions_table(frame, ids, xy, np.full(12, 1.7), frame / 15.0, np.full((12, 4), 9.0))
+    file = TrajectoryFile(table, 15.0, "POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
+    found = []
+    with tempfile.TemporaryDirectory() as place:
+        for name in EXPORTS:
+            path = Path(place) / f"a{EXPORTS[name].suffix}"
+            EXPORTS[name].write(path, file)
+            found.append((name, path.read_bytes()))
+            path.unlink()
+    return (*found, ("laboratory", b"1 1 10.0 20.0 170.0\n1 2 11.0 21.0 170.0\n"), ("gt", b"1,1,9,9,9,9,1,1,0.5\n" * 2))
+
+
+@cache
+def simple() -> dict[str, tuple[Callable[[Path], object], bytes]]:
+    """Parsers of one format each, with a good file."""
+    import tempfile
+
+    world = SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 2.5]))
+    with tempfile.TemporaryDirectory() as place:
+        save_world(Floor(world), Path(place) / "w")
+        save_ground_camera(GroundCamera(640, 480, 500.0, 3.5, 0.9, "pinhole"), Path(place) / "c")
+        written = {name: (Path(place) / name).read_bytes() for name in ("w", "c")}
+    tripwire = '[[tripwire]]\nname = "a"\nfrom_m = [0.0, 1.0]\nto_m = [1.0, 1.0]\nhysteresis_m = 0.2\n'
+    zone = '[[zone]]\nname = "z"\npolygon_m = [[0, 0], [4, 0], [4, 3]]\n[[queue]]\nname = "q"\nzone = "z"\n'
+    config = "seed = 3\n[maps]\ncell_m = 0.04\n[template.match]\nscore_max = 1.5\n[floor]\nmax_tilt_deg = 80.0\n"
+    events = "frame,timestamp_s,rule,kind,id,direction\n3,0.2,a,crossing,1,left_to_right\n"
+    run = (
+        '{"input": "a", "finished": true, "frames_read": 3, "skipped": [{"index": 1, "why": "x"}], "config": {"a": 1}}'
+    )
+    return {
+        "world.toml": (load_world, written["w"]),
+        "camera.toml": (load_ground_camera, written["c"]),
+        "rules.toml": (load_rules, (tripwire + zone).encode()),
+        "config.toml": (load_config, config.encode()),
+        "scene.toml": (load_scene, (ROOT / "data/synthetic/crossing.toml").read_bytes()),
+        "samples.json": (read_samples, (ROOT / "tests/data/pavement_people.json").read_bytes()[:900]),
+        "image size": (read_image_size, b'{"image_size": [640, 480], "samples": []}'),
+        "samples.csv": (read_samples, b"left,top,width,height,head_x,head_y,foot_x,foot_y\n1,2,30,90,15,4,16,90\n" * 2),
+        "timestamps.csv": (load_timestamps, b"frame,timestamp_s\n0,0.0\n1,0.066667\n2,0.133333\n3,0.2\n"),
+        "events.csv": (read_events, events.encode()),
+        "run.json": (read_run_info, run.encode()),
+        "tsai.xml": (load_tsai, b'<Camera name="c"><Geometry width="768" height="576"/><Intrinsic focal="5.5"/></Camera>'),
+    }  # fmt: skip
+
+
+@fuzzed
+def test_calibration_of_any_format_is_read_or_refused(folder: Path, seed: int, steps: int, form: int) -> None:
+    name, good = calibrations()[form % len(calibrations())]
+    without_other_errors(lambda path: load_rig(path, SIZE), folder / name, damaged(good, seed, steps))
+
+
+@fuzzed
+def test_trajectories_of_any_format_are_read_or_refused(folder: Path, seed: int, steps: int, form: int) -> None:
+    name, good = trajectories()[form % len(trajectories())]
+    without_other_errors(load_file, folder / name, damaged(good, seed, steps))
+
+
+@fuzzed
+def test_truth_of_any_format_is_read_or_refused(folder: Path, seed: int, steps: int, form: int) -> None:
+    name, good = trajectories()[form % len(trajectories())]
+    without_other_errors(lambda path: load_file(path, truth=True), folder / name, damaged(good, seed, steps))
+
+
+@pytest.mark.parametrize("name", sorted(simple()))
+@given(seed=st.integers(0, 2**32), steps=st.integers(1, 6))
+def test_file_is_read_or_refused(folder: Path, name: str, seed: int, steps: int) -> None:
+    read, good = simple()[name]
+    without_other_errors(read, folder / name, damaged(good, seed, steps))
+
+
+@given(text=st.text(max_size=60))
+def test_setting_of_any_text_is_taken_or_refused(text: str) -> None:
+    for override in (text, f"maps.cell_m={text}", f"{text}=1"):
+        with suppress(InputError):
+            load_config(None, [override])
+
+
+@given(seed=st.integers(0, 2**32), steps=st.integers(1, 6))
+def test_maps_that_are_damaged_are_refused(folder: Path, seed: int, steps: int) -> None:
+    good = b"\x89HDF\r\n\x1a\n" + dict(trajectories())["ped-data-archive"][8:]
+    without_other_errors(MapsRecording, folder / "maps.h5", damaged(good, seed, steps))
+
+
+def test_database_with_foreign_tables_is_refused(tmp_path: Path) -> None:
+    base = sqlite3.connect(tmp_path / "a.sqlite")
+    base.execute("create table trajectory_data (frame blob, id text)")
+    base.execute("insert into trajectory_data values (x'ff', 'a')")
+    base.commit()
+    base.close()
+    with pytest.raises(InputError):
+        load_file(tmp_path / "a.sqlite")
+
+
+def test_every_export_format_is_fuzzed() -> None:
+    names: list[ExportName] = list(EXPORTS)
+    assert set(names) <= {name for name, _ in trajectories()}
+    assert len(calibrations()) >= len(FORMATS) - 1
