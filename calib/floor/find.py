@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -56,15 +57,32 @@ def find_floor(
         if focal_px is not None and baseline_m is not None:
             noise = params.disparity_std_px / (focal_px * baseline_m)
         points = Rays(points.rays, points.inverse, np.full(len(points), noise))
-    candidates = floor_candidates(points, params)
+    candidates = floor_candidates(points, params, moved_points(clouds, float(np.median(points.sigma)), params))
     best = choose_floor(candidates, params)
     if best is None:
         raise WorkError(nothing_found(candidates, len(clouds), params))
     return _floor(best, points, params)
 
 
-def floor_candidates(points: Rays, params: FloorParams) -> list[Candidate]:
-    """Planes in the points, largest first, each judged."""
+def moved_points(clouds: Sequence[F32], noise: float, params: FloorParams) -> F64:
+    """(M, 3) points [m] that were in front of what is usually seen in their pixel: mostly people.
+
+    Args:
+        noise: deviation of the inverse depth of medians [1/m].
+    """
+    if len(clouds) < 3 or len({len(cloud) for cloud in clouds}) > 1:
+        return np.empty((0, 3))
+    points = np.stack([np.asarray(cloud, dtype=np.float32) for cloud in clouds])
+    with np.errstate(divide="ignore", invalid="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # pixels without any depth
+        inverse = 1.0 / points[..., 2]
+        usual = np.nanmedian(inverse, axis=0)
+        nearer = inverse > 1.1 * usual + 2 * params.frame_noise * params.inlier_sigmas * noise
+    return points[nearer & np.isfinite(inverse)].astype(np.float64)
+
+
+def floor_candidates(points: Rays, params: FloorParams, moved: F64) -> list[Candidate]:
+    """Planes in the points, largest first, each judged; ``moved`` as from ``moved_points``."""
     view, counts = cells(points, params.cells_across)
     rest = view
     found: list[Candidate] = []
@@ -79,7 +97,7 @@ def floor_candidates(points: Rays, params: FloorParams) -> list[Candidate]:
         rough = fit_plane(view, guess, params.inlier_sigmas)
         if rough is not None and not any(_same(rough, other.plane, view) for other in found):
             plane, view_on, counts = _refined(rough, points, params)
-            found.append(judge(plane, view_on, counts, points, params))
+            found.append(judge(plane, view_on, counts, points, moved, params))
     return found
 
 

@@ -10,10 +10,12 @@ import numpy as np
 
 from calib.floor.params import FloorParams
 from calib.floor.plane_fit import Plane, Rays
-from calib.types import I64, Bool
+from calib.types import F64, I64, Bool
 
 PARALLEL_DEG = 10.0
 """Normals closer than this are one direction: a small plane's own is known to a few degrees only."""
+MIN_MOVED = 500
+"""Points that must have moved before they speak against a plane: a fifth of a person in a few frames."""
 LEANING_DEG = -5.0
 """Below this tilt a camera leans backwards; an overhead mount is off by a few degrees."""
 
@@ -42,13 +44,14 @@ def _sharpness(plane: Plane, points: Rays, params: FloorParams) -> float:
     return float((distance < gate / 2).sum() / max((distance < gate).sum(), 1))
 
 
-def judge(plane: Plane, view: Rays, counts: I64, points: Rays, params: FloorParams) -> Candidate:
+def judge(plane: Plane, view: Rays, counts: I64, points: Rays, moved: F64, params: FloorParams) -> Candidate:
     """What speaks for and against a plane as the floor.
 
     Args:
         plane: fitted plane.
         view, counts: cells of the view and how many points are in each.
         points: the points themselves, before any median.
+        moved: (M, 3) points of what moves, in the camera's frame [m].
         params: what counts as a floor.
     """
     residuals = view.residuals(plane.q)
@@ -69,7 +72,19 @@ def judge(plane: Plane, view: Rays, counts: I64, points: Rays, params: FloorPara
         refused = f"{below:.0%} of the depth lies beneath it"
     elif above > params.max_blur_fraction * on or _sharpness(plane, points, params) < params.min_sharpness:
         refused = "it only cuts through a surface that is not flat"
+    elif (high := _above_people(plane, moved, params)) > params.max_high_fraction:
+        refused = f"{high:.0%} of what moves is higher than people above it"
     return Candidate(plane, on, below, refused)
+
+
+def _above_people(plane: Plane, moved: F64, params: FloorParams) -> float:
+    """Share of what moves that is higher above a plane than people are, 0 where hardly anything moves.
+
+    A wall seen straight on looks like a floor from above, but people walk metres in front of it.
+    """
+    if len(moved) < MIN_MOVED:
+        return 0.0
+    return float(np.mean(moved @ plane.normal + plane.distance_m > params.people_m))
 
 
 def _beneath(plane: Plane, view: Rays, params: FloorParams) -> Bool:

@@ -41,6 +41,10 @@ class FloorParams(Params):
     min_sharpness: float = Field(default=0.56, ge=0, le=1)
     """Least share, of the points near a plane, within half that distance: 0.5 where points fill a volume, whose
     medians make a plane too; above 0.8 on a surface (our choice)."""
+    people_m: float = Field(default=2.4, gt=0.5, le=5)
+    """People reach no higher [m] (Harville 2002, section 4: H_max)."""
+    max_high_fraction: float = Field(default=0.2, gt=0, le=1)
+    """Share of what moves that may be higher: errors of matching (our choice)."""
     n_candidates: int = Field(default=8, ge=1, le=50)
     """Planes looked for, largest first; a room has a floor, three walls and some furniture (our choice)."""
     ransac_iterations: int = Field(default=2000, ge=10, le=100_000)

@@ -97,6 +97,19 @@ def test_floor_in_a_part_of_the_view_is_found_under_a_larger_wall() -> None:
     assert floor.inlier_fraction < 0.4
 
 
+def test_wall_before_which_people_walk_is_no_floor_seen_from_above() -> None:
+    """A camera at eye level sees much wall and little floor; people stand out from the wall by metres."""
+    room = Room(pose_of(80, 1.8))
+    room.add((0.0, 0.0, 1.0), 0.0)
+    room.add((0.0, 1.0, 0.0), 5.5)
+    empty, still = room.clouds(6, people=False), room.depth
+    for i, y in enumerate((2.0, 2.4, 2.8)):
+        room.depth = still.copy()
+        room.add((0.0, 1.0, 0.0), y, (-0.3, 0.3, -99, 99))
+        empty[i] = room.clouds(1, people=False)[0]
+    assert found(empty).height_m == pytest.approx(1.8, abs=0.03)
+
+
 def test_floor_tells_its_uncertainty_and_extent() -> None:
     room = Room(pose_of(45, 3.0))
     room.add((0.0, 0.0, 1.0), 0.0, (-2, 2, 1.5, 6))
