@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Protocol, TypeVar
 
+import cv2
 import numpy as np
 from pydantic import Field
 
@@ -14,7 +15,7 @@ from calib.floor.find import find_floor
 from calib.floor.params import FloorParams
 from calib.params import Params
 from calib.rig import Floor
-from calib.types import F32
+from calib.types import F32, F64
 from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project
 from stereo.matcher import RangeParams, SgbmParams, disparity_range
 from stereo.recording import StereoFrame
@@ -25,6 +26,9 @@ SETUP_FRAMES = 24
 """Frames, spread over a recording, in which floor and row offset are measured (our choice)."""
 STEP_PX = 3
 """The floor is fitted to every n-th row and column."""
+MIN_WATCHED, NEARER = 5, 1.15
+"""What moves is told in so many frames at least; it is nearer by this factor than the usual depth of its pixel: a
+person half a metre in front of a wall 4 m away (our choice)."""
 MIN_VALID = 0.03
 """Smallest share of pixels with disparity in the median frame: a bare room still has more, unrelated images less
 (our choice)."""
@@ -113,15 +117,29 @@ def floor_in(depths: Iterable[F32], geometry: RectifiedGeometry, params: FloorPa
     Raises:
         WorkError: there is hardly any depth, or no floor is visible.
     """
-    clouds = [back_project(d, geometry)[::STEP_PX, ::STEP_PX].reshape(-1, 3) for d in depths]
+    grids = [back_project(d, geometry)[::STEP_PX, ::STEP_PX] for d in depths]
+    clouds = [grid.reshape(-1, 3) for grid in grids]
     _refuse_blind(clouds, blind)
     sigma_z = None
     if geometry.depth_std_min_m > 0.0:
         share = params.disparity_std_px / geometry.disparity_std_px  # what medians leave of a frame's noise
         sigma_z = [np.float32(share) * geometry.depth_std_m(cloud[:, 2]) for cloud in clouds]
     return find_floor(
-        clouds, focal_px=geometry.focal_u_px, baseline_m=geometry.baseline_m, sigma_z=sigma_z, params=params
-    )
+        clouds, focal_px=geometry.focal_u_px, baseline_m=geometry.baseline_m, sigma_z=sigma_z,
+        moved=_moved(grids), params=params,
+    )  # fmt: skip
+
+
+def _moved(grids: list[F32]) -> F64 | None:
+    """(M, 3) points [m] of patches in front of what is usually measured in their pixels: mostly people."""
+    if len(grids) < MIN_WATCHED:
+        return None
+    inverse = 1.0 / np.maximum(np.stack(grids)[..., 2], 0.01)
+    # Unknown depth counts as farther than all else, so that what is hardly ever measured has no usual depth.
+    usual = np.median(np.nan_to_num(inverse, nan=0.0), axis=0)
+    nearer = (inverse > NEARER * usual) & (usual > 0)
+    patches = [cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0 for mask in nearer]
+    return np.concatenate([grid[patch] for grid, patch in zip(grids, patches, strict=True)]).astype(np.float64)
 
 
 def setup_frames(recording: Sampled[AnyFrame], count: int = SETUP_FRAMES) -> list[AnyFrame]:

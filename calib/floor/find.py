@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -29,6 +28,7 @@ def find_floor(
     focal_px: float | None = None,
     baseline_m: float | None = None,
     sigma_z: Sequence[F32] | None = None,
+    moved: F64 | None = None,
     params: FloorParams | None = None,
 ) -> Floor:
     """The floor plane common to many frames.
@@ -41,6 +41,7 @@ def find_floor(
         clouds: one (N, 3) array of points per frame [m], rectified left camera frame; rows with NaN are skipped.
         focal_px, baseline_m: of the rectified pair, for the depth noise; without them 1.5 % of the median.
         sigma_z: one (N,) array of depth deviations [m] per cloud; replaces the noise model.
+        moved: (M, 3) points of what moves between the frames, mostly people [m]; None where that is not known.
         params: what counts as a floor.
     Returns:
         Floor with inlier fraction, residual, covariance and extent.
@@ -57,32 +58,15 @@ def find_floor(
         if focal_px is not None and baseline_m is not None:
             noise = params.disparity_std_px / (focal_px * baseline_m)
         points = Rays(points.rays, points.inverse, np.full(len(points), noise))
-    candidates = floor_candidates(points, params, moved_points(clouds, float(np.median(points.sigma)), params))
+    candidates = floor_candidates(points, params, np.empty((0, 3)) if moved is None else moved)
     best = choose_floor(candidates, params)
     if best is None:
         raise WorkError(nothing_found(candidates, len(clouds), params))
     return _floor(best, points, params)
 
 
-def moved_points(clouds: Sequence[F32], noise: float, params: FloorParams) -> F64:
-    """(M, 3) points [m] that were in front of what is usually seen in their pixel: mostly people.
-
-    Args:
-        noise: deviation of the inverse depth of medians [1/m].
-    """
-    if len(clouds) < 3 or len({len(cloud) for cloud in clouds}) > 1:
-        return np.empty((0, 3))
-    points = np.stack([np.asarray(cloud, dtype=np.float32) for cloud in clouds])
-    with np.errstate(divide="ignore", invalid="ignore"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # pixels without any depth
-        inverse = 1.0 / points[..., 2]
-        usual = np.nanmedian(inverse, axis=0)
-        nearer = inverse > 1.1 * usual + 2 * params.frame_noise * params.inlier_sigmas * noise
-    return points[nearer & np.isfinite(inverse)].astype(np.float64)
-
-
 def floor_candidates(points: Rays, params: FloorParams, moved: F64) -> list[Candidate]:
-    """Planes in the points, largest first, each judged; ``moved`` as from ``moved_points``."""
+    """Planes in the points, largest first, each judged; ``moved`` as in ``find_floor``."""
     view, counts = cells(points, params.cells_across)
     rest = view
     found: list[Candidate] = []

@@ -43,7 +43,7 @@ class FloorParams(Params):
     medians make a plane too; above 0.8 on a surface (our choice)."""
     people_m: float = Field(default=2.4, gt=0.5, le=5)
     """People reach no higher [m] (Harville 2002, section 4: H_max)."""
-    max_high_fraction: float = Field(default=0.2, gt=0, le=1)
+    max_high_fraction: float = Field(default=0.25, gt=0, le=1)
     """Share of what moves that may be higher: errors of matching (our choice)."""
     n_candidates: int = Field(default=8, ge=1, le=50)
     """Planes looked for, largest first; a room has a floor, three walls and some furniture (our choice)."""
