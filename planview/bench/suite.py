@@ -147,6 +147,11 @@ def chosen_files(files: Sequence[Path], seed: int, minutes: float) -> list[Path]
     return sorted(chosen)
 
 
+def dealt_files(files: Sequence[Path], seeds: Sequence[int]) -> list[tuple[int, Path]]:
+    """All scenes, by name, each with one of the seeds in turn."""
+    return [(seeds[i % len(seeds)], path) for i, path in enumerate(sorted(files))]
+
+
 def suite_recording(path: Path, seed: int, cache: Path) -> tuple[Path, Scene]:
     """The recording of a seed, from the cache when it is whole there; one that was cut off is rendered again."""
     scene = drawn_scene(path, seed)

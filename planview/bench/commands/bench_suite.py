@@ -30,6 +30,7 @@ from planview.bench.suite import (
     SuiteTotals,
     Way,
     chosen_files,
+    dealt_files,
     run_job,
     suite_totals,
 )
@@ -47,6 +48,8 @@ class ChallengeOptions(BenchOptions):
     ten minutes."""
     scene: Annotated[Sequence[str], Parameter(negative="")] = ()
     """Only these scenes, by name."""
+    deal: Annotated[bool, Parameter(negative="")] = False
+    """Deal all scenes out to the seeds in turn, instead of drawing every scene with every seed."""
     jobs: int = 1
     """Scenes worked on at the same time, each in a process of its own."""
     tracker: BenchTracker = "template"
@@ -82,7 +85,10 @@ def bench_suite(*, options: ChallengeOptions | None = None) -> None:
     seeds = list(dict.fromkeys(options.seed)) or [_new_seed()]
     console.print("seeds: " + ", ".join(f"{s} ({'judging' if s >= JUDGING_SEED else 'worked on'})" for s in seeds))
     settings, files = options.settings(), scene_files(options.scene, options.scenes)
-    chosen = [(s, path) for s in seeds for path in chosen_files(files, s, options.minutes)]
+    if options.deal:
+        chosen = dealt_files(files, seeds)
+    else:
+        chosen = [(s, path) for s in seeds for path in chosen_files(files, s, options.minutes)]
     o = options
     work = [SuiteJob(p, s, o.cache_folder, o.out, settings, o.tracker, o.refine, o.peer) for s, p in chosen]
     ways = _watched(work, options.jobs, console)

@@ -1,6 +1,7 @@
 """The challenge suite: which scenes a seed gets, what is kept in the cache, and totals."""
 
 import json
+from pathlib import Path
 
 import cv2
 import pytest
@@ -13,6 +14,7 @@ from planview.bench.suite import (
     SUITE,
     SuiteJob,
     chosen_files,
+    dealt_files,
     drawn_scene,
     is_whole,
     run_job,
@@ -58,6 +60,11 @@ def test_minutes_choose_whole_scenes_by_the_seed():
     assert set(few) < set(more) < set(files)
     assert chosen_files(files, 2, 2.0) != few
     assert chosen_files(files, 1, 60.0) == files
+
+
+def test_scenes_are_dealt_out_to_the_seeds_in_turn() -> None:
+    paths = [Path(name) for name in ("c", "a", "b")]
+    assert dealt_files(paths, [7, 8]) == [(7, Path("a")), (8, Path("b")), (7, Path("c"))]
 
 
 def test_recording_has_a_pair_of_images_for_every_frame(recording):
