@@ -9,7 +9,8 @@ from pathlib import Path
 from calib.errors import InputError, WorkError
 from calib.pose import SE3
 from calib.rigs_file import RigEntry
-from planview.calibration.head_alignment import AlignParams, HeadAlignment, after, align_heads
+from planview.calibration.align_params import AlignParams
+from planview.calibration.head_alignment import HeadAlignment, after, align_heads
 from planview.calibration.head_paths import paths_of
 from planview.calibration.head_record import HeadRecord
 

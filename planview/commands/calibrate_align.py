@@ -15,7 +15,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from calib.errors import InputError
 from calib.rigs_file import save_rigs
 from planview.calibration.align import align_records, check_inside, rig_entries
-from planview.calibration.head_alignment import AlignParams, HeadAlignment
+from planview.calibration.align_params import AlignParams
+from planview.calibration.head_alignment import HeadAlignment
 from planview.calibration.head_record import HeadRecord, record_head
 from planview.commands.options import JsonFlag
 from planview.pipeline.config import Config, load_config

@@ -20,20 +20,15 @@ from planview.foreground.masks import FOREGROUND, NEARER, SHADOW
 
 REBASE_GAIN = 2.0
 """The model moves to the exposure of the image when that differs by this factor: noise stays comparable."""
-
 REBASE_OFFSET = 20.0
 """The same for the offset [levels]: beyond it ratios of luma mean little."""
-
 BANDS = 4
 """Bands of the image that two threads share out between them."""
-
 TURNS = 4
 """Turns in which pixels learn, at most."""
-
 TURN_S = 0.13
 """Each pixel learns about so often [s]: video at 30 frames per second teaches no more than at 7, and costs a fraction
 where only every fourth frame is written back to memory."""
-
 MAX_STEP_S = 1.0
 """A gap in time counts as at most this much learning [s]: what happened in it was not observed."""
 
@@ -171,10 +166,10 @@ class Foreground:
         return mask if disparity is None else self._without_fattening(mask)
 
     def _without_fattening(self, mask: U8) -> U8:
-        """Foreground as 255, without what has the background's colour and lies beside a foreground of another colour.
+        """Foreground as 255, without what has the background's colour beside a foreground of another colour.
 
-        A matcher that smooths carries the disparity of a body's outline on over the smooth wall behind it (foreground
-        fattening, Scharstein and Szeliski 2002). A person in the background's colour keeps all but such a margin.
+        A matcher that smooths carries the disparity of an outline on over the plain wall behind it (foreground
+        fattening, Scharstein and Szeliski 2002).
         """
         reach = self.params.fattening_px // self._reduction
         if reach:
