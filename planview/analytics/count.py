@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from planview.analytics.rules import Rules
 from planview.analytics.stream import Analytics
 from planview.analytics.totals import Counts
 from planview.trajectories.state import TrackState
-from planview.trajectories.table import IGNORED, Trajectories, row_state
+from planview.trajectories.table import IGNORED, Trajectories, row_states
 
 TRUTH_ZONE_HYSTERESIS_M = 0.05
 """For true occupancy: a head sways by as much when a person stands on the outline [m]; our choice."""
@@ -72,9 +73,9 @@ def count_truth(
 def frames_of(tracks: Trajectories, clock: Clock) -> Iterator[tuple[int, float, list[TrackState]]]:
     """(frame, time, tracks) of every frame that has rows."""
     frames, starts = np.unique(tracks.frame, return_index=True)
-    ends = np.searchsorted(tracks.frame, frames, side="right")
-    for frame, moment, start, end in zip(frames, clock.at(frames), starts, ends, strict=True):
-        yield int(frame), float(moment), [row_state(tracks, row) for row in range(start, end)]
+    bounds = pairwise([*starts.tolist(), len(tracks)])
+    for frame, moment, (start, end) in zip(frames.tolist(), clock.at(frames).tolist(), bounds, strict=True):
+        yield frame, moment, row_states(tracks, slice(start, end))
 
 
 def _require_positions(tracks: Trajectories, rules: Rules) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal, Protocol
 
 import numpy as np
@@ -70,8 +71,10 @@ class RulePlane:
         if ((u >= -0.5) & (u <= width - 0.5) & (v >= -0.5) & (v <= height - 0.5)).any():
             return
         visible = self._raster() if raster is None else raster[np.isfinite(raster).all(axis=1)]
-        if len(points) > 2 and any(depth_inside(points, x, y) > 0 for x, y in visible):
-            return
+        if len(points) > 2:
+            outline = Outline(points)
+            if any(outline.depth(x, y) > 0 for x, y in visible.tolist()):
+                return
         raise InputError(f"{what}: expected a place inside the view of {width}x{height} pixels, found it outside")
 
     def _raster(self) -> F64:
@@ -130,20 +133,35 @@ def cross(a: F64, b: F64) -> float:
     return float(a[0] * b[1] - a[1] * b[0])
 
 
-def depth_inside(polygon: F64, x: float, y: float) -> float:
-    """Distance of a point to the outline of an (N, 2) polygon: positive inside, negative outside."""
-    p = np.array([x, y])
-    ends = np.roll(polygon, -1, axis=0)
-    edge = ends - polygon
-    t = np.clip(((p - polygon) * edge).sum(axis=1) / (edge**2).sum(axis=1), 0.0, 1.0)
-    distance = float(np.hypot(*(polygon + t[:, None] * edge - p).T).min())
-    rising = (polygon[:, 1] > y) != (ends[:, 1] > y)
-    at = polygon[:, 0] + (y - polygon[:, 1]) / np.where(rising, edge[:, 1], 1.0) * edge[:, 0]
-    return distance if np.count_nonzero(rising & (x < at)) % 2 else -distance
+class Outline:
+    """An (N, 2) polygon ready for asking about many points.
+
+    Plain numbers edge by edge: for the few corners of a zone ten times as fast as arrays.
+    """
+
+    def __init__(self, polygon: F64) -> None:
+        edges = np.roll(polygon, -1, axis=0) - polygon
+        squares = (edges**2).sum(axis=1, keepdims=True)
+        ends = np.roll(polygon[:, 1:], -1, axis=0)
+        self._edges: list[list[float]] = np.hstack([polygon, edges, squares, ends]).tolist()
+
+    def depth(self, x: float, y: float) -> float:
+        """Distance of a point to the outline: positive inside, negative outside."""
+        nearest, inside = math.inf, False
+        for px, py, ex, ey, square, end_y in self._edges:
+            t = ((x - px) * ex + (y - py) * ey) / square
+            t = 0.0 if t < 0.0 else 1.0 if t > 1.0 else t
+            distance = abs(complex(px + t * ex - x, py + t * ey - y))  # faster than math.hypot
+            if distance < nearest:
+                nearest = distance
+            if (py > y) != (end_y > y) and x < px + (y - py) / ey * ex:
+                inside = not inside
+        return nearest if inside else -nearest
 
 
 def inner_radius(polygon: F64) -> float:
     """Roughly the radius of the largest circle inside: the deepest point of a 24 x 24 raster."""
     low, high = polygon.min(axis=0), polygon.max(axis=0)
-    raster = low + (np.arange(24)[:, None] + 0.5) / 24 * (high - low)
-    return max(0.0, max(depth_inside(polygon, x, y) for x in raster[:, 0] for y in raster[:, 1]))
+    raster = (low + (np.arange(24)[:, None] + 0.5) / 24 * (high - low)).tolist()
+    outline = Outline(polygon)
+    return max(0.0, max(outline.depth(x, y) for x, _ in raster for _, y in raster))

@@ -51,9 +51,9 @@ class Wire:
 
     def __init__(self, name: str, points: F64, plane: PlaneName, hysteresis_m: float, min_age_s: float) -> None:
         self.name, self.plane, self.hysteresis_m, self.min_age_s = name, plane, hysteresis_m, min_age_s
-        self._start = points[0]
+        self._start: list[float] = points[0].tolist()
         self._length = float(np.hypot(*(points[1] - points[0])))
-        self._ahead = (points[1] - points[0]) / self._length
+        self._ahead: list[float] = ((points[1] - points[0]) / self._length).tolist()
         self._left_sign = 1.0 if plane == "floor" else -1.0
 
     def locate(self, sighting: Sighting) -> _At | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from calib.types import F64
 from planview.analytics.events import EventKind
-from planview.analytics.geometry import PlaneName, depth_inside, inner_radius
+from planview.analytics.geometry import Outline, PlaneName, inner_radius
 from planview.analytics.people import Sighting
 
 _MARGIN_SHARE = 0.25
@@ -54,7 +54,7 @@ class Area:
 
     def __init__(self, name: str, points: F64, plane: PlaneName, hysteresis_m: float, min_age_s: float) -> None:
         self.name, self.plane, self.min_age_s = name, plane, min_age_s
-        self._points = points
+        self._outline = Outline(points)
         self._hysteresis_m = hysteresis_m
         self._margin_limit = _MARGIN_SHARE * inner_radius(points)
 
@@ -63,7 +63,7 @@ class Area:
         x, y, unit = sighting.at(self.plane)
         if not math.isfinite(x + y + unit):
             return None
-        return depth_inside(self._points, x, y) / unit, min(self._hysteresis_m, self._margin_limit / unit)
+        return self._outline.depth(x, y) / unit, min(self._hysteresis_m, self._margin_limit / unit)
 
 
 class AreaState:

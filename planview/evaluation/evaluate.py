@@ -133,8 +133,10 @@ def _excused(people: Trajectories, claimed: Trajectories, ignored: Bool, similar
 
     Ignored people take their own tracks first, so that these are neither false nor given to another person.
     """
-    matches = clear_scores(build_sequence(people, claimed, similarity)).matches
     excused = np.zeros(len(claimed), dtype=np.bool_)
+    if not ignored.any():
+        return excused
+    matches = clear_scores(build_sequence(people, claimed, similarity)).matches
     excused[matches[ignored[matches[:, 0]], 1]] = True
     return excused
 
@@ -171,7 +173,8 @@ def _person_histories(truth: Trajectories, tracks: Trajectories, matches: I64, n
 def _near_prediction(truth: Trajectories, predicted: Trajectories, similarity: Similarity) -> Bool:
     """(N,) whether a lost track is predicted at each true person."""
     near = np.zeros(len(truth), dtype=np.bool_)
-    near[clear_scores(build_sequence(truth, predicted, similarity)).matches[:, 0]] = True
+    beside = np.flatnonzero(np.isin(truth.frame, predicted.frame))
+    near[beside[clear_scores(build_sequence(truth.where(beside), predicted, similarity)).matches[:, 0]]] = True
     return near
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice, zip_longest
 from pathlib import Path
-from typing import IO, cast
+from typing import IO
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from calib.errors import InputError
 from calib.text import require_file
 from calib.types import F64, I64, Bool
 from planview.trajectories.rows import require_unique
-from planview.trajectories.state import State, TrackState
+from planview.trajectories.state import TrackState
 
 TRACK_COLUMNS = (
     "frame", "timestamp_s", "id", "x_m", "y_m", "vx_mps", "vy_mps", "height_m", "state",
@@ -24,6 +25,8 @@ TRACK_COLUMNS = (
 TRUTH_COLUMNS = ("frame", "id", "x_m", "y_m", "height_m")
 STATES = ("tentative", "confirmed", "lost")
 StateColumn = np.ndarray[tuple[int], np.dtype[np.str_]]
+BLOCK_ROWS = 20_000
+"""Rows of a file that are text in memory at a time: the text of 500,000 rows takes a gigabyte (our choice)."""
 IGNORED = -1.0
 """``visible`` of a truth row that never counts: a distractor of a benchmark."""
 
@@ -90,7 +93,8 @@ def concatenated(tables: Sequence[Trajectories]) -> Trajectories:
     """The rows of at least one table together, sorted by frame, then id."""
     names = Trajectories.__dataclass_fields__
     table = Trajectories(**{name: np.concatenate([getattr(t, name) for t in tables]) for name in names})
-    return table.where(np.lexsort((table.track_id, table.frame)))
+    order = np.lexsort((table.track_id, table.frame))
+    return table if (np.diff(order) == 1).all() else table.where(order)
 
 
 def write_header(file: IO[str]) -> None:
@@ -120,17 +124,14 @@ def write_table(file: IO[str], table: Trajectories) -> None:
 
 def row_state(table: Trajectories, row: int) -> TrackState:
     """One row as a tracker gave it."""
-    left, top, width, height = (float(value) for value in table.box_px[row])
-    return TrackState(
-        track_id=int(table.track_id[row]),
-        state=cast(State, str(table.state[row])),
-        x_m=float(table.x_m[row]),
-        y_m=float(table.y_m[row]),
-        vx_mps=float(table.velocity_mps[row, 0]),
-        vy_mps=float(table.velocity_mps[row, 1]),
-        height_m=float(table.height_m[row]),
-        box_px=(left, top, width, height),
-    )
+    return row_states(table, slice(row, row + 1))[0]
+
+
+def row_states(table: Trajectories, rows: slice) -> list[TrackState]:
+    """Rows as a tracker gave them."""
+    columns = (table.track_id, table.state, table.x_m, table.y_m, *table.velocity_mps.T, table.height_m)
+    boxes = map(tuple, table.box_px[rows].tolist())
+    return [TrackState(*cells) for cells in zip(*(column[rows].tolist() for column in columns), boxes, strict=True)]
 
 
 class TrajectoryCollector:
@@ -187,8 +188,13 @@ def _rounded(rows: Sequence[Sequence[float]], columns: int, digits: int) -> F64:
 
 
 def _read(path: Path, required: tuple[str, ...], what: str) -> Trajectories:
-    columns = _Columns(path, required, what)
-    table = Trajectories(
+    table = concatenated([_block_table(block) for block in _blocks(path, required, what)])
+    require_unique(path, table.frame, table.track_id)
+    return table
+
+
+def _block_table(columns: _Columns) -> Trajectories:
+    return Trajectories(
         frame=columns.integers("frame"),
         track_id=columns.integers("id"),
         timestamp_s=columns.numbers("timestamp_s", np.nan),
@@ -200,46 +206,61 @@ def _read(path: Path, required: tuple[str, ...], what: str) -> Trajectories:
         box_px=np.column_stack([columns.numbers(n, np.nan) for n in ("left_px", "top_px", "width_px", "height_px")]),
         velocity_mps=np.column_stack([columns.numbers(n, np.nan) for n in ("vx_mps", "vy_mps")]),
     )
-    ordered = table.where(np.lexsort((table.track_id, table.frame)))
-    require_unique(path, ordered.frame, ordered.track_id)
-    return ordered
+
+
+def _blocks(path: Path, required: tuple[str, ...], what: str) -> Iterator[_Columns]:
+    """The rows of a file in blocks, at least one."""
+    require_file(path, f"a {what} file")
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            reader = csv.reader(file)
+            names = next(reader, [])
+            missing = [name for name in required if name not in names]
+            if missing:
+                raise InputError(f"{path}: expected a {what} file with the column {missing[0]!r}, found {names}")
+            rows, line = filter(None, reader), 2
+            while (block := list(islice(rows, BLOCK_ROWS))) or line == 2:
+                yield _Columns(path, names, block, line)
+                line += max(1, len(block))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: expected a {what} file, found {error}") from error
 
 
 class _Columns:
-    """The text of a CSV file by column, converted on request with errors that name file, line and column."""
+    """The text of rows of a CSV file by column, converted on request with errors that name file, line and column.
 
-    def __init__(self, path: Path, required: tuple[str, ...], what: str) -> None:
-        self._path = path
-        require_file(path, f"a {what} file")
-        try:
-            with path.open(newline="", encoding="utf-8") as file:
-                reader = csv.DictReader(file)
-                self._names = list(reader.fieldnames or [])
-                self._rows = list(reader)
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
-            raise InputError(f"{path}: expected a {what} file, found {error}") from error
-        missing = [name for name in required if name not in self._names]
-        if missing:
-            raise InputError(f"{path}: expected a {what} file with the column {missing[0]!r}, found {self._names}")
+    Args:
+        names: of the columns.
+        rows: their cells, the first of them from line ``line``.
+    """
+
+    def __init__(self, path: Path, names: list[str], rows: list[list[str]], line: int) -> None:
+        self._path, self._line = path, line
+        self._width, self._n_rows = len(names), len(rows)
+        nothing = (None,) * len(rows)
+        columns = list(zip_longest(*rows))
+        self._cells: dict[str, tuple[str | None, ...]] = {
+            name: columns[i] if i < len(columns) else nothing for i, name in enumerate(names)
+        }
 
     def numbers(self, name: str, default: float) -> F64:
         """(N,) values; ``default`` where the cell is empty or the column missing."""
-        values = np.full(len(self._rows), default)
-        if name not in self._names:
-            return values
-        for i, row in enumerate(self._rows):
-            text = row[name]
-            if text is None:
-                raise InputError(f"{self._path}: expected {len(self._names)} cells in line {i + 2}, found fewer")
-            if text.strip():
-                values[i] = self._number(text, name, i)
-        return values
+        if name not in self._cells:
+            return np.full(self._n_rows, default)
+        number = self._number
+        return np.array([number(text, name, i, default) for i, text in enumerate(self._cells[name])], dtype=np.float64)
 
-    def _number(self, text: str, name: str, row: int) -> float:
+    def _number(self, text: str | None, name: str, row: int, default: float) -> float:
+        if text is None:
+            raise InputError(f"{self._path}: expected {self._width} cells in line {row + self._line}, found fewer")
         try:
             return float(text)
         except ValueError:
-            raise InputError(f"{self._path}: expected a number in {name!r}, line {row + 2}, found {text!r}") from None
+            if not text.strip():
+                return default
+            raise InputError(
+                f"{self._path}: expected a number in {name!r}, line {row + self._line}, found {text!r}"
+            ) from None
 
     def integers(self, name: str) -> I64:
         """(N,) int64; an empty cell is refused."""
@@ -248,16 +269,17 @@ class _Columns:
         if len(bad):
             i = int(bad[0])
             raise InputError(
-                f"{self._path}: expected a whole number in {name!r}, line {i + 2}, found {self._rows[i][name]!r}"
+                f"{self._path}: expected a whole number in {name!r}, line {i + self._line}, "
+                f"found {self._cells[name][i]!r}"
             )
         return values.astype(np.int64)
 
     def states(self) -> StateColumn:
         """(N,) states; "confirmed" where the cell is empty or the column missing."""
-        states = np.array([row.get("state") or "confirmed" for row in self._rows], dtype=np.str_)
-        for i, state in enumerate(states):
-            if state not in STATES:
-                raise InputError(
-                    f"{self._path}: expected a state of {', '.join(STATES)} in line {i + 2}, found {str(state)!r}"
-                )
-        return states
+        states = [state or "confirmed" for state in self._cells.get("state", (None,) * self._n_rows)]
+        if not set(states) <= set(STATES):
+            i, state = next((i, state) for i, state in enumerate(states) if state not in STATES)
+            raise InputError(
+                f"{self._path}: expected a state of {', '.join(STATES)} in line {i + self._line}, found {state!r}"
+            )
+        return np.array(states, dtype=np.str_)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
-from planview.analytics.geometry import RulePlane, crossing_edges, depth_inside, inner_radius
+from planview.analytics.geometry import Outline, RulePlane, crossing_edges, inner_radius
 from planview.analytics.rules import load_rules, parse_rules
 
 CAMERA = GroundCamera(640, 480, 500.0, 3.0, math.radians(60))
@@ -115,9 +115,9 @@ def test_missing_file_is_named(tmp_path: Path) -> None:
 
 
 def test_depth_is_the_distance_to_the_outline_with_a_sign() -> None:
-    assert depth_inside(SQUARE, 1.0, 0.25) == pytest.approx(0.25)
-    assert depth_inside(SQUARE, 3.0, 1.0) == pytest.approx(-1.0)
-    assert depth_inside(SQUARE, -3.0, -4.0) == pytest.approx(-5.0)
+    assert Outline(SQUARE).depth(1.0, 0.25) == pytest.approx(0.25)
+    assert Outline(SQUARE).depth(3.0, 1.0) == pytest.approx(-1.0)
+    assert Outline(SQUARE).depth(-3.0, -4.0) == pytest.approx(-5.0)
 
 
 def test_inner_radius_of_a_square_is_near_half_its_side() -> None:
@@ -127,7 +127,7 @@ def test_inner_radius_of_a_square_is_near_half_its_side() -> None:
 def test_notch_of_a_polygon_is_outside() -> None:
     notched = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 1.0], [0.0, 4.0]])
     assert crossing_edges(notched) is None
-    assert depth_inside(notched, 2.0, 2.0) < 0 < depth_inside(notched, 0.5, 1.0)
+    assert Outline(notched).depth(2.0, 2.0) < 0 < Outline(notched).depth(0.5, 1.0)
 
 
 def test_spike_that_runs_back_over_itself_crosses() -> None:
