@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import IO
 
-import numpy as np
-
 from planview.analytics.events import Event, write_event_header, write_event_rows
 from planview.pipeline.engine import FrameResult
 from planview.runs.frame_file import FilePosition, FrameFile
-from planview.tracking.base import Decision
+from planview.tracking.base import Decision, ScoreTerms
 from planview.trajectories.table import write_header, write_rows
 
-DECISION_COLUMNS = ("frame", "timestamp_s", "id", "kind", "reason", "value")
+DECISION_COLUMNS = ("frame", "timestamp_s", "id", "kind", "reason", "value", *ScoreTerms._fields)
+"""The last four: the terms of a match score, empty where the value is none."""
 
 
 class RunTables:
@@ -61,6 +61,10 @@ def _decision_header(file: IO[str]) -> None:
 
 def _decision_rows(file: IO[str], frame: int, timestamp_s: float, decisions: tuple[Decision, ...]) -> None:
     csv.writer(file, lineterminator="\n").writerows(
-        (frame, f"{timestamp_s:.4f}", d.track_id, d.kind, d.reason, "" if np.isnan(d.value) else f"{d.value:.4f}")
+        (frame, f"{timestamp_s:.4f}", d.track_id, d.kind, d.reason, *map(_number, (d.value, *d.terms)))
         for d in decisions
     )
+
+
+def _number(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.4f}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 from calib.types import F32, U8
 from planview.maps.builder import PlanViewMaps
@@ -48,6 +48,18 @@ class Observation:
     shadow: U8 | None = None
 
 
+class ScoreTerms(NamedTuple):
+    """The weighted terms that a match score is the sum of (Harville 2002, section 4, eq. 4; separation is ours)."""
+
+    height: float = math.nan
+    occupancy: float = math.nan
+    distance: float = math.nan
+    separation: float = math.nan
+
+
+NO_TERMS = ScoreTerms()
+
+
 @dataclass(frozen=True)
 class Decision:
     """Why a tracker did something: goes to the rerun log and to ``--debug`` output.
@@ -57,12 +69,14 @@ class Decision:
         kind: what was decided.
         reason: one clause for people, with the numbers that decided it ("score 0.31 < 0.55").
         value: the deciding number, NaN when there is none.
+        terms: of a match score, NaN where the value is none.
     """
 
     track_id: int
     kind: DecisionKind
     reason: str
     value: float = math.nan
+    terms: ScoreTerms = NO_TERMS
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from planview.tracking.base import Decision, DecisionKind
+from planview.tracking.base import NO_TERMS, Decision, DecisionKind, ScoreTerms
 from planview.trajectories.state import State
 
 
@@ -67,9 +67,11 @@ class LifeCycle:
         """Decisions of the current frame."""
         return tuple(self._log)
 
-    def log(self, who: Existence, kind: DecisionKind, reason: str, value: float = math.nan) -> None:
+    def log(
+        self, who: Existence, kind: DecisionKind, reason: str, value: float = math.nan, terms: ScoreTerms = NO_TERMS
+    ) -> None:
         """Write down a decision that changes no state ("matched", "recentred", "identity")."""
-        self._log.append(Decision(who.track_id, kind, reason, value))
+        self._log.append(Decision(who.track_id, kind, reason, value, terms))
 
     def spawn(self, reason: str, value: float = math.nan, kind: DecisionKind = "spawned") -> Existence:
         """A new tentative track, observed now."""
@@ -84,18 +86,18 @@ class LifeCycle:
             who.confirmed = True
             self.log(who, "confirmed", reason, value)
 
-    def observe(self, who: Existence, reason: str = "", value: float = math.nan) -> None:
+    def observe(self, who: Existence, reason: str = "", value: float = math.nan, terms: ScoreTerms = NO_TERMS) -> None:
         """The track is observed in this frame; a lost one is thereby reacquired, for the reason given."""
         if who.state == "lost":
-            self.log(who, "reacquired", reason, value)
+            self.log(who, "reacquired", reason, value, terms)
         elif reason:
-            self.log(who, "matched", reason, value)
+            self.log(who, "matched", reason, value, terms)
         who.observed, who.observed_s = True, self.now_s
 
-    def miss(self, who: Existence, reason: str, value: float = math.nan) -> None:
+    def miss(self, who: Existence, reason: str, value: float = math.nan, terms: ScoreTerms = NO_TERMS) -> None:
         """The track is not observed in this frame; a confirmed one is lost from now on."""
         if who.state == "confirmed":
-            self.log(who, "lost", reason, value)
+            self.log(who, "lost", reason, value, terms)
         who.observed = False
 
     def prune(self, who: Existence, reason: str, value: float = math.nan, kind: DecisionKind = "pruned") -> None:

@@ -10,6 +10,7 @@ from itertools import permutations
 import numpy as np
 
 from calib.types import F32
+from planview.tracking.base import ScoreTerms
 from planview.tracking.template._kernels import clear, search
 from planview.tracking.template.params import TemplateTrackerParams
 from planview.tracking.template.state import TemplateFrame, TemplatePerson
@@ -27,11 +28,13 @@ class Placement:
         score: of equation (4).
         cell: (row, col) of the grid.
         found: the score is good enough, and the height there is the person's.
+        terms: that the score is the sum of.
     """
 
     score: float
     cell: tuple[float, float]
     found: bool
+    terms: ScoreTerms
 
 
 class JointMatcher:
@@ -60,7 +63,7 @@ class JointMatcher:
             group = self._take_group(left)
             waiting = [q for q in left if q.state != "lost"]
             for person, placement in zip(*self._best(group, waiting), strict=True):
-                person.score = placement.score
+                person.score, person.terms = placement.score, placement.terms
                 if placement.found:
                     person.at_m = self._frame.maps.grid.centre_of(*placement.cell)
                     found.append(person)
@@ -138,7 +141,8 @@ class JointMatcher:
             m.separation_weight, p.width_m / 2 / maps.grid.cell_m, np.array(self._placed).reshape(-1, 2), self._result,
         )  # fmt: skip
         score, cell = float(self._result[0]), (float(self._result[1]), float(self._result[2]))
-        return Placement(score, cell, score <= m.score_max and self._plausible(person, cell))
+        found = score <= m.score_max and self._plausible(person, cell)
+        return Placement(score, cell, found, ScoreTerms(*self._result[3:].tolist()))
 
     def _plausible(self, person: TemplatePerson, cell: tuple[float, float]) -> bool:
         """A lost person is only found again where something about as tall is."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from calib.types import F32, F64
 from planview.maps.builder import PlanViewMaps
+from planview.tracking.base import NO_TERMS, ScoreTerms
 from planview.tracking.kalman import FloorKalman
 from planview.tracking.lifecycle import Existence
 from planview.trajectories.state import State
@@ -34,7 +35,7 @@ class TemplatePerson:
         alone_s: time when it was last within reach of another person, before it was confirmed [s].
         clear_s: time of the last clear measurement of the appearance [s].
         too_low: now lower than a newcomer may be.
-        score, reach_cells, searched_m: of the last search, for debugging.
+        score, terms, reach_cells, searched_m: of the last search, for debugging.
     """
 
     existence: Existence
@@ -53,6 +54,7 @@ class TemplatePerson:
     clear_s: float = -math.inf
     too_low: bool = False
     score: float = math.nan
+    terms: ScoreTerms = NO_TERMS
     reach_cells: int = 0
     searched_m: tuple[float, float] = (math.nan, math.nan)
 

@@ -96,10 +96,10 @@ class TemplateTracker:
             score = f"score {person.score:.2f}"
             if person in found:
                 why = f"matched where predicted, {score}" if person.state == "lost" else score
-                self._life.observe(person.existence, why, person.score)
+                self._life.observe(person.existence, why, person.score, person.terms)
             else:
                 why = f"nothing like the templates within {person.reach_cells} cells, {score}"
-                self._life.miss(person.existence, why, person.score)
+                self._life.miss(person.existence, why, person.score, person.terms)
 
     def _locate(self, maps: PlanViewMaps, axis: BodyAxis, dt: float) -> None:
         """Measure heads and update the filters.

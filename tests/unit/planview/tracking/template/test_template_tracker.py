@@ -181,3 +181,11 @@ def test_kalman_learns_a_constant_velocity() -> None:
 def test_kalman_grows_uncertain_without_measurements() -> None:
     state = FloorKalman.at(0.0, 0.0, 0.05, 0.0)
     assert state.predicted(0.5, 2.0).position_std_m == pytest.approx(np.hypot(0.05, 2.0 * 0.5**2 / 2))
+
+
+def test_match_score_is_the_sum_of_the_terms_kept_with_its_decision() -> None:
+    tracker = TemplateTracker()
+    follow(tracker, [[p] for p in walk(-1.0, 0.0, 0.0, 8)])
+    (matched,) = (decision for decision in tracker.decisions if decision.kind == "matched")
+    assert sum(matched.terms) == pytest.approx(matched.value)
+    assert matched.terms.height > 0
