@@ -6,7 +6,13 @@ import planview
 for result in planview.Pipeline.from_recording("data/synthetic/demo"):
     for person in result.tracks:
         print(result.timestamp_s, person.track_id, person.x_m, person.y_m)
+
+tracks = planview.run("data/synthetic/demo", "out")  # a whole run: tracks.csv, run.json, report.html
+print(tracks.to_dataframe().groupby("id").height_m.median())
+print(planview.evaluate(tracks, "data/synthetic/demo/truth.csv").to_json()["mota"])
 ```
+
+``docs/api`` has every name, ``examples/`` programs that run.
 """
 
 from importlib import import_module
@@ -15,61 +21,79 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from planview.evaluation.evaluate import evaluate_tracks
+    from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
+    from planview.evaluation.files import evaluate
+    from planview.evaluation.result import Evaluation
     from planview.foreground.mixture import Foreground
     from planview.maps.builder import MapBuilder
+    from planview.pipeline.ablations import ABLATIONS, ablated
     from planview.pipeline.config import Config, load_config
     from planview.pipeline.engine import Engine, FrameResult
     from planview.pipeline.factory import open_engine
     from planview.pipeline.pipeline import Pipeline, SingleCameraPipeline
-    from planview.runs.run import run
-    from planview.tracking.base import Observation
+    from planview.pipeline.setup import set_up
+    from planview.runs.script import run
+    from planview.tracking.base import Decision, Observation, Tracker, TrackerDebug
     from planview.tracking.ellipse_particle import floor_ellipse_tracker, image_ellipse_tracker
     from planview.tracking.human_model.tracker import HumanModelTracker
     from planview.tracking.template import TemplateTracker
     from planview.trajectories.state import TrackState
     from planview.trajectories.table import Trajectories, TrajectoryCollector, read_tracks, read_truth
-    from stereo.matcher import SgbmMatcher
-    from stereo.readers import open_recording, open_video
+    from stereo.matcher import Matcher, SgbmMatcher
+    from stereo.readers import OpenOptions, open_recording, open_video
     from stereo.rectify import Rectifier
 
 _HOMES = {
-    "planview.evaluation.evaluate": ("evaluate_tracks",),
+    "planview.evaluation.evaluate": ("EvaluationParams", "evaluate_tracks"),
+    "planview.evaluation.files": ("evaluate",),
+    "planview.evaluation.result": ("Evaluation",),
     "planview.foreground.mixture": ("Foreground",),
     "planview.maps.builder": ("MapBuilder",),
+    "planview.pipeline.ablations": ("ABLATIONS", "ablated"),
     "planview.pipeline.config": ("Config", "load_config"),
     "planview.pipeline.engine": ("Engine", "FrameResult"),
     "planview.pipeline.factory": ("open_engine",),
     "planview.pipeline.pipeline": ("Pipeline", "SingleCameraPipeline"),
-    "planview.runs.run": ("run",),
-    "planview.tracking.base": ("Observation",),
+    "planview.pipeline.setup": ("set_up",),
+    "planview.runs.script": ("run",),
+    "planview.tracking.base": ("Decision", "Observation", "Tracker", "TrackerDebug"),
     "planview.tracking.ellipse_particle": ("floor_ellipse_tracker", "image_ellipse_tracker"),
     "planview.tracking.human_model.tracker": ("HumanModelTracker",),
     "planview.tracking.template": ("TemplateTracker",),
     "planview.trajectories.state": ("TrackState",),
     "planview.trajectories.table": ("Trajectories", "TrajectoryCollector", "read_tracks", "read_truth"),
-    "stereo.matcher": ("SgbmMatcher",),
-    "stereo.readers": ("open_recording", "open_video"),
+    "stereo.matcher": ("Matcher", "SgbmMatcher"),
+    "stereo.readers": ("OpenOptions", "open_recording", "open_video"),
     "stereo.rectify": ("Rectifier",),
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
+    "ABLATIONS",
     "Config",
+    "Decision",
     "Engine",
+    "Evaluation",
+    "EvaluationParams",
     "Foreground",
     "FrameResult",
     "HumanModelTracker",
     "MapBuilder",
+    "Matcher",
     "Observation",
+    "OpenOptions",
     "Pipeline",
     "Rectifier",
     "SgbmMatcher",
     "SingleCameraPipeline",
     "TemplateTracker",
     "TrackState",
+    "Tracker",
+    "TrackerDebug",
     "Trajectories",
     "TrajectoryCollector",
+    "ablated",
+    "evaluate",
     "evaluate_tracks",
     "floor_ellipse_tracker",
     "image_ellipse_tracker",
@@ -80,6 +104,7 @@ __all__ = [
     "read_tracks",
     "read_truth",
     "run",
+    "set_up",
 ]
 
 

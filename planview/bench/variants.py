@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from calib.errors import InputError
 from planview.bench.suite import Way
+from planview.pipeline.ablations import ABLATIONS
 from planview.pipeline.maps_pipeline import FIXED_MAP_PARAMETERS, FIXED_TABLES
 
 
@@ -40,30 +41,7 @@ CONFIGURED = Variant("as configured", paper=1)
 """What every other variant is compared with."""
 
 LADDER = (
-    Variant(
-        "height only",
-        ("maps.statistic=height", "maps.occupancy_min=0", "template.match.occupancy_weight=0"),
-        "without occupancy, which prunes heights, finds newcomers and is matched",
-        paper=17,
-    ),
-    Variant(
-        "occupancy only",
-        ("maps.statistic=occupancy", "template.match.height_weight=0"),
-        "without height, which refuses what is no person, re-centers and is matched",
-        paper=25,
-    ),
-    Variant("Gaussian person model", ("template.person_model=gaussian",), "adaptive templates, a person's own shape"),
-    Variant("joint search off", ("template.joint=false",), "every order of matching among people in contact"),
-    Variant("identity layer off", ("template.identity.enabled=false",), "mends exchanges by appearance"),
-    Variant(
-        "re-centering off",
-        ("template.recentre_filled=0", "template.recentre_offset=1000"),
-        "moves a slipped template to the nearest occupancy maximum",
-    ),
-    Variant("feedback off", ("feedback.enabled=false",), "tracked people are not learned as background"),
-    Variant("activity off", ("foreground.activity_slowdown=1",), "active pixels learn more slowly"),
-    Variant("deepest surface off", ("foreground.deepest_weight=0.99",), "the deepest Gaussian is background early"),
-    Variant("foreground in colour", ("foreground.depth=false",), "depth in the foreground's mixture"),
+    *(Variant(a.name, a.settings, a.meaning, paper=a.paper) for a in ABLATIONS.values()),
     Variant("refinement on", (), "online tracks; refined ones know the future", way="refined"),
     Variant("naive engine", (), "everything after disparity: MOG2, blobs, Hungarian method, Kalman filter", way="peer"),
 )

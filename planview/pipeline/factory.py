@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera
@@ -17,6 +19,7 @@ from planview.tracking.base import ImageTracker, Tracker
 from planview.tracking.ellipse_particle import floor_ellipse_tracker, image_ellipse_tracker
 from planview.tracking.human_model.tracker import HumanModelTracker
 from planview.tracking.template import TemplateTracker
+from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, holds_pair, open_video
 from stereo.readers.several import is_heads
 from stereo.recording import Video
@@ -24,14 +27,17 @@ from stereo.recording import Video
 TrackerName = Literal["template", "human-model", "ellipse-particle"]
 FloorTrackerName = Literal["template", "ellipse-particle"]
 ImageTrackerName = Literal["human-model", "ellipse-particle"]
+AnyTracker = TrackerName | Tracker
+FloorMaker = Callable[[Config], Tracker]
 
 
 def open_engine(
     path: Path,
-    tracker: TrackerName = "template",
+    tracker: AnyTracker = "template",
     config: Config | None = None,
     camera: Path | None = None,
     options: OpenOptions | None = None,
+    matcher: Matcher | None = None,
 ) -> Engine:
     """Open a recording, or the plan-view maps of one, with the tracker asked for.
 
@@ -40,25 +46,51 @@ def open_engine(
     map.
 
     Args:
+        tracker: a name, or a tracker of your own: one with ``needs_foreground`` (``ImageTracker``) gets the images of
+            one camera, another one plan-view maps.
         options: calibration, rate and topics of a stereo recording that are not taken from itself.
+        matcher: of stereo pairs; SGBM when None.
         config: the defaults when None; of plan-view maps the parameters that made them (see ``base_config``).
     Raises:
         InputError: a recording, camera or calibration that is missing or does not fit.
         WorkError: no floor is visible.
     """
-    if tracker not in get_args(TrackerName):
+    if isinstance(tracker, str) and tracker not in get_args(TrackerName):
         raise InputError(f"--tracker: expected one of {', '.join(get_args(TrackerName))}, found {tracker!r}")
     options = options or OpenOptions()
+    if matcher is not None and (is_maps(path) or is_heads(path) or not is_stereo(path, options.calibration)):
+        raise InputError(f"{path}: expected a recording of one stereo pair for a matcher of your own")
+    on_floor, foreign = _floor_maker(tracker), camera or options.calibration
     if is_maps(path):
-        return _open_maps(path, tracker, config, camera or options.calibration)
+        return _open_maps(path, _required(on_floor, path, tracker), config, foreign)
     config = config or Config()
     if is_heads(path):
-        return _open_heads(path, tracker, config, camera or options.calibration)
-    if tracker == "template" or (tracker == "ellipse-particle" and is_stereo(path, options.calibration)):
-        return Pipeline.from_recording(path, config, options, floor_tracker(tracker, config))
+        return _open_heads(path, _required(on_floor, path, tracker), config, foreign)
+    if on_floor and (tracker != "ellipse-particle" or is_stereo(path, options.calibration)):
+        return Pipeline.from_recording(path, config, options, on_floor(config), matcher)
     video = open_video(path)
     ground_camera = _camera_for(video, camera) if camera else None
-    return SingleCameraPipeline(video, image_tracker(tracker, config, ground_camera), config, ground_camera)
+    return SingleCameraPipeline(video, _image_tracker(tracker, config, ground_camera), config, ground_camera)
+
+
+def _floor_maker(tracker: AnyTracker) -> FloorMaker | None:
+    """What makes the tracker of plan-view maps; None for one that takes images only."""
+    if isinstance(tracker, str):
+        return None if tracker == "human-model" else partial(floor_tracker, tracker)
+    return None if hasattr(tracker, "needs_foreground") else lambda config: tracker
+
+
+def _required(make: FloorMaker | None, path: Path, tracker: AnyTracker) -> FloorMaker:
+    if make is None:
+        name = tracker if isinstance(tracker, str) else type(tracker).__name__
+        raise InputError(f"{path}: expected a tracker of plan-view maps (template, ellipse-particle), found {name}")
+    return make
+
+
+def _image_tracker(tracker: AnyTracker, config: Config, camera: GroundCamera | None) -> ImageTracker:
+    if not isinstance(tracker, str):
+        return cast(ImageTracker, tracker)
+    return image_tracker(cast(ImageTrackerName, tracker), config, camera)
 
 
 def is_stereo(path: Path, calibration: Path | None = None) -> bool:
@@ -75,22 +107,18 @@ def base_config(path: Path) -> Config:
     return recorded_config(MapsRecording(path)) if is_maps(path) else Config()
 
 
-def _open_maps(path: Path, tracker: TrackerName, config: Config | None, foreign: Path | None) -> MapsPipeline:
-    if tracker == "human-model":
-        raise InputError(f"{path}: expected a tracker of plan-view maps (template, ellipse-particle), found {tracker}")
+def _open_maps(path: Path, make: FloorMaker, config: Config | None, foreign: Path | None) -> MapsPipeline:
     if foreign is not None:
         raise InputError(f"{foreign}: expected no calibration beside plan-view maps, which hold their own")
     recording = MapsRecording(path)
     config = config or recorded_config(recording)
-    return MapsPipeline(recording, floor_tracker(tracker, config), config)
+    return MapsPipeline(recording, make(config), config)
 
 
-def _open_heads(path: Path, tracker: TrackerName, config: Config, foreign: Path | None) -> HeadsPipeline:
-    if tracker == "human-model":
-        raise InputError(f"{path}: expected a tracker of plan-view maps (template, ellipse-particle), found {tracker}")
+def _open_heads(path: Path, make: FloorMaker, config: Config, foreign: Path | None) -> HeadsPipeline:
     if foreign is not None:
         raise InputError(f"{foreign}: expected the calibration of every head in its own folder")
-    return HeadsPipeline.from_recording(path, floor_tracker(tracker, config), config)
+    return HeadsPipeline.from_recording(path, make(config), config)
 
 
 def floor_tracker(tracker: FloorTrackerName, config: Config) -> Tracker:

@@ -17,6 +17,7 @@ from planview.foreground.mixture import Foreground
 from planview.maps.builder import FloorPoints, MapBuilder
 from planview.maps.one_statistic import reduced
 from planview.maps.view import StereoView
+from planview.pipeline.ablations import ablated
 from planview.pipeline.boxes import BodyBoxes
 from planview.pipeline.config import Config
 from planview.pipeline.describe import StereoDescription, ground_camera_info, ground_floor_info
@@ -106,14 +107,21 @@ class Pipeline(StereoDescription):
         options: OpenOptions | None = None,
         tracker: Tracker | None = None,
         matcher: Matcher | None = None,
+        ablation: str | None = None,
     ) -> Pipeline:
         """Open a recording, find its floor and get ready.
 
+        Args:
+            path: of the recording.
+            config: every parameter; the defaults when None.
+            options: how the recording is opened (calibration, rate, topics).
+            tracker, matcher: see the constructor.
+            ablation: a part of the engine to switch off, by its name in ``ABLATIONS``.
         Raises:
-            InputError: no such recording or calibration.
+            InputError: no such recording, calibration or ablation.
             WorkError: no floor is visible.
         """
-        config = config or Config()
+        config = ablated(ablation, config) if ablation else config or Config()
         recording = open_any(Path(path), options)
         return Pipeline(recording, set_up_any(recording, config), config, tracker, matcher)
 

@@ -26,9 +26,7 @@ def data_frame(file: TrajectoryFile) -> DataFrame:
     Raises:
         InputError: pandas is not installed.
     """
-    table = file.table
-    columns = dict(zip(TRACK_COLUMNS, _columns(table), strict=True))
-    frame: DataFrame = _pandas().DataFrame(columns)
+    frame = file.table.to_dataframe()
     frame.attrs.update(fps=file.fps, walkable_wkt=file.walkable_wkt)
     return frame
 
@@ -40,6 +38,7 @@ def write_parquet(path: Path, file: TrajectoryFile) -> None:
         InputError: pandas or pyarrow is not installed.
         WorkError: the file cannot be written.
     """
+    _pandas()
     frame = data_frame(file)
     with replaced(path) as part:
         frame.to_parquet(part, engine="pyarrow", index=False)
@@ -92,12 +91,6 @@ def _trajectories(path: Path, frame: DataFrame) -> TrajectoryFile:
         None if fps is None else checked_rate(path, fps),
         None if area is None else checked_area(str(area), str(path)),
     )
-
-
-def _columns(t: Trajectories) -> list[Any]:
-    """In the order of TRACK_COLUMNS."""
-    states = _pandas().Series(t.state, dtype="str")
-    return [t.frame, t.timestamp_s, t.track_id, t.x_m, t.y_m, *t.velocity_mps.T, t.height_m, states, *t.box_px.T]
 
 
 def _pandas() -> Any:

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import islice, zip_longest
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
 import numpy as np
 
 from calib.errors import InputError
-from calib.text import require_file
 from calib.types import F64, I64, Bool
+from planview.trajectories.csv_columns import CsvColumns, WordColumn, csv_blocks
 from planview.trajectories.rows import require_unique
 from planview.trajectories.state import TrackState
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 TRACK_COLUMNS = (
     "frame", "timestamp_s", "id", "x_m", "y_m", "vx_mps", "vy_mps", "height_m", "state",
@@ -24,9 +25,6 @@ TRACK_COLUMNS = (
 )  # fmt: skip
 TRUTH_COLUMNS = ("frame", "id", "x_m", "y_m", "height_m")
 STATES = ("tentative", "confirmed", "lost")
-StateColumn = np.ndarray[tuple[int], np.dtype[np.str_]]
-BLOCK_ROWS = 20_000
-"""Rows of a file that are text in memory at a time: the text of 500,000 rows takes a gigabyte (our choice)."""
 IGNORED = -1.0
 """``visible`` of a truth row that never counts: a distractor of a benchmark."""
 
@@ -50,7 +48,7 @@ class Trajectories:
     x_m: F64
     y_m: F64
     height_m: F64
-    state: StateColumn
+    state: WordColumn
     visible: F64
     box_px: F64
     velocity_mps: F64
@@ -61,6 +59,23 @@ class Trajectories:
     def where(self, keep: Bool | I64) -> Trajectories:
         """The rows where a (N,) mask is true, or those of (M,) indices in that order."""
         return Trajectories(**{name: getattr(self, name)[keep] for name in self.__dataclass_fields__})
+
+    def to_dataframe(self) -> DataFrame:
+        """A pandas DataFrame with the columns of ``tracks.csv`` (``TRACK_COLUMNS``), a row per person and frame.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise InputError("expected the package pandas; install planview[table]") from error
+        states = pandas.Series(self.state, dtype="str")
+        box, velocity = self.box_px.T, self.velocity_mps.T
+        place = self.x_m, self.y_m, *velocity, self.height_m
+        columns = (self.frame, self.timestamp_s, self.track_id, *place, states, *box)
+        frame: DataFrame = pandas.DataFrame(dict(zip(TRACK_COLUMNS, columns, strict=True)))
+        return frame
 
 
 def positions_table(
@@ -188,12 +203,12 @@ def _rounded(rows: Sequence[Sequence[float]], columns: int, digits: int) -> F64:
 
 
 def _read(path: Path, required: tuple[str, ...], what: str) -> Trajectories:
-    table = concatenated([_block_table(block) for block in _blocks(path, required, what)])
+    table = concatenated([_block_table(block) for block in csv_blocks(path, required, what)])
     require_unique(path, table.frame, table.track_id)
     return table
 
 
-def _block_table(columns: _Columns) -> Trajectories:
+def _block_table(columns: CsvColumns) -> Trajectories:
     return Trajectories(
         frame=columns.integers("frame"),
         track_id=columns.integers("id"),
@@ -201,85 +216,8 @@ def _block_table(columns: _Columns) -> Trajectories:
         x_m=columns.numbers("x_m", np.nan),
         y_m=columns.numbers("y_m", np.nan),
         height_m=columns.numbers("height_m", np.nan),
-        state=columns.states(),
+        state=columns.words("state", STATES, "confirmed"),
         visible=columns.numbers("visible", 1.0),
         box_px=np.column_stack([columns.numbers(n, np.nan) for n in ("left_px", "top_px", "width_px", "height_px")]),
         velocity_mps=np.column_stack([columns.numbers(n, np.nan) for n in ("vx_mps", "vy_mps")]),
     )
-
-
-def _blocks(path: Path, required: tuple[str, ...], what: str) -> Iterator[_Columns]:
-    """The rows of a file in blocks, at least one."""
-    require_file(path, f"a {what} file")
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.reader(file)
-            names = next(reader, [])
-            missing = [name for name in required if name not in names]
-            if missing:
-                raise InputError(f"{path}: expected a {what} file with the column {missing[0]!r}, found {names}")
-            rows, line = filter(None, reader), 2
-            while (block := list(islice(rows, BLOCK_ROWS))) or line == 2:
-                yield _Columns(path, names, block, line)
-                line += max(1, len(block))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: expected a {what} file, found {error}") from error
-
-
-class _Columns:
-    """The text of rows of a CSV file by column, converted on request with errors that name file, line and column.
-
-    Args:
-        names: of the columns.
-        rows: their cells, the first of them from line ``line``.
-    """
-
-    def __init__(self, path: Path, names: list[str], rows: list[list[str]], line: int) -> None:
-        self._path, self._line = path, line
-        self._width, self._n_rows = len(names), len(rows)
-        nothing = (None,) * len(rows)
-        columns = list(zip_longest(*rows))
-        self._cells: dict[str, tuple[str | None, ...]] = {
-            name: columns[i] if i < len(columns) else nothing for i, name in enumerate(names)
-        }
-
-    def numbers(self, name: str, default: float) -> F64:
-        """(N,) values; ``default`` where the cell is empty or the column missing."""
-        if name not in self._cells:
-            return np.full(self._n_rows, default)
-        number = self._number
-        return np.array([number(text, name, i, default) for i, text in enumerate(self._cells[name])], dtype=np.float64)
-
-    def _number(self, text: str | None, name: str, row: int, default: float) -> float:
-        if text is None:
-            raise InputError(f"{self._path}: expected {self._width} cells in line {row + self._line}, found fewer")
-        try:
-            return float(text)
-        except ValueError:
-            if not text.strip():
-                return default
-            raise InputError(
-                f"{self._path}: expected a number in {name!r}, line {row + self._line}, found {text!r}"
-            ) from None
-
-    def integers(self, name: str) -> I64:
-        """(N,) int64; an empty cell is refused."""
-        values = self.numbers(name, np.nan)
-        bad = np.flatnonzero(~np.isfinite(values) | (values != np.floor(np.nan_to_num(values))))
-        if len(bad):
-            i = int(bad[0])
-            raise InputError(
-                f"{self._path}: expected a whole number in {name!r}, line {i + self._line}, "
-                f"found {self._cells[name][i]!r}"
-            )
-        return values.astype(np.int64)
-
-    def states(self) -> StateColumn:
-        """(N,) states; "confirmed" where the cell is empty or the column missing."""
-        states = [state or "confirmed" for state in self._cells.get("state", (None,) * self._n_rows)]
-        if not set(states) <= set(STATES):
-            i, state = next((i, state) for i, state in enumerate(states) if state not in STATES)
-            raise InputError(
-                f"{self._path}: expected a state of {', '.join(STATES)} in line {i + self._line}, found {state!r}"
-            )
-        return np.array(states, dtype=np.str_)

@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from short_clip import write_short_clip
 from toy_run import EMPTY, FEW, FRAMES, Pair, Say, write_world
 from toy_stereo import ToyWorld, toy_rig, walking, write_toy_recording
 
@@ -28,6 +29,12 @@ def recording(pairs: list[Pair], tmp_path_factory: pytest.TempPathFactory) -> Pa
 def engine(recording: Path) -> Pipeline:
     """Floor found once; iterating it anew gives the same frames."""
     return Pipeline.from_recording(recording, load_config(None, [FEW]))
+
+
+@pytest.fixture(scope="session")
+def short_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which data/synthetic/demo is a part of the committed clip."""
+    return write_short_clip(tmp_path_factory.mktemp("short"))
 
 
 @pytest.fixture

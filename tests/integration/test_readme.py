@@ -1,43 +1,15 @@
 """The Python examples of the README run as they stand, on the committed clip cut to a few dozen frames."""
 
 import re
-import shutil
 from pathlib import Path
 
-import cv2
 import pytest
-
-ROOT = Path(__file__).resolve().parents[2]
-CLIP = ROOT / "data" / "synthetic" / "demo"
-KEPT = (*range(12), *range(88, 124))
-"""An empty room, then the first visitor on her way in."""
-FPS = 15
+from short_clip import KEPT, ROOT
 
 
 def examples() -> list[str]:
     readme = ROOT / "README.md"
     return re.findall(r"^```python\n(.*?)^```", readme.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
-
-
-@pytest.fixture(scope="module")
-def short_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder in which data/synthetic/demo is the short clip, at half size (its calibration scales with it)."""
-    place = tmp_path_factory.mktemp("readme")
-    folder = place / "data" / "synthetic" / "demo"
-    for side in ("left", "right"):
-        (folder / side).mkdir(parents=True)
-        capture = cv2.VideoCapture(str(CLIP / f"{side}.mp4"))
-        for index in range(KEPT[-1] + 1):
-            found, image = capture.read()
-            assert found
-            if index in KEPT:
-                half = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-                cv2.imwrite(str(folder / side / f"{KEPT.index(index):06d}.png"), half)
-        capture.release()
-    times = "".join(f"{index},{index / FPS:.4f}\n" for index in range(len(KEPT)))
-    (folder / "timestamps.csv").write_text("frame,timestamp_s\n" + times)
-    shutil.copy(CLIP / "rig.toml", folder)
-    return place
 
 
 def test_the_readme_has_an_example() -> None:

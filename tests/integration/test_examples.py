@@ -1,0 +1,64 @@
+"""Every program of ``examples/`` runs, on a part of the committed clip."""
+
+import json
+import runpy
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from short_clip import ROOT
+
+EXAMPLES = ROOT / "examples"
+FRAMES = 22
+
+
+@pytest.fixture
+def example(short_clip: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], dict[str, Any]]:
+    """Load a program where data/synthetic/demo is the short clip."""
+    monkeypatch.chdir(short_clip)
+    return lambda name: runpy.run_path(str(EXAMPLES / name), run_name="example")
+
+
+def test_every_example_is_tested() -> None:
+    found = {path.name for path in EXAMPLES.iterdir() if path.suffix in (".py", ".ipynb")}
+    assert found == {"own_matcher.py", "own_tracker.py", "ablation.py", "sweep.py", "first_steps.ipynb"}
+
+
+def test_own_matcher_finds_the_visitor(example: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    example("own_matcher.py")["main"](frames=FRAMES)
+    assert "block matching: 1 people" in capsys.readouterr().out
+
+
+def test_own_tracker_finds_the_visitor(example: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    example("own_tracker.py")["main"](frames=FRAMES)
+    assert "switches 0" in capsys.readouterr().out
+
+
+def test_ablation_prints_a_row_for_each_variant(example: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    example("ablation.py")["main"](frames=FRAMES, names=("height only",))
+    rows = capsys.readouterr().out.splitlines()
+    assert [row[:14] for row in rows] == ["as configured ", "height only   "]
+
+
+def test_sweep_prints_a_row_for_each_value(example: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    example("sweep.py")["main"](frames=FRAMES, cells_m=(0.04, 0.08))
+    rows = capsys.readouterr().out.splitlines()
+    assert [row.split(",")[0] for row in rows] == ["cell_m", "0.04", "0.08"]
+
+
+def test_cells_of_the_notebook_run_in_order(short_clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pandas", reason="the extra table is not installed")
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    monkeypatch.chdir(short_clip)
+    notebook = json.loads((EXAMPLES / "first_steps.ipynb").read_text(encoding="utf-8"))
+    names: dict[str, Any] = {"__name__": "__main__"}
+    for cell in notebook["cells"]:
+        if cell["cell_type"] == "code":
+            assert not cell["outputs"], "the committed notebook holds no outputs"
+            source = "".join(cell["source"]).replace("frames = 0", f"frames = {FRAMES}")
+            exec(compile(source, cell["id"], "exec"), names)
+    assert names["scores"]["switches"] == 0
+    assert set(names["table"].columns) >= {"frame", "id", "x_m", "y_m", "state"}
