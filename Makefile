@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test check lock clean setup
+.PHONY: demo test check docs lock clean setup
 
 setup: $(STAMP)
 
@@ -26,6 +26,13 @@ check: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python tools/reference.py --check
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+docs: setup
+	$(BIN)/python tools/reference.py
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo "open out/site/index.html, or: $(BIN)/mkdocs serve"
 
 lock:
 	uv lock --quiet && uv export --frozen --quiet --all-extras --no-emit-project --no-header -o requirements.lock && rm -f uv.lock
