@@ -58,8 +58,8 @@ def parameters_page() -> str:
     parts = [
         GENERATED,
         "# Parameters\n",
-        "Every parameter of a run, by the table that holds it in a configuration file; `--set maps.cell_m=0.03` changes "
-        "one, `--config FILE.toml` several. A name that does not exist and a value out of range are refused.\n",
+        "Every parameter of a run, by the table that holds it in a configuration file; `--set maps.cell_m=0.03` "
+        "changes one, `--config FILE.toml` several. A name that does not exist and a value out of range are refused.\n",
     ]
     parts += [_section("##", f"`[{name}]`" if name else "Top level", cls) for name, cls in tables.items()]
     parts.append("## Outside a run's configuration\n")
@@ -133,7 +133,8 @@ def api_page() -> str:
 
 def _public() -> list[tuple[str, str]]:
     tree = ast.parse((ROOT / "planview" / "__init__.py").read_text(encoding="utf-8"))
-    homes = next(n.value for n in tree.body if isinstance(n, ast.Assign) and getattr(n.targets[0], "id", "") == "_HOMES")
+    assigned = [n for n in tree.body if isinstance(n, ast.Assign)]
+    homes = next(n.value for n in assigned if getattr(n.targets[0], "id", "") == "_HOMES")
     public = [(module, name) for module, names in ast.literal_eval(homes).items() for name in names]
     missing = {name for _, name in public} ^ set(planview.__all__)
     if missing:
