@@ -15,12 +15,13 @@ import numpy as np
 from calib.errors import InputError
 from calib.files import write_whole
 from calib.text import read_text
-from calib.types import F64
+from calib.types import F64, Bool
 
 COLUMNS = (
     "left_px", "top_px", "width_px", "height_px", "head_x_px", "head_y_px", "foot_x_px", "foot_y_px",
 )  # fmt: skip
-"""Columns of a CSV of samples, after an optional ``frame``; the suffix ``_px`` may be left out."""
+"""Columns of a CSV of samples, beside an optional ``frame`` and ``height_m`` (the person's); the suffix ``_px`` may be
+left out."""
 MIN_SAMPLES = 3
 """The paper asks for a person at 3 or more positions."""
 MAX_BYTES = 10_000_000
@@ -35,19 +36,23 @@ class HumanSample:
         head_px: top of the head (u, v) [px].
         foot_px: middle between the feet (u, v) [px].
         frame: index in the video it was taken from, -1 when unknown.
+        height_m: of this person, with shoes [m]; None when unknown.
     Raises:
-        ValueError: values that are not finite, an empty box, or a head or foot far outside the box.
+        ValueError: values that are not finite, an empty box, a head or foot far outside the box, or no body height.
     """
 
     box_px: tuple[float, float, float, float]
     head_px: tuple[float, float]
     foot_px: tuple[float, float]
     frame: int = -1
+    height_m: float | None = None
 
     def __post_init__(self) -> None:
         values = (*self.box_px, *self.head_px, *self.foot_px)
         if not all(math.isfinite(v) for v in values):
             raise ValueError(f"expected finite pixels, got {values}")
+        if self.height_m is not None and not 0.5 <= self.height_m <= 2.5:
+            raise ValueError(f"expected a person of 0.5 to 2.5 m, got {self.height_m:g}")
         left, top, width, height = self.box_px
         if width <= 0 or height <= 0:
             raise ValueError(f"expected a box of positive width and height, got {width:g}x{height:g}")
@@ -67,6 +72,25 @@ class HumanSample:
         """(8,) left, top, right, bottom, head u, v, foot u, v [px]."""
         left, top, width, height = self.box_px
         return np.array([left, top, left + width, top + height, *self.head_px, *self.foot_px])
+
+
+@dataclass(frozen=True, eq=False)
+class People:
+    """Samples as arrays.
+
+    Attributes:
+        rows: (n, 8) float64 (see ``HumanSample.row``).
+        scale: (n,) float64 height that is expected of each over the model's [1]; scale_std: its deviation.
+        told: (n,) bool whose height was told; the others' follows the people's mean.
+    """
+
+    rows: F64
+    scale: F64
+    scale_std: F64
+    told: Bool
+
+    def __len__(self) -> int:
+        return len(self.rows)
 
 
 def check_samples(samples: Sequence[HumanSample], size: tuple[int, int], name: str) -> None:
@@ -100,11 +124,22 @@ def check_samples(samples: Sequence[HumanSample], size: tuple[int, int], name: s
         )
 
 
+def only_boxes(rows: F64) -> bool:
+    """Whether heads and feet of (n, 8) rows are but the middles of the boxes' edges, so that they add nothing.
+
+    Taken at their word they would say that people never lean outwards in the image, which is an infinite focal length.
+    """
+    middle = (rows[:, 0] + rows[:, 2]) / 2
+    ends = np.stack([middle, rows[:, 1], middle, rows[:, 3]], axis=1)
+    return bool((np.abs(rows[:, 4:] - ends) <= 1.0).all())
+
+
 def read_samples(path: Path) -> tuple[HumanSample, ...]:
     """Read samples from CSV (columns ``COLUMNS``) or JSON.
 
     JSON is a list of objects, or an object with such a list under "samples"; each has "box" [left, top, width,
-    height], "head" [u, v], "foot" [u, v] and optionally "frame", or the columns of the CSV as keys.
+    height], "head" [u, v], "foot" [u, v] and optionally "frame" and the person's "height_m", or the columns of the CSV
+    as keys.
 
     Raises:
         InputError: unreadable, columns missing, or values that cannot be a person's.
@@ -145,14 +180,18 @@ def read_image_size(path: Path) -> tuple[int, int] | None:
 def write_samples(samples: Sequence[HumanSample], path: Path, image_size: tuple[int, int] | None = None) -> None:
     """Write samples as JSON with the (width, height) of their image, or as CSV when the name ends so."""
     if path.suffix.lower() == ".csv":
-        lines = [",".join(("frame", *COLUMNS))]
-        lines += [
-            ",".join([str(s.frame), *(repr(float(v)) for v in (*s.box_px, *s.head_px, *s.foot_px))]) for s in samples
-        ]
+        told = any(s.height_m is not None for s in samples)
+        lines = [",".join(("frame", *COLUMNS, *(["height_m"] if told else [])))]
+        for s in samples:
+            cells = [str(s.frame), *(repr(float(v)) for v in (*s.box_px, *s.head_px, *s.foot_px))]
+            body = "" if s.height_m is None else repr(float(s.height_m))
+            lines.append(",".join([*cells, *([body] if told else [])]))
         write_whole(path, "\n".join(lines) + "\n")
         return
     rows = [
-        {"frame": s.frame, "box": list(s.box_px), "head": list(s.head_px), "foot": list(s.foot_px)} for s in samples
+        {"frame": s.frame, "box": list(s.box_px), "head": list(s.head_px), "foot": list(s.foot_px)}
+        | ({} if s.height_m is None else {"height_m": s.height_m})
+        for s in samples
     ]
     size = {} if image_size is None else {"image_size": list(image_size)}
     write_whole(path, json.dumps({**size, "samples": rows}, indent=1) + "\n")
@@ -191,7 +230,9 @@ def _sample(row: Mapping[str, Any]) -> HumanSample:
         (head_u, head_v), (foot_u, foot_v) = ([_number(v) for v in row[name]] for name in ("head", "foot"))
     else:
         left, top, width, height, head_u, head_v, foot_u, foot_v = (_number(_cell(row, name)) for name in COLUMNS)
-    return HumanSample((left, top, width, height), (head_u, head_v), (foot_u, foot_v), frame)
+    body = row.get("height_m")
+    body_m = None if body is None or body == "" else _number(body)
+    return HumanSample((left, top, width, height), (head_u, head_v), (foot_u, foot_v), frame, body_m)
 
 
 def _cell(row: Mapping[str, Any], name: str) -> Any:

@@ -18,7 +18,7 @@ from rich.progress import Progress
 from calib.errors import InputError
 from calib.ground_camera import LENS_K_320, save_ground_camera
 from calib.human.calibration import HumanCalibration, calibrate_from_people
-from calib.human.model import HumanModel
+from calib.human.knowledge import KnownValues
 from calib.human.samples import HumanSample, check_samples, read_image_size, read_samples, write_samples
 from calib.images import as_colour, write_image
 from calib.types import U8
@@ -46,8 +46,14 @@ class HumanOptions:
     """Video that the samples come from: its frames are the picture's background."""
     auto: Flag = False
     """Collect the samples from a video of one person walking alone."""
-    person_height: float = 1.76
-    """Height of the people in the samples [m]."""
+    person_height: float | None = None
+    """Mean height of the people in the samples with shoes, where it is known [m]; 1.76 is assumed otherwise."""
+    focal: float | None = None
+    """Focal length, where it is known [px of the samples' image]."""
+    field: float | None = None
+    """Horizontal field of view, where it is known, in place of the focal length [deg]: of a phone, from its EXIF."""
+    camera_height: float | None = None
+    """Height of the camera above the floor, where it is known [m]."""
     count: int = 30
     """How many samples --auto takes."""
     json_output: JsonFlag = False
@@ -72,22 +78,35 @@ def calibrate_human(samples: Path, *, options: HumanOptions | None = None) -> No
     console = PlainConsole(stderr=True)
     if options.lens is not None and options.lens not in LENS_K_320:
         raise InputError(f"--lens: expected one of {', '.join(LENS_K_320)}, found {options.lens!r}")
-    if not 0.5 <= options.person_height <= 2.5:
-        raise InputError(f"--person-height: expected 0.5 to 2.5 m, found {options.person_height:g}")
+    known = _known(options)
     if not 3 <= options.count <= 200:
         raise InputError(f"--count: expected 3 to 200, found {options.count}")
     video = open_video(samples) if options.auto else open_video(options.frames) if options.frames else None
     size = _size(options.image_size, video, None if options.auto else read_image_size(samples), samples)
     taken = _collect(video, options.count, console) if options.auto and video is not None else read_samples(samples)
     check_samples(taken, size, str(samples))
-    model = HumanModel().scaled(options.person_height)
-    found = calibrate_from_people(taken, size, options.lens, model=model, name=str(samples))
+    found = calibrate_from_people(taken, size, options.lens, known=known, name=str(samples))
     collected = options.out.with_suffix(".samples.json") if options.auto else None
     written = _write(found, taken, video, options.out, collected)
     _summarise(found, len(taken), console)
     console.print(f"wrote {' and '.join(str(path) for path in written)}")
     if options.json_output:
         print(json.dumps(_report(found, taken, options.out)))
+
+
+def _known(options: HumanOptions) -> KnownValues:
+    try:
+        return KnownValues(options.focal, options.field, options.camera_height, options.person_height)
+    except ValueError as error:
+        text = str(error)
+        for option, name in (
+            ("--person-height", "person_height_m"),
+            ("--camera-height", "height_m"),
+            ("--focal", "focal_px"),
+            ("--field", "field_deg"),
+        ):
+            text = text.replace(name, option)
+        raise InputError(text) from error
 
 
 def _write(
@@ -107,16 +126,19 @@ def _write(
 
 
 def _summarise(found: HumanCalibration, n_samples: int, console: Console) -> None:
-    camera, (height_std, tilt_std, focal_std) = found.camera, found.std
+    camera, std = found.camera, found.std
     console.print(
-        f"camera {camera.height_m:.2f} m (+-{height_std * camera.height_m:.2f}) above the floor, tilt "
-        f"{math.degrees(camera.tilt_rad):.1f} (+-{math.degrees(tilt_std):.1f}) degrees, roll "
-        f"{math.degrees(camera.roll_rad):.1f}, focal length {camera.focal_px:.0f} "
-        f"(+-{focal_std * camera.focal_px:.0f}) px, lens {camera.lens}; error {found.error:.3f} over {n_samples} "
+        f"camera {camera.height_m:.2f} m (+-{std.height * camera.height_m:.2f}) above the floor, tilt "
+        f"{math.degrees(camera.tilt_rad):.1f} (+-{math.degrees(std.tilt_rad):.1f}) degrees, roll "
+        f"{math.degrees(camera.roll_rad):.1f} (+-{math.degrees(std.roll_rad):.1f}), focal length {camera.focal_px:.0f} "
+        f"(+-{std.focal * camera.focal_px:.0f}) px, lens {camera.lens}; error {found.error:.3f} over {n_samples} "
         f"samples, search {found.search_s:.2f} s"
     )
+    if found.odd:
+        console.print(f"samples that fit badly, look at them again: {', '.join(str(i + 1) for i in found.odd)}")
     if found.boxes_only:
         console.print("heads and feet are the middles of the boxes' edges: the focal length rests on the lens class")
+    console.print(found.assessment.sentence)
 
 
 def _size(text: str | None, video: Video | None, recorded: tuple[int, int] | None, samples: Path) -> tuple[int, int]:
@@ -186,7 +208,8 @@ def _background(size: tuple[int, int], samples: Sequence[HumanSample], video: Vi
 
 def _report(found: HumanCalibration, samples: Sequence[HumanSample], out: Path) -> dict[str, Any]:
     camera = found.camera
-    height_std, tilt_std, focal_std = found.std
+    std, verdict = found.std, found.assessment
+    following = verdict.next_sample
     return {
         "height_m": camera.height_m,
         "tilt_deg": math.degrees(camera.tilt_rad),
@@ -194,9 +217,15 @@ def _report(found: HumanCalibration, samples: Sequence[HumanSample], out: Path) 
         "focal_px": camera.focal_px,
         "lens": camera.lens,
         "error": found.error,
-        "height_std_m": height_std * camera.height_m,
-        "tilt_std_deg": math.degrees(tilt_std),
-        "focal_std_px": focal_std * camera.focal_px,
+        "height_std_m": std.height * camera.height_m,
+        "tilt_std_deg": math.degrees(std.tilt_rad),
+        "focal_std_px": std.focal * camera.focal_px,
+        "roll_std_deg": math.degrees(std.roll_rad),
+        "enough": verdict.enough,
+        "floor_error_m": round(verdict.floor_error_m, 3) if math.isfinite(verdict.floor_error_m) else None,
+        "verdict": verdict.sentence,
+        "next_sample_px": None if following is None else [round(v, 1) for v in following.foot_px],
+        "odd_samples": [i + 1 for i in found.odd],
         "sample_errors": [round(float(e), 4) for e in found.sample_errors],
         "samples": len(samples),
         "boxes_only": found.boxes_only,

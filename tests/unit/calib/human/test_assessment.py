@@ -1,0 +1,82 @@
+import math
+
+import numpy as np
+import pytest
+
+from calib.errors import WorkError
+from calib.ground_camera import GroundCamera
+from calib.human.calibration import calibrate_from_people
+from calib.human.knowledge import KnownValues
+from calib.human.samples import HumanSample
+from tests.people import standing_people
+
+STREET = GroundCamera(480, 360, 740.0, 7.0, math.radians(73.5), "pinhole")
+
+
+def test_known_focal_length_makes_a_poor_set_enough() -> None:
+    people = standing_people(STREET, 5, seed=2, noise_px=4.0)
+    alone = calibrate_from_people(people, STREET.size, "pinhole")
+    told = calibrate_from_people(people, STREET.size, "pinhole", known=KnownValues(focal_px=740.0))
+    assert not alone.assessment.enough
+    assert alone.assessment.sentence.startswith("not enough: ")
+    assert "focal length or field of view" in alone.assessment.sentence
+    assert told.assessment.enough
+    assert told.camera.focal_px == pytest.approx(740.0, rel=0.03)
+    assert told.assessment.floor_error_m < alone.assessment.floor_error_m
+
+
+def test_field_of_view_is_a_focal_length() -> None:
+    field = math.degrees(2 * math.atan(240 / 740))
+    assert KnownValues(field_deg=field).focal(480, 0.0) == pytest.approx(740.0)
+
+
+def test_known_camera_height_tells_the_stature_of_the_people() -> None:
+    # People of 1.76 m under a camera at 7 m give the images of people of 1.69 m under a camera at 6.7 m.
+    found = calibrate_from_people(
+        standing_people(STREET, 12, seed=1), STREET.size, "pinhole", known=KnownValues(focal_px=740.0, height_m=6.7)
+    )
+    assert 6.65 < found.camera.height_m < 6.85
+    assert found.stature == pytest.approx(found.camera.height_m / 7.0, abs=0.03)
+    assert found.stature < 0.99
+
+
+def test_next_sample_is_a_place_in_the_image_that_lowers_the_error() -> None:
+    found = calibrate_from_people(standing_people(STREET, 6, seed=2, noise_px=2.0), STREET.size, "pinhole")
+    following = found.assessment.next_sample
+    assert following is not None
+    assert 0 <= following.foot_px[0] < 480 and 0 <= following.foot_px[1] < 360
+    assert following.floor_error_m < found.assessment.floor_error_m
+
+
+def test_middles_of_noisy_boxes_are_read_as_such() -> None:
+    """Taken at their word, heads above feet everywhere would be a focal length without end."""
+    rng = np.random.default_rng(0)
+    samples = []
+    for s in standing_people(STREET, 24, seed=5):
+        left, top, width, height = s.box_px
+        ends = np.array([left + width / 2, top, left + width / 2, top + height]) + rng.normal(0, 1, 4)
+        samples.append(HumanSample(s.box_px, (ends[0], ends[1]), (ends[2], ends[3])))
+    found = calibrate_from_people(samples, STREET.size, "pinhole")
+    assert abs(math.log(found.camera.focal_px / 740.0)) < 2 * found.std.focal
+    assert found.camera.focal_px < 1.4 * 740.0
+
+
+def test_odd_sample_is_named_and_changes_little() -> None:
+    people = standing_people(STREET, 12, seed=1, noise_px=1.0)
+    left, top, width, height = people[4].box_px
+    people[4] = HumanSample((left, top, width, height / 2), people[4].head_px, (left + width / 2, top + height / 2))
+    found = calibrate_from_people(people, STREET.size, "pinhole", known=KnownValues(focal_px=740.0))
+    assert found.odd == (4,)
+    assert found.camera.height_m == pytest.approx(7.0, rel=0.04)
+
+
+def test_two_known_values_for_one_are_refused() -> None:
+    with pytest.raises(ValueError, match="focal_px or field_deg"):
+        KnownValues(focal_px=700.0, field_deg=60.0)
+
+
+def test_values_that_cannot_be_told_apart_are_refused_with_what_would_help() -> None:
+    overhead = GroundCamera(640, 480, 700.0, 9.0, 0.0, "pinhole")
+    middles = [HumanSample((x, y, 20, 20), (x + 10, y + 10), (x + 10, y + 10)) for x in (300, 320) for y in (200, 240)]
+    with pytest.raises(WorkError, match=r"cannot be told apart|no camera fits"):
+        calibrate_from_people(middles, overhead.size, "pinhole")
