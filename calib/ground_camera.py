@@ -106,6 +106,13 @@ class GroundCamera:
         Returns:
             (..., 2) float64 [m]; NaN where the ray does not meet that height (above the horizon).
         """
+        ray = self.rays(pixels)
+        down = -ray[..., 2]
+        lam = np.where(down > 1e-9, (self.height_m - height_m) / np.where(down > 1e-9, down, 1.0), np.nan)
+        return lam[..., None] * ray[..., :2]
+
+    def rays(self, pixels: ArrayLike) -> F64:
+        """(..., 3) directions in the world of (..., 2) pixels, of length focal_px at the image centre."""
         uv = np.asarray(pixels, dtype=np.float64)
         right = uv[..., 0] - (self.width - 1) / 2
         low = uv[..., 1] - (self.height - 1) / 2
@@ -119,9 +126,7 @@ class GroundCamera:
             scale = np.where(r > 0, 2.0 / (1.0 + root), 1.0)
             x, y = x * scale, y * scale
         s, c = math.sin(self.tilt_rad), math.cos(self.tilt_rad)
-        down = self.focal_px * c + y * s
-        lam = np.where(down > 1e-9, (self.height_m - height_m) / np.where(down > 1e-9, down, 1.0), np.nan)
-        return np.stack([lam * x, lam * (self.focal_px * s - y * c)], axis=-1)
+        return np.stack([x, self.focal_px * s - y * c, -(self.focal_px * c + y * s)], axis=-1)
 
     def scaled(self, width: int, height: int) -> GroundCamera:
         """The same camera at another resolution of the same field of view."""

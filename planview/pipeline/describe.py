@@ -13,13 +13,16 @@ from planview.pipeline.info import CameraInfo, FloorInfo
 from stereo.floor_camera import StereoFloorCamera
 
 VIEW_DISTANCE_M = 15.0
-"""The outline of the view on the floor ends here [m]."""
+"""The outline of a stereo camera's view on the floor ends here [m]: depth is too coarse beyond (our choice)."""
+PERSON_PX = 20.0
+"""That of a single camera ends where a person of 1.7 m is so high in the image [px] (our choice)."""
 
 
 def stereo_camera_info(view: StereoView) -> CameraInfo:
     """The rectified left camera, or that of images with depth."""
     geometry, residual_px = view.geometry, view.vertical_residual_px
-    on_floor = view.camera.back_project(_border(*geometry.size))
+    pose = view.floor.world_SE3_left
+    rays = geometry.rays(_border(*geometry.size)) @ pose.rotation.T
     return CameraInfo(
         width=geometry.width,
         height=geometry.height,
@@ -28,7 +31,7 @@ def stereo_camera_info(view: StereoView) -> CameraInfo:
         depth_sensor=view.sensor,
         calibration=view.calibration or None,
         vertical_residual_px=None if math.isnan(residual_px) else residual_px,
-        view_m=_outline(on_floor, view.floor.world_SE3_left.translation[:2]),
+        view_m=_outline(rays, pose.translation, VIEW_DISTANCE_M),
     )
 
 
@@ -77,7 +80,12 @@ def ground_camera_info(camera: GroundCamera) -> CameraInfo:
         width=camera.width,
         height=camera.height,
         focal_px=camera.focal_px,
-        view_m=_outline(camera.back_project(_border(camera.width, camera.height)), np.zeros(2)),
+        lens=camera.lens,
+        view_m=_outline(
+            camera.rays(_border(camera.width, camera.height)),
+            np.array([0.0, 0.0, camera.height_m]),
+            max(VIEW_DISTANCE_M, 1.7 * camera.focal_px / PERSON_PX),
+        ),
     )
 
 
@@ -96,8 +104,17 @@ def _border(width: int, height: int, samples: int = 16) -> F64:
     return np.concatenate([np.column_stack(side) for side in sides])
 
 
-def _outline(floor_m: F64, camera_m: F64) -> list[tuple[float, float]]:
-    """Floor points around the view; what lies beyond the horizon or VIEW_DISTANCE_M is left out."""
-    inside = np.isfinite(floor_m).all(axis=1)
-    inside &= np.hypot(*(np.nan_to_num(floor_m) - camera_m).T) <= VIEW_DISTANCE_M
-    return [(float(x), float(y)) for x, y in floor_m[inside]]
+def _outline(rays: F64, camera_m: F64, reach_m: float) -> list[tuple[float, float]]:
+    """Floor points around the view: where the rays of the border meet the floor, at most ``reach_m`` away.
+
+    A ray that meets it beyond, or points above the horizon, stands for the floor in its direction.
+
+    Args:
+        rays: (N, 3) directions once around the image, world frame.
+        camera_m: (3,) place of the camera [m].
+    """
+    across = np.hypot(rays[:, 0], rays[:, 1])
+    down = np.maximum(-rays[:, 2], 1e-12)
+    reach = np.where(rays[:, 2] < 0, np.minimum(camera_m[2] * across / down, reach_m), reach_m)
+    places = camera_m[:2] + rays[:, :2] * (reach / np.maximum(across, 1e-12))[:, None]
+    return [(float(x), float(y)) for x, y in places]

@@ -43,6 +43,8 @@ class CameraInfo(InfoPart):
     height: int
     """Image size [px]."""
     focal_px: float | None = None
+    lens: str | None = None
+    """Class of lens of a single camera (camera.toml); None for others."""
     baseline_m: float | None = None
     """Between left and right camera; None for one camera."""
     depth_sensor: str | None = None

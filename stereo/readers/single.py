@@ -40,6 +40,14 @@ class SingleRecording:
                 yield VideoFrame(frame.index, self._time(frame.index, frame.timestamp_s), frame.image)
         skipped += [Skipped(i, "recording ends before this frame") for i in range(last + 1, self.n_frames)]
 
+    def at(self, indices: Sequence[int]) -> list[VideoFrame]:
+        """The usable ones of these frames, whose indices ascend; ``skipped`` is not touched."""
+        return [
+            VideoFrame(frame.index, self._time(frame.index, frame.timestamp_s), frame.image)
+            for frame in self._source.at(indices)
+            if frame.image is not None
+        ]
+
     def _time(self, index: int, file_time_s: float | None) -> float:
         if self._times_s is not None:
             return time_at(self._times_s, index, self.fps)

@@ -10,14 +10,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import JsonValue
 
-from calib.errors import InputError
-from calib.types import F64
-from planview.analytics.clock import Clock
-from planview.analytics.events import Event, read_events
+from planview.drawing.colours import ERRORS, as_hex, person_hex
+from planview.pipeline.config import Config
 from planview.pipeline.info import CameraInfo
-from planview.runs.info import RunInfo, read_run_info, write_result
-from planview.runs.report import plots
-from planview.trajectories.table import Trajectories, read_tracks
+from planview.runs.info import RunInfo, write_result
+from planview.runs.report import floor_plots, plots
+from planview.runs.report.ledger import Ledger, read_ledger
+from planview.runs.report.moments import ERRORS_MAX, scene_pictures
+from planview.runs.report.people import PersonRow, people_rows
+from planview.runs.report.scores import errors_of, scores_of
+from planview.runs.report.timelines import timelines
+from planview.runs.scene.results import RunResults, read_results
 
 _NOT_SHOWN = {"view_m", "world_SE3_left", "name", "at_m", "heads"}
 """Of camera and floor, what is drawn and not listed."""
@@ -33,166 +36,165 @@ class NamedFigure(NamedTuple):
     value: str
 
 
+class Setting(NamedTuple):
+    """A parameter that differs from its default, ready to print."""
+
+    name: str
+    value: str
+    default: str
+
+
 class Picture(NamedTuple):
-    """A PNG as a data URI."""
+    """A PNG as a data URI; ``keep_colours``: its colours are a scale, which dark pages do not turn around."""
 
     title: str
     data: str
     note: str = ""
+    keep_colours: bool = False
 
 
-class _Material(NamedTuple):
-    """What the folder holds; empty where a file is missing."""
+class ListedPerson(NamedTuple):
+    """A person of the page: ``row`` as in the table, and the ledger where there is one."""
 
-    info: RunInfo
-    has_run: bool
-    tracks: Trajectories
-    clock: Clock
-    events: list[Event]
-    counts: dict[str, Any]
-    evaluation: dict[str, Any]
+    row: PersonRow
+    ledger: Ledger | None
+
+    def shown(self) -> dict[str, Any]:
+        """What the template prints."""
+        return {**self.row._asdict(), "colour": person_hex(self.row.track_id), "ledger": self.ledger}
 
 
-def write_report(folder: Path, evaluation: dict[str, Any] | None = None) -> Path:
-    """Write ``report.html`` from run.json, tracks.csv, events.csv, counts.json and evaluation.json.
+def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: Path | None = None) -> Path:
+    """Write ``report.html`` from the files of a run's folder, with pictures from its recording.
 
-    Only tracks.csv must be there; whatever else is missing is left out of the page. The page makes no outside requests.
+    Only tracks.csv must be there; whatever else is missing, the recording too, is left out of the page. The page makes
+    no outside requests.
 
     Args:
         folder: output folder of a run.
-        evaluation: ``Evaluation.to_json()``; ``evaluation.json`` of the folder where not given.
+        evaluation: ``Evaluation.to_json()``; ``evaluation.json`` of the folder where not given, else the scores
+            against the truth.
+        truth: file of the true people; ``truth.csv`` of the recording where not given.
     Returns:
         The path of the page.
     Raises:
         InputError: no tracks.csv, or a file that is not what its name says.
         WorkError: the page cannot be written.
     """
-    page = _render(_material(folder, evaluation), folder)
+    results = read_results(folder, truth)
+    page = _render(results, scores_of(results) if evaluation is None else evaluation)
     path = folder / "report.html"
     write_result(path, page)
     return path
 
 
-def _material(folder: Path, evaluation: dict[str, Any] | None) -> _Material:
-    run, events = folder / "run.json", folder / "events.csv"
-    info = read_run_info(run) if run.is_file() else RunInfo()
-    tracks = read_tracks(folder / "tracks.csv")
-    return _Material(
-        info,
-        run.is_file(),
-        tracks,
-        Clock(tracks, 30.0),
-        read_events(events) if events.is_file() else [],
-        _json(folder / "counts.json") or dict(info.counts),
-        _json(folder / "evaluation.json") if evaluation is None else evaluation,
-    )
-
-
-def _json(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        return {}
-    try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: expected JSON, found {error}") from error
-    if not isinstance(value, dict):
-        raise InputError(f"{path}: expected a JSON object, found {type(value).__name__}")
-    return value
-
-
-def _render(material: _Material, folder: Path) -> str:
+def page_of(template: str, **values: Any) -> str:
+    """A template of this room filled in; everything is escaped."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     loader = PackageLoader("planview.runs.report", ".")
     environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
-    info = material.info
-    people = _people(material)
-    return environment.get_template("report.html.j2").render(
-        name=Path(info.input).name or folder.resolve().name,
+    return environment.get_template(template).render(**values)
+
+
+def _render(results: RunResults, evaluation: dict[str, Any]) -> str:
+    info, errors = results.info, errors_of(evaluation)
+    ids = np.unique(results.tracks.track_id[results.tracks.state == "confirmed"])
+    ledgers = read_ledger(results.folder / "decisions.csv", set(ids[:PEOPLE_MAX].tolist()))
+    people = people_rows(results.tracks, results.clock, ids[:PEOPLE_MAX])
+    return page_of(
+        "report.html.j2",
+        name=run_name(results),
         info=info,
-        has_run=material.has_run,
-        tiles=_tiles(material),
-        pictures=_pictures(material),
-        counts=_count_rows(_rules(material)),
-        evaluation=_evaluation_rows(material.evaluation),
-        errors=material.evaluation.get("significant_error_list") or [],
-        people=people[:PEOPLE_MAX],
-        more_people=max(0, len(people) - PEOPLE_MAX),
+        has_run=results.has_run,
+        has_truth=results.truth is not None,
+        has_ledger=bool(ledgers),
+        tiles=_tiles(results, evaluation, len(ids)),
+        scenes=scene_pictures(results, errors),
+        times=timelines(results.tracks, results.truth, results.clock, results.n_frames, errors),
+        error_colours=[(kind.replace("_", " "), as_hex(rgb)) for kind, rgb in ERRORS.items()],
+        more_errors=max(0, len(errors) - ERRORS_MAX),
+        pictures=_pictures(results),
+        counts=_count_rows(results.rule_counts),
+        evaluation=evaluation_rows(evaluation),
+        errors=errors,
+        people=[ListedPerson(row, ledgers.get(row.track_id)).shown() for row in people],
+        more_people=max(0, len(ids) - PEOPLE_MAX),
         camera=_camera_rows(info),
-        settings=_settings(info.config),
+        settings=changed_settings(info.config),
     )
 
 
-def _tiles(material: _Material) -> list[dict[str, str]]:
-    info, tracks = material.info, material.tracks
-    confirmed = np.unique(tracks.track_id[tracks.state == "confirmed"])
-    tiles = [{"label": "people", "value": f"{len(confirmed)}"}]
-    tiles.append({"label": "seconds recorded", "value": f"{_end_s(material):.1f}"})
-    if material.has_run:
-        tiles.append({"label": "frames read", "value": f"{info.frames_read}"})
-        tiles.append({"label": "frames skipped", "value": f"{info.frames_skipped}"})
+def run_name(results: RunResults) -> str:
+    """The recording's name, else the folder's."""
+    return Path(results.info.input).name or results.folder.resolve().name
+
+
+def _tiles(results: RunResults, evaluation: dict[str, Any], n_people: int) -> list[NamedFigure]:
+    info = results.info
+    tiles = [NamedFigure("people", f"{n_people}"), NamedFigure("seconds recorded", f"{_end_s(results):.1f}")]
+    if results.has_run:
+        tiles.append(NamedFigure("frames read", f"{info.frames_read}"))
+        tiles.append(NamedFigure("frames skipped", f"{info.frames_skipped}"))
         if info.elapsed_s > 0:
-            tiles.append({"label": "frames per second", "value": f"{info.frames_read / info.elapsed_s:.1f}"})
+            tiles.append(NamedFigure("frames per second", f"{info.frames_read / info.elapsed_s:.1f}"))
     if info.floor is not None:
-        tiles.append({"label": "camera height", "value": f"{info.floor.height_m:.2f} m"})
-    total = (material.evaluation.get("significant_errors") or {}).get("total")
+        tiles.append(NamedFigure("camera height", f"{info.floor.height_m:.2f} m"))
+    total = (evaluation.get("significant_errors") or {}).get("total")
     if total is not None:
-        tiles.append({"label": "significant errors", "value": f"{total}"})
+        tiles.append(NamedFigure("significant errors", f"{total}"))
+    position = evaluation.get("position_error_mean_m")
+    if position is not None:
+        tiles.append(NamedFigure("position error", f"{100 * position:.1f} cm"))
     return tiles
 
 
-def _n_frames(material: _Material) -> int:
-    last = int(material.tracks.frame.max()) + 1 if len(material.tracks) else 0
-    return max(last, material.info.frames_read + material.info.frames_skipped)
+def _end_s(results: RunResults) -> float:
+    return results.clock.span(results.n_frames).duration_s if results.n_frames else 0.0
 
 
-def _end_s(material: _Material) -> float:
-    return material.clock.span(_n_frames(material)).duration_s if _n_frames(material) else 0.0
-
-
-def _rules(material: _Material) -> dict[str, Any]:
-    rules = material.counts.get("rules")
-    return rules if isinstance(rules, dict) else {}
-
-
-def _pictures(material: _Material) -> list[Picture]:
-    tracks, rules = material.tracks, _rules(material)
+def _pictures(results: RunResults) -> list[Picture]:
+    tracks, scene = results.tracks, floor_plots.FloorScene.of(results)
     shown = tracks.where((tracks.state != "tentative") & np.isfinite(tracks.x_m) & np.isfinite(tracks.y_m))
     confirmed = shown.where(shown.state == "confirmed")
     pictures = []
     if len(shown):
         note = "Each person from the dot to the square; dotted where only predicted."
-        pictures.append(_picture("Floor", plots.floor_plot(shown, material.info.rig, rules), note))
+        note += " Dashed black: the truth." if results.truth is not None else ""
+        pictures.append(picture("Floor", floor_plots.floor_plot(shown, scene, results.truth), note))
     if len(confirmed):
-        note = f"Time that people spent in each cell of {plots.HEAT_CELL_M:.1f} m."
-        pictures.append(_picture("Heat map", plots.heat_plot(confirmed, material.clock.frame_s), note))
-    if _n_frames(material):
-        frames = np.arange(_n_frames(material), dtype=np.int64)
-        pictures.append(_picture("People over time", plots.people_plot(tracks, material.clock.at(frames), frames)))
-    stages = {stage: ms for stage, ms in material.info.stages_ms.items() if ms is not None}
+        note = f"Time that people spent in each cell of {floor_plots.HEAT_CELL_M:.1f} m, on a logarithmic scale."
+        heat = picture("Heat map", floor_plots.heat_plot(confirmed, results.clock.frame_s, scene), note)
+        pictures.append(heat._replace(keep_colours=True))
+    if results.n_frames:
+        frames = np.arange(results.n_frames, dtype=np.int64)
+        pictures.append(picture("People over time", plots.people_plot(tracks, results.clock.at(frames), frames)))
+    stages = {stage: ms for stage, ms in results.info.stages_ms.items() if ms is not None}
     if stages:
-        pictures.append(_picture("Time per stage", plots.stage_plot(stages)))
-    return pictures + _count_pictures(material, rules)
+        pictures.append(picture("Time per stage", plots.stage_plot(stages)))
+    return pictures + _count_pictures(results)
 
 
-def _count_pictures(material: _Material, rules: dict[str, Any]) -> list[Picture]:
-    end_s = material.clock.span(max(1, _n_frames(material))).end_s
+def _count_pictures(results: RunResults) -> list[Picture]:
+    rules = results.rule_counts
+    end_s = results.clock.span(max(1, results.n_frames)).end_s
     pictures = []
     crossings = {
-        name: [(e.timestamp_s, e.direction) for e in material.events if e.rule == name]
+        name: [(e.timestamp_s, e.direction) for e in results.events if e.rule == name]
         for name, rule in rules.items()
         if rule.get("kind") == "tripwire"
     }
     if crossings:
-        pictures.append(_picture("Crossings over time", plots.crossings_plot(crossings, end_s)))
+        pictures.append(picture("Crossings over time", plots.crossings_plot(crossings, end_s)))
     series = {name: rule.get("occupancy") or rule.get("length") for name, rule in rules.items()}
     known = {name: changes for name, changes in series.items() if changes}
     if known:
-        pictures.append(_picture("Occupancy and queues", plots.occupancy_plot(known, end_s)))
+        pictures.append(picture("Occupancy and queues", plots.occupancy_plot(known, end_s)))
     return pictures
 
 
-def _picture(title: str, png: bytes, note: str = "") -> Picture:
+def picture(title: str, png: bytes, note: str = "") -> Picture:
+    """A PNG for a page."""
     return Picture(title, "data:image/png;base64," + base64.b64encode(png).decode("ascii"), note)
 
 
@@ -204,7 +206,8 @@ def _count_rows(rules: dict[str, Any]) -> list[dict[str, str]]:
     return rows
 
 
-def _evaluation_rows(evaluation: dict[str, Any]) -> list[NamedFigure]:
+def evaluation_rows(evaluation: dict[str, Any]) -> list[NamedFigure]:
+    """The scores of an evaluation, ready to print."""
     rows = [
         NamedFigure(_words(k), _figure(v)) for k, v in evaluation.items() if v is None or isinstance(v, int | float)
     ]
@@ -212,33 +215,6 @@ def _evaluation_rows(evaluation: dict[str, Any]) -> list[NamedFigure]:
     return rows + [
         NamedFigure(f"significant errors, {_words(kind)}", _figure(number)) for kind, number in errors.items()
     ]
-
-
-def _people(material: _Material) -> list[list[str]]:
-    """One row per person ever confirmed, in the order of the template's columns."""
-    tracks = material.tracks.where(material.tracks.state == "confirmed")
-    times = material.clock.at(tracks.frame)
-    rows = []
-    for track_id in np.unique(tracks.track_id):
-        mine = tracks.track_id == track_id
-        when = times[mine]
-        way = _way_m(np.column_stack([tracks.x_m[mine], tracks.y_m[mine]]), when)
-        span = float(when[-1] - when[0])
-        height = tracks.height_m[mine]
-        known = height[np.isfinite(height)]
-        rows.append([
-            str(track_id), f"{when[0]:.1f}", f"{when[-1]:.1f}", f"{mine.sum() * material.clock.frame_s:.1f}",
-            f"{way:.1f}" if np.isfinite(way) else "", f"{way / span:.2f}" if span > 0 and np.isfinite(way) else "",
-            f"{np.median(known):.2f}" if len(known) else "",
-        ])  # fmt: skip
-    return rows
-
-
-def _way_m(xy: F64, times: F64) -> float:
-    """Length of a way from places half a second apart, so that noise does not add up [m]."""
-    ticks = np.floor((times - times[0]) / 0.5)
-    picked = xy[np.concatenate([[True], np.diff(ticks) > 0])]
-    return float(np.hypot(*np.diff(picked, axis=0).T).sum())
 
 
 def _camera_rows(info: RunInfo) -> list[NamedFigure]:
@@ -254,14 +230,23 @@ def _camera_rows(info: RunInfo) -> list[NamedFigure]:
     return rows
 
 
-def _settings(config: dict[str, JsonValue]) -> list[dict[str, Any]]:
-    """Tables of the configuration; values outside of any table come first, opened."""
-    single = [NamedFigure(key, _figure(value)) for key, value in config.items() if not isinstance(value, dict)]
-    tables: list[dict[str, Any]] = [{"name": "general", "open": True, "rows": single}] if single else []
+def changed_settings(config: dict[str, JsonValue], base: dict[str, JsonValue] | None = None) -> list[Setting]:
+    """Parameters that differ from others, by default the defaults."""
+    before = flat_settings(Config().model_dump(mode="json") if base is None else base)
+    after = flat_settings(config)
+    names = [name for name in {**after, **(before if base is not None else {})} if after.get(name) != before.get(name)]
+    return [Setting(name, _figure(after.get(name)), _figure(before.get(name))) for name in names]
+
+
+def flat_settings(config: dict[str, JsonValue], prefix: str = "") -> dict[str, JsonValue]:
+    """Values by their dotted names."""
+    flat: dict[str, JsonValue] = {}
     for key, value in config.items():
         if isinstance(value, dict):
-            tables.append({"name": key, "open": False, "rows": [NamedFigure(k, _figure(v)) for k, v in value.items()]})
-    return tables
+            flat |= flat_settings(value, f"{prefix}{key}.")
+        else:
+            flat[prefix + key] = value
+    return flat
 
 
 def _words(name: str) -> str:

@@ -10,10 +10,12 @@ import pytest
 
 from calib.errors import InputError, WorkError
 from planview.cli import main
+from planview.pipeline.config import Config
 from planview.pipeline.info import CameraInfo, FloorInfo
 from planview.runs.info import RunInfo, SkippedFrame, read_run_info, write_run_info
-from planview.runs.report.page import write_report
-from planview.runs.report.plots import heat_map
+from planview.runs.report.floor_plots import heat_map
+from planview.runs.report.page import changed_settings, write_report
+from planview.runs.tables import DECISION_COLUMNS
 from planview.trajectories.table import positions_table
 
 HEADER = "frame,timestamp_s,id,x_m,y_m,height_m,state\n"
@@ -67,7 +69,7 @@ def test_report_of_a_full_run_tells_everything(tmp_path: Path) -> None:
     )
     with pytest.raises(SystemExit, match="0"):
         main(["count", str(tmp_path), "--rules", str(tmp_path / "rules.toml")])
-    error = {"kind": "lost", "frame": 12, "truth_id": 3, "track_id": None, "note": "alone for <2 s"}
+    error = {"kind": "lost", "frame": 12, "truth_id": 3, "track_id": None, "duration_s": 2.0, "note": "alone for <2 s"}
     evaluation = {"mota": 0.9, "motp_m": None, "significant_errors": {"total": 1}, "significant_error_list": [error]}
     page = write_report(tmp_path, evaluation).read_text()
     assert len(pictures(page)) == 6
@@ -75,7 +77,8 @@ def test_report_of_a_full_run_tells_everything(tmp_path: Path) -> None:
         "cannot be decoded",
         "camera height",
         "2.50 m",
-        "cell_m",
+        "grid.cell_m",
+        "expected the recording of the run, found nothing there",
         "alone for &lt;2 s",
         "left to right 2",
         "0.9",
@@ -91,7 +94,7 @@ def test_report_asks_for_nothing_from_outside(tmp_path: Path) -> None:
     page = write_report(tmp_path).read_text()
     assert "http://" not in page
     assert "https://" not in page
-    assert set(re.findall(r'(?:src|href)="([^:"]*)', page)) == {"data"}
+    assert set(re.findall(r'(?:src|href)="([^:"]*)', page)) == {"data", "#person-1", "#person-2"}
 
 
 def test_interrupted_run_says_so(tmp_path: Path) -> None:
@@ -110,7 +113,8 @@ def test_report_survives_few_and_unknown_values(tmp_path: Path, rows: str) -> No
     ("name", "text"),
     [
         ("counts.json", "[]"), ("counts.json", "{"), ("run.json", '{"frames_read": "many"}'), ("events.csv", "a,b\n"),
-        ("evaluation.json", "nothing"),
+        ("evaluation.json", "nothing"), ("decisions.csv", "frame\n1\n"),
+        ("evaluation.json", '{"significant_error_list": [1]}'),
     ],
 )  # fmt: skip
 def test_files_that_are_not_what_they_say_are_named(tmp_path: Path, name: str, text: str) -> None:
@@ -131,6 +135,24 @@ def test_page_that_cannot_be_written_is_work_failed(tmp_path: Path) -> None:
     with pytest.raises(WorkError, match="cannot be written"):
         write_report(tmp_path)
     assert not (tmp_path / "report.html.part").exists()
+
+
+def test_only_settings_that_differ_from_the_defaults_are_listed() -> None:
+    config = Config().model_dump(mode="json")
+    assert changed_settings(config) == []
+    config["template"]["width_m"] = 0.7
+    assert [(row.name, row.value) for row in changed_settings(config)] == [("template.width_m", "0.7")]
+
+
+def test_ledger_of_a_person_tells_why_and_of_what_the_scores_are_made(tmp_path: Path) -> None:
+    write_tracks(tmp_path)
+    matched = [f"{t},{t / 10:.4f},1,matched,score {t / 100},{t / 100},{t / 200},{t / 200},0,0" for t in range(31)]
+    rows = ["0,0.0000,1,spawned,1.7 m tall,,,,,", *matched, "31,3.1,1,lost,<nothing like it>,0.9,,,,"]
+    (tmp_path / "decisions.csv").write_text(",".join(DECISION_COLUMNS) + "\n" + "\n".join(rows) + "\n")
+    page = write_report(tmp_path).read_text()
+    assert "matched in 31 frames, 0 to 30; median score 0.15, worst 0.30 in frame 30" in page
+    assert "&lt;nothing like it&gt;" in page
+    assert page.count("<polygon") == 4
 
 
 def test_heat_map_adds_time_in_the_cell_of_each_row() -> None:

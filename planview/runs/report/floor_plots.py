@@ -1,0 +1,203 @@
+"""Pictures of the floor as PNG bytes: ways, truth, rules, views, and where people spent their time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+from calib.types import F64, I64
+from planview.drawing.colours import TRIPWIRE, ZONE, as_hex, person_hex
+from planview.drawing.plan import PlanBounds
+from planview.evaluation.significant import runs
+from planview.maps.grid import Grid
+from planview.pipeline.info import CameraInfo
+from planview.runs.report.plots import new_figure, plain_text, png_bytes
+from planview.runs.scene.results import RunResults
+from planview.trajectories.table import Trajectories
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+WIDTH_IN, HEIGHTS_IN = 7.0, (3.5, 9.0)
+"""Size of a picture, its height as the floor's shape asks [inch]."""
+HEAT_CELL_M = 0.2
+"""Side of a heat map's cell: about a footstep's uncertainty [m]."""
+HEAT_RANGE = 300.0
+"""The scale of the heat map spans this factor: who stands for a minute does not hide who walks by."""
+NAMED_MAX = 40
+"""Tracks with their ids in the picture, the longest ones; with more the ids would cover the ways."""
+
+
+@dataclass(frozen=True, eq=False)
+class FloorScene:
+    """What lies still under every picture of the floor.
+
+    Attributes:
+        rig: with the outlines of its views; None where it is not known.
+        rules: the ``rules`` object of counts.json.
+        bounds: of the floor that is shown.
+    """
+
+    rig: CameraInfo | None
+    rules: dict[str, Any]
+    bounds: PlanBounds
+
+    @staticmethod
+    def of(results: RunResults) -> FloorScene:
+        """Of a run."""
+        return FloorScene(results.info.rig, results.rule_counts, results.bounds())
+
+
+def floor_plot(tracks: Trajectories, scene: FloorScene, truth: Trajectories | None = None) -> bytes:
+    """Tracks on the floor with the camera at its place, its view, and the rules.
+
+    Args:
+        tracks: confirmed and lost rows with positions; lost ones are dotted.
+        truth: dashed.
+    """
+    figure, axes = _floor_figure(scene.bounds)
+    _draw_scene(axes, scene)
+    if truth is not None:
+        axes.plot(*_broken(truth), color="black", linewidth=0.8, linestyle=(0, (4, 3)), zorder=2)
+    tracks = tracks.where(np.lexsort((tracks.frame, tracks.track_id)))
+    _draw_ways(axes, tracks)
+    _draw_ends(axes, tracks)
+    _floor_axes(axes, scene.bounds)
+    return png_bytes(figure)
+
+
+def _draw_scene(axes: Axes, scene: FloorScene) -> None:
+    rig = scene.rig
+    for head in (rig.heads or [rig]) if rig is not None else []:
+        if head.view_m:
+            outline = np.array(head.view_m)
+            axes.fill(*outline.T, facecolor="#9db2cf30", edgecolor="#9db2cf", zorder=0, label="view")
+        _draw_camera(axes, head.at_m, head.name)
+    if rig is None:
+        _draw_camera(axes, (0.0, 0.0), "")
+    for name, rule in scene.rules.items():
+        _draw_rule(axes, name, rule)
+
+
+def _draw_camera(axes: Axes, at_m: tuple[float, float], name: str) -> None:
+    axes.plot(*at_m, marker="v", markersize=11, color="black", zorder=5)
+    _write(axes, plain_text(name) or "camera", at_m, "black")
+
+
+def _write(axes: Axes, text: str, at_m: tuple[float, float], colour: str) -> None:
+    """Text beside a place, legible on lines."""
+    from matplotlib.patheffects import withStroke
+
+    axes.annotate(
+        text, at_m, xytext=(5, 4), textcoords="offset points", fontsize=9, fontweight="bold", color=colour, zorder=7,
+        path_effects=[withStroke(linewidth=2.5, foreground="white")],
+    )  # fmt: skip
+
+
+def _draw_ways(axes: Axes, tracks: Trajectories) -> None:
+    """Steps from row to row of each track, all at once."""
+    from matplotlib.collections import LineCollection
+
+    places = np.column_stack([tracks.x_m, tracks.y_m])
+    step = (np.diff(tracks.track_id) == 0) & (np.diff(tracks.frame) == 1)
+    lost = tracks.state[1:] != "confirmed"
+    for kind, width, style in ((step & ~lost, 1.5, "-"), (step & lost, 0.9, ":")):
+        parts = runs(kind)
+        colours = _colours(tracks.track_id[np.array([start for start, _ in parts], dtype=np.int64)])
+        lines = [places[start : stop + 1] for start, stop in parts]
+        axes.add_collection(LineCollection(lines, colors=colours, linewidths=width, linestyles=style))
+
+
+def _colours(ids: I64) -> list[str]:
+    found, where = np.unique(ids, return_inverse=True)
+    hexes = np.array([person_hex(i) for i in found.tolist()] or [""])
+    return [str(colour) for colour in hexes[where]] if len(ids) else []
+
+
+def _draw_ends(axes: Axes, tracks: Trajectories) -> None:
+    """A dot where each track begins, a square where it ends, and the ids of the longest ones."""
+    ids, first, counts = np.unique(tracks.track_id, return_index=True, return_counts=True)
+    last, colours = first + counts - 1, _colours(ids)
+    axes.scatter(tracks.x_m[first], tracks.y_m[first], s=16, c=colours, marker="o", zorder=4)
+    axes.scatter(tracks.x_m[last], tracks.y_m[last], s=16, c=colours, marker="s", zorder=4)
+    for i in np.argsort(-counts, kind="stable")[:NAMED_MAX].tolist():
+        at = float(tracks.x_m[first[i]]), float(tracks.y_m[first[i]])
+        _write(axes, str(ids[i]), at, colours[i])
+
+
+def _broken(table: Trajectories) -> tuple[F64, F64]:
+    """x and y of all rows, by person, with a gap wherever a way ends."""
+    table = table.where(np.lexsort((table.frame, table.track_id)))
+    gaps = np.flatnonzero((np.diff(table.track_id) != 0) | (np.diff(table.frame) > 1)) + 1
+    return np.insert(table.x_m, gaps, np.nan), np.insert(table.y_m, gaps, np.nan)
+
+
+def _draw_rule(axes: Axes, name: str, rule: dict[str, Any]) -> None:
+    if rule.get("plane") != "floor" or not rule.get("points"):
+        return
+    points = np.array(rule["points"], dtype=np.float64)
+    colour = as_hex(TRIPWIRE if rule.get("kind") == "tripwire" else ZONE)
+    if rule.get("kind") == "tripwire":
+        axes.annotate("", points[1], points[0], arrowprops={"arrowstyle": "->", "color": colour, "linewidth": 1.6})
+    else:
+        axes.fill(*points.T, facecolor=f"{colour}33", edgecolor=colour, zorder=1)
+    _write(axes, plain_text(name), (float(points[:, 0].mean()), float(points[:, 1].mean())), colour)
+
+
+def heat_map(tracks: Trajectories, frame_s: float) -> tuple[Grid, F64]:
+    """Time spent per cell.
+
+    Args:
+        tracks: rows with floor positions, at least one.
+        frame_s: time that a row stands for [s].
+    Returns:
+        The grid around the rows (coarser where the cells would be too many), and (n_rows, n_cols) float64 [s].
+    """
+    x_min, y_min, x_max, y_max = tracks.x_m.min(), tracks.y_m.min(), tracks.x_m.max(), tracks.y_m.max()
+    cell = max(HEAT_CELL_M, float(np.hypot(x_max - x_min, y_max - y_min)) / 1000)
+    grid = Grid.covering(x_min - cell, y_min - cell, x_max + cell, y_max + cell, cell)
+    rows = np.floor((tracks.y_m - grid.y_min_m) / cell).astype(np.int64)
+    cols = np.floor((tracks.x_m - grid.x_min_m) / cell).astype(np.int64)
+    heat = np.zeros(grid.shape)
+    np.add.at(heat, (rows, cols), frame_s)
+    return grid, heat
+
+
+def heat_plot(tracks: Trajectories, frame_s: float, scene: FloorScene) -> bytes:
+    """Where people spent their time, smoothed by a cell."""
+    from matplotlib.colors import LogNorm
+
+    grid, heat = heat_map(tracks, frame_s)
+    heat = np.asarray(cv2.GaussianBlur(heat, (0, 0), 0.7), dtype=np.float64)
+    top = max(float(heat.max()), 1e-9)
+    figure, axes = _floor_figure(scene.bounds)
+    _draw_scene(axes, scene)
+    shown = axes.imshow(
+        np.where(heat >= top / HEAT_RANGE, heat, np.nan),
+        origin="lower",
+        extent=(grid.x_min_m, grid.x_max_m, grid.y_min_m, grid.y_max_m),
+        cmap="viridis",
+        norm=LogNorm(top / HEAT_RANGE, top),
+        interpolation="nearest",
+        zorder=2,
+    )
+    figure.colorbar(shown, ax=axes, label="seconds per cell")
+    _floor_axes(axes, scene.bounds)
+    return png_bytes(figure)
+
+
+def _floor_figure(bounds: PlanBounds) -> tuple[Figure, Axes]:
+    shape = (bounds.y_max_m - bounds.y_min_m) / (bounds.x_max_m - bounds.x_min_m)
+    return new_figure(WIDTH_IN, float(np.clip(WIDTH_IN * shape, *HEIGHTS_IN)))
+
+
+def _floor_axes(axes: Axes, bounds: PlanBounds) -> None:
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlim(bounds.x_min_m, bounds.x_max_m)
+    axes.set_ylim(bounds.y_min_m, bounds.y_max_m)
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
