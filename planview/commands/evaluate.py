@@ -13,6 +13,7 @@ from rich.table import Table
 
 from calib.errors import InputError
 from planview.commands.options import Flag, JsonFlag, checked
+from planview.commands.spans import frame_span
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
 from planview.runs.console import PlainConsole
@@ -77,7 +78,7 @@ def evaluate(tracks: Path, truth: Path, *, options: EvaluateOptions | None = Non
         align=options.align,
         fps=options.fps,
     )
-    span = None if options.frames is None else _span(options.frames)
+    span = None if options.frames is None else frame_span(options.frames)
     pairs = file_pairs(tracks, truth)
     results = {pair.name: _evaluate_pair(pair, params, span) for pair in pairs}
     together = pooled(list(results.values())) if len(results) > 1 else next(iter(results.values()))
@@ -168,17 +169,6 @@ def _groups_table(values: dict[str, Any]) -> Table:
 
 def _figure(value: float | int | None) -> str:
     return "-" if value is None else f"{value}" if isinstance(value, int) else f"{value:.3f}"
-
-
-def _span(text: str) -> tuple[int, int]:
-    first, _, last = text.partition(":")
-    try:
-        span = int(first or 0), int(last)
-    except ValueError:
-        raise InputError(f"--frames: expected FIRST:LAST, e.g. 0:399, found {text!r}") from None
-    if span[0] > span[1]:
-        raise InputError(f"--frames: expected FIRST:LAST with FIRST not after LAST, found {text!r}")
-    return span
 
 
 def _refuse_other_frames(pair: FilePair, tracks: Trajectories, truth: Trajectories) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -55,6 +55,9 @@ class SceneFrames(Protocol):
     def at(self, frames: Sequence[int]) -> Iterator[SceneImage]:
         """The images of ascending frames, as far as they can be read."""
 
+    def through(self, first: int, last: int) -> Iterator[SceneImage]:
+        """All images from one frame to another, both included."""
+
 
 class RecordedFrames:
     """Images of a recording whose frames can be asked for."""
@@ -69,6 +72,14 @@ class RecordedFrames:
             for frame in self._recording.at(frames[start : start + _BATCH]):
                 yield SceneImage(frame.index, self._image_of(frame))
 
+    def through(self, first: int, last: int) -> Iterator[SceneImage]:
+        """See ``SceneFrames``."""
+        for frame in self._recording:
+            if frame.index > last:
+                return
+            if frame.index >= first:
+                yield SceneImage(frame.index, self._image_of(frame))
+
 
 class FirstHeadFrames:
     """Images of the first of several heads."""
@@ -80,11 +91,19 @@ class FirstHeadFrames:
     def at(self, frames: Sequence[int]) -> Iterator[SceneImage]:
         """See ``SceneFrames``."""
         wanted = {frame for frame in frames if frame < HEADS_FRAMES_MAX}
-        for moment in self._recording if wanted else ():
+        if wanted:
+            yield from self._of(wanted, max(wanted))
+
+    def through(self, first: int, last: int) -> Iterator[SceneImage]:
+        """See ``SceneFrames``."""
+        yield from self._of(range(first, last + 1), last)
+
+    def _of(self, wanted: Container[int], last: int) -> Iterator[SceneImage]:
+        for moment in self._recording:
+            if moment.index > last:
+                return
             if moment.index in wanted and moment.frames[0] is not None:
                 yield SceneImage(moment.index, self._image_of(moment.frames[0]))
-            if moment.index >= max(wanted):
-                return
 
 
 def open_frames(info: RunInfo) -> SceneFrames:

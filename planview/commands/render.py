@@ -1,0 +1,114 @@
+"""``planview render``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from cyclopts import Parameter
+from rich.progress import track
+
+from calib.errors import InputError, WorkError
+from calib.images import write_image
+from planview.commands.options import Flag
+from planview.commands.spans import frame_span
+from planview.runs.console import PlainConsole
+from planview.runs.scene.compose import SceneComposer
+from planview.runs.scene.film import FilmWriter, scene_pictures_of
+from planview.runs.scene.frames import SceneFrames, open_frames
+from planview.runs.scene.results import RunResults, read_results
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class RenderOptions:
+    """What is drawn, and where it goes."""
+
+    video: Path | None = None
+    """Video to write: .mp4, .webm (plays in browsers), .avi or .mkv. [default: scene.mp4 in the folder]"""
+    frame: int | None = None
+    """Draw this frame only, as a picture."""
+    png: Path | None = None
+    """Picture to write of --frame. [default: frame-N.png in the folder]"""
+    frames: str | None = None
+    """First and last frame of the video, e.g. 100:300."""
+    every: int = 1
+    """Draw every n-th frame; the video then runs faster."""
+    trail: float = 4.0
+    """Length of the trails behind people, in seconds."""
+    truth: Path | None = None
+    """True people to mark. [default: truth.csv of the recording]"""
+    no_truth: Flag = False
+    """Do not mark the true people."""
+    no_plan: Flag = False
+    """Leave out the floor from above."""
+
+
+def render(folder: Path, *, options: RenderOptions | None = None) -> None:
+    """Draw a run: boxes, ids, trails, a metre grid on the floor, the floor from above, and what was counted.
+
+    The images are read from the recording again; where it is not there any more, the floor alone is drawn.
+
+    Example: planview render out --video out.mp4
+
+    Example of a picture: planview render out --frame 120 --png still.png
+
+    Parameters
+    ----------
+    folder
+        Output folder of a run.
+    """
+    options = options or RenderOptions()
+    if options.every < 1 or not 0 <= options.trail <= 3600:
+        raise InputError("--every, --trail: expected a number from 1 and a time of 0 to 3600 s, found others")
+    if options.png is not None and options.frame is None:
+        raise InputError("--png: expected --frame N with it, found none")
+    console = PlainConsole(stderr=True, soft_wrap=True)
+    results = read_results(folder, options.truth)
+    frames: SceneFrames | None = None
+    try:
+        frames = open_frames(results.info)
+    except (InputError, WorkError) as error:
+        console.print(f"the floor alone is drawn: {error}")
+    composer = SceneComposer(results, frames, options.trail, plan=not options.no_plan, truth=not options.no_truth)
+    if options.frame is not None:
+        path = options.png or folder / f"frame-{options.frame}.png"
+        _still(results, composer, frames, options.frame, path)
+    else:
+        path = options.video or folder / "scene.mp4"
+        _film(results, composer, frames, options, path)
+    console.print(str(path))
+
+
+def _still(results: RunResults, composer: SceneComposer, frames: SceneFrames | None, frame: int, path: Path) -> None:
+    if not 0 <= frame < results.n_frames:
+        raise InputError(f"--frame: expected a frame from 0 to {results.n_frames - 1}, found {frame}")
+    image = next((image for _, image in frames.at([frame])), None) if frames is not None else None
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_image(path, composer(frame, image))
+
+
+def _film(
+    results: RunResults, composer: SceneComposer, frames: SceneFrames | None, options: RenderOptions, path: Path
+) -> None:
+    known = results.tracks.frame
+    end = results.n_frames - 1
+    first, last = frame_span(options.frames) if options.frames else (0, end)
+    if first > end or not len(known):
+        raise InputError(
+            f"{results.folder}: expected frames from {first} on, found {int(np.max(known, initial=-1)) + 1}"
+        )
+    last = min(last, end)
+    writer = FilmWriter(path, min(240.0, 1.0 / results.clock.frame_s))
+    complete = False
+    try:
+        pictures = scene_pictures_of(composer, frames, first, last, options.every)
+        total = len(range(first, last + 1, options.every))
+        for picture in track(pictures, "drawing", total, console=PlainConsole(stderr=True)):
+            writer.add(picture)
+        complete = True
+    finally:
+        writer.close(complete=complete)
+    if not writer.count:
+        raise WorkError(f"{path}: none of the frames {first} to {last} can be read")
