@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test check docs lock clean setup
+.PHONY: demo test check docs wheel-check lock clean setup
 
 setup: $(STAMP)
 
@@ -33,6 +33,9 @@ docs: setup
 	$(BIN)/python tools/reference.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo "open out/site/index.html, or: $(BIN)/mkdocs serve"
+
+wheel-check: setup
+	bash tools/wheel_check.sh $(BIN)/python
 
 lock:
 	uv lock --quiet && uv export --frozen --quiet --all-extras --no-emit-project --no-header -o requirements.lock && rm -f uv.lock

@@ -54,7 +54,9 @@ def _current(name: str) -> str:
 def parameters_page() -> str:
     """Every parameter table: those of ``Config`` by their place in it, then the others by their module."""
     tables = dict(_tables(Config, ""))
-    others = sorted({cls for cls in _all_tables() if cls not in tables.values()}, key=lambda c: c.__module__)
+    others = sorted(
+        {cls for cls in _all_tables() if cls not in tables.values()}, key=lambda c: (c.__module__, c.__name__)
+    )
     parts = [
         GENERATED,
         "# Parameters\n",
@@ -64,8 +66,12 @@ def parameters_page() -> str:
     parts += [_section("##", f"`[{name}]`" if name else "Top level", cls) for name, cls in tables.items()]
     parts.append("## Outside a run's configuration\n")
     parts.append("Of evaluation, refinement, analytics, calibration and rendered scenes.\n")
-    parts += [_section("###", f"`{cls.__module__}.{cls.__name__}`", cls) for cls in others]
+    parts += [_section("###", f"`{_full_name(cls)}`", cls) for cls in sorted(others, key=_full_name)]
     return "\n".join(parts)
+
+
+def _full_name(cls: type) -> str:
+    return f"{cls.__module__}.{cls.__name__}"
 
 
 def _tables(cls: type[Params], name: str) -> Iterator[tuple[str, type[Params]]]:

@@ -29,7 +29,14 @@ def demo(
         Print the metrics as one JSON object.
     """
     if not DEMO.is_dir():
-        raise InputError(f"{DEMO}: expected the demo clip, found nothing; run planview from its repository")
+        raise InputError(
+            f"{DEMO}: expected the demo clip, found nothing; install planview again, or run it from its repository"
+        )
     run(DEMO, out=out, options=TrackingOptions(rrd=True, debug=True, overwrite=True))
     evaluate(out / "tracks.csv", DEMO / "truth.csv", options=EvaluateOptions(json_output=json_output))
-    PlainConsole(stderr=True, soft_wrap=True).print(f"Look at it: planview view {out}    or open {out / 'report.html'}")
+    console = PlainConsole(stderr=True, soft_wrap=True, highlight=False)
+    console.print(
+        f"Next: open {out / 'report.html'}: pictures, plots and settings of this run\n"
+        f"      planview view {out}: every frame, and why the tracker decided as it did\n"
+        "      planview inspect MY_RECORDING: what a recording of yours holds, and what it lacks"
+    )

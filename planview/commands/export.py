@@ -11,6 +11,7 @@ from cyclopts import Parameter
 
 from calib.errors import InputError
 from planview.commands.options import Flag
+from planview.commands.source import open_options
 from planview.runs.console import PlainConsole
 from planview.trajectories.export import FORMATS, ExportName, prepared
 from planview.trajectories.file import TrajectoryFile, checked_area
@@ -38,11 +39,15 @@ class ExportOptions:
     """Formats without states also get rows in which a person was hidden and only predicted."""
     overwrite: Flag = False
     """Replace a file that is there."""
+    cloud: Path | None = None
+    """Write the static scene as a coloured cloud of points to this file (.ply, .pcd or .xyz), instead of tracks."""
+    calibration: Path | None = None
+    """Calibration of the recording, for --cloud, when it does not lie in it."""
 
 
-def export(tracks: Path, *, to: ExportName, options: ExportOptions | None = None) -> None:
+def export(tracks: Path, *, to: ExportName | None = None, options: ExportOptions | None = None) -> None:
     """Write tracks in the format of another program: pedpy (PeTrack text), ped-data-archive (HDF5), jupedsim (sqlite),
-    motchallenge, parquet, csv or jsonl.
+    motchallenge, parquet, csv or jsonl; or the scene they walk in.
 
     Parquet, CSV and JSON lines hold every row with its state, the other formats confirmed rows only.
 
@@ -50,14 +55,26 @@ def export(tracks: Path, *, to: ExportName, options: ExportOptions | None = None
 
     Example of a stream: planview export out --to jsonl --out - | head
 
+    Example of the scene, in metres on the axes of the tracks: planview export out --cloud scene.ply
+
     Parameters
     ----------
     tracks
-        Folder of a run, its tracks.csv, or trajectories in any of the formats.
+        Folder of a run, its tracks.csv, or trajectories in any of the formats; with --cloud the folder of a run whose
+        recording is still where it was, or a recording.
     to
         Format to write.
     """
     options = options or ExportOptions()
+    if (to is None) == (options.cloud is None):
+        raise InputError(f"expected --to with a format ({', '.join(FORMATS)}) or --cloud with a file, one of them")
+    if to is not None:
+        _export_tracks(tracks, to, options)
+    elif options.cloud is not None:
+        _export_cloud(tracks, options.cloud, options)
+
+
+def _export_tracks(tracks: Path, to: ExportName, options: ExportOptions) -> None:
     if options.fps is not None and not 0 < options.fps <= 10_000:
         raise InputError(f"--fps: expected a rate above 0, found {options.fps:g}")
     source = tracks_file(tracks)
@@ -75,6 +92,17 @@ def export(tracks: Path, *, to: ExportName, options: ExportOptions | None = None
     _refuse_existing(out, source, options.overwrite)
     _write(out, file, to, options.unit)
     _say(out, file)
+
+
+def _export_cloud(source: Path, out: Path, options: ExportOptions) -> None:
+    from planview.pipeline.scene_cloud import write_cloud
+    from planview.runs.static_scene import scene_of
+
+    _refuse_existing(out, source, options.overwrite)
+    console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
+    with console.status("opening the recording, finding the floor, matching"):
+        n_points = write_cloud(out, scene_of(source, open_options(options.calibration)))
+    console.print(f"{out}: {n_points} points [m], origin on the floor below the camera, z up")
 
 
 def _write(out: Path, file: TrajectoryFile, to: ExportName, unit: str) -> None:

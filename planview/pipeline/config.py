@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +66,15 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = (), base: C
     for override in overrides:
         _apply(tables, override)
     return _validate(tables, "--set" if overrides else str(path), base)
+
+
+def config_of(tables: Mapping[str, Any], source: str) -> Config:
+    """A configuration from its tables, as ``run.json`` has them.
+
+    Raises:
+        InputError: tables of another version; ``source`` begins the sentence.
+    """
+    return _validate(dict(tables), source, None)
 
 
 def _apply(tables: dict[str, Any], override: str) -> None:

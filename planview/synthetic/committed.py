@@ -6,7 +6,9 @@ import os
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-SCENES = REPOSITORY / "data" / "synthetic"
+_PACKAGED = Path(__file__).resolve().parent / "scenes"
+"""Where an installed package has them (``setup.py``)."""
+SCENES = _PACKAGED if _PACKAGED.is_dir() else REPOSITORY / "data" / "synthetic"
 """The committed scenes, one TOML each."""
 DEMO = SCENES / "demo"
 """The committed clip."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.open3d_import import import_open3d
 from calib.types import F32, I32, Bool
 from planview.synthetic.shapes import Mesh
 
@@ -45,7 +46,7 @@ class Tracer:
     """A mesh that rays can be cast against."""
 
     def __init__(self, mesh: Mesh | None) -> None:
-        import open3d as o3d
+        o3d = import_open3d("rendering")
 
         self.mesh = mesh
         self._tensor = o3d.core.Tensor.from_numpy

@@ -1,0 +1,30 @@
+#!/usr/bin/env bash
+# Build a wheel, install it in an environment of its own beside the dependencies of the given python, and track the
+# first frames of the clip that it brings, from an empty folder.
+set -euo pipefail
+python=$(realpath -s "$1")
+place=$(mktemp -d)
+trap 'rm -rf "$place"' EXIT
+"$python" -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir "$place" .
+"$python" -m venv "$place/env"
+"$place/env/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps "$place"/planview-*.whl
+site=$("$place/env/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
+# Read after the environment's own folder, so that planview comes from the wheel.
+"$python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))' > "$site/dependencies.pth"
+cd "$place"
+env -u PYTHONPATH "$place/env/bin/planview" --version
+env -u PYTHONPATH "$place/env/bin/python" - "$site" <<'PROGRAM'
+import sys
+from pathlib import Path
+
+import planview
+from planview.synthetic.committed import DEMO
+
+for place in (Path(planview.__file__), DEMO):
+    if Path(sys.argv[1]).resolve() not in place.resolve().parents:
+        raise SystemExit(f"{place}: expected it in the wheel")
+tracks = planview.run(DEMO, "out", frames=80)
+if not len(tracks) or "open3d" in sys.modules:
+    raise SystemExit(f"expected people and no open3d, found {len(tracks)} rows")
+print(f"the wheel tracks its clip: {len(tracks)} rows in 80 frames")
+PROGRAM
