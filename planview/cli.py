@@ -20,6 +20,7 @@ COMMANDS = {
     "count": "Count line crossings and zone occupancy in tracks.",
     "export": "Write tracks in the format of another program.",
     "sweep": "Run several settings or recordings and compare them.",
+    "report": "Write the page of a run, or one page that compares several.",
     "render": "Draw a run as a video or a picture.",
     "view": "Open a run in the rerun viewer.",
 }

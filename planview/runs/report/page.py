@@ -201,7 +201,7 @@ def picture(title: str, png: bytes, note: str = "") -> Picture:
 def _count_rows(rules: dict[str, Any]) -> list[dict[str, str]]:
     rows = []
     for name, rule in rules.items():
-        figures = [f"{_words(k)} {_figure(v)}" for k, v in rule.items() if isinstance(v, int | float)]
+        figures = [f"{words_of(k)} {figure_text(v)}" for k, v in rule.items() if isinstance(v, int | float)]
         rows.append({"name": name, "kind": str(rule.get("kind", "")), "text": ", ".join(figures)})
     return rows
 
@@ -209,11 +209,13 @@ def _count_rows(rules: dict[str, Any]) -> list[dict[str, str]]:
 def evaluation_rows(evaluation: dict[str, Any]) -> list[NamedFigure]:
     """The scores of an evaluation, ready to print."""
     rows = [
-        NamedFigure(_words(k), _figure(v)) for k, v in evaluation.items() if v is None or isinstance(v, int | float)
+        NamedFigure(words_of(k), figure_text(v))
+        for k, v in evaluation.items()
+        if v is None or isinstance(v, int | float)
     ]
     errors = evaluation.get("significant_errors") or {}
     return rows + [
-        NamedFigure(f"significant errors, {_words(kind)}", _figure(number)) for kind, number in errors.items()
+        NamedFigure(f"significant errors, {words_of(kind)}", figure_text(number)) for kind, number in errors.items()
     ]
 
 
@@ -226,7 +228,7 @@ def _camera_rows(info: RunInfo) -> list[NamedFigure]:
         head = f"{part.name}: " if isinstance(part, CameraInfo) and part.name else ""
         for name, value in part.model_dump(exclude=_NOT_SHOWN).items():
             if value is not None:
-                rows.append(NamedFigure(head + _words(name), _figure(value)))
+                rows.append(NamedFigure(head + words_of(name), figure_text(value)))
     return rows
 
 
@@ -235,7 +237,7 @@ def changed_settings(config: dict[str, JsonValue], base: dict[str, JsonValue] | 
     before = flat_settings(Config().model_dump(mode="json") if base is None else base)
     after = flat_settings(config)
     names = [name for name in {**after, **(before if base is not None else {})} if after.get(name) != before.get(name)]
-    return [Setting(name, _figure(after.get(name)), _figure(before.get(name))) for name in names]
+    return [Setting(name, figure_text(after.get(name)), figure_text(before.get(name))) for name in names]
 
 
 def flat_settings(config: dict[str, JsonValue], prefix: str = "") -> dict[str, JsonValue]:
@@ -249,7 +251,7 @@ def flat_settings(config: dict[str, JsonValue], prefix: str = "") -> dict[str, J
     return flat
 
 
-def _words(name: str) -> str:
+def words_of(name: str) -> str:
     """A key as people read it, its unit in brackets: mean_dwell_s -> mean dwell [s]."""
     words = name.split("_")
     if len(words) > 1 and words[-1] in _UNITS:
@@ -257,7 +259,7 @@ def _words(name: str) -> str:
     return " ".join(words)
 
 
-def _figure(value: object) -> str:
+def figure_text(value: object) -> str:
     if value is None:
         return "-"
     if isinstance(value, float):
