@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +13,10 @@ from calib.images import as_colour
 from calib.open3d_import import import_open3d
 from calib.types import F32, U8
 from planview.pipeline.config import Config
+from planview.pipeline.front_end import FrontEnd
 from planview.pipeline.setup import AnySetup
 from stereo.depth import DepthFromDisparity, back_project, median_image
-from stereo.floor import setup_frames
+from stereo.floor import Sampled, setup_frames
 from stereo.recording import Recording, RgbdRecording
 
 VOXEL_M = 0.015
@@ -43,9 +45,10 @@ def scene_cloud(recording: Recording | RgbdRecording, setup: AnySetup, config: C
     Raises:
         WorkError: no usable frame.
     """
-    front_end = setup.front_end(config)
+    front_end: FrontEnd = setup.front_end(config)
+    sampled: Sampled[Any] = recording
     images, disparities = [], []
-    for frame in setup_frames(recording, config.analysis.setup_frames):
+    for frame in setup_frames(sampled, config.analysis.setup_frames):
         rectified = front_end.rectify(frame)
         images.append(as_colour(rectified.left))
         disparities.append(front_end.disparity(rectified))

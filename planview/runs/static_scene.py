@@ -9,6 +9,7 @@ from planview.pipeline.config import Config, config_of
 from planview.pipeline.scene_cloud import SceneCloud, scene_cloud
 from planview.pipeline.setup import set_up_any
 from planview.runs.info import read_run_info
+from planview.runs.scene.source import source_of
 from stereo.readers import OpenOptions, holds_pair, open_any
 
 
@@ -25,7 +26,7 @@ def scene_of(path: Path, options: OpenOptions | None = None) -> SceneCloud:
     config, recording = Config(), path
     if (path / "run.json").is_file():
         info = read_run_info(path / "run.json")
-        config, recording = config_of(info.config, str(path / "run.json")), Path(info.input)
+        config, recording = config_of(info.config, str(path / "run.json")), source_of(info)
     calibration = options.calibration if options else None
     if not recording.exists() or not (calibration or holds_pair(recording)):
         raise InputError(f"{recording}: expected a recording of a stereo pair or of images with depth, found none")
