@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -22,6 +21,7 @@ from calib.human.knowledge import (
     TILT,
 )
 from calib.human.model import HumanModel
+from calib.human.posterior import CameraPosterior, shared_of
 from calib.human.refine import GroundCameraFit, Residuals, body_points, predict, shared_camera
 from calib.human.samples import People
 from calib.types import F64
@@ -80,39 +80,33 @@ class Assessment:
     sentence: str
 
 
-def camera_deviations(fits: Sequence[GroundCameraFit], weights: F64) -> CameraDeviations:
-    """Deviations about the first of several fits that are right with the given probabilities."""
-    best = _shared(fits[0])
-    total = np.zeros(N_CAMERA)
-    for fit, weight in zip(fits, weights, strict=True):
-        total += weight * (np.diag(fit.covariance)[:N_CAMERA] + (_shared(fit) - best)[:N_CAMERA] ** 2)
-    std = np.sqrt(total)
+def camera_deviations(fit: GroundCameraFit) -> CameraDeviations:
+    """Deviations of the camera's values."""
+    std = np.sqrt(np.diag(fit.covariance))
     return CameraDeviations(float(std[HEIGHT]), float(std[TILT]), float(std[FOCAL]), float(std[ROLL]))
 
 
-def assess(fits: Sequence[GroundCameraFit], weights: F64, people: People, model: HumanModel) -> Assessment:
+def assess(posterior: CameraPosterior, people: People, model: HumanModel) -> Assessment:
     """Expected floor error over the region that the samples cover, and what would lower it most.
 
     Args:
-        fits: the camera taken first, then others that explain the samples with other lenses or readings.
-        weights: (n,) their probabilities.
+        posterior: the camera and its alternatives.
         people: the samples.
         model: the person.
     """
-    fit = fits[0]
-    region = _region(people.rows[:, 6:])
-    floor = _FloorError(fit.camera, region)
-    ambiguity = floor.between([f.camera for f in fits[1:]], weights[1:])
-    error = floor.expected(fit.covariance, ambiguity)
+    fit = posterior.fit
+    floor = _FloorError(fit.camera, _region(people.rows[:, 6:]))
+    error = floor.among(posterior)
     limit = min(MAX_FLOOR_ERROR_M, MAX_FLOOR_SHARE * floor.size_m)
-    after, place = _best_place(fit, people, model, floor, ambiguity)
-    found = None if place is None else NextSample(place, floor.expected(after, ambiguity))
+    # What more would bring is computed linearly, and taken in proportion.
+    ratio = error / max(floor.linear(fit.covariance), 1e-9) if math.isfinite(error) else math.inf
+    advisor = _Advisor(fit, floor, ratio, limit)
+    found = advisor.next_sample(model)
     if error <= limit:
         text = f"enough: floor positions are known to {error:.2f} m where people were marked"
         return Assessment(True, error, limit, found, text)
-    advice = _advice(fit, floor, ambiguity, limit, found, after)
-    text = f"not enough: floor positions are known to {_metres(error)} only (at most {limit:.2g} m); {advice}"
-    return Assessment(False, error, limit, found, text)
+    text = f"not enough: floor positions are known to {_metres(error)} only (at most {limit:.2g} m); "
+    return Assessment(False, error, limit, found, text + advisor.advice(found))
 
 
 class _FloorError:
@@ -129,7 +123,9 @@ class _FloorError:
         rigid[:, 0, 0] = rigid[:, 1, 1] = 1.0
         rigid[:, 0, 2], rigid[:, 1, 2] = -centred[:, 1], centred[:, 0]
         self._rigid = np.linalg.qr(rigid.reshape(-1, 3))[0]
-        shared = _camera_shared(camera)
+        shared = np.zeros(N_SHARED)
+        shared[[FOCAL, HEIGHT]] = math.log(camera.focal_px), math.log(camera.height_m)
+        shared[[TILT, ROLL]] = camera.tilt_rad, camera.roll_rad
         slopes = []
         for k in range(N_CAMERA):
             step = STEP * (np.arange(N_SHARED) == k)
@@ -137,21 +133,27 @@ class _FloorError:
             slopes.append((ahead.back_project(self.pixels) - behind.back_project(self.pixels)) / (2 * STEP))
         self._slope = self._without_motion(np.nan_to_num(np.stack(slopes, axis=-1)).reshape(-1, N_CAMERA))
 
-    def expected(self, covariance: F64, ambiguity: F64) -> float:
+    def linear(self, covariance: F64) -> float:
         """Median over the pixels of the deviation [m], for a covariance of the shared unknowns."""
         if not np.isfinite(covariance).all() or not len(self.floor):
             return math.inf
-        camera = covariance[:N_CAMERA, :N_CAMERA]
-        variance = np.einsum("ik,kl,il->i", self._slope, camera, self._slope).reshape(-1, 2).sum(axis=1)
-        return math.sqrt(float(np.median(variance + ambiguity)))
+        return math.sqrt(float(np.median(self._variance(covariance))))
 
-    def between(self, cameras: Sequence[GroundCamera], weights: F64) -> F64:
-        """(m,) expected squared distance [m^2] to the floor positions under other cameras."""
+    def among(self, posterior: CameraPosterior) -> float:
+        """Median over the pixels of the deviation [m] from the alternatives and their own covariances."""
+        if not np.isfinite(posterior.fit.covariance).all() or not len(self.floor):
+            return math.inf
         total = np.zeros(len(self.floor))
-        for camera, weight in zip(cameras, weights, strict=True):
-            off = np.nan_to_num(camera.back_project(self.pixels) - self.floor)
-            total += weight * (self._without_motion(off.reshape(-1, 1)).reshape(-1, 2) ** 2).sum(axis=1)
-        return total
+        for fit, weight in zip(posterior.alternatives, posterior.weights, strict=True):
+            off = np.nan_to_num(fit.camera.back_project(self.pixels) - self.floor)
+            apart = (self._without_motion(off.reshape(-1, 1)).reshape(-1, 2) ** 2).sum(axis=1)
+            total += weight * (apart + self._variance(fit.covariance))
+        return math.sqrt(float(np.median(total)))
+
+    def _variance(self, covariance: F64) -> F64:
+        camera = covariance[:N_CAMERA, :N_CAMERA]
+        variance = np.einsum("ik,kl,il->i", self._slope, camera, self._slope)
+        return np.asarray(variance.reshape(-1, 2).sum(axis=1))
 
     def _without_motion(self, field: F64) -> F64:
         return np.asarray(field - self._rigid @ (self._rigid.T @ field))
@@ -164,24 +166,6 @@ def _region(feet: F64) -> F64:
     return np.asarray(middles[:: max(1, len(middles) // 1000)])
 
 
-def _best_place(
-    fit: GroundCameraFit, people: People, model: HumanModel, floor: _FloorError, ambiguity: F64
-) -> tuple[F64, tuple[float, float] | None]:
-    """Covariance after one more person at the place that lowers the floor error most, and its foot pixel."""
-    if not np.isfinite(fit.covariance).all():
-        return fit.covariance, None
-    places, rows = _possible(fit, model)
-    if not len(places):
-        return fit.covariance, None
-    further = People(rows, np.ones(len(rows)), np.full(len(rows), PERSON_STD), np.zeros(len(rows), np.bool_))
-    information = _information(fit, further, places, model)
-    known = np.linalg.inv(fit.covariance)
-    after = [np.linalg.inv(known + gain) for gain in information]
-    errors = [floor.expected(covariance, ambiguity) for covariance in after]
-    best = int(np.argmin(errors))
-    return np.linalg.inv(known + FURTHER * information[best]), (float(rows[best, 6]), float(rows[best, 7]))
-
-
 def _possible(fit: GroundCameraFit, model: HumanModel) -> tuple[F64, F64]:
     """Places (k, 2) [m] all over the image where a whole person of a useful size would be, and their rows (k, 8)."""
     camera = fit.camera
@@ -190,7 +174,7 @@ def _possible(fit: GroundCameraFit, model: HumanModel) -> tuple[F64, F64]:
     places = places[np.isfinite(places).all(axis=1)]
     size, width = np.full(len(places), fit.stature), np.full(len(places), fit.girth)
     upright = np.zeros_like(places)
-    rows = predict(_shared(fit), places, upright, size, width, camera, body_points(model), fit.prior.boxes_only)
+    rows = predict(shared_of(fit), places, upright, size, width, camera, body_points(model), fit.prior.boxes_only)
     inside = (rows[:, :2] >= 0).all(axis=1) & (rows[:, 2:4] < np.array(camera.size)).all(axis=1)
     tall = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1]) >= MIN_LEARNABLE_PX
     return places[inside & tall], rows[inside & tall]
@@ -198,7 +182,7 @@ def _possible(fit: GroundCameraFit, model: HumanModel) -> tuple[F64, F64]:
 
 def _information(fit: GroundCameraFit, further: People, places: F64, model: HumanModel) -> F64:
     """(k, N_SHARED, N_SHARED) what each further person tells of the shared unknowns, its own place being free."""
-    values = np.append(_shared(fit), places)
+    values = np.append(shared_of(fit), places)
     jacobian = Residuals(fit.camera, further, model, fit.prior, values).jacobian(values)
     blocks = jacobian[: 8 * len(places)].reshape(len(places), 8, -1)
     shared = blocks[..., :N_SHARED]
@@ -209,29 +193,56 @@ def _information(fit: GroundCameraFit, further: People, places: F64, model: Huma
     return np.asarray(left_over.transpose(0, 2, 1) @ left_over)
 
 
-def _advice(
-    fit: GroundCameraFit, floor: _FloorError, ambiguity: F64, limit: float, found: NextSample | None, after: F64
-) -> str:
-    told = []
-    if np.isfinite(fit.covariance).all():
-        for name, k, std in (
-            ("the focal length or field of view", FOCAL, KNOWN_FOCAL_STD),
-            ("the camera's height", HEIGHT, KNOWN_HEIGHT_STD),
-        ):
-            gain = np.diag((np.arange(N_SHARED) == k) / std**2)
-            if floor.expected(np.linalg.inv(np.linalg.inv(fit.covariance) + gain), ambiguity) <= limit:
-                told.append(name)
-    give = f"give {' or '.join(told)}" if told else ""
-    if found is None:
-        return give or "mark more people, at more distances"
-    place = f"add people {_where(fit, found.foot_px)}, near pixel ({found.foot_px[0]:.0f}, {found.foot_px[1]:.0f})"
-    reached = floor.expected(after, ambiguity) <= limit
-    if fit.prior.boxes_only:
-        place = "mark heads and feet where they are, not at the middles of the boxes' edges"
-        reached = False
-    if give and not reached:
-        return f"{give}, or {place}"
-    return f"{place}, or {give}" if give else place
+@dataclass(eq=False)
+class _Advisor:
+    """What would lower the floor error: another person, many, or a known value."""
+
+    fit: GroundCameraFit
+    floor: _FloorError
+    ratio: float
+    limit: float
+    gain: F64 | None = None
+
+    def next_sample(self, model: HumanModel) -> NextSample | None:
+        """The place that lowers the floor error most."""
+        if not np.isfinite(self.fit.covariance).all():
+            return None
+        places, rows = _possible(self.fit, model)
+        if not len(places):
+            return None
+        further = People(rows, np.ones(len(rows)), np.full(len(rows), PERSON_STD), np.zeros(len(rows), np.bool_))
+        gains = _information(self.fit, further, places, model)
+        errors = [self._error_after(gain) for gain in gains]
+        best = int(np.argmin(errors))
+        self.gain = gains[best]
+        return NextSample((float(rows[best, 6]), float(rows[best, 7])), errors[best])
+
+    def advice(self, found: NextSample | None) -> str:
+        """What to do, in words."""
+        told = [name for name, k, std in _KNOWABLE if self._enough(np.diag((np.arange(N_SHARED) == k) / std**2))]
+        give = f"give {' or '.join(told)}" if told else ""
+        if found is None or self.gain is None:
+            return give or "mark more people, at more distances"
+        u, v = found.foot_px
+        more = f"add people {_where(self.fit, found.foot_px)}, near pixel ({u:.0f}, {v:.0f})"
+        reached = self._enough(FURTHER * self.gain)
+        if self.fit.prior.boxes_only:
+            more, reached = "mark heads and feet where they are, not at the middles of the boxes' edges", False
+        if give and not reached:
+            return f"{give}, or {more}"
+        return f"{more}, or {give}" if give else more
+
+    def _enough(self, gain: F64) -> bool:
+        return bool(np.isfinite(self.fit.covariance).all()) and self._error_after(gain) <= self.limit
+
+    def _error_after(self, gain: F64) -> float:
+        return self.ratio * self.floor.linear(np.linalg.inv(np.linalg.inv(self.fit.covariance) + gain))
+
+
+_KNOWABLE = (
+    ("the focal length or field of view", FOCAL, KNOWN_FOCAL_STD),
+    ("the camera's height", HEIGHT, KNOWN_HEIGHT_STD),
+)
 
 
 def _where(fit: GroundCameraFit, foot_px: tuple[float, float]) -> str:
@@ -246,17 +257,3 @@ def _where(fit: GroundCameraFit, foot_px: tuple[float, float]) -> str:
 
 def _metres(error: float) -> str:
     return f"{error:.2f} m" if error < 100 else "more than 100 m"
-
-
-def _shared(fit: GroundCameraFit) -> F64:
-    values = _camera_shared(fit.camera)
-    values[N_CAMERA:] = math.log(fit.girth), math.log(fit.stature)
-    return values
-
-
-def _camera_shared(camera: GroundCamera) -> F64:
-    values = np.zeros(N_SHARED)
-    values[[FOCAL, HEIGHT, TILT, ROLL]] = (
-        math.log(camera.focal_px), math.log(camera.height_m), camera.tilt_rad, camera.roll_rad,
-    )  # fmt: skip
-    return values

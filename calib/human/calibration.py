@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from calib.errors import WorkError
 from calib.ground_camera import LENS_K_320, GroundCamera
 from calib.human.assessment import Assessment, CameraDeviations, assess, camera_deviations
-from calib.human.knowledge import FOCAL, KnownValues, people_of, prior_of, scaled_model
+from calib.human.knowledge import KnownValues, people_of, prior_of, scaled_model
 from calib.human.model import HumanModel
+from calib.human.posterior import posterior_of
 from calib.human.refine import GroundCameraFit, refine
 from calib.human.samples import HumanSample, People, check_samples, only_boxes
 from calib.human.search import HumanCalibrationParams, SearchProblem, search, warm_up
@@ -21,8 +21,6 @@ from calib.types import F64
 
 ODD_FROM = 3.0
 """A sample whose residuals are this many deviations is odd: not a standing person, or marked wrongly (our choice)."""
-AGREED_STD = 1e-3
-"""Deviation at which a focal length is held [1]."""
 VALLEYS = 3
 """So many distinct results of the search are refined (our choice)."""
 
@@ -113,11 +111,9 @@ def calibrate_from_people(
     ]
     tried.sort(key=lambda t: -t.fit.log_evidence)
     _check_fit(tried[0], params, name)
-    fits, weights = _plausible([t.fit for t in tried])
-    fits = [_agreed(fits, weights, people, model), *fits]
-    weights = np.append(0.0, weights)
-    found, elapsed = fits[0], time.perf_counter() - start
-    std = camera_deviations(fits, weights)
+    posterior = posterior_of([t.fit for t in tried], people, model)
+    found, elapsed = posterior.fit, time.perf_counter() - start
+    std = camera_deviations(found)
     _check_observable(std, params, name)
     errors = tried[0].problem.each(found.camera)
     return HumanCalibration(
@@ -126,7 +122,7 @@ def calibrate_from_people(
         error=float(errors.mean()),
         sample_errors=errors,
         std=std,
-        assessment=assess(fits, weights, people, model),
+        assessment=assess(posterior, people, model),
         odd=tuple(int(i) for i in np.flatnonzero(found.deviations > ODD_FROM)),
         girth=found.girth,
         stature=found.stature,
@@ -157,31 +153,6 @@ def _distinct(candidates: F64) -> list[F64]:
         if all(np.abs(candidate - other).max() > 0.05 for other in kept):
             kept.append(candidate)
     return kept[:VALLEYS]
-
-
-def _plausible(fits: list[GroundCameraFit]) -> tuple[list[GroundCameraFit], F64]:
-    """Fits of at least 1 % probability, the best first, and their probabilities."""
-    evidence = np.array([fit.log_evidence for fit in fits])
-    weights = np.exp(np.maximum(evidence - evidence[0], -50.0))
-    weights /= weights.sum()
-    kept = [(fit, w) for fit, w in zip(fits, weights, strict=True) if w >= 0.01 and np.isfinite(fit.covariance).all()]
-    if not kept:
-        return [fits[0]], np.ones(1)
-    shares = np.array([w for _, w in kept])
-    return [fit for fit, _ in kept], shares / shares.sum()
-
-
-def _agreed(fits: list[GroundCameraFit], weights: F64, people: People, model: HumanModel) -> GroundCameraFit:
-    """The best fit at the mean focal length of all plausible ones of its lens: no reading is certain."""
-    best = fits[0]
-    alike = [(fit, w) for fit, w in zip(fits, weights, strict=True) if fit.camera.lens == best.camera.lens]
-    if len(alike) == 1:
-        return best
-    logs, shares = np.array([(math.log(fit.camera.focal_px), w) for fit, w in alike]).T
-    mean, std = best.prior.mean.copy(), best.prior.std.copy()
-    mean[FOCAL], std[FOCAL] = logs @ shares / shares.sum(), AGREED_STD
-    fit = refine(best.camera, people, model, replace(best.prior, mean=mean, std=std))
-    return replace(fit, prior=best.prior, covariance=best.covariance)
 
 
 def _check_fit(found: _Tried, params: HumanCalibrationParams, name: str) -> None:

@@ -38,10 +38,11 @@ BODY_SHARE = 0.02
 ROBUST_FROM = 2.0
 """Residuals beyond this many deviations count by their size instead of its square (our choice)."""
 MAX_EVALUATIONS = (12, 40)
-"""Evaluations in the first and in the second round of ``refine``."""
+"""Evaluations in the first and in the second round of ``refine``; where the variation of people is given, there is but
+the first."""
 VARIATIONS = (1.0, 0.5, 0.25)
 """People are tried as varying so much as expected, and less [1]: one person who walks upright varies little. Each step
-down must raise the log-likelihood by 1 (our choice)."""
+down must raise the log-likelihood by 2 (our choice)."""
 FAR = 1e4
 """Residual of what is behind a camera."""
 
@@ -58,6 +59,7 @@ class GroundCameraFit:
             undetermined.
         girth, stature: width and mean height of the people against the model's [1].
         places_m: (n, 2) where the people stand.
+        variation: how much people vary, over what is expected [1].
         deviations: (n,) root mean square of the whitened residuals of every person; 1 is expected.
     """
 
@@ -68,10 +70,13 @@ class GroundCameraFit:
     girth: float
     stature: float
     places_m: F64
+    variation: float
     deviations: F64
 
 
-def refine(camera: GroundCamera, people: People, model: HumanModel, prior: CameraPrior) -> GroundCameraFit:
+def refine(
+    camera: GroundCamera, people: People, model: HumanModel, prior: CameraPrior, variation: float | None = None
+) -> GroundCameraFit:
     """Move camera, people and their common width and height to the least squares of all edges and points.
 
     Args:
@@ -79,21 +84,23 @@ def refine(camera: GroundCamera, people: People, model: HumanModel, prior: Camer
         people: the samples.
         model: the person; its height is what gives the scale.
         prior: of the shared unknowns.
+        variation: how much people vary, over what is expected [1]; None finds it.
     """
     shared = np.zeros(N_SHARED)
     shared[[FOCAL, HEIGHT, TILT, ROLL]] = (
         math.log(camera.focal_px), math.log(camera.height_m), camera.tilt_rad, camera.roll_rad,
     )  # fmt: skip
     values = np.append(shared, _stand(camera, people.rows, model))
-    variation = 1.0
-    for evaluations in MAX_EVALUATIONS:
+    scale = 1.0 if variation is None else variation
+    for evaluations in MAX_EVALUATIONS if variation is None else MAX_EVALUATIONS[:1]:
         # What people vary by moves head, foot and box together; how much depends on where the camera is.
-        residuals = Residuals(camera, people, model, prior, values, variation)
+        residuals = Residuals(camera, people, model, prior, values, scale)
         found = least_squares(
             residuals, values, residuals.jacobian, loss=residuals.loss, x_scale="jac", ftol=1e-5, max_nfev=evaluations
         )
         values = found.x
-        variation = max(VARIATIONS, key=lambda q: _likelihood(Residuals(camera, people, model, prior, values, q)))
+        if variation is None:
+            scale = max(VARIATIONS, key=lambda q: _likelihood(Residuals(camera, people, model, prior, values, q)))
     covariance = _covariance(found.jac)
     volume = np.linalg.slogdet(covariance)[1] if np.isfinite(covariance).all() else 0.0
     # The prior's own normalisation: a wide prior promises less.
@@ -109,6 +116,7 @@ def refine(camera: GroundCamera, people: People, model: HumanModel, prior: Camer
         math.exp(shared[GIRTH]),
         math.exp(shared[STATURE]),
         values[N_SHARED:].reshape(-1, 2),
+        residuals.variation,
         deviations,
     )
 
@@ -140,18 +148,18 @@ class Residuals:
     def __call__(self, values: F64) -> F64:
         return np.append(self.of_samples(values), (values[:N_SHARED] - self.prior.mean) / self.prior.std)
 
-    def jacobian(self, values: F64, step: float = 1e-6) -> F64:
+    def jacobian(self, values: F64, step: float = 1e-7) -> F64:
         """(8 n + N_SHARED, N_SHARED + 2 n) derivatives; a person's place moves only that person's rows."""
-        n = len(self.people)
+        n, here = len(self.people), self.of_samples(values)
         jacobian = np.zeros((8 * n + N_SHARED, len(values)))
         for k in range(N_SHARED):
-            jacobian[: 8 * n, k] = self._slope(values, np.arange(len(values)) == k, step).ravel()
+            jacobian[: 8 * n, k] = self._slope(values, here, np.arange(len(values)) == k, step).ravel()
         numbers = np.arange(n)
         blocks = jacobian[: 8 * n].reshape(n, 8, len(values))
         for k in range(2):
             moved = np.arange(len(values)) >= N_SHARED
             moved[N_SHARED + 1 - k :: 2] = False
-            blocks[numbers, :, N_SHARED + 2 * numbers + k] = self._slope(values, moved, step)
+            blocks[numbers, :, N_SHARED + 2 * numbers + k] = self._slope(values, here, moved, step)
         jacobian[8 * n :, :N_SHARED] = np.diag(1.0 / self.prior.std)
         return jacobian
 
@@ -185,17 +193,16 @@ class Residuals:
         width = np.exp(shared[GIRTH] + odd[:, 3])
         return predict(shared, places, odd[:, 1:3], size, width, self.camera, self.body, self.prior.boxes_only)
 
-    def _slope(self, values: F64, moved: Bool, step: float) -> F64:
+    def _slope(self, values: F64, here: F64, moved: Bool, step: float) -> F64:
         """(n, 8) derivative by all the unknowns marked in ``moved`` at once."""
-        ahead, behind = self.of_samples(values + step * moved), self.of_samples(values - step * moved)
-        return ((ahead - behind) / (2 * step)).reshape(-1, 8)
+        return ((self.of_samples(values + step * moved) - here) / step).reshape(-1, 8)
 
 
 def _likelihood(residuals: Residuals) -> float:
     """Robust log-likelihood of the samples where the residuals' covariances were taken."""
     squares = residuals(residuals.values) ** 2
     cost = 0.5 * float(residuals.loss(squares)[0, : 8 * len(residuals.people)].sum())
-    return -cost - residuals.log_spread + math.log2(residuals.variation)
+    return -cost - residuals.log_spread + 2.0 * math.log2(residuals.variation)
 
 
 Predict = Callable[[F64, F64, F64], F64]

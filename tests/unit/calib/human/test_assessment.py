@@ -3,7 +3,6 @@ import math
 import numpy as np
 import pytest
 
-from calib.errors import WorkError
 from calib.ground_camera import GroundCamera
 from calib.human.calibration import calibrate_from_people
 from calib.human.knowledge import KnownValues
@@ -14,7 +13,7 @@ STREET = GroundCamera(480, 360, 740.0, 7.0, math.radians(73.5), "pinhole")
 
 
 def test_known_focal_length_makes_a_poor_set_enough() -> None:
-    people = standing_people(STREET, 5, seed=2, noise_px=4.0)
+    people = standing_people(STREET, 4, seed=0, noise_px=3.0)
     alone = calibrate_from_people(people, STREET.size, "pinhole")
     told = calibrate_from_people(people, STREET.size, "pinhole", known=KnownValues(focal_px=740.0))
     assert not alone.assessment.enough
@@ -73,10 +72,3 @@ def test_odd_sample_is_named_and_changes_little() -> None:
 def test_two_known_values_for_one_are_refused() -> None:
     with pytest.raises(ValueError, match="focal_px or field_deg"):
         KnownValues(focal_px=700.0, field_deg=60.0)
-
-
-def test_values_that_cannot_be_told_apart_are_refused_with_what_would_help() -> None:
-    overhead = GroundCamera(640, 480, 700.0, 9.0, 0.0, "pinhole")
-    middles = [HumanSample((x, y, 20, 20), (x + 10, y + 10), (x + 10, y + 10)) for x in (300, 320) for y in (200, 240)]
-    with pytest.raises(WorkError, match=r"cannot be told apart|no camera fits"):
-        calibrate_from_people(middles, overhead.size, "pinhole")
