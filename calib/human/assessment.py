@@ -236,7 +236,8 @@ class _Advisor:
         return bool(np.isfinite(self.fit.covariance).all()) and self._error_after(gain) <= self.limit
 
     def _error_after(self, gain: F64) -> float:
-        return self.ratio * self.floor.linear(np.linalg.inv(np.linalg.inv(self.fit.covariance) + gain))
+        after: F64 = np.linalg.inv(np.linalg.inv(self.fit.covariance) + gain).astype(np.float64)
+        return self.ratio * self.floor.linear(after)
 
 
 _KNOWABLE = (
