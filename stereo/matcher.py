@@ -15,6 +15,7 @@ from calib.rig import Floor
 from calib.types import F32, F64, U8
 from stereo._kernels import disparity_from_fixed
 from stereo.depth import RectifiedGeometry
+from stereo.gate import Window
 
 STEP = 16
 """SGBM counts disparities in multiples of 16, and returns sixteenths of a pixel."""
@@ -72,9 +73,12 @@ class DisparityRange:
 
 
 def disparity_range(
-    geometry: RectifiedGeometry, params: RangeParams | None = None, floor: Floor | None = None
+    geometry: RectifiedGeometry,
+    params: RangeParams | None = None,
+    floor: Floor | None = None,
+    window: Window | None = None,
 ) -> DisparityRange:
-    """Disparities that people and the floor can have.
+    """Disparities that people and the floor can have, in the whole image or a window of it.
 
     Without a floor: from infinity to ``nearest_m``. With one: from the lowest visible point to the nearest place where
     a raised hand meets the image, so that an overhead camera does not search what only a cellar could have.
@@ -82,7 +86,7 @@ def disparity_range(
     params = params or RangeParams()
     nearest, farthest = params.nearest_m, math.inf
     if floor is not None:
-        down = _descent(geometry, floor)
+        down = _descent(geometry, floor, window or Window(0, 0, *geometry.size))
         clearance = floor.height_m - params.reach_m
         if clearance > 0 and down.max() > 0:
             nearest = max(clearance / float(down.max()), NEAREST_M)
@@ -94,9 +98,9 @@ def disparity_range(
     return DisparityRange(first, min(count, STEP * (params.max_disparities // STEP)))
 
 
-def _descent(geometry: RectifiedGeometry, floor: Floor) -> F64:
-    """Metres that a ray of unit depth descends, at the corners and edges of the image."""
-    u, v = np.meshgrid(np.linspace(0, geometry.width - 1, 5), np.linspace(0, geometry.height - 1, 5))
+def _descent(geometry: RectifiedGeometry, floor: Floor, window: Window) -> F64:
+    """Metres that a ray of unit depth descends, at the corners of a window: in between it is linear."""
+    u, v = np.meshgrid([window.left, window.right - 1], [window.top, window.bottom - 1])
     rays = geometry.rays(np.stack([u, v], axis=-1))
     return np.asarray(-rays @ floor.world_SE3_left.rotation[2], dtype=np.float64)
 
@@ -167,15 +171,14 @@ class SgbmMatcher:
             mask, right_mask: (H, W) uint8, 0 where the left and the right image show nothing.
         """
         self.params = p = params or SgbmParams()
+        self.geometry = geometry
         self.disparities = disparities or disparity_range(geometry)
         whole = np.full((geometry.height, geometry.width), 255, np.uint8)
         self._mask, self._right_mask = (
             _inside(whole if m is None else m, p.block_px // 2 + 1) for m in (mask, right_mask)
         )
-        self._sgbm = make_sgbm(geometry, p, self.disparities)
-        # Columns before first_px have no match whatever the padding.
-        self._pad = self.disparities.count
-        self._window = np.ones((_TEXTURE_PX, _TEXTURE_PX), np.uint8)
+        self._sgbm: dict[DisparityRange, cv2.StereoSGBM] = {}
+        self._texture = np.ones((_TEXTURE_PX, _TEXTURE_PX), np.uint8)
 
     def __call__(self, left_grey: U8, right_grey: U8) -> F32:
         """Match one rectified pair (see ``Matcher``).
@@ -186,20 +189,46 @@ class SgbmMatcher:
         shape = self._mask.shape
         if left_grey.shape != shape or right_grey.shape != shape or left_grey.dtype != np.uint8:
             raise ValueError(f"expected two {shape} uint8 images, got {left_grey.shape} and {right_grey.shape}")
-        left, right = (
-            cv2.copyMakeBorder(image, 0, 0, self._pad, 0, cv2.BORDER_REPLICATE) for image in (left_grey, right_grey)
+        # Columns before first_px have no match whatever the padding.
+        whole = Window(0, 0, *self.geometry.size)
+        return self._matched(left_grey, right_grey, whole, self.disparities, self.disparities.count)
+
+    def part(self, left_grey: U8, right_grey: U8, window: Window, disparities: DisparityRange) -> F32:
+        """Match a window of a rectified pair.
+
+        Args:
+            left_grey: (h, w) uint8 of the window.
+            right_grey: (h, w') uint8 of the window and of what ``right_of`` adds to it.
+            disparities: range to search.
+        Returns:
+            (h, w) float32 [px] as of a call; less sure near the edges of the window, which end the path costs.
+        """
+        return self._matched(left_grey, right_grey, window, disparities, disparities.first_px + disparities.count)
+
+    def right_of(self, window: Window, disparities: DisparityRange) -> Window:
+        """Where the pixels of a window can be in the right image."""
+        return window._replace(left=max(0, window.left - disparities.first_px - disparities.count))
+
+    def _matched(self, left: U8, right: U8, window: Window, searched: DisparityRange, pad: int) -> F32:
+        """The disparities of a window, both images padded on the left so that OpenCV has ``pad`` columns to leave."""
+        sgbm = self._sgbm.get(searched)
+        if sgbm is None:
+            sgbm = self._sgbm[searched] = make_sgbm(self.geometry, self.params, searched)
+        padded = (
+            cv2.copyMakeBorder(image, 0, 0, left.shape[1] + pad - image.shape[1], 0, cv2.BORDER_REPLICATE)
+            for image in (left, right)
         )
-        fixed = self._sgbm.compute(left, right)[:, self._pad :]
-        disparity = np.empty(shape, dtype=np.float32)
-        darkest = np.asarray(cv2.erode(left_grey, self._window), dtype=np.uint8)
-        brightest = np.asarray(cv2.dilate(left_grey, self._window), dtype=np.uint8)
+        fixed = sgbm.compute(*padded)[:, pad:]
+        disparity = np.empty(left.shape, dtype=np.float32)
+        rows, columns = window.slices
         disparity_from_fixed(
             fixed,
-            self._mask,
-            self._right_mask,
-            darkest,
-            brightest,
-            STEP * self.disparities.first_px,
+            self._mask[rows, columns],
+            self._right_mask[rows],
+            np.asarray(cv2.erode(left, self._texture), dtype=np.uint8),
+            np.asarray(cv2.dilate(left, self._texture), dtype=np.uint8),
+            window.left,
+            STEP * searched.first_px,
             SUBPIXEL,
             self.params.saturated_level,
             self.params.texture_min,

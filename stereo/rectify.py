@@ -13,6 +13,7 @@ from calib.params import Params
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64, U8
+from stereo.gate import Window
 from stereo.matcher import disparity_range
 from stereo.recording import StereoFrame
 from stereo.vertical import VerticalFit, VerticalModel, measure_vertical
@@ -43,6 +44,35 @@ class RectifiedPair:
     left: U8
     left_grey: U8
     right_grey: U8
+
+
+@dataclass(frozen=True, eq=False)
+class PartialPair:
+    """A pair whose right image is rectified only where it is asked for.
+
+    Attributes:
+        left: (H, W) or (H, W, 3) uint8, rectified.
+        right_source: uint8 grey, the recorded right image at the size that its warp needs.
+        right_warp: rectifies it.
+    """
+
+    left: U8
+    right_source: U8
+    right_warp: Warp
+
+    def left_grey(self, window: Window) -> U8:
+        """(h, w) uint8 of a window."""
+        return as_grey(self.left[window.slices])
+
+    def right_grey(self, window: Window) -> U8:
+        """(h, w) uint8 of a window."""
+        return self.right_warp.part(self.right_source, window)
+
+    def samples(self, step: int) -> tuple[U8, U8]:
+        """Every ``step``-th row and column of both images, (h, w) uint8 grey."""
+        return as_grey(np.ascontiguousarray(self.left[::step, ::step])), self.right_warp.samples(
+            self.right_source, step
+        )
 
 
 class Rectifier:
@@ -83,11 +113,19 @@ class Rectifier:
         Raises:
             ValueError: images of another size.
         """
+        self._check(left, right)
+        rectified = self._left(left)
+        return RectifiedPair(rectified, as_grey(rectified), self._right(as_grey(right)))
+
+    def partly(self, left: U8, right: U8) -> PartialPair:
+        """Rectify the left image of a pair, and the right one later in part (arguments and errors as of a call)."""
+        self._check(left, right)
+        return PartialPair(self._left(left), self._right.source(as_grey(right)), self._right)
+
+    def _check(self, left: U8, right: U8) -> None:
         size = self.rig.left.size[::-1]
         if left.shape[:2] != size or right.shape[:2] != size:
             raise ValueError(f"expected images of shape {size}, got {left.shape} and {right.shape}")
-        rectified = self._left(left)
-        return RectifiedPair(rectified, as_grey(rectified), self._right(as_grey(right)))
 
 
 def aligned_rectifier(

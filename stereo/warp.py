@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.camera import Camera
 from calib.types import F32, F64, U8, AnyArray, Bool
+from stereo.gate import Window
 from stereo.view import source_pixels
 
 _OUTSIDE_PX = -1e4
@@ -50,9 +51,23 @@ class Warp:
 
     def __call__(self, image: U8) -> U8:
         """(H, W) or (H, W, 3) uint8 of an image of the camera, by bilinear interpolation."""
-        if self._reduced != self._recorded:
-            image = np.asarray(cv2.resize(image, self._reduced, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-        return np.asarray(cv2.remap(image, *self._maps, cv2.INTER_LINEAR), dtype=np.uint8)
+        return np.asarray(cv2.remap(self.source(image), *self._maps, cv2.INTER_LINEAR), dtype=np.uint8)
+
+    def source(self, image: U8) -> U8:
+        """An image of the camera, averaged down as the warp needs it."""
+        if self._reduced == self._recorded:
+            return image
+        return np.asarray(cv2.resize(image, self._reduced, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+    def part(self, source: U8, window: Window) -> U8:
+        """(h, w) or (h, w, 3) uint8 of a window of the pinhole's image, from what ``source`` gave."""
+        whole, fraction = (table[window.slices] for table in self._maps)
+        return np.asarray(cv2.remap(source, whole, fraction, cv2.INTER_LINEAR), dtype=np.uint8)
+
+    def samples(self, source: U8, step: int) -> U8:
+        """Every ``step``-th row and column of the pinhole's image, from what ``source`` gave."""
+        whole, fraction = (np.ascontiguousarray(table[::step, ::step]) for table in self._maps)
+        return np.asarray(cv2.remap(source, whole, fraction, cv2.INTER_LINEAR), dtype=np.uint8)
 
     def nearest(self, depth: F32) -> F32:
         """(H, W) float32 of a depth image of the camera: nearest pixels, as a mean over an edge is nowhere; else NaN.

@@ -13,7 +13,8 @@ from calib.images import as_grey
 from calib.types import U8, AnyArray
 from planview.pipeline.config import Config
 from planview.pipeline.engine import FrameResult
-from planview.pipeline.pipeline import MatchedFrame, Pipeline
+from planview.pipeline.frames import MatchedFrame
+from planview.pipeline.pipeline import Pipeline
 from planview.pipeline.setup import set_up
 from planview.synthetic.committed import DEMO
 from stereo.matcher import make_sgbm

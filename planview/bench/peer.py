@@ -19,10 +19,11 @@ from scipy.optimize import linear_sum_assignment
 from calib.files import write_whole
 from calib.types import U8
 from planview.foreground.masks import FOREGROUND
-from planview.maps.builder import FloorPoints, PlanViewMaps
-from planview.pipeline.config import Config
+from planview.maps.builder import PlanViewMaps
+from planview.pipeline.config import Config, ungated
 from planview.pipeline.engine import FrameResult, StageClock
-from planview.pipeline.pipeline import MatchedFrame, Pipeline
+from planview.pipeline.frames import MatchedFrame, Separated
+from planview.pipeline.pipeline import Pipeline
 from planview.pipeline.setup import AnySetup, set_up_any
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.kalman import FloorKalman
@@ -143,7 +144,7 @@ class Peer(Pipeline):
     """The naive engine: the engine's rectification, disparity and floor, and all of its own after these."""
 
     def __init__(self, recording: Recording | RgbdRecording, setup: AnySetup, config: Config) -> None:
-        super().__init__(recording, setup, config, BlobTracker())
+        super().__init__(recording, setup, ungated(config), BlobTracker())
 
     @staticmethod
     def open(path: Path, config: Config) -> Peer:
@@ -156,14 +157,17 @@ class Peer(Pipeline):
         super().reset()
         self._mog2 = cv2.createBackgroundSubtractorMOG2(history=HISTORY, detectShadows=True)
 
-    def separate(self, matched: MatchedFrame, clock: StageClock) -> tuple[U8, FloorPoints]:
+    def separate(self, matched: MatchedFrame, clock: StageClock) -> Separated:
         """See ``Pipeline``: MOG2, which marks shadows with 127."""
         step = self.stereo.reduction
-        marked = np.asarray(self._mog2.apply(self._reduced_image(matched.image)))
+        image = self._reduced_image(matched.image)
+        marked = np.asarray(self._mog2.apply(image))
         mask: U8 = np.where(marked == FOREGROUND, marked, 0).astype(np.uint8)
         mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, OPENED), dtype=np.uint8)
         clock.record("foreground")
-        return mask, self.maps.points(np.ascontiguousarray(matched.disparity[::step, ::step]), mask)
+        assert matched.disparity is not None
+        points = self.maps.points(np.ascontiguousarray(matched.disparity[::step, ::step]), mask)
+        return Separated(image, mask, points, matched.disparity)
 
 
 class PeerLog:

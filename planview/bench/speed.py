@@ -20,7 +20,8 @@ from planview.bench.clip import Clip, PlainOpenCV
 from planview.bench.ellipse_speed import ellipse_to_mog2
 from planview.bench.one_core import one_core
 from planview.bench.single_speed import human_model_to_mog2
-from planview.foreground.mixture import Foreground, ForegroundParams
+from planview.foreground.mixture import Foreground
+from planview.foreground.params import ForegroundParams
 from planview.pipeline.engine import STAGES
 
 BLOCK = 10

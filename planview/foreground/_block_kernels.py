@@ -36,11 +36,12 @@ ACTIVITY, LAST_Y = 10, 11
 N_LEAD = 12
 # Planes of the scratch block beside Y, U, V and D of the observation: what else is known, and what the first pass
 # leaves to the second.
-CHROMA, FEEDBACK, RATE_W, RATE_M, UNMATCHED = 0, 1, 6, 7, 8
-N_SCRATCH = 9
+CHROMA, FEEDBACK, RATE_W, RATE_M, UNMATCHED, MEASURED = 0, 1, 6, 7, 8, 9
+N_SCRATCH = 10
 # Unsigned indices: those that cannot be negative let LLVM vectorise a loop.
 AT_Y, AT_U, AT_V = np.uintp(Y * BLOCK), np.uintp(U * BLOCK), np.uintp(V * BLOCK)
 AT_CHROMA, AT_FEEDBACK = np.uintp(CHROMA * BLOCK), np.uintp(FEEDBACK * BLOCK)
+AT_MEASURED = np.uintp(MEASURED * BLOCK)
 ONE_STEP, TWO_STEPS, THREE = np.uintp(1), np.uintp(2), np.uintp(3)
 
 
@@ -74,9 +75,18 @@ def stage_colour(image: U8, n: int, s: UpdateConstants, obs: F32) -> None:
 
 @njit(cache=True, nogil=True)
 def stage(
-    image: U8, disparity: F32, feedback: U8, start: int, n: int, colour: bool, s: UpdateConstants, obs: F32
+    image: U8,
+    disparity: F32,
+    feedback: U8,
+    measured: U8,
+    start: int,
+    n: int,
+    colour: bool,
+    s: UpdateConstants,
+    obs: F32,
 ) -> None:
-    """Observation of n pixels into the scratch block; flat arrays, disparity and feedback empty for none."""
+    """Observation of n pixels into the scratch block; flat arrays, disparity and feedback empty for none, measured
+    empty for everywhere."""
     if colour:
         stage_colour(image[3 * start : 3 * (start + n)], n, s, obs)
     else:
@@ -91,6 +101,12 @@ def stage(
             obs[AT_FEEDBACK + i] = F(part[i])
     else:
         obs[FEEDBACK * BLOCK : FEEDBACK * BLOCK + n] = ZERO
+    if measured.size:
+        here = measured[start : start + n]
+        for i in range(np.uintp(n)):
+            obs[AT_MEASURED + i] = ONE if here[i] > 0 else ZERO
+    else:
+        obs[MEASURED * BLOCK : MEASURED * BLOCK + n] = ONE
 
 
 @njit(cache=True, nogil=True)
@@ -127,5 +143,10 @@ def store(a: F32, base: int, stride: int, g: Gaussian) -> None:
 def observed(obs: F32, i: int) -> Pixel:
     """Observation i of the scratch block."""
     return Pixel(
-        obs[Y * BLOCK + i], obs[U * BLOCK + i], obs[V * BLOCK + i], obs[D * BLOCK + i], obs[CHROMA * BLOCK + i]
+        obs[Y * BLOCK + i],
+        obs[U * BLOCK + i],
+        obs[V * BLOCK + i],
+        obs[D * BLOCK + i],
+        obs[CHROMA * BLOCK + i],
+        obs[MEASURED * BLOCK + i],
     )

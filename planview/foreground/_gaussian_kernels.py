@@ -63,13 +63,15 @@ class Rates(NamedTuple):
 
 
 class Pixel(NamedTuple):
-    """Luma, chroma and disparity of an observation (NaN: none), and 1 where its chroma is usable; float32."""
+    """Luma, chroma and disparity of an observation (NaN: none), and 1 where its chroma is usable and where disparity
+    was looked for; float32."""
 
     y: Real
     u: Real
     v: Real
     d: Real
     chroma: Real
+    measured: Real
 
 
 class Gaussian(NamedTuple):
@@ -152,7 +154,7 @@ def learned(g: Gaussian, o: Pixel, kind: int, rate: Real, s: UpdateConstants) ->
 
     # The mean of the valid disparities only: an exponential mean of d over one of validity.
     has_depth = o.d == o.d
-    depth_fraction = g.depth_fraction + rate * ((ONE if has_depth else ZERO) - g.depth_fraction)
+    depth_fraction = g.depth_fraction + rate * o.measured * ((ONE if has_depth else ZERO) - g.depth_fraction)
     learns_d = has_depth & (rate > ZERO)
     rate_d = rate / max(depth_fraction, rate) if learns_d else ZERO
     dd = o.d - g.d if has_depth else ZERO

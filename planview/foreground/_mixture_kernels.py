@@ -17,6 +17,7 @@ from planview.foreground._block_kernels import (
     BLOCK,
     FEEDBACK,
     LAST_Y,
+    MEASURED,
     N_SCRATCH,
     RATE_M,
     RATE_W,
@@ -63,7 +64,7 @@ def match_leaders(lead: F32, obs: F32, n: int, s: UpdateConstants) -> None:
     """Test n pixels against their leading Gaussian: no branches, so that it vectorises."""
     for i in range(n):
         kind = match_kind(load(lead, i, BLOCK), observed(obs, i), s)
-        obs[UNMATCHED * BLOCK + i] = ONE if kind == NO_MATCH else ZERO
+        obs[UNMATCHED * BLOCK + i] = obs[MEASURED * BLOCK + i] if kind == NO_MATCH else ZERO
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -91,7 +92,7 @@ def learn_leaders(lead: F32, obs: F32, n: int, s: UpdateConstants, rates: Rates)
         weight = lead[WEIGHT * BLOCK + i]
         lead[WEIGHT * BLOCK + i] = weight + (rate_w * (ONE - weight) if kind != NO_MATCH else ZERO)
         store(lead, i, BLOCK, learned(g, o, kind, rate_m, s))
-        obs[UNMATCHED * BLOCK + i] = ONE if kind == NO_MATCH else ZERO
+        obs[UNMATCHED * BLOCK + i] = o.measured if kind == NO_MATCH else ZERO
 
 
 @njit(cache=True, nogil=True, forceinline=True)
@@ -205,6 +206,7 @@ def update_blocks(
     image: U8,
     disparity: F32,
     feedback: U8,
+    measured: U8,
     mask: U8,
     first: int,
     last: int,
@@ -216,6 +218,8 @@ def update_blocks(
     Args:
         lead: (n_blocks, N_LEAD * BLOCK) leading Gaussians. rest: (N * (K-1) * N_FIELDS,) the others.
         image: (N,) or (3 N,) uint8. disparity: (N,) float32 or empty. feedback: (N,) uint8 or empty. mask: (N,) uint8.
+        measured: (N,) uint8, 0 where disparity was not looked for, or empty: such a pixel is background, and what it
+            teaches is the colour of its leader, if it matches that.
         turns: (T, 4) the rates of blocks b = t modulo T; a row of zeros does not learn.
     """
     colour = image.size > mask.size
@@ -224,10 +228,13 @@ def update_blocks(
     for block in range(first, last):
         start = block * BLOCK
         n = min(BLOCK, mask.size - start)
-        stage(image, disparity, feedback, start, n, colour, s, obs)
-        leaders = lead[block]
         turn = block % turns.shape[0]
         rates = Rates(turns[turn, 0], turns[turn, 1], turns[turn, 2], turns[turn, 3])
+        if measured.size and rates.weight <= ZERO and not measured[start : start + n].any():
+            mask[start : start + n] = 0
+            continue
+        stage(image, disparity, feedback, measured, start, n, colour, s, obs)
+        leaders = lead[block]
         if rates.weight > ZERO:
             learn_leaders(leaders, obs, n, s, rates)
         else:
@@ -248,7 +255,7 @@ def update_blocks(
 def start_blocks(lead: F32, rest: F32, image: U8, disparity: F32, n_pixels: int, s: UpdateConstants) -> None:
     """First frame: every leader starts at the observation with all the weight, the rest without any."""
     obs = np.zeros(N_SCRATCH * BLOCK, np.float32)
-    no_feedback = np.zeros(0, np.uint8)
+    empty = np.zeros(0, np.uint8)
     lead[:, :] = ONE
     rest[:] = ONE
     for b in range(0, rest.size, N_FIELDS):
@@ -256,7 +263,7 @@ def start_blocks(lead: F32, rest: F32, image: U8, disparity: F32, n_pixels: int,
     for block in range(lead.shape[0]):
         start = block * BLOCK
         n = min(BLOCK, n_pixels - start)
-        stage(image, disparity, no_feedback, start, n, image.size > n_pixels, s, obs)
+        stage(image, disparity, empty, empty, start, n, image.size > n_pixels, s, obs)
         for i in range(n):
             o = observed(obs, i)
             store(lead[block], i, BLOCK, started(o, s))

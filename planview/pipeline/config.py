@@ -12,7 +12,7 @@ from calib.errors import InputError
 from calib.floor.params import FloorParams
 from calib.params import Params, first_problem
 from calib.text import MAX_DEPTH, load_toml, parse_toml
-from planview.foreground.mixture import ForegroundParams
+from planview.foreground.params import ForegroundParams
 from planview.maps.builder import MapParams
 from planview.pipeline.feedback import FeedbackParams
 from planview.pipeline.single_camera import SingleCameraParams
@@ -20,6 +20,7 @@ from planview.tracking.ellipse_particle.params import EllipseParticleParams
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.template import TemplateTrackerParams
 from stereo.floor import SETUP_FRAMES
+from stereo.gate import MatchingParams
 from stereo.matcher import RangeParams, SgbmParams
 from stereo.rectify import RectifyParams
 
@@ -43,6 +44,7 @@ class Config(Params):
     rectify: RectifyParams = RectifyParams()
     range: RangeParams = RangeParams()
     sgbm: SgbmParams = SgbmParams()
+    matching: MatchingParams = MatchingParams()
     floor: FloorParams = FloorParams()
     foreground: ForegroundParams = ForegroundParams()
     feedback: FeedbackParams = FeedbackParams()
@@ -51,6 +53,11 @@ class Config(Params):
     single_camera: SingleCameraParams = SingleCameraParams()
     human_model: HumanModelParams = HumanModelParams()
     ellipse_particle: EllipseParticleParams = EllipseParticleParams()
+
+
+def ungated(config: Config) -> Config:
+    """The same parameters, but every pixel of every frame is matched."""
+    return config.model_copy(update={"matching": config.matching.model_copy(update={"gated": False})})
 
 
 def load_config(path: Path | None = None, overrides: Sequence[str] = (), base: Config | None = None) -> Config:

@@ -61,6 +61,8 @@ class FrameResult:
         stages_ms: time of every stage; reading and matching run ahead in other threads.
         heads: what each of several heads measured; empty for a recording of one head.
         thumbnails: of both rectified images; None without a pair.
+        measured: (h, w) uint8 at the size of foreground and maps, 0 where the disparity is as measured in an earlier
+            frame; None where all of it is of this one.
     """
 
     frame: int
@@ -72,6 +74,12 @@ class FrameResult:
     stages_ms: dict[str, float]
     heads: tuple[HeadResult, ...] = ()
     thumbnails: Thumbnails | None = None
+    measured: U8 | None = None
+
+    @property
+    def matched_share(self) -> float:
+        """Share of the pixels whose disparity was measured in this frame."""
+        return 1.0 if self.measured is None else float((self.measured > 0).mean())
 
 
 class AnyRecording(Protocol):

@@ -10,17 +10,16 @@ from pathlib import Path
 from calib.errors import InputError
 from calib.rigs_file import RIGS_FILE
 from planview.doctor.check import Check
-from planview.maps.builder import FloorPoints
 from planview.maps.heads import HeadsMapBuilder
 from planview.pipeline.boxes import BodyBoxes
 from planview.pipeline.config import Config
 from planview.pipeline.describe import StereoDescription, stereo_camera_info
 from planview.pipeline.engine import FrameResult, HeadResult, StageClock, beyond
+from planview.pipeline.frames import MatchedFrame, Separated
 from planview.pipeline.info import CameraInfo
-from planview.pipeline.pipeline import AHEAD, MatchedFrame, Pipeline
+from planview.pipeline.pipeline import AHEAD, Pipeline
 from planview.pipeline.setup import set_up_any
 from planview.tracking.base import Observation, Tracker
-from planview.trajectories.state import TrackState
 from stereo.readers.heads import HeadsFrame, HeadsRecording, open_heads
 from stereo.readers.prefetch import prefetch
 
@@ -102,7 +101,7 @@ class HeadsPipeline(StereoDescription):
         Raises:
             ValueError: images of another size than the calibration's.
         """
-        return self.track(self.match(frame))
+        return self.track(self.prepare(frame))
 
     def __iter__(self) -> Iterator[FrameResult]:
         """``step`` over the recording from its first moment, but matching runs ahead in its own thread."""
@@ -113,19 +112,19 @@ class HeadsPipeline(StereoDescription):
         """See ``Engine``."""
         memory: dict[str, object] = {"tracker": self.tracker}
         for n, head in enumerate(self.heads):
-            memory |= {f"foreground{n}": head.foreground, f"feedback{n}": head.feedback}
+            memory |= {f"{name}{n}": part for name, part in head.memory().items() if name != "tracker"}
         return memory
 
     def after(self, frame: int) -> Iterator[FrameResult]:
         """See ``Engine``."""
-        with closing(prefetch(self._matched(frame), AHEAD)) as matched:
+        with closing(prefetch(self._prepared(frame), AHEAD)) as matched:
             for moment in matched:
                 yield self.track(moment)
 
-    def match(self, frame: HeadsFrame, clock: StageClock | None = None) -> MatchedHeads:
-        """Rectify and match the pairs of a moment; depends on no other frame."""
+    def prepare(self, frame: HeadsFrame, clock: StageClock | None = None) -> MatchedHeads:
+        """Prepare the pairs of a moment; depends on no other frame."""
         stages = dict(clock.stages_ms) if clock else {}
-        pairs = [h.match(f) if f is not None else None for h, f in zip(self.heads, frame.frames, strict=True)]
+        pairs = [h.prepare(f) if f is not None else None for h, f in zip(self.heads, frame.frames, strict=True)]
         for pair in pairs:
             _add(stages, pair.stages_ms if pair else {})
         return MatchedHeads(frame, tuple(pairs), stages)
@@ -133,49 +132,46 @@ class HeadsPipeline(StereoDescription):
     def track(self, matched: MatchedHeads) -> FrameResult:
         """Foreground of every head, joint maps and people of the next moment."""
         frame, stages = matched.frame, dict(matched.stages_ms)
-        masks, points = [], []
+        found: list[Separated | None] = []
         for head, pair in zip(self.heads, matched.pairs, strict=True):
             clock = StageClock()
-            mask, found = head.separate(pair, clock) if pair else (None, None)
-            masks.append(mask)
-            points.append(found)
+            found.append(head.separate(pair, clock) if pair else None)
             _add(stages, clock.stages_ms)
         clock = StageClock(stages)
-        maps = self.maps(points)
+        maps = self.maps([one.points if one else None for one in found])
         clock.record("maps")
-        first = matched.pairs[0]
-        observation = Observation(frame.index, frame.timestamp_s, first.image if first else None, masks[0], None, maps)
+        first, own = matched.pairs[0], found[0]
+        observation = Observation(
+            frame.index, frame.timestamp_s, first.image if first else None, own.mask if own else None, None, maps
+        )
         tracks = self.tracker.update(observation)
-        self._learn(points, tracks)
+        boxed = [tuple(boxes(track) for track in tracks) for boxes in self._boxes]
+        for head, one, people in zip(self.heads, found, boxed, strict=True):
+            if one is not None:
+                head.learn(one, people)
         results = tuple(
             HeadResult(
                 head.name,
                 pair.image if pair else None,
-                mask,
-                pair.disparity if pair else None,
-                tuple(boxes(track) for track in tracks),
-                len(found.xyz) if found else 0,
+                one.mask if one else None,
+                one.disparity if one else None,
+                people,
+                len(one.points.xyz) if one else 0,
             )
-            for head, pair, mask, boxes, found in zip(
-                self.recording.heads, matched.pairs, masks, self._boxes, points, strict=True
-            )
+            for head, pair, one, people in zip(self.recording.heads, matched.pairs, found, boxed, strict=True)
         )
         clock.record("track")
         return FrameResult(
             frame.index, frame.timestamp_s, results[0].tracks, self.tracker.decisions, observation,
-            first.disparity if first else None, clock.stages_ms, results, first.thumbnails if first else None,
+            own.disparity if own else None, clock.stages_ms, results, first.thumbnails if first else None,
+            own.measured if own else None,
         )  # fmt: skip
 
-    def _learn(self, points: Sequence[FloorPoints | None], tracks: Sequence[TrackState]) -> None:
-        for head, found in zip(self.heads, points, strict=True):
-            if found is not None:
-                head.learn(found, tracks)
-
-    def _matched(self, after: int) -> Iterator[MatchedHeads]:
+    def _prepared(self, after: int) -> Iterator[MatchedHeads]:
         clock = StageClock()
         for frame in beyond(self.recording, after):
             clock.record("read")
-            yield self.match(frame, clock)
+            yield self.prepare(frame, clock)
             clock = StageClock()
 
 

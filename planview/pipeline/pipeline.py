@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from calib.ground_camera import GroundCamera
-from calib.types import F32, U8
+from calib.types import U8
 from planview.doctor.check import Check
-from planview.doctor.motion import Thumbnails, thumbnails
+from planview.doctor.motion import STEP_PX, sampled_thumbnails, thumbnails
 from planview.foreground.mixture import Foreground
-from planview.maps.builder import FloorPoints, MapBuilder
+from planview.maps.builder import MapBuilder
 from planview.maps.one_statistic import reduced
 from planview.maps.view import StereoView
 from planview.pipeline.ablations import ablated
@@ -23,6 +22,7 @@ from planview.pipeline.config import Config
 from planview.pipeline.describe import StereoDescription, ground_camera_info, ground_floor_info
 from planview.pipeline.engine import FrameResult, StageClock, beyond, timed_steps
 from planview.pipeline.feedback import Feedback
+from planview.pipeline.frames import MatchedFrame, Separated
 from planview.pipeline.front_end import FrontEnd
 from planview.pipeline.info import CameraInfo, FloorInfo
 from planview.pipeline.setup import AnySetup, set_up_any
@@ -37,27 +37,7 @@ from stereo.recording import Recording, RgbdFrame, RgbdRecording, StereoFrame, V
 from stereo.rectify import RectifiedPair
 
 AHEAD = 2
-"""Frames matched ahead of the tracker."""
-
-
-@dataclass(frozen=True, eq=False)
-class MatchedFrame:
-    """A rectified frame with its disparity.
-
-    Attributes:
-        frame, timestamp_s: as in the recording.
-        image: (H, W[, 3]) uint8, rectified; the left one of a pair.
-        disparity: (H, W) float32 [px], NaN invalid.
-        stages_ms: time of the stages so far.
-        thumbnails: of both rectified images.
-    """
-
-    frame: int
-    timestamp_s: float
-    image: U8
-    disparity: F32
-    stages_ms: dict[str, float]
-    thumbnails: Thumbnails | None = None
+"""Frames read and rectified ahead of the tracker."""
 
 
 class Pipeline(StereoDescription):
@@ -66,7 +46,8 @@ class Pipeline(StereoDescription):
     Attributes:
         setup: rectification, floor and disparity range.
         front_end, foreground, maps, feedback: the stages between reading and tracking.
-        ahead: frames that iteration reads and matches ahead in a thread of their own; 0 for one thread.
+        gated: matches in part; None where every pixel is matched, or nothing.
+        ahead: frames that iteration reads and rectifies ahead in a thread of their own; 0 for one thread.
         recording, config, tracker, stereo: see ``Engine``.
     """
 
@@ -82,7 +63,7 @@ class Pipeline(StereoDescription):
 
         Args:
             tracker: the template tracker when None.
-            matcher: of pairs; SGBM over the setup's disparities when None.
+            matcher: of whole pairs; SGBM over the setup's disparities when None, gated as configured.
         """
         self.config = c = config or Config()
         self.recording, self.setup = recording, setup
@@ -97,6 +78,7 @@ class Pipeline(StereoDescription):
             geometry, floor, setup.floor_source, setup.calibration, setup.vertical_residual_px, setup.disparities,
             self.maps.grid, reduction, setup.sensor,
         )  # fmt: skip
+        self.gated = setup.gated(c, self.maps.shape, reduction) if matcher is None and c.matching.gated else None
         self._boxes = BodyBoxes(geometry, floor.world_SE3_left)
         self.ahead = AHEAD
 
@@ -135,6 +117,8 @@ class Pipeline(StereoDescription):
         self.tracker.reset()
         self.foreground.reset()
         self.feedback.reset()
+        if self.gated is not None:
+            self.gated.memory.reset()
 
     def step(self, frame: StereoFrame | RgbdFrame) -> FrameResult:
         """Track the next frame, of the recording's kind.
@@ -142,25 +126,44 @@ class Pipeline(StereoDescription):
         Raises:
             ValueError: images of another size than the calibration's.
         """
-        return self.track(self.match(frame))
+        return self.track(self.prepare(frame))
 
     def __iter__(self) -> Iterator[FrameResult]:
-        """``step`` over the recording from its first frame, but reading and matching may run ``ahead`` in a thread."""
+        """``step`` over the recording from its first frame, but reading and rectifying may run in a thread."""
         self.reset()
         yield from self.after(-1)
 
     def memory(self) -> dict[str, object]:
         """See ``Engine``."""
-        return {"tracker": self.tracker, "foreground": self.foreground, "feedback": self.feedback}
+        memory: dict[str, object] = {
+            "tracker": self.tracker,
+            "foreground": self.foreground,
+            "feedback": self.feedback,
+        }
+        return memory | ({} if self.gated is None else {"matching": self.gated.memory})
 
     def after(self, frame: int) -> Iterator[FrameResult]:
         """See ``Engine``."""
-        frames = prefetch(self._matched(frame), self.ahead) if self.ahead else self._matched(frame)
+        frames = prefetch(self._prepared(frame), self.ahead) if self.ahead else self._prepared(frame)
         for matched in frames:
             yield self.track(matched)
 
+    def prepare(self, frame: StereoFrame | RgbdFrame, clock: StageClock | None = None) -> MatchedFrame:
+        """What of a frame depends on no other frame: its rectification, and its disparity unless that is gated.
+
+        Args:
+            clock: with the times of earlier stages.
+        """
+        if self.gated is None or isinstance(frame, RgbdFrame):
+            return self.match(frame, clock)
+        clock = clock or StageClock()
+        pair = self.gated.rectify(frame)
+        small = sampled_thumbnails(*pair.samples(STEP_PX))
+        clock.record("rectify")
+        return MatchedFrame(frame.index, frame.timestamp_s, pair.left, None, clock.stages_ms, small, pair)
+
     def match(self, frame: StereoFrame | RgbdFrame, clock: StageClock | None = None) -> MatchedFrame:
-        """Rectify a frame and find its disparity; depends on no other frame.
+        """Rectify a frame and find the disparity of all its pixels; depends on no other frame.
 
         Args:
             clock: with the times of earlier stages.
@@ -176,37 +179,50 @@ class Pipeline(StereoDescription):
     def track(self, matched: MatchedFrame) -> FrameResult:
         """Foreground, maps and people of the next frame."""
         clock = StageClock(matched.stages_ms)
-        mask, points = self.separate(matched, clock)
-        maps = reduced(self.maps.of(points), self.config.maps.statistic)
+        found = self.separate(matched, clock)
+        maps = reduced(self.maps.of(found.points), self.config.maps.statistic)
         clock.record("maps")
-        observation = Observation(matched.frame, matched.timestamp_s, matched.image, mask, None, maps)
+        observation = Observation(matched.frame, matched.timestamp_s, matched.image, found.mask, None, maps)
         tracks = tuple(self._boxes(track) for track in self.tracker.update(observation))
-        self.learn(points, tracks)
+        self.learn(found, tracks)
         clock.record("track")
         return FrameResult(
             matched.frame, matched.timestamp_s, tracks, self.tracker.decisions, observation,
-            matched.disparity, clock.stages_ms, thumbnails=matched.thumbnails,
+            found.disparity, clock.stages_ms, thumbnails=matched.thumbnails, measured=found.measured,
         )  # fmt: skip
 
-    def separate(self, matched: MatchedFrame, clock: StageClock) -> tuple[U8, FloorPoints]:
-        """Foreground of the next pair: (H, W) uint8 mask and its points in the world."""
-        reduction = self.stereo.reduction
-        image = self._reduced_image(matched.image)
-        disparity = np.ascontiguousarray(matched.disparity[::reduction, ::reduction])
-        mask = self.foreground.update(image, disparity, matched.timestamp_s, self.feedback.mask)
+    def separate(self, matched: MatchedFrame, clock: StageClock) -> Separated:
+        """Foreground of the next pair."""
+        step = self.stereo.reduction
+        image, disparity, measured = self._reduced_image(matched.image), matched.disparity, None
+        if disparity is None:
+            assert self.gated is not None and matched.pair is not None
+            disparity, now, measured = self.gated(matched.pair, image, self.foreground, matched.timestamp_s)
+            clock.record("match")
+        else:
+            now = np.ascontiguousarray(disparity[::step, ::step])
+        known = measured if self.foreground.settled else None
+        mask = self.foreground.update(image, now, matched.timestamp_s, self.feedback.mask, known)
         clock.record("foreground")
-        return mask, self.maps.points(disparity, mask, image, self.foreground.exposure)
+        points = self.maps.points(now, mask, image, self.foreground.exposure)
+        return Separated(image, mask, points, disparity, measured)
 
-    def learn(self, points: FloorPoints, tracks: Sequence[TrackState]) -> None:
-        """Tell the foreground of the next frame where people are; ``points`` are those of this frame."""
-        self.feedback(points, tracks, self.maps.shape)
+    def learn(self, found: Separated, tracks: Sequence[TrackState]) -> None:
+        """Tell the next frame's foreground and matching where people are.
 
-    def _matched(self, after: int) -> Iterator[MatchedFrame]:
+        Args:
+            tracks: people, with their boxes in this image.
+        """
+        self.feedback(found.points, tracks, self.maps.shape)
+        if self.gated is not None and found.measured is not None:
+            self.gated.learn(found.image, found.mask, found.measured, tracks)
+
+    def _prepared(self, after: int) -> Iterator[MatchedFrame]:
         frames: Iterable[StereoFrame | RgbdFrame] = self.recording
         clock = StageClock()
         for frame in beyond(frames, after):
             clock.record("read")
-            yield self.match(frame, clock)
+            yield self.prepare(frame, clock)
             clock = StageClock()
 
     def _reduced_image(self, image: U8) -> U8:

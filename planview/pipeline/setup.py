@@ -19,6 +19,7 @@ from planview.doctor.exposure import image_checks
 from planview.doctor.scene import floor_checks
 from planview.pipeline.config import Config
 from planview.pipeline.front_end import RgbdFrontEnd, StereoFrontEnd
+from planview.pipeline.gated import GatedMatching
 from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
 from stereo.matcher import DisparityRange, Matcher, SgbmMatcher, disparity_range
 from stereo.recording import Recording, RgbdRecording, StereoFrame
@@ -73,9 +74,17 @@ class Setup:
 
     def front_end(self, config: Config, matcher: Matcher | None = None) -> StereoFrontEnd:
         """The stages before the foreground; with SGBM over the disparities when there is no matcher."""
+        return StereoFrontEnd(self.rectifier, matcher or self._sgbm(config), self.disparities)
+
+    def gated(self, config: Config, shape: tuple[int, int], reduction: int) -> GatedMatching:
+        """SGBM where something may have changed; ``shape`` and ``reduction`` are those of the foreground."""
+        return GatedMatching(
+            self.rectifier, self._sgbm(config), self.floor, config.range, config.matching, shape, reduction
+        )
+
+    def _sgbm(self, config: Config) -> SgbmMatcher:
         masks = self.rectifier.mask, self.rectifier.right_mask
-        matcher = matcher or SgbmMatcher(self.rectifier.geometry, config.sgbm, self.disparities, *masks)
-        return StereoFrontEnd(self.rectifier, matcher, self.disparities)
+        return SgbmMatcher(self.rectifier.geometry, config.sgbm, self.disparities, *masks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +114,9 @@ class RgbdSetup:
     def front_end(self, config: Config, matcher: Matcher | None = None) -> RgbdFrontEnd:
         """The stages before the foreground; there is nothing to match."""
         return RgbdFrontEnd(self.rectifier)
+
+    def gated(self, config: Config, shape: tuple[int, int], reduction: int) -> None:
+        """There is nothing to match."""
 
 
 AnySetup = Setup | RgbdSetup

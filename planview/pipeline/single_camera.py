@@ -15,7 +15,8 @@ from calib.params import Params
 from calib.types import U8
 from planview.foreground.ghosts import GhostParams, find_ghosts
 from planview.foreground.masks import BACKGROUND
-from planview.foreground.mixture import Foreground, ForegroundParams
+from planview.foreground.mixture import Foreground
+from planview.foreground.params import ForegroundParams
 from planview.tracking.base import Observation
 from stereo.recording import VideoFrame
 

@@ -70,8 +70,14 @@ def start(o: Pixels, k: int, s: UpdateConstants) -> Mixtures:
     return m
 
 
-def update(m: Mixtures, o: Pixels, feedback: np.ndarray, s: UpdateConstants, rates: Rates) -> np.ndarray:
-    """One frame: changes the mixtures, returns the mask (N,): 0, SHADOW (by colour), NEARER (by depth), FOREGROUND."""
+def update(
+    m: Mixtures, o: Pixels, feedback: np.ndarray, s: UpdateConstants, rates: Rates, measured: np.ndarray
+) -> np.ndarray:
+    """One frame: changes the mixtures, returns the mask (N,): 0, SHADOW (by colour), NEARER (by depth), FOREGROUND.
+
+    Where disparity was not looked for (measured is False) a pixel is background, and only its leader learns, if it
+    matches by colour, and nothing about depth.
+    """
     learns = rates.weight > 0
     if learns:
         m.activity += rates.activity * (np.abs(o.y - m.last_y) - m.activity)
@@ -84,6 +90,8 @@ def update(m: Mixtures, o: Pixels, feedback: np.ndarray, s: UpdateConstants, rat
     matched = (kinds > 0) & (m.weight > 0)
     matched[0] = kinds[0] > 0
     found = np.where(matched.any(axis=0), matched.argmax(axis=0), -1)
+    found = np.where(measured | (found == 0), found, -1)
+    rate_w = np.where(measured | (found == 0), rate_w, F32(0))
     unclipped, behind = _uncovered(m, o, s)
     mask = _classify(m, found, unclipped, o, s)
     if learns:
@@ -93,8 +101,14 @@ def update(m: Mixtures, o: Pixels, feedback: np.ndarray, s: UpdateConstants, rat
         quick = (found != 0) & (unclipped | behind) & young & (rate_w > 0)
         rate_w = np.where(quick, np.maximum(rate_w, rates.fast), rate_w)
         rate_m = np.where(quick, np.maximum(rate_m, rates.fast), rate_m)
-        _learn(m, found, kinds[at, pixels], o, rate_w, rate_m, s)
-    return mask
+        _learn(m, found, kinds[at, pixels], o, rate_w, rate_m, s, measured)
+    return np.where(measured, mask, np.uint8(0))
+
+
+def changes(m: Mixtures, o: Pixels, s: UpdateConstants) -> np.ndarray:
+    """(N,) uint8, 255 where depth must be measured: the leader does not match, is young, or the luma keeps changing."""
+    changed = (_match_kind(m, 0, o, s) == 0) | (m.weight[0] <= s.background_weight) | (m.activity > s.active)
+    return np.where(changed, np.uint8(255), np.uint8(0))
 
 
 def _shown(m: Mixtures, k: int, s: UpdateConstants) -> np.ndarray:
@@ -159,13 +173,14 @@ def _learn(
     rate_w: np.ndarray,
     rate_m: np.ndarray,
     s: UpdateConstants,
+    measured: np.ndarray,
 ) -> None:
     frozen = (found != 0) & (rate_w <= 0)
     m.weight *= np.where(frozen, F32(1), F32(1) - rate_w)
     for k in range(len(m.weight)):
         chosen = (found == k) & ~frozen
         m.weight[k] += np.where(chosen, rate_w, F32(0))
-        _learn_gaussian(m, k, chosen, kind, o, rate_m, s)
+        _learn_gaussian(m, k, chosen, kind, o, rate_m, s, measured)
     last = len(m.weight) - 1
     new = (found < 0) & ~frozen
     m.weight[last] = np.where(new, rate_w, m.weight[last])
@@ -175,7 +190,14 @@ def _learn(
 
 
 def _learn_gaussian(
-    m: Mixtures, k: int, chosen: np.ndarray, kind: np.ndarray, o: Pixels, rate: np.ndarray, s: UpdateConstants
+    m: Mixtures,
+    k: int,
+    chosen: np.ndarray,
+    kind: np.ndarray,
+    o: Pixels,
+    rate: np.ndarray,
+    s: UpdateConstants,
+    measured: np.ndarray,
 ) -> None:
     rate_var = np.where(kind == 1, rate, F32(0))
     bound, clipped, same = m.var_y[k] < 0, o.y >= s.clip, kind == 1
@@ -183,7 +205,7 @@ def _learn_gaussian(
     dy, du, dv = o.y - _shown(m, k, s), o.u - m.u[k], o.v - m.v[k]
     chroma = _chroma(m, k, o, s)
     has_depth = ~np.isnan(o.d)
-    depth_fraction = m.depth_fraction[k] + rate * (has_depth.astype(F32) - m.depth_fraction[k])
+    depth_fraction = m.depth_fraction[k] + rate * measured * (has_depth.astype(F32) - m.depth_fraction[k])
     learns_d = has_depth & (rate > 0)
     rate_d = np.where(learns_d, rate / np.maximum(depth_fraction, np.maximum(rate, F32(1e-30))), F32(0))
     dd = np.where(has_depth, o.d - m.d[k], F32(0))

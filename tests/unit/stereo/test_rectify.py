@@ -6,6 +6,7 @@ from calib.camera import Camera
 from calib.images import as_grey
 from calib.pose import SE3
 from calib.rig import StereoRig
+from stereo.gate import Window
 from stereo.recording import StereoFrame
 from stereo.rectify import Rectifier, RectifyParams, aligned_rectifier
 from stereo.vertical import VerticalModel, VerticalParams, match_corners
@@ -159,3 +160,15 @@ def test_colour_left_stays_colour_and_right_becomes_grey() -> None:
     pair = Rectifier(toy_rig())(image, image)
     assert pair.left.shape == (240, 320, 3)
     assert pair.left_grey[100, 100] == pair.right_grey[100, 100] == as_grey(image)[0, 0]
+
+
+def test_parts_of_a_pair_are_those_of_the_whole_pair() -> None:
+    rig = toy_rig(rotation_deg=TURN, distortion=BROWN)
+    rectifier = Rectifier(rig)
+    left, right = ToyWorld().pair(rig)
+    window = Window(30, 40, 200, 110)
+    whole, part = rectifier(left, right), rectifier.partly(left, right)
+    np.testing.assert_array_equal(part.left_grey(window), whole.left_grey[window.slices])
+    np.testing.assert_array_equal(part.right_grey(window), whole.right_grey[window.slices])
+    for small, large in zip(part.samples(2), (whole.left_grey, whole.right_grey), strict=True):
+        np.testing.assert_array_equal(small, large[::2, ::2])

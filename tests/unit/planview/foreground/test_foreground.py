@@ -5,7 +5,8 @@ import pytest
 from pydantic import ValidationError
 
 from planview.foreground.masks import BACKGROUND, PERSON
-from planview.foreground.mixture import Foreground, ForegroundParams
+from planview.foreground.mixture import Foreground
+from planview.foreground.params import ForegroundParams
 
 SHAPE = (24, 32)
 BLOB = np.s_[6:18, 10:22]

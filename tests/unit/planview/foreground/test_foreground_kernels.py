@@ -9,7 +9,9 @@ from reference import foreground as reference
 from planview.foreground import _mixture_kernels as kernels
 from planview.foreground._block_kernels import BLOCK, N_LEAD
 from planview.foreground._gaussian_kernels import N_FIELDS, Rates
-from planview.foreground.mixture import TURNS, Foreground, ForegroundParams
+from planview.foreground.mixture import Foreground
+from planview.foreground.params import ForegroundParams
+from planview.foreground.turns import TURNS
 
 SHAPE = (7, 31)  # more than one block, the last one not full
 N = SHAPE[0] * SHAPE[1]
@@ -44,10 +46,13 @@ def _frames(rng: np.random.Generator, colour: bool, depth: bool) -> tuple[np.nda
     colour=st.booleans(),
     depth=st.booleans(),
     feedback=st.booleans(),
+    gated=st.booleans(),
     k=st.integers(2, 5),
     shadows=st.booleans(),
 )
-def test_kernels_agree_with_numpy(seed: int, colour: bool, depth: bool, feedback: bool, k: int, shadows: bool) -> None:
+def test_kernels_agree_with_numpy(
+    seed: int, colour: bool, depth: bool, feedback: bool, gated: bool, k: int, shadows: bool
+) -> None:
     rng = np.random.default_rng(seed)
     params = ForegroundParams(gaussians=k, remove_colour_shadows=shadows)
     foreground = Foreground(params, SHAPE)
@@ -62,19 +67,38 @@ def test_kernels_agree_with_numpy(seed: int, colour: bool, depth: bool, feedback
         image, disparity = _frames(rng, colour, depth)
         known = rng.integers(0, 3, N).astype(np.uint8) if feedback else np.zeros(0, np.uint8)
         rates = np.float32([0.1, 0.2, 0.3, 0.1] if frame % 3 else [0, 0, 0, 0])
-        args = image.reshape(-1), none if disparity is None else disparity, known, foreground._mask
+        # The first block holds nothing that is measured.
+        measured = (rng.random(N) < 0.5) & (np.arange(N) >= BLOCK) if gated else np.ones(N, bool)
+        if disparity is not None:
+            disparity[~measured] = np.nan
+        looked = measured.astype(np.uint8) if gated else np.zeros(0, np.uint8)
+        args = image.reshape(-1), none if disparity is None else disparity, known, looked, foreground._mask
         kernels.update_blocks(
             foreground._lead, foreground._rest, *args, 0, len(foreground._lead), constants, np.tile(rates, (TURNS, 1))
         )
         pixels = reference.observe(image, disparity, constants)
         expected = reference.update(
-            twin, pixels, known if feedback else np.zeros(N, np.uint8), constants, Rates(*rates)
+            twin, pixels, known if feedback else np.zeros(N, np.uint8), constants, Rates(*rates), measured
         )
         np.testing.assert_array_equal(foreground._mask, expected)
         state = _mixtures(foreground)
         for name in (*reference.Mixtures.NUMBERS, "activity", "last_y"):
             got, want = getattr(state, name), getattr(twin, name)
             np.testing.assert_allclose(got, want, rtol=2e-4, atol=2e-4, err_msg=f"frame {frame}: {name}")
+
+
+@pytest.mark.parametrize("colour", [False, True])
+def test_changes_agree_with_numpy_at_every_second_pixel(colour: bool) -> None:
+    rng = np.random.default_rng(1)
+    foreground = Foreground(ForegroundParams(), SHAPE)
+    frames = [_frames(rng, colour, True) for _ in range(4)]
+    for n, (image, disparity) in enumerate(frames[:3]):
+        foreground.update(image.reshape(*SHAPE, -1), np.reshape(disparity, SHAPE), 0.1 * n)
+    found = foreground.changed(frames[3][0].reshape(*SHAPE, -1), 2)
+    pixels = reference.observe(frames[3][0], None, foreground._constants())
+    expected = reference.changes(_mixtures(foreground), pixels, foreground._constants()).reshape(SHAPE)[::2, ::2]
+    np.testing.assert_array_equal(found, expected)
+    assert 0 < (found > 0).mean() < 1
 
 
 def test_blocks_learn_only_in_their_turn() -> None:
@@ -86,7 +110,7 @@ def test_blocks_learn_only_in_their_turn() -> None:
     before = foreground._lead.copy()
     empty = np.zeros(0, np.uint8)
     kernels.update_blocks(
-        foreground._lead, foreground._rest, (image + 2).reshape(-1), np.zeros(0, np.float32), empty,
+        foreground._lead, foreground._rest, (image + 2).reshape(-1), np.zeros(0, np.float32), empty, empty,
         foreground._mask, 0, 3, foreground._constants(), rates,
     )  # fmt: skip
     changed = (foreground._lead != before).any(axis=1)

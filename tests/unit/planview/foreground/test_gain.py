@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from reference import gain as reference
 
 from planview.foreground import _gain_kernels as kernels
-from planview.foreground.mixture import Foreground, ForegroundParams
+from planview.foreground.mixture import Foreground
+from planview.foreground.params import ForegroundParams
 
 CLIP, TOLERANCE = 250.0, 12.0
 

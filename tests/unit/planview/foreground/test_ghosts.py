@@ -2,7 +2,8 @@ import numpy as np
 
 from calib.types import U8
 from planview.foreground.ghosts import GhostParams, find_ghosts
-from planview.foreground.mixture import Foreground, ForegroundParams
+from planview.foreground.mixture import Foreground
+from planview.foreground.params import ForegroundParams
 from planview.pipeline.single_camera import SingleCamera, SingleCameraParams
 from stereo.recording import VideoFrame
 

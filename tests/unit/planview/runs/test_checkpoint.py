@@ -13,7 +13,8 @@ import pytest
 
 from calib.errors import InputError
 from planview.foreground.gain import Exposure
-from planview.foreground.mixture import Foreground, ForegroundParams
+from planview.foreground.mixture import Foreground
+from planview.foreground.params import ForegroundParams
 from planview.runs.checkpoint.decode import decode
 from planview.runs.checkpoint.encode import Encoded, encode
 from planview.runs.checkpoint.file import LATEST, PREVIOUS, Checkpoint, read_checkpoint, write_checkpoint
