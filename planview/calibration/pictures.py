@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -13,43 +13,12 @@ from calib.human.model import HumanModel
 from calib.human.samples import HumanSample
 from calib.images import as_colour
 from calib.types import F64, U8
+from planview.drawing.projection import Project, grid_lines
 
-Project = Callable[[ArrayLike], F64]
-"""(N, 3) world points [m] to (N, 2) pixels, NaN where unseen."""
 GIVEN = (255, 140, 0)
 COMPUTED = (200, 60, 255)
 GRID = (90, 220, 90)
 AXIS = (60, 200, 255)
-
-
-def grid_lines(
-    project: Project, extent_m: tuple[float, float, float, float], size: tuple[int, int], step_m: float = 1.0
-) -> list[F64]:
-    """Lines of a floor grid as seen.
-
-    Args:
-        project: world points to pixels.
-        extent_m: (x_min, y_min, x_max, y_max) of the floor to cover.
-        size: (width, height) of the image [px].
-        step_m: between lines.
-    Returns:
-        Pieces of polylines (k, 2) [px] near the image.
-    """
-    x_min, y_min, x_max, y_max = (np.floor(extent_m[0]), np.floor(extent_m[1]), *np.ceil(extent_m[2:]))
-    xs, ys = np.arange(x_min, x_max + 1e-9, step_m), np.arange(y_min, y_max + 1e-9, step_m)
-    fine_x, fine_y = np.linspace(x_min, x_max, 200), np.linspace(y_min, y_max, 200)
-    lines = [np.column_stack([np.full(200, x), fine_y, np.zeros(200)]) for x in xs]
-    lines += [np.column_stack([fine_x, np.full(200, y), np.zeros(200)]) for y in ys]
-    return [piece for line in lines for piece in _visible(project(line), size)]
-
-
-def _visible(pixels: F64, size: tuple[int, int]) -> list[F64]:
-    low, high = -0.5 * np.array(size), 1.5 * np.array(size)
-    with np.errstate(invalid="ignore"):
-        inside = np.all((pixels > low) & (pixels < high), axis=1)
-    cuts = np.flatnonzero(np.diff(inside.astype(np.int8))) + 1
-    pieces = zip(np.split(pixels, cuts), np.split(inside, cuts), strict=True)
-    return [piece for piece, kept in pieces if kept[0] and len(piece) > 1]
 
 
 def draw_grid(image: U8, project: Project, extent_m: tuple[float, float, float, float]) -> U8:
@@ -57,7 +26,7 @@ def draw_grid(image: U8, project: Project, extent_m: tuple[float, float, float, 
     canvas = as_colour(image).copy()
     size = (canvas.shape[1], canvas.shape[0])
     for line in grid_lines(project, extent_m, size):
-        _polyline(canvas, line, GRID)
+        _polyline(canvas, line.pixels, GRID)
     for axis, name in (((1.0, 0.0, 0.0), "x"), ((0.0, 1.0, 0.0), "y")):
         ends = project(np.array([[0.0, 0.0, 0.0], axis]))
         if np.isfinite(ends).all():

@@ -10,12 +10,11 @@ from cyclopts import Parameter
 from rich.progress import track
 
 from calib.errors import InputError, WorkError
-from calib.images import write_image
 from planview.commands.options import Flag
 from planview.commands.spans import frame_span
 from planview.runs.console import PlainConsole
 from planview.runs.scene.compose import SceneComposer
-from planview.runs.scene.film import FilmWriter, scene_pictures_of
+from planview.runs.scene.film import FilmWriter, scene_pictures_of, write_still
 from planview.runs.scene.frames import SceneFrames, open_frames
 from planview.runs.scene.results import RunResults, read_results
 
@@ -74,19 +73,13 @@ def render(folder: Path, *, options: RenderOptions | None = None) -> None:
     composer = SceneComposer(results, frames, options.trail, plan=not options.no_plan, truth=not options.no_truth)
     if options.frame is not None:
         path = options.png or folder / f"frame-{options.frame}.png"
-        _still(results, composer, frames, options.frame, path)
+        if not 0 <= options.frame < results.n_frames:
+            raise InputError(f"--frame: expected a frame from 0 to {results.n_frames - 1}, found {options.frame}")
+        write_still(composer, frames, options.frame, path)
     else:
         path = options.video or folder / "scene.mp4"
         _film(results, composer, frames, options, path)
     console.print(str(path))
-
-
-def _still(results: RunResults, composer: SceneComposer, frames: SceneFrames | None, frame: int, path: Path) -> None:
-    if not 0 <= frame < results.n_frames:
-        raise InputError(f"--frame: expected a frame from 0 to {results.n_frames - 1}, found {frame}")
-    image = next((image for _, image in frames.at([frame])), None) if frames is not None else None
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_image(path, composer(frame, image))
 
 
 def _film(

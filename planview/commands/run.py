@@ -59,6 +59,8 @@ class TrackingOptions:
     """One parameter, e.g. --set foreground.learning_rate=0.002; may be given several times."""
     rrd: Flag = False
     """Also write run.rrd, to be looked at with planview view."""
+    rrd_every: int = 1
+    """Images, clouds and maps of every n-th frame only go into run.rrd; people and curves of all."""
     save_maps: Flag = False
     """Also write maps.h5: foreground points of every frame as disparities and coarse colour codes, without images."""
     debug: Flag = False
@@ -104,6 +106,8 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
         raise InputError(f"--frames: expected a number from 0, found {options.frames}")
     if not 0 <= options.checkpoint_every < math.inf:
         raise InputError(f"--checkpoint-every: expected a time from 0 s, found {options.checkpoint_every:g}")
+    if options.rrd_every < 1:
+        raise InputError(f"--rrd-every: expected a number from 1, found {options.rrd_every}")
     if options.resume and options.overwrite:
         raise InputError("expected --resume or --overwrite, found both")
     settings = load_config(options.config, options.set_, base_config(recording))
@@ -166,5 +170,5 @@ def _logs(engine: Engine, out: Path, options: TrackingOptions, checkpoint: Check
     if options.rrd:
         from planview.runs.rerun.log import RerunLog
 
-        logs.append(RerunLog(engine, out / "run.rrd", positions.get("RerunLog")))
+        logs.append(RerunLog(engine, out / "run.rrd", positions.get("RerunLog"), options.rrd_every))
     return logs

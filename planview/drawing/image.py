@@ -16,6 +16,7 @@ from planview.drawing.colours import TRIPWIRE, TRUTH, ZONE, Rgb, as_bgr, person_
 from planview.drawing.labels import Labels
 from planview.drawing.moment import Moment, Rule
 from planview.drawing.plan import PlanBounds
+from planview.drawing.projection import GridLine, grid_lines, visible_parts
 from planview.trajectories.state import TrackState
 
 WIDTH_MIN_PX = 640
@@ -24,7 +25,6 @@ GRID_LINES_MAX = 40
 """Lines each way; of larger floors not every metre is drawn."""
 GRID_STRENGTH = 0.4
 """Share of the grid's colour in the picture."""
-_SAMPLE_M = 0.2
 
 
 class ImageCamera(Protocol):
@@ -51,7 +51,7 @@ class ImagePainter:
         self, camera: ImageCamera | None, rules: Sequence[Rule] = (), bounds: PlanBounds | None = None
     ) -> None:
         self._camera, self._rules = camera, rules
-        self._grid = _grid_lines(camera, bounds) if camera is not None and bounds is not None else []
+        self._grid = _grid(camera, bounds) if camera is not None and bounds is not None else []
 
     def __call__(self, image: U8, moment: Moment) -> U8:
         """(h, w, 3) uint8 BGR: the image, enlarged where it is small, with everything drawn on it.
@@ -96,7 +96,8 @@ class ImagePainter:
 
     def _visible(self, points_m: F64) -> list[F64]:
         """Parts of a line on the floor that the camera shows, in pixels."""
-        return _projected(self._camera, points_m) if self._camera is not None else []
+        camera = self._camera
+        return visible_parts(camera.project, points_m, camera.size) if camera is not None else []
 
     def _paint_trail(self, picture: U8, trail_m: F64 | None, person: TrackState, scale: int) -> None:
         if trail_m is None or person.state == "tentative":
@@ -154,34 +155,7 @@ def _pixels(points: F64, scale: int) -> np.ndarray[tuple[int, ...], np.dtype[np.
     return np.round(points * scale).astype(np.int32)
 
 
-def _grid_lines(camera: ImageCamera, bounds: PlanBounds) -> list[tuple[int, F64]]:
-    """Metre lines as far as the image shows them: (coordinate [m], (N, 2) pixels)."""
-    x_min, y_min = math.floor(bounds.x_min_m), math.floor(bounds.y_min_m)
-    x_max, y_max = math.ceil(bounds.x_max_m), math.ceil(bounds.y_max_m)
-    step = max(1, round(max(x_max - x_min, y_max - y_min) / GRID_LINES_MAX))
-    lines = []
-    for x in range(x_min, x_max + 1, step):
-        lines += [(x, part) for part in _projected(camera, np.array([(x, y_min), (x, y_max)], dtype=np.float64))]
-    for y in range(y_min, y_max + 1, step):
-        lines += [(y, part) for part in _projected(camera, np.array([(x_min, y), (x_max, y)], dtype=np.float64))]
-    return lines
-
-
-def _projected(camera: ImageCamera, points_m: F64) -> list[F64]:
-    """A line on the floor in pixels, in parts of at least two points near the image."""
-    known = points_m[np.isfinite(points_m).all(axis=1)]
-    if len(known) < 2:
-        return []
-    steps = np.hypot(*np.diff(known, axis=0).T)
-    along = np.concatenate([[0.0], np.cumsum(steps)])
-    if along[-1] <= 0:
-        return []
-    at = np.union1d(along, np.linspace(0.0, along[-1], math.ceil(along[-1] / _SAMPLE_M) + 1))
-    xyz = np.column_stack([np.interp(at, along, known[:, 0]), np.interp(at, along, known[:, 1]), np.zeros(len(at))])
-    pixels = camera.project(xyz)
-    size = np.array(camera.size)
-    with np.errstate(invalid="ignore"):
-        near = np.asarray(((pixels > -0.5 * size) & (pixels < 1.5 * size)).all(axis=1))  # not NaN either
-    cuts = np.flatnonzero(np.diff(near.astype(np.int8))) + 1
-    parts = zip(np.split(pixels, cuts), np.split(near, cuts), strict=True)
-    return [part for part, visible in parts if len(part) > 1 and visible[0]]
+def _grid(camera: ImageCamera, bounds: PlanBounds) -> list[GridLine]:
+    extent = bounds.x_min_m, bounds.y_min_m, bounds.x_max_m, bounds.y_max_m
+    step = max(1, round(max(extent[2] - extent[0], extent[3] - extent[1]) / GRID_LINES_MAX))
+    return grid_lines(camera.project, extent, camera.size, step)

@@ -12,7 +12,7 @@ from planview.runs.lock import check_unlocked, folder_lock
 
 _NAMES = (
     "tracks.csv", "tracks_online.csv", "refinement.csv", "events.csv", "decisions.csv", "counts.json",
-    "run.json", "run.rrd", "run-[0-9]*.rrd", "maps.h5", "maps-[0-9]*.h5", "report.html",
+    "run.json", "run.rrd", "run-[0-9]*.rrd", "maps.h5", "maps-[0-9]*.h5", "report.html", "scene.png",
     "checkpoint.npz", "checkpoint.previous.npz",
 )  # fmt: skip
 _UNFINISHED = "an unfinished run; go on with --resume"

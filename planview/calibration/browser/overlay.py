@@ -6,7 +6,8 @@ import numpy as np
 
 from calib.types import F64
 from planview.calibration.browser.session import CalibrationSession
-from planview.calibration.pictures import crowd, grid_lines
+from planview.calibration.pictures import crowd
+from planview.drawing.projection import grid_lines
 from stereo.floor_camera import StereoFloorCamera
 
 GIVEN, COMPUTED, CROWD, GRID, FLOOR = "#0a84ff", "#ff2fd0", "#b06cff", "#4cd964", "#ffcc00"
@@ -32,7 +33,7 @@ def _grid(session: CalibrationSession) -> str:
         lines = grid_lines(camera.project, (*map(float, low), *map(float, high)), session.size)  # type: ignore[arg-type]
     else:
         return ""
-    return "".join(_line(line[::4], GRID, 1.0, "grid") for line in lines)
+    return "".join(_line(line.pixels, GRID, 1.0, "grid") for line in lines)
 
 
 def _computed(session: CalibrationSession) -> str:

@@ -5,44 +5,87 @@ from __future__ import annotations
 import numpy as np
 import rerun.blueprint as rrb
 
+from planview.drawing.plan import PlanBounds
 from planview.maps.view import StereoView
 from planview.pipeline.engine import Engine
 from planview.pipeline.heads import HeadsPipeline
 
+_MAP_LAYERS = [
+    "plan/floor",
+    "plan/people",
+    "plan/labels",
+    "plan/search",
+    "plan/template",
+    "plan/ellipses",
+    "plan/truth",
+]
 
-def blueprint(engine: Engine) -> rrb.Blueprint:
-    """Image and disparity, 3D view, both maps, decisions and series, side by side."""
+
+def blueprint(engine: Engine, people: PlanBounds | None = None) -> rrb.Blueprint:
+    """Image and disparity, 3D view, both maps, decisions and series, side by side; one camera has a layout of its own.
+
+    Args:
+        people: where people were, which the views are fitted to; the visible floor when None.
+    """
+    stereo = engine.stereo
+    if stereo is None:
+        return _single(engine, people)
     image: rrb.Spatial2DView | rrb.Tabs = rrb.Spatial2DView(origin="image", name="image, foreground, people")
     others = [rrb.Spatial2DView(origin=f"{name}/image", name=name) for name, _ in other_heads(engine)]
     if others:
         image = rrb.Tabs(image, *others, active_tab=0)
-    decisions = rrb.TextLogView(origin="decisions", name="decisions")
-    counts = rrb.TimeSeriesView(origin="people", name="people")
-    times = rrb.TimeSeriesView(origin="time_ms", name="stage times [ms]")
-    stereo = engine.stereo
-    if stereo is None:
-        below = rrb.Horizontal(decisions, rrb.Tabs(counts, times))
-        return rrb.Blueprint(rrb.Vertical(image, below, row_shares=[3, 1]), collapse_panels=True)
-    series = rrb.Tabs(rrb.TimeSeriesView(origin="score", name="match score"), counts, times, decisions)
     world = rrb.Spatial3DView(
-        origin="world", name="3D", eye_controls=_eye(stereo, (0.0, -0.75, 0.55)), line_grid=False,
+        origin="world", name="3D", eye_controls=_eye(_bounds(stereo, people), (0.0, -0.75, 0.55)), line_grid=False,
     )  # fmt: skip
     height, occupancy = (
-        rrb.Spatial3DView(
-            origin="plan", contents=[f"plan/{name}", "plan/people", "plan/search", "plan/template", "plan/ellipses"],
-            name=f"{name} from above", eye_controls=_eye(stereo, (0.0, -0.001, 0.9)), line_grid=False,
-        )
+        _plan_view(f"{name} from above", [f"plan/{name}", *_MAP_LAYERS], _bounds(stereo, people))
         for name in ("height", "occupancy")
-    )  # fmt: skip
+    )
     disparity = rrb.Spatial2DView(origin="disparity", name="disparity")
     return rrb.Blueprint(
         rrb.Vertical(
             rrb.Horizontal(image, world),
-            rrb.Horizontal(disparity, height, occupancy, series),
+            rrb.Horizontal(disparity, height, occupancy, _series()),
             row_shares=[3, 2],
         ),
-        collapse_panels=True,
+        rrb.TimePanel(state="collapsed", timeline="frame"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
     )
+
+
+def _single(engine: Engine, people: PlanBounds | None) -> rrb.Blueprint:
+    """One camera: its image large; the floor from above where it is known."""
+    image = rrb.Spatial2DView(origin="image", name="image, people")
+    right: list[rrb.View | rrb.Container] = []
+    if engine.camera is not None:
+        bounds = people or PlanBounds(-8.0, 0.0, 8.0, 16.0)
+        right.append(_plan_view("floor from above", ["plan/grid", "plan/trails", *_MAP_LAYERS], bounds))
+    right.append(_series())
+    return rrb.Blueprint(
+        rrb.Horizontal(image, rrb.Vertical(*right), column_shares=[3, 2]),
+        rrb.TimePanel(state="collapsed", timeline="frame"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+    )
+
+
+def _series() -> rrb.Tabs:
+    """Curves and decisions; ``errors`` are the significant ones, where there is truth."""
+    return rrb.Tabs(
+        rrb.TimeSeriesView(origin="score", name="match score"),
+        rrb.TextLogView(origin="decisions", name="decisions"),
+        rrb.TimeSeriesView(origin="people", name="people"),
+        rrb.TimeSeriesView(origin="time_ms", name="stage times [ms]"),
+        rrb.TextLogView(origin="errors", name="significant errors"),
+        active_tab=0,
+    )
+
+
+def _plan_view(name: str, layers: list[str], bounds: PlanBounds) -> rrb.Spatial3DView:
+    return rrb.Spatial3DView(
+        origin="plan", contents=layers, name=name, eye_controls=_eye(bounds, (0.0, -0.001, 0.9)), line_grid=False,
+    )  # fmt: skip
 
 
 def other_heads(engine: Engine) -> list[tuple[str, StereoView]]:
@@ -53,15 +96,18 @@ def other_heads(engine: Engine) -> list[tuple[str, StereoView]]:
     return [(head.name, each.stereo) for head, each in heads][1:]
 
 
-def _eye(stereo: StereoView, direction: tuple[float, float, float]) -> rrb.EyeControls3D:
-    """Looking at the middle of the floor in view, from a direction, the way the camera looks upwards."""
-    x_min, y_min, x_max, y_max = shown_floor(stereo)
-    centre = np.array([(x_min + x_max) / 2, (y_min + y_max) / 2, 0.0])
-    distance = max(x_max - x_min, 1.6 * (y_max - y_min))
+def _eye(bounds: PlanBounds, direction: tuple[float, float, float]) -> rrb.EyeControls3D:
+    """Looking at the middle of a part of the floor, from a direction, the way the camera looks upwards."""
+    centre = np.array([(bounds.x_min_m + bounds.x_max_m) / 2, (bounds.y_min_m + bounds.y_max_m) / 2, 0.0])
+    distance = max(1.1 * (bounds.x_max_m - bounds.x_min_m), 1.25 * (bounds.y_max_m - bounds.y_min_m), 3.0)
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital, position=centre + distance * np.array(direction), look_target=centre,
         eye_up=(0.0, 1.0, 0.0) if abs(direction[1]) < 0.01 else (0.0, 0.0, 1.0),
     )  # fmt: skip
+
+
+def _bounds(stereo: StereoView, people: PlanBounds | None) -> PlanBounds:
+    return people or PlanBounds(*shown_floor(stereo))
 
 
 def shown_floor(stereo: StereoView) -> tuple[float, float, float, float]:

@@ -2,34 +2,46 @@
 
 from __future__ import annotations
 
-import colorsys
 import math
 import shutil
 from collections import deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 import rerun as rr
 
 from calib.errors import WorkError
-from calib.images import encode_image
-from calib.types import F32, I32, U8
+from calib.types import U8
+from planview.drawing.colours import person_rgb
+from planview.drawing.plan import PlanBounds, bounds_of
 from planview.maps.view import StereoView
 from planview.pipeline.engine import Engine, FrameResult
-from planview.runs.rerun.blueprint import blueprint, other_heads, shown_floor
+from planview.runs.rerun.blueprint import blueprint, other_heads
 from planview.runs.rerun.parts import RrdParts
-from planview.tracking.base import Drawing
+from planview.runs.rerun.scene import StaticScene, map_image, metre_grid
+from planview.runs.rerun.series import SeriesBlocks
+from planview.runs.rerun.shapes import (
+    disparity_photo,
+    grey_tile,
+    label_of,
+    label_places,
+    outlines,
+    photo,
+    point_colours,
+    strips_of,
+)
+from planview.runs.rerun.verdict import log_verdict
 from planview.trajectories.state import TrackState
 
-JPEG_QUALITY = 80
 TRAIL_S = 10.0
 """Length of the trails behind people [s]."""
 BODY_M = 0.5
 """Width of the boxes around people [m]."""
-CLOUD_POINTS_MAX = 20_000
-"""Foreground points logged per frame at most."""
+CLOUD_POINTS_MAX = 2500
+"""Foreground points logged per frame at most: a person at 3 m has so many at 320x240."""
+PART_FRAMES = 2000
+"""Frames of a part of the recording (our choice: some 150 MB)."""
 FREE_BYTES_MIN = 64 * 2**20
 """Free disk space for the next frames [bytes]: rerun writes in a thread of its own, which hangs on a full disk."""
 
@@ -41,23 +53,41 @@ class RerunLog:
         engine: whose frames will come.
         path: the file to write.
         position: of ``mark``, to go on from there; what was written after it is dropped.
+        every: images, clouds and maps of every n-th frame only; people, decisions and curves of all.
     Raises:
         InputError: what was written up to the position is not there any more.
         WorkError: too little free disk space.
     """
 
-    def __init__(self, engine: Engine, path: Path, position: Mapping[str, int] | None = None) -> None:
+    def __init__(self, engine: Engine, path: Path, position: Mapping[str, int] | None = None, every: int = 1) -> None:
         self._engine, self._path, self._parts = engine, path, RrdParts(path, position)
         self._check_room()
-        self._stereo = engine.stereo
+        self._stereo, self._every = engine.stereo, every
         self._trails: dict[int, deque[tuple[float, float, float]]] = {}  # time [s], x and y [m]
+        self._bounds: PlanBounds | None = None
         self._shown: set[str] = set()
-        self._stream = rr.RecordingStream("planview", recording_id=f"planview-{path.parent.name}")
-        self._stream.save(str(self._parts.open_path), default_blueprint=blueprint(engine))
+        self._coloured: set[int] = set()
+        self._stream, self._frames_in_part = self._new_stream(), 0
+        self._series = SeriesBlocks()
+        self._scene = StaticScene(engine.stereo) if engine.stereo else None
         self._log_static()
+
+    def _new_stream(self) -> rr.RecordingStream:
+        """All parts are one recording, since they share its id."""
+        stream = rr.RecordingStream("planview", recording_id=f"planview-{self._path.parent.name}")
+        stream.save(str(self._parts.open_path), default_blueprint=blueprint(self._engine, self._bounds))
+        return stream
+
+    def _next_part(self) -> None:
+        """rerun keeps a table of all that it has written of a file: files of bounded length bound its memory."""
+        self._series.flush(self._stream)
+        self._stream.disconnect()
+        self._parts.turn()
+        self._stream, self._frames_in_part = self._new_stream(), 0
 
     def mark(self) -> dict[str, int]:
         """See ``RunLog``."""
+        self._series.flush(self._stream)
         self._stream.flush()
         return self._parts.position()
 
@@ -68,22 +98,27 @@ class RerunLog:
             WorkError: too little free disk space; the file is complete up to the frame before.
         """
         self._check_room()
+        if self._frames_in_part >= PART_FRAMES:
+            self._next_part()
+        self._frames_in_part += 1
         self._stream.set_time("frame", sequence=result.frame)
         self._stream.set_time("time", duration=result.timestamp_s)
-        self._log_image("image", result.observation.image, result.observation.foreground)
+        if self._scene is not None:
+            self._scene.take(self._stream, result)
+        if result.frame % self._every == 0:
+            self._log_images(result)
         for head in result.heads[1:]:
-            self._log_image(f"{head.name}/image", head.image, head.foreground)
             self._log_boxes(f"{head.name}/image", [t for t in head.tracks if not math.isnan(t.box_px[0])])
-        if self._stereo:
-            self._log_depth(self._stereo, result)
-            self._log_maps(result)
         self._log_people(result.tracks, result.timestamp_s)
-        self._log_debug()
         self._log_decisions(result)
         self._log_series(result)
 
     def close(self) -> None:
         """See ``RunLog``."""
+        self._series.flush(self._stream)
+        log_verdict(self._stream, self._path.parent)
+        if self._bounds is not None:
+            self._stream.send_blueprint(blueprint(self._engine, self._bounds))
         self._stream.disconnect()
         self._parts.join()
 
@@ -101,15 +136,13 @@ class RerunLog:
 
     def _log_static(self) -> None:
         self._stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        labels = [(0, "background", (0, 0, 0, 0)), (255, "foreground", (255, 60, 60))]
-        self._stream.log("image", rr.AnnotationContext(labels), static=True)
         if self._stereo is None:
             return
         self._log_camera("world/camera", self._stereo)
         for name, stereo in other_heads(self._engine):
             self._log_camera(f"world/{name}", stereo)
-            self._stream.log(f"{name}/image", rr.AnnotationContext(labels), static=True)
-        self._stream.log("world/floor", rr.LineStrips3D([_floor_grid(self._stereo)], colors=[90, 90, 90]), static=True)
+        lines = metre_grid(self._stereo)
+        self._stream.log("world/floor", rr.LineStrips3D(lines, colors=[90, 90, 90], radii=-0.7), static=True)
 
     def _log_camera(self, path: str, stereo: StereoView) -> None:
         pose, geometry = stereo.floor.world_SE3_left, stereo.geometry
@@ -123,52 +156,44 @@ class RerunLog:
             static=True,
         )  # fmt: skip
 
+    def _log_images(self, result: FrameResult) -> None:
+        """What takes room: images, cloud, maps and what the tracker looked at."""
+        self._log_image("image", result.observation.image, result.observation.foreground)
+        for head in result.heads[1:]:
+            self._log_image(f"{head.name}/image", head.image, head.foreground)
+        if self._stereo:
+            self._log_depth(self._stereo, result)
+            self._log_maps(self._stereo, result)
+        self._log_debug()
+
     def _log_image(self, path: str, image: U8 | None, foreground: U8 | None) -> None:
-        if image is not None:
-            encoded = encode_image(image, quality=JPEG_QUALITY)
-            self._stream.log(f"{path}/left", rr.EncodedImage(contents=encoded, media_type="image/jpeg"))
-        if image is not None and foreground is not None:
-            size = image.shape[1], image.shape[0]
-            full = np.asarray(cv2.resize(foreground, size, interpolation=cv2.INTER_NEAREST), dtype=np.uint8)
-            self._stream.log(f"{path}/foreground", rr.SegmentationImage(full, opacity=0.4))
+        if image is None:
+            return
+        self._stream.log(f"{path}/left", photo(image))
+        if foreground is not None:
+            self._stream.log(f"{path}/foreground", outlines(foreground, (image.shape[1], image.shape[0])))
 
     def _log_depth(self, stereo: StereoView, result: FrameResult) -> None:
-        """Disparity in sixteenths of a pixel at the analysis size, and the foreground cloud in colour."""
+        """Disparity, and the foreground cloud in colour."""
         if result.disparity is not None:
-            reduced = result.disparity[:: stereo.reduction, :: stereo.reduction]
-            sixteenths = np.nan_to_num(reduced * 16.0).astype(np.uint16)
-            searched = stereo.disparities
-            lowest, highest = 16.0 * searched.first_px, 16.0 * (searched.first_px + searched.count)
-            colormap = rr.components.Colormap.Turbo
-            shown = rr.DepthImage(sixteenths, meter=16.0, colormap=colormap, depth_range=(lowest, highest))
-            self._stream.log("disparity", shown)
-        maps = result.observation.maps
-        colours = _point_colours(stereo, result)
+            self._stream.log("disparity", disparity_photo(result.disparity, stereo))
+        maps, colours = result.observation.maps, point_colours(stereo, result)
         if maps is None or colours is None:
             return
-        step = max(1, len(maps.points.xyz) // CLOUD_POINTS_MAX)
-        cloud = rr.Points3D(maps.points.xyz[::step], colors=colours[::step], radii=0.012)
+        step = -(-len(maps.points.xyz) // CLOUD_POINTS_MAX) or 1
+        cloud = rr.Points3D(maps.points.xyz[::step], colors=colours[::step], radii=0.018)
         self._stream.log("world/foreground", cloud)
 
-    def _log_maps(self, result: FrameResult) -> None:
-        maps = result.observation.maps
-        if maps is None or self._stereo is None:
+    def _log_maps(self, stereo: StereoView, result: FrameResult) -> None:
+        maps, image = result.observation.maps, result.observation.image
+        if maps is None:
             return
-        height_max = self._engine.config.maps.height_max_m
+        if self._scene is not None and image is not None and "plan/floor" not in self._shown:
+            self._scene.log_floor(self._stream, image)
+            self._shown.add("plan/floor")
         density = maps.occupancy / maps.grid.cell_m**2
-        for name, values, largest in (("height", maps.height, height_max), ("occupancy", density, 4.0)):
-            levels = np.clip(values * (255.0 / largest), 0, 255).astype(np.uint8)
-            grid_map = rr.GridMap(
-                # A grid map's first row is its upper one; ours is at y_min.
-                data=np.ascontiguousarray(levels[::-1]).tobytes(),
-                format=rr.components.ImageFormat(
-                    width=maps.grid.n_cols, height=maps.grid.n_rows, color_model="L", channel_datatype="U8"
-                ),
-                cell_size=maps.grid.cell_m,
-                translation=[maps.grid.x_min_m, maps.grid.y_min_m, 0.0],
-                colormap=rr.components.Colormap.Inferno,
-            )
-            self._stream.log(f"plan/{name}", grid_map)
+        self._stream.log("plan/height", map_image(maps.height, self._engine.config.maps.height_max_m, stereo))
+        self._stream.log("plan/occupancy", map_image(density, 4.0, stereo))
 
     def _log_people(self, tracks: Sequence[TrackState], now_s: float) -> None:
         for track in tracks:
@@ -186,32 +211,38 @@ class RerunLog:
         self._stream.log(
             f"{path}/people",
             rr.Boxes2D(
-                array=boxes, array_format=rr.Box2DFormat.XYWH, labels=[_label(track) for track in tracks],
-                colors=[colour_of(track) for track in tracks],
+                array=boxes, array_format=rr.Box2DFormat.XYWH, labels=[label_of(track) for track in tracks],
+                colors=_colours(tracks),
             ),
         )  # fmt: skip
 
     def _log_bodies(self, tracks: list[TrackState]) -> None:
         heights = [1.7 if math.isnan(track.height_m) else track.height_m for track in tracks]
-        colours, labels = [colour_of(track) for track in tracks], [_label(track) for track in tracks]
+        colours, labels = _colours(tracks), [label_of(track) for track in tracks]
         centres = [(track.x_m, track.y_m, height / 2) for track, height in zip(tracks, heights, strict=True)]
         sizes = [(BODY_M, BODY_M, height) for height in heights]
         self._stream.log("world/people", rr.Boxes3D(centers=centres, sizes=sizes, colors=colours, labels=labels))
         trails = [np.array([(x, y, 0.02) for _, x, y in self._trails[track.track_id]]) for track in tracks]
-        self._stream.log("world/trails", rr.LineStrips3D(trails, colors=colours, radii=0.015))
+        path = "world/trails" if self._stereo else "plan/trails"
+        self._stream.log(path, rr.LineStrips3D(trails, colors=colours, radii=0.015))
         heads = [(track.x_m, track.y_m, 0.05) for track in tracks]
-        self._stream.log("plan/people", rr.Points3D(heads, colors=colours, labels=labels, radii=0.05))
+        self._stream.log("plan/people", rr.Points3D(heads, colors=colours, radii=0.05))
+        ids = [str(track.track_id) for track in tracks]
+        self._stream.log("plan/labels", rr.Points3D(label_places(tracks), colors=colours, labels=ids, radii=0.001))
+        confirmed = [(track.x_m, track.y_m) for track in tracks if track.state == "confirmed"]
+        if confirmed:
+            self._bounds = _joined(self._bounds, bounds_of(np.array(confirmed)))
 
     def _log_debug(self) -> None:
         debug = self._engine.tracker.debug()
-        names = set()
+        names = {"plan/floor"} & self._shown
         for drawing in debug.drawings:
             path = f"{'plan' if drawing.plane == 'floor' else 'image'}/{drawing.name}"
             names.add(path)
-            self._stream.log(path, _shapes(drawing))
+            self._stream.log(path, strips_of(drawing))
         for name, tile in debug.tiles.items():
             names.add(name)
-            self._stream.log(name, rr.Image(_grey_tile(tile)))
+            self._stream.log(name, rr.Image(grey_tile(tile)))
         for name in self._shown - names:
             self._stream.log(name, rr.Clear(recursive=False))
         self._shown = names
@@ -221,80 +252,32 @@ class RerunLog:
             if decision.kind != "matched":
                 level = rr.TextLogLevel.WARN if decision.kind == "lost" else rr.TextLogLevel.INFO
                 text = f"{decision.track_id} {decision.kind}: {decision.reason}"
-                self._stream.log("decisions", rr.TextLog(text, level=level))
+                self._stream.log(f"decisions/{decision.track_id}", rr.TextLog(text, level=level))
 
     def _log_series(self, result: FrameResult) -> None:
-        for stage, duration in result.stages_ms.items():
-            self._stream.log(f"time_ms/{stage}", rr.Scalars(duration))
-        people = sum(track.state == "confirmed" for track in result.tracks)
-        self._stream.log("people/confirmed", rr.Scalars(people))
+        values = {f"time_ms/{stage}": duration for stage, duration in result.stages_ms.items()}
+        values["people/confirmed"] = float(sum(track.state == "confirmed" for track in result.tracks))
         for decision in result.decisions:
             if decision.kind == "matched" and not math.isnan(decision.value):
-                self._stream.log(f"score/{decision.track_id}", rr.Scalars(decision.value))
+                self._colour_score(decision.track_id)
+                values[f"score/{decision.track_id}"] = decision.value
+        self._series.add(self._stream, result.frame, result.timestamp_s, values)
+
+    def _colour_score(self, track_id: int) -> None:
+        """The curve has the person's colour."""
+        if track_id not in self._coloured:
+            self._coloured.add(track_id)
+            line = rr.SeriesLines(colors=[person_rgb(track_id)], names=[str(track_id)])
+            self._stream.log(f"score/{track_id}", line, static=True)
 
 
-def colour_of(track: TrackState) -> tuple[int, int, int]:
-    """One colour per id; grey while tentative, pale while lost."""
-    if track.state == "tentative":
-        return 150, 150, 150
-    saturation = 0.45 if track.state == "lost" else 0.85
-    r, g, b = colorsys.hsv_to_rgb(track.track_id * 0.37 % 1.0, saturation, 1.0)
-    return round(255 * r), round(255 * g), round(255 * b)
+def _colours(tracks: Sequence[TrackState]) -> list[tuple[int, int, int]]:
+    return [person_rgb(track.track_id, track.state) for track in tracks]
 
 
-def _label(track: TrackState) -> str:
-    height = "" if math.isnan(track.height_m) else f" {track.height_m:.2f} m"
-    return f"{track.track_id}{height}" + ("" if track.state == "confirmed" else f" ({track.state})")
-
-
-def _shapes(drawing: Drawing) -> rr.LineStrips3D | rr.LineStrips2D | rr.Points2D | rr.Points3D:
-    labels = list(drawing.labels) or None
-    points = drawing.strips and all(len(strip) == 1 for strip in drawing.strips)
-    if drawing.plane == "image":
-        flat = [np.asarray(strip, dtype=np.float32) for strip in drawing.strips]
-        return rr.Points2D(np.concatenate(flat), labels=labels) if points else rr.LineStrips2D(flat, labels=labels)
-    raised = [np.column_stack([strip, np.full(len(strip), 0.03)]) for strip in drawing.strips]
-    if points:
-        return rr.Points3D(np.concatenate(raised), labels=labels, radii=0.01)
-    return rr.LineStrips3D(raised, labels=labels, colors=[0, 230, 120], radii=0.01)
-
-
-def _grey_tile(tile: F32 | U8) -> U8:
-    if tile.dtype == np.uint8:
-        return np.asarray(tile, dtype=np.uint8)
-    return np.clip(tile / max(float(tile.max()), 1e-9) * 255, 0, 255).astype(np.uint8)[::-1]
-
-
-def _rgb(image: U8) -> U8:
-    code = cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB
-    return np.asarray(cv2.cvtColor(image, code), dtype=np.uint8)
-
-
-def _point_colours(stereo: StereoView, result: FrameResult) -> U8 | None:
-    """(N, 3) RGB of the maps' points, each from its head's image; None without an image."""
-    maps, image = result.observation.maps, result.observation.image
-    if maps is None:
-        return None
-    pixels = maps.points.pixels
-    if not result.heads:
-        return None if image is None else _colours_at(image, pixels, stereo.shape[1], stereo.reduction)
-    parts, start = [np.empty((0, 3), dtype=np.uint8)], 0
-    for head in result.heads:
-        mine = pixels[start : start + head.n_points]
-        if head.image is not None and head.foreground is not None:
-            width = head.foreground.shape[1]
-            parts.append(_colours_at(head.image, mine, width, -(-head.image.shape[1] // width)))
-        start += head.n_points
-    return np.concatenate(parts)
-
-
-def _colours_at(image: U8, pixels: I32, width: int, reduction: int) -> U8:
-    rows, cols = np.divmod(pixels, width)
-    return np.asarray(_rgb(image)[rows * reduction, cols * reduction], dtype=np.uint8)
-
-
-def _floor_grid(stereo: StereoView) -> F32:
-    """Outline of the floor in view."""
-    x_min, y_min, x_max, y_max = shown_floor(stereo)
-    corners = [(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max), (x_min, y_min)]
-    return np.array([(*corner, 0.0) for corner in corners], dtype=np.float32)
+def _joined(one: PlanBounds | None, other: PlanBounds) -> PlanBounds:
+    if one is None:
+        return other
+    low = min(one.x_min_m, other.x_min_m), min(one.y_min_m, other.y_min_m)
+    high = max(one.x_max_m, other.x_max_m), max(one.y_max_m, other.y_max_m)
+    return PlanBounds(*low, *high)

@@ -1,4 +1,4 @@
-"""``run.rrd`` in parts, one for every time that a run was taken up again, joined in the end."""
+"""``run.rrd`` in parts, a new one when a run is taken up again and after so many frames, joined in the end."""
 
 from __future__ import annotations
 
@@ -39,6 +39,11 @@ class RrdParts:
     def open_path(self) -> Path:
         """The part being written."""
         return self._part(self._count)
+
+    def turn(self) -> None:
+        """The part being written is complete; the next one begins."""
+        sync(self.open_path)
+        self._count += 1
 
     def position(self) -> dict[str, int]:
         """Where the recording stands; everything up to there is brought to the disk."""
@@ -90,9 +95,21 @@ def _merge(parts: list[Path], target: Path) -> None:
     program = Path(sysconfig.get_path("scripts")) / "rerun"
     command: list[Path | str] = [program, "rrd", "merge", *parts, "-o", target]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, check=False, env=quiet_environment())
     except OSError as error:
         raise WorkError(f"{target}: the rerun program cannot be started ({error.strerror})") from error
     if done.returncode != 0:
         told = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
         raise WorkError(f"{target}: the parts of the rerun recording cannot be joined ({told})")
+
+
+def recorded_parts(folder: Path) -> list[Path]:
+    """``run.rrd`` of a folder, else its parts in order where they were too large to be joined."""
+    whole = folder / "run.rrd"
+    numbered = {int(path.stem.partition("-")[2]): path for path in folder.glob("run-*.rrd") if path.stem[4:].isdigit()}
+    return [whole] if whole.is_file() else [numbered[n] for n in sorted(numbered)]
+
+
+def quiet_environment() -> dict[str, str]:
+    """Variables under which rerun's programs send no usage statistics: they send none where ``CI`` is set."""
+    return {**{k: v for k, v in os.environ.items() if k != "FORCE_RERUN_ANALYTICS"}, "CI": "1"}

@@ -9,6 +9,7 @@ import cv2
 
 from calib.errors import InputError, WorkError
 from calib.files import PART
+from calib.images import write_image
 from calib.types import U8
 from planview.runs.scene.compose import SceneComposer
 from planview.runs.scene.frames import SceneFrames
@@ -90,3 +91,18 @@ def scene_pictures_of(
         while frame is not None and frame <= index:
             yield composer(frame, image)
             frame = next(wanted, None)
+
+
+def write_still(composer: SceneComposer, frames: SceneFrames | None, frame: int, path: Path) -> None:
+    """Write a picture of one frame; the floor alone where its image cannot be read.
+
+    Raises:
+        InputError: no picture's name.
+        WorkError: it cannot be written.
+    """
+    image = next((image for _, image in frames.at([frame])), None) if frames is not None else None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_image(path, composer(frame, image))
+    except OSError as error:
+        raise WorkError(f"{path}: cannot be written ({error.strerror})") from error
