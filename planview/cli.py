@@ -44,6 +44,7 @@ BENCH = {
     "counting": "Score counts and occupancy on rendered and real recordings.",
     "pets": "Score the single-camera trackers on PETS S2-L1 view 1.",
     "resume": "Kill runs at random moments, resume them, and compare their results.",
+    "tables": "Time count, evaluate and report of a run of many rows.",
     "study": "Time studies on one and two processes, from maps, and finished.",
     "trackers": "Compare the three trackers on the same recordings.",
 }

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
 
 import numpy as np
 
 from calib.errors import InputError
 from planview.analytics.clock import Clock
 from planview.analytics.params import AnalyticsParams
+from planview.analytics.people import TrackRow
+from planview.analytics.places import Places
 from planview.analytics.rules import Rules
 from planview.analytics.stream import Analytics
 from planview.analytics.totals import Counts
-from planview.trajectories.state import TrackState
-from planview.trajectories.table import IGNORED, Trajectories, row_states
+from planview.trajectories.table import IGNORED, Trajectories
 
 TRUTH_ZONE_HYSTERESIS_M = 0.05
 """For true occupancy: a head sways by as much when a person stands on the outline [m]; our choice."""
+_BLOCK_FRAMES = 1000
+"""Frames whose rows are located at a time, so that memory does not grow with the recording (our choice)."""
 
 
 def count_tracks(
@@ -41,7 +43,9 @@ def count_tracks(
     clock = clock or Clock(tracks, 30.0)
     analytics = Analytics(rules, params)
     events = [
-        event for frame, moment, states in frames_of(tracks, clock) for event in analytics.update(frame, moment, states)
+        event
+        for frame, moment, rows in _frames(tracks, clock, analytics)
+        for event in analytics.update_rows(frame, moment, rows)
     ]
     stays = {name: sorted(stays, key=lambda s: s.start_s) for name, stays in analytics.stays.items()}
     span = clock.span(max(n_frames, int(tracks.frame.max()) + 1 if len(tracks) else 0))
@@ -70,12 +74,19 @@ def count_truth(
     )
 
 
-def frames_of(tracks: Trajectories, clock: Clock) -> Iterator[tuple[int, float, list[TrackState]]]:
-    """(frame, time, tracks) of every frame that has rows."""
+def _frames(tracks: Trajectories, clock: Clock, analytics: Analytics) -> Iterator[tuple[int, float, list[TrackRow]]]:
+    """(frame, time, rows) of every frame in which the counts may change."""
     frames, starts = np.unique(tracks.frame, return_index=True)
-    bounds = pairwise([*starts.tolist(), len(tracks)])
-    for frame, moment, (start, end) in zip(frames.tolist(), clock.at(frames).tolist(), bounds, strict=True):
-        yield frame, moment, row_states(tracks, slice(start, end))
+    moments = clock.at(frames)
+    changes = analytics.changes(tracks.frame, moments, Places.of_rows(tracks, slice(None)))
+    bounds = np.append(starts, len(tracks))
+    for block in np.array_split(np.flatnonzero(changes.frames), 1 + len(frames) // _BLOCK_FRAMES):
+        counts = bounds[block + 1] - bounds[block]
+        ends = np.cumsum(counts)
+        rows = np.repeat(bounds[block + 1] - ends, counts) + np.arange(counts.sum())
+        located = analytics.rows(Places.of_rows(tracks, rows), changes.rows[rows])
+        for i, start, end in zip(block.tolist(), (ends - counts).tolist(), ends.tolist(), strict=True):
+            yield int(frames[i]), float(moments[i]), located[start:end]
 
 
 def _require_positions(tracks: Trajectories, rules: Rules) -> None:

@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from calib.types import F64, I64
 from planview.analytics.events import Direction, Event
@@ -135,6 +134,8 @@ def _match(true: Sequence[Event], found: Sequence[Event], window_s: float, *, sa
     apart = np.abs(np.array([[f.timestamp_s - t.timestamp_s for f in found] for t in true]))
     alike = np.array([[f.direction == t.direction for f in found] for t in true])
     allowed = (apart <= window_s) & (alike == same)
+    from scipy.optimize import linear_sum_assignment  # half a second and 60 MB, and only truth needs it
+
     # A pair that is not allowed costs more than all that are: the number of matches comes first.
     far = (window_s + 1.0) * (min(len(true), len(found)) + 1)
     rows, cols = linear_sum_assignment(np.where(allowed, apart, far))

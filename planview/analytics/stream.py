@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import repeat
 
-from calib.types import F64
+from calib.types import F64, I64, Bool
+from planview.analytics.changes import Changes, changes
 from planview.analytics.events import Event
 from planview.analytics.geometry import PlaneName
 from planview.analytics.params import AnalyticsParams
-from planview.analytics.people import CountedPeople, CountedPerson, Sighting
+from planview.analytics.people import CountedPeople, CountedPerson, TrackRow
+from planview.analytics.places import Places
 from planview.analytics.rules import Placed, Rules
 from planview.analytics.tripwire import Wire, WireState
 from planview.analytics.zone import Area, AreaState, Stay
@@ -56,34 +59,61 @@ class Analytics:
         """People in each zone now, those only predicted included."""
         return dict(self._inside)
 
-    def update(self, frame: int, timestamp_s: float, tracks: Iterable[TrackState]) -> tuple[Event, ...]:
+    def update(self, frame: int, timestamp_s: float, tracks: Sequence[TrackState]) -> tuple[Event, ...]:
         """Take one frame's tracks and return the events that have become certain, by time.
 
         An event is dated to its moment, which lies before this frame by the time that the hysteresis and the age took.
         """
-        present, gone = self._people.update(frame, timestamp_s, tracks)
+        return self.update_rows(frame, timestamp_s, self.rows(Places.of_states(tracks)))
+
+    def rows(self, places: Places, changing: Bool | None = None) -> list[TrackRow]:
+        """Rows of tracks, of any number of frames, with where they are at every rule.
+
+        Args:
+            changing: (N,) rows that may change sides (``changes``); all by default. The others are not located.
+        """
+        wires, areas = ([rule.locate(places) for rule in rules] for rules in (self._wires, self._areas))
+        at_rules = [column.tolist() for located in (*wires, *areas) for column in located]
+        columns = (places.track_id, places.confirmed, places.observed, *places.metres().T)
+        located = zip(*at_rules, strict=True) if at_rules else repeat((), len(places.track_id))
+        asked = repeat(True) if changing is None else changing.tolist()
+        shown = (at if ask else () for at, ask in zip(located, asked, strict=False))
+        return list(map(TrackRow, *(column.tolist() for column in columns), shown))
+
+    def changes(self, frame: I64, moments_s: F64, places: Places) -> Changes:
+        """What ``update_rows`` needs of a table (``planview.analytics.changes``)."""
+        return changes(frame, moments_s, places, [*self._wires, *self._areas])
+
+    def update_rows(self, frame: int, timestamp_s: float, rows: Sequence[TrackRow]) -> tuple[Event, ...]:
+        """``update`` with rows of the frame as ``rows`` gives them."""
+        present, gone = self._people.update(timestamp_s, rows)
         events: list[Event] = []
         self._inside = dict.fromkeys(self._inside, 0)
-        for person, sighting in present:
+        for person, row in present:
             memory = self._memory.get(person) or self._remember(person)
-            if sighting is not None:
-                self._look(person, sighting, memory)
-            events += self._release(person, memory, timestamp_s)
+            if row is not None and row.at_rules:
+                self._look(person, frame, timestamp_s, row.at_rules, memory)
+            if person.confirmed and (memory.events or memory.stays):
+                events += self._release(person, memory, timestamp_s)
             for area, state in zip(self._areas, memory.areas, strict=True):
-                self._inside[area.name] += state.stay is not None and state.stay.counted
+                if state.stay is not None and state.stay.counted:
+                    self._inside[area.name] += 1
         for person in gone:
             self._memory.pop(person, None)
         return tuple(sorted(events, key=lambda e: e.timestamp_s))
 
-    def _look(self, person: CountedPerson, sighting: Sighting, memory: _Memory) -> None:
+    def _look(
+        self, person: CountedPerson, frame: int, timestamp_s: float, at_rules: tuple[float, ...], memory: _Memory
+    ) -> None:
+        values = iter(at_rules)
         for wire, at_wire in zip(self._wires, memory.wires, strict=True):
-            crossing = at_wire.update(sighting)
+            crossing = at_wire.update(frame, timestamp_s, next(values), next(values))
             if crossing is not None:
                 moment = crossing.frame, crossing.timestamp_s
                 memory.events.append(Event(*moment, wire.name, "crossing", person.track_id, crossing.direction))
         for area, at_area in zip(self._areas, memory.areas, strict=True):
             before = at_area.stay
-            passage = at_area.update(sighting)
+            passage = at_area.update(frame, timestamp_s, next(values), next(values))
             if passage is not None:
                 moment = passage.frame, passage.timestamp_s
                 memory.events.append(Event(*moment, area.name, passage.kind, person.track_id))
@@ -91,9 +121,7 @@ class Analytics:
                 memory.stays.append((area.name, at_area.stay))
 
     def _release(self, person: CountedPerson, memory: _Memory, timestamp_s: float) -> list[Event]:
-        """Events of a person old enough for their rules; stays become counted at the same time."""
-        if not person.confirmed:
-            return []
+        """Events of a confirmed person old enough for their rules; stays become counted at the same time."""
         age = timestamp_s - person.start_s
         ready = {wire.name for wire in self._wires if age >= wire.min_age_s}
         ready |= {area.name for area in self._areas if age >= area.min_age_s}
@@ -107,7 +135,7 @@ class Analytics:
         return released
 
     def _remember(self, person: CountedPerson) -> _Memory:
-        memory = _Memory([WireState(wire) for wire in self._wires], [AreaState(area) for area in self._areas])
+        memory = _Memory([WireState(wire) for wire in self._wires], [AreaState() for _ in self._areas])
         self._memory[person] = memory
         return memory
 

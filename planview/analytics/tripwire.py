@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from calib.types import F64
+from calib.types import F64, I8
 from planview.analytics.events import Direction
 from planview.analytics.geometry import PlaneName
-from planview.analytics.people import Sighting
+from planview.analytics.places import Places, side_codes
 
 MAX_SPEED_MPS = 8.0
 JUMP_M = 1.0
@@ -30,8 +31,7 @@ class Crossing:
     direction: Direction
 
 
-@dataclass(frozen=True)
-class _At:
+class _At(NamedTuple):
     """A sighting relative to the line: side_m left of it [m], ``along`` 0 at its first and 1 at its second point."""
 
     frame: int
@@ -56,15 +56,18 @@ class Wire:
         self._ahead: list[float] = ((points[1] - points[0]) / self._length).tolist()
         self._left_sign = 1.0 if plane == "floor" else -1.0
 
-    def locate(self, sighting: Sighting) -> _At | None:
-        """Where a person is; None when not known in this plane."""
-        x, y, unit = sighting.at(self.plane)
-        if not math.isfinite(x + y + unit):
-            return None
+    def locate(self, places: Places) -> tuple[F64, F64]:
+        """(N,) distance left of the line [m], and place along it from 0 to 1; NaN when not known in this plane."""
+        x, y, unit = places.within(self.plane)
         dx, dy = x - self._start[0], y - self._start[1]
         ahead = self._ahead[0] * dx + self._ahead[1] * dy
         left = self._left_sign * (self._ahead[0] * dy - self._ahead[1] * dx)
-        return _At(sighting.frame, sighting.timestamp_s, left / unit, ahead / self._length)
+        return left / unit, np.where(np.isfinite(x + y + unit), ahead / self._length, np.nan)
+
+    def sides(self, places: Places) -> I8:
+        """(N,) 0 not known, 1 to 4 from decided right to decided left."""
+        side_m, along = self.locate(places)
+        return side_codes(side_m, np.abs(side_m) >= self.hysteresis_m, np.isfinite(along))
 
 
 class WireState:
@@ -80,21 +83,21 @@ class WireState:
         self._put_back = 0  # side from which a jump took the person; reaching it again is no crossing
         self._crossed_s = -math.inf
 
-    def update(self, sighting: Sighting) -> Crossing | None:
+    def update(self, frame: int, timestamp_s: float, side_m: float, along: float) -> Crossing | None:
         """A crossing once the person is far enough on the other side, dated to when the line was passed.
 
         Going round the end of the line passes its extension, which does not count; turning back within the hysteresis
         is no crossing. A person put back over the line in a jump crosses it again without counting again.
         """
-        now = self._wire.locate(sighting)
-        if now is None:
+        if not math.isfinite(along):
             return None
-        if self._last is not None:
+        now = _At(frame, timestamp_s, side_m, along)
+        if self._last is not None and (self._last.side_m >= 0) != (side_m >= 0):
             self._pass(self._last, now)
         self._last = now
-        if abs(now.side_m) < self._wire.hysteresis_m:
+        if abs(side_m) < self._wire.hysteresis_m:
             return None
-        side = 1 if now.side_m >= 0 else -1
+        side = 1 if side_m >= 0 else -1
         before, net = self._side, self._net
         self._side, self._net = side, 0
         if before in (0, side) or net * side <= 0:
@@ -107,8 +110,7 @@ class WireState:
         return Crossing(*self._passed, "right_to_left" if side > 0 else "left_to_right")
 
     def _pass(self, a: _At, b: _At) -> None:
-        if (a.side_m >= 0) == (b.side_m >= 0):
-            return
+        """The line, or its extension, is passed between two sightings."""
         part = a.side_m / (a.side_m - b.side_m)
         if 0.0 <= a.along + part * (b.along - a.along) <= 1.0:
             self._net += 1 if b.side_m >= 0 else -1

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from calib.types import F64
+import numpy as np
+
+from calib.types import F64, I8
 from planview.analytics.events import EventKind
 from planview.analytics.geometry import Outline, PlaneName, inner_radius
-from planview.analytics.people import Sighting
+from planview.analytics.places import Places, side_codes
 
 _MARGIN_SHARE = 0.25
 """Largest part of a zone's inner radius that hysteresis may take: people in the middle of a narrow zone are inside."""
@@ -44,6 +47,14 @@ class Passage:
     kind: EventKind
 
 
+class _At(NamedTuple):
+    """A sighting relative to the outline: its depth inside [m]."""
+
+    frame: int
+    timestamp_s: float
+    depth_m: float
+
+
 class Area:
     """A zone in its plane.
 
@@ -58,53 +69,54 @@ class Area:
         self._hysteresis_m = hysteresis_m
         self._margin_limit = _MARGIN_SHARE * inner_radius(points)
 
-    def depth(self, sighting: Sighting) -> tuple[float, float] | None:
-        """Depth inside (negative outside) and the margin that decides [m]; None when not known in this plane."""
-        x, y, unit = sighting.at(self.plane)
-        if not math.isfinite(x + y + unit):
-            return None
-        return self._outline.depth(x, y) / unit, min(self._hysteresis_m, self._margin_limit / unit)
+    def locate(self, places: Places) -> tuple[F64, F64]:
+        """(N,) depth inside (negative outside) and the margin that decides [m]; NaN when not known in this plane."""
+        x, y, unit = places.within(self.plane)
+        margin = np.minimum(self._hysteresis_m, self._margin_limit / unit)
+        known = np.isfinite(x + y + unit)
+        return self._outline.depth(x, y) / unit, np.where(known, margin, np.nan)
+
+    def sides(self, places: Places) -> I8:
+        """(N,) 0 not known, 1 to 4 from decided outside to decided inside."""
+        depth_m, margin_m = self.locate(places)
+        return side_codes(depth_m, np.abs(depth_m) >= margin_m, np.isfinite(margin_m))
 
 
 class AreaState:
     """One person at one zone. ``stay`` is the current one, None outside."""
 
-    def __init__(self, area: Area) -> None:
-        self._area = area
-        self._last: tuple[Sighting, float] | None = None
+    def __init__(self) -> None:
+        self._last: _At | None = None
         self._passed: tuple[int, float] = (0, 0.0)
         self.stay: Stay | None = None
 
-    def update(self, sighting: Sighting) -> Passage | None:
+    def update(self, frame: int, timestamp_s: float, depth_m: float, margin_m: float) -> Passage | None:
         """An entry or exit once the person is far enough in or out, dated to when the outline was passed."""
-        located = self._area.depth(sighting)
-        if located is None:
+        if not math.isfinite(margin_m):
             return None
-        depth, margin = located
-        first = self._last is None
-        if self._last is not None:
-            self._pass(*self._last, sighting, depth)
-        self._last = sighting, depth
+        now, before = _At(frame, timestamp_s, depth_m), self._last
+        if before is not None and (before.depth_m >= 0) != (depth_m >= 0):
+            self._pass(before, now)
+        self._last = now
         if self.stay is None:
-            return self._outside(sighting, depth, margin, first)
-        if depth <= -margin and depth < 0:
+            return self._outside(now, margin_m, before is None)
+        if depth_m <= -margin_m and depth_m < 0:
             self.stay.end_s, self.stay.left = self._passed[1], True
             self.stay = None
             return Passage(*self._passed, "exit")
-        self.stay.end_s = sighting.timestamp_s
+        self.stay.end_s = timestamp_s
         return None
 
-    def _outside(self, sighting: Sighting, depth: float, margin: float, first: bool) -> Passage | None:
-        if first and depth >= 0:
-            self.stay = Stay(sighting.timestamp_s, sighting.timestamp_s, entered=False)
-        elif depth >= margin:
-            self.stay = Stay(self._passed[1], sighting.timestamp_s, entered=True)
+    def _outside(self, now: _At, margin_m: float, first: bool) -> Passage | None:
+        if first and now.depth_m >= 0:
+            self.stay = Stay(now.timestamp_s, now.timestamp_s, entered=False)
+        elif now.depth_m >= margin_m:
+            self.stay = Stay(self._passed[1], now.timestamp_s, entered=True)
             return Passage(*self._passed, "entry")
         return None
 
-    def _pass(self, before: Sighting, was: float, now: Sighting, depth: float) -> None:
-        if (was >= 0) == (depth >= 0):
-            return
-        part = was / (was - depth)
+    def _pass(self, before: _At, now: _At) -> None:
+        """The outline is passed between two sightings."""
+        part = before.depth_m / (before.depth_m - now.depth_m)
         moment = before.timestamp_s + part * (now.timestamp_s - before.timestamp_s)
         self._passed = math.ceil(before.frame + part * (now.frame - before.frame)), moment

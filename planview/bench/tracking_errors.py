@@ -8,7 +8,7 @@ import numpy as np
 
 from planview.evaluation.clear import clear_scores
 from planview.evaluation.sequence import Similarity, box_similarity, build_sequence
-from planview.trajectories.table import Trajectories
+from planview.trajectories.table import Trajectories, rows_by_id
 
 GAP_FRAMES = 7
 """A person without a match for longer than this many frames is lost: one second of PETS S2-L1 (7 frames/s)."""
@@ -50,9 +50,8 @@ def tracking_errors(
     on_somebody[scores.matches[:, 1]] = True
     found = np.zeros(len(truth), dtype=np.bool_)
     found[scores.matches[:, 0]] = True
-    ids = np.unique(tracks.track_id)
-    false_tracks = sum(bool(on_somebody[tracks.track_id == i].mean() < 0.5) for i in ids)
-    losses = sum(_long_gaps(found[truth.track_id == i], gap_frames) for i in np.unique(truth.track_id))
+    false_tracks = sum(bool(on_somebody[rows].mean() < 0.5) for _, rows in rows_by_id(tracks.track_id))
+    losses = sum(_long_gaps(found[rows], gap_frames) for _, rows in rows_by_id(truth.track_id))
     return TrackingErrors(false_tracks, losses, scores.switches)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
@@ -89,7 +90,7 @@ def evaluate(tracks: Path, truth: Path, *, options: EvaluateOptions | None = Non
 
 
 def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, int] | None) -> Evaluation:
-    found, true = load_tracks(pair.tracks), load_truth(pair.truth)
+    found, true = _tracks(pair.tracks, params), load_truth(pair.truth)
     _refuse_other_frames(pair, found, true)
     if told := unfinished_beside(pair.tracks):
         PlainConsole(stderr=True, soft_wrap=True).print(told)
@@ -99,6 +100,13 @@ def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, in
         return evaluate_tracks(found, true, params, span)
     except InputError as error:
         raise InputError(f"{pair.tracks} and {pair.truth}: {error}") from error
+
+
+def _tracks(path: Path, params: EvaluationParams) -> Trajectories:
+    """The tracks with what matching needs, and with boxes where they have nothing else."""
+    boxes = params.align or params.match_on == "boxes"
+    tracks = load_tracks(path, boxes=boxes)
+    return tracks if boxes or np.isfinite(tracks.x_m).any() else load_tracks(path)
 
 
 def _json(pairs: list[FilePair], results: dict[str, Evaluation], together: Evaluation) -> dict[str, Any]:

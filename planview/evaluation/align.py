@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from calib.errors import WorkError
 from calib.types import F64, I64
+from planview.evaluation.assignment import best_pairs
 from planview.evaluation.sequence import THRESHOLD, Similarity, box_similarity, build_sequence, floor_similarity
 from planview.trajectories.table import Trajectories
 
@@ -106,13 +106,10 @@ def _fit_pairs(tracks: Trajectories, truth: Trajectories, pairs: I64) -> Iterato
 
 def _pairs(truth: Trajectories, tracks: Trajectories, similarity: Similarity) -> I64:
     """(K, 2) truth and track rows of the frame-by-frame matches."""
-    pairs = [np.empty((0, 2), dtype=np.int64)]
-    for frame in build_sequence(truth, tracks, similarity).frames:
-        scores = np.nan_to_num(frame.similarity)
-        rows, cols = linear_sum_assignment(-scores)
-        good = scores[rows, cols] >= THRESHOLD
-        pairs.append(np.column_stack([frame.truth_rows[rows[good]], frame.track_rows[cols[good]]]))
-    return np.concatenate(pairs)
+    found = build_sequence(truth, tracks, similarity)
+    matched = best_pairs(found.pair_truth, found.pair_track, found.similarity, found.pair_frame)
+    matched &= found.similarity >= THRESHOLD
+    return np.column_stack([found.pair_truth[matched], found.pair_track[matched]])
 
 
 def _score(alignment: FloorAlignment, tracks: Trajectories, truth: Trajectories, gate_m: float) -> FloorAlignment:

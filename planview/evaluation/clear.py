@@ -5,15 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from calib.types import I64
-from planview.evaluation.sequence import EPS, THRESHOLD, FrameScores, Sequence
+from planview.evaluation.assignment import groups_of, lone_pairs, solved
+from planview.evaluation.sequence import EPS, THRESHOLD, Sequence
 
 MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
 """Shares of a person's rows (Wu, Nevatia 2006, as MOTChallenge counts them)."""
 _CONTINUE = 1000.0
 """Weight of continuing the last frame's pair: above any sum of similarities in a frame."""
+_NONE = -2
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,40 +45,49 @@ def clear_scores(sequence: Sequence, threshold: float = THRESHOLD) -> ClearScore
     A switch is a match of a person with another track than at that person's last match, however long ago. The frame
     before is the last one in which there were both people and tracks.
     """
-    ever = np.full(sequence.n_truth, -1)  # each person's last track
-    before = np.full(sequence.n_truth, -1)  # the same, if matched in the frame before
-    matches: list[I64] = []
-    matched, starts = np.zeros(sequence.n_truth), np.zeros(sequence.n_truth, dtype=np.int64)
-    switches = 0
-    for frame in sequence.frames:
-        if not len(frame.truth) or not len(frame.tracks):
-            continue
-        rows, cols = _match(frame, before, threshold)
-        people, tracks = frame.truth[rows], frame.tracks[cols]
-        switches += int(np.count_nonzero((ever[people] >= 0) & (ever[people] != tracks)))
-        starts[people] += before[people] < 0
-        matched[people] += 1
-        ever[people] = tracks
-        before[:] = -1
-        before[people] = tracks
-        matches.append(np.column_stack([frame.truth_rows[rows], frame.track_rows[cols]]))
-    pairs = np.concatenate(matches) if matches else np.empty((0, 2), dtype=np.int64)
+    turn = _turns(sequence)
+    pairs = _matches(sequence, turn, threshold)
     misses, extra = sequence.truth_rows - len(pairs), sequence.track_rows - len(pairs)
+    rows = pairs[np.argsort(sequence.truth[pairs[:, 0]], kind="stable")]
+    person, track, at = sequence.truth[rows[:, 0]], sequence.tracks[rows[:, 1]], turn[sequence.truth_frame[rows[:, 0]]]
+    again = np.diff(person) == 0
+    switches = int(np.count_nonzero(again & (np.diff(track) != 0)))
     mota = 1.0 - (misses + extra + switches) / sequence.truth_rows if sequence.truth_rows else None
-    share = matched / np.maximum(1, _rows_per_person(sequence))
+    matched, present = (np.bincount(who, minlength=sequence.n_truth) for who in (person, sequence.truth))
+    share = matched / np.maximum(1, present)
     tracked, lost = np.count_nonzero(share > MOSTLY_TRACKED), np.count_nonzero(share < MOSTLY_LOST)
-    fragmentations = int(np.maximum(0, starts - 1).sum())
+    fragmentations = int(np.count_nonzero(again & (np.diff(at) != 1)))
     return ClearScores(pairs, misses, extra, switches, mota, int(tracked), int(lost), fragmentations)
 
 
-def _rows_per_person(sequence: Sequence) -> I64:
-    rows = [frame.truth for frame in sequence.frames]
-    return np.bincount(np.concatenate([np.empty(0, dtype=np.int64), *rows]), minlength=sequence.n_truth)
+def _turns(sequence: Sequence) -> I64:
+    """(n_frames,) number of each frame among those with both people and tracks; -1 for the others."""
+    both = np.zeros(sequence.n_frames, dtype=np.bool_)
+    both[np.intersect1d(sequence.truth_frame, sequence.track_frame)] = True
+    return np.where(both, np.cumsum(both) - 1, -1)
 
 
-def _match(frame: FrameScores, before: I64, threshold: float) -> tuple[I64, I64]:
-    score = _CONTINUE * (frame.tracks[None, :] == before[frame.truth][:, None]) + frame.similarity
-    score[frame.similarity < threshold - EPS] = 0.0
-    rows, cols = linear_sum_assignment(-score)
-    good = score[rows, cols] > EPS
-    return rows[good], cols[good]
+def _matches(sequence: Sequence, turn: I64, threshold: float) -> I64:
+    """(K, 2) truth and track rows matched, in the order of frames."""
+    near = np.flatnonzero(sequence.similarity >= threshold - EPS)
+    rows, cols, similarity = sequence.pair_truth[near], sequence.pair_track[near], sequence.similarity[near]
+    row_before = _row_before(sequence.truth, turn[sequence.truth_frame])[rows]
+    col_before = _row_before(sequence.tracks, turn[sequence.track_frame])[cols]
+    chosen = lone_pairs(rows, cols)
+    partner = np.full(sequence.truth_rows + 1, _NONE)  # the last one is the partner of no row
+    partner[rows[chosen]] = cols[chosen]
+    for pairs in groups_of(sequence.truth_frame[rows], ~chosen):
+        goes_on = (partner[row_before[pairs]] == col_before[pairs]) & (col_before[pairs] >= 0)
+        taken = solved(rows[pairs], cols[pairs], similarity[pairs] + _CONTINUE * goes_on)
+        chosen[pairs] = taken
+        partner[rows[pairs[taken]]] = cols[pairs[taken]]
+    return np.column_stack([rows[chosen], cols[chosen]])
+
+
+def _row_before(who: I64, turn: I64) -> I64:
+    """(N,) row of the same person or track in the turn before; -1 without one."""
+    order = np.lexsort((turn, who))
+    goes_on = (np.diff(who[order]) == 0) & (np.diff(turn[order]) == 1) & (turn[order[:-1]] >= 0)
+    before = np.full(len(who), -1)
+    before[order[1:][goes_on]] = order[:-1][goes_on]
+    return before

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ from planview.evaluation.significant import (
     significant_errors,
     strict_identity_changes,
 )
-from planview.trajectories.table import Trajectories
+from planview.trajectories.table import Trajectories, rows_by_id
 from planview.trajectories.timing import frame_period_s
 
 
@@ -145,10 +146,7 @@ def _track_histories(claimed: Trajectories, excused: Bool, matches: I64) -> list
     """Of all tracks; ``matches`` refer to the rows that are not excused."""
     stray = ~excused
     stray[np.flatnonzero(~excused)[matches[:, 1]]] = False
-    return [
-        TrackHistory(int(i), claimed.frame[claimed.track_id == i], stray[claimed.track_id == i])
-        for i in np.unique(claimed.track_id)
-    ]
+    return [TrackHistory(i, claimed.frame[rows], stray[rows]) for i, rows in rows_by_id(claimed.track_id)]
 
 
 def _truth_rows(truth: Trajectories, tracks: Trajectories, matches: I64, in_one_frame: bool) -> TruthRows:
@@ -164,10 +162,7 @@ def _truth_rows(truth: Trajectories, tracks: Trajectories, matches: I64, in_one_
 def _person_histories(truth: Trajectories, tracks: Trajectories, matches: I64, near: Bool) -> list[PersonHistory]:
     holder = np.where(near, PREDICTED, UNMATCHED)
     holder[matches[:, 0]] = tracks.track_id[matches[:, 1]]
-    return [
-        PersonHistory(int(i), truth.frame[truth.track_id == i], holder[truth.track_id == i])
-        for i in np.unique(truth.track_id)
-    ]
+    return [PersonHistory(i, truth.frame[rows], holder[rows]) for i, rows in rows_by_id(truth.track_id)]
 
 
 def _near_prediction(truth: Trajectories, predicted: Trajectories, similarity: Similarity) -> Bool:
@@ -191,7 +186,8 @@ def _has_boxes(table: Trajectories) -> Bool:
 
 
 def _rows_of(table: Trajectories, state: str, usable: Callable[[Trajectories], Bool]) -> Trajectories:
-    return table.where((table.state == state) & usable(table))
+    rows = table.where((table.state == state) & usable(table))
+    return replace(rows, state=np.broadcast_to(np.array(state), len(rows)))
 
 
 def _checked(table: Trajectories, usable: Callable[[Trajectories], Bool], match_on: str, what: str) -> Trajectories:

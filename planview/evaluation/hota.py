@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
-from calib.types import F64
-from planview.evaluation.sequence import EPS, Sequence
+from calib.types import F64, I64
+from planview.evaluation.assignment import best_pairs
+from planview.evaluation.sequence import EPS, CommonPairs, Sequence, common_pairs
 
 ALPHAS: F64 = np.arange(1, 20, dtype=np.float64) * 0.05
 """Localisation thresholds 0.05 to 0.95; on the floor alpha is a distance of 2 gate (1 - alpha)."""
@@ -28,43 +28,34 @@ def hota_scores(sequence: Sequence) -> HotaScores:
     n_truth, n_tracks = sequence.truth_rows, sequence.track_rows
     if n_truth + n_tracks == 0:
         return HotaScores(None, None, None)
-    truth_count, track_count = _row_counts(sequence)
-    alignment = _alignment(sequence, truth_count, track_count)
-    matches = _count_matches(sequence, alignment)
-    tp = matches.sum(axis=(1, 2))
+    common = common_pairs(sequence)
+    union = _rows_of_both(sequence, common)
+    potential = np.bincount(common.of_pair, _shares(sequence), len(common.truth))
+    score = (potential / (union - potential))[common.of_pair] * sequence.similarity
+    matched = best_pairs(sequence.pair_truth, sequence.pair_track, score, sequence.pair_frame)
+    matches = _count_matches(sequence.similarity[matched], common.of_pair[matched], len(common.truth))
+    tp = matches.sum(axis=1)
     deta = tp / (n_truth + n_tracks - tp)
-    union = np.maximum(1.0, truth_count[:, None] + track_count[None, :] - matches)
-    assa = (matches * (matches / union)).sum(axis=(1, 2)) / np.maximum(1.0, tp)
+    assa = (matches * (matches / np.maximum(1.0, union - matches))).sum(axis=1) / np.maximum(1.0, tp)
     return HotaScores(float(np.sqrt(deta * assa).mean()), float(deta.mean()), float(assa.mean()))
 
 
-def _row_counts(sequence: Sequence) -> tuple[F64, F64]:
-    truth, tracks = np.zeros(sequence.n_truth), np.zeros(sequence.n_tracks)
-    for frame in sequence.frames:
-        truth[frame.truth] += 1
-        tracks[frame.tracks] += 1
-    return truth, tracks
+def _rows_of_both(sequence: Sequence, common: CommonPairs) -> F64:
+    """(C,) rows of the person and of the track of every common pair together."""
+    truth = np.bincount(sequence.truth, minlength=sequence.n_truth)[common.truth]
+    tracks = np.bincount(sequence.tracks, minlength=sequence.n_tracks)[common.track]
+    return np.asarray(truth + tracks, dtype=np.float64)
 
 
-def _alignment(sequence: Sequence, truth_count: F64, track_count: F64) -> F64:
-    """Jaccard-like agreement of every person and track over the whole sequence."""
-    potential = np.zeros((sequence.n_truth, sequence.n_tracks))
-    for frame in sequence.frames:
-        s = frame.similarity
-        union = s.sum(axis=0, keepdims=True) + s.sum(axis=1, keepdims=True) - s
-        share = np.where(union > EPS, s / np.where(union > EPS, union, 1.0), 0.0)
-        potential[np.ix_(frame.truth, frame.tracks)] += share
-    return potential / (truth_count[:, None] + track_count[None, :] - potential)
+def _shares(sequence: Sequence) -> F64:
+    """(P,) share of each pair in what its two rows are similar to in their frame, as an intersection over union."""
+    s = sequence.similarity
+    of_truth = np.bincount(sequence.pair_truth, s, sequence.truth_rows)[sequence.pair_truth]
+    of_track = np.bincount(sequence.pair_track, s, sequence.track_rows)[sequence.pair_track]
+    return np.asarray(s / np.maximum(of_track + of_truth - s, EPS))
 
 
-def _count_matches(sequence: Sequence, alignment: F64) -> F64:
-    """(alphas, people, tracks) frames in which a pair is matched at a threshold."""
-    counts = np.zeros((len(ALPHAS), sequence.n_truth, sequence.n_tracks))
-    for frame in sequence.frames:
-        if not len(frame.truth) or not len(frame.tracks):
-            continue
-        score = alignment[np.ix_(frame.truth, frame.tracks)] * frame.similarity
-        rows, cols = linear_sum_assignment(-score)
-        close = frame.similarity[rows, cols][None, :] >= ALPHAS[:, None] - EPS
-        counts[:, frame.truth[rows], frame.tracks[cols]] += close
-    return counts
+def _count_matches(similarity: F64, common: I64, n_common: int) -> F64:
+    """(alphas, C) frames in which a common pair is matched at a threshold."""
+    counts = [np.bincount(common[similarity >= alpha - EPS], minlength=n_common) for alpha in ALPHAS]
+    return np.array(counts, dtype=np.float64)

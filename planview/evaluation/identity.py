@@ -29,9 +29,9 @@ def identity_scores(sequence: Sequence, threshold: float = THRESHOLD) -> Identit
     Maximising the common rows minimises idfn + idfp, since their sum is truth rows + track rows - 2 idtp.
     """
     common = np.zeros((sequence.n_truth, sequence.n_tracks))
-    for frame in sequence.frames:
-        t, k = np.nonzero(frame.similarity >= threshold - EPS)
-        common[frame.truth[t], frame.tracks[k]] += 1
+    near = sequence.similarity >= threshold - EPS
+    pairs = sequence.truth[sequence.pair_truth[near]], sequence.tracks[sequence.pair_track[near]]
+    np.add.at(common, pairs, 1)
     idtp = int(common[linear_sum_assignment(-common)].sum())
     rows = sequence.truth_rows + sequence.track_rows
     return IdentityScores(

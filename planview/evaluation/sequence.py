@@ -1,10 +1,11 @@
-"""Truth and tracks side by side, frame by frame: what every metric is computed on."""
+"""Truth and tracks side by side: what every metric is computed on."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from collections.abc import Sequence as Items
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,75 +15,98 @@ from planview.trajectories.table import Trajectories
 THRESHOLD = 0.5
 """A pair may match from this similarity on: the gate on the floor, or IoU 0.5 for boxes."""
 EPS = float(np.finfo(np.float64).eps)
+_PAIRS_AT_ONCE = 200_000
+"""Pairs whose similarity is computed at a time, most of which are too far apart to be kept (our choice)."""
 
 Similarity = Callable[[Trajectories, I64, Trajectories, I64], F64]
-"""(truth, its rows (n,), tracks, their rows (m,)) -> (n, m) similarity in 0..1."""
-
-
-@dataclass(frozen=True, eq=False)
-class FrameScores:
-    """One frame.
-
-    Attributes:
-        truth, tracks: (n,), (m,) dense person and track indices (0..N-1 over the sequence), each at most once.
-        truth_rows, track_rows: (n,), (m,) where these stand in their tables.
-        similarity: (n, m) float64 in 0..1.
-    """
-
-    truth: I64
-    tracks: I64
-    truth_rows: I64
-    track_rows: I64
-    similarity: F64
-
-    def shifted(self, truth: int, tracks: int, truth_rows: int, track_rows: int) -> FrameScores:
-        """The frame with offsets added to its indices and rows."""
-        return FrameScores(
-            self.truth + truth,
-            self.tracks + tracks,
-            self.truth_rows + truth_rows,
-            self.track_rows + track_rows,
-            self.similarity,
-        )
+"""(truth, its rows (P,), tracks, their rows (P,)) -> (P,) similarity in 0..1 of each pair."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sequence:
-    """All frames that hold anything, in order; n_truth people and n_tracks tracks in all."""
+    """Rows of truth and tracks, and the pairs of them that are in one frame and similar at all.
 
-    frames: tuple[FrameScores, ...]
+    Attributes:
+        truth, tracks: (T,), (K,) dense person and track indices (0..n-1) of the rows, at most one row each per frame.
+        truth_frame, track_frame: (T,), (K,) number of their frame among those that hold anything, ascending.
+        pair_truth, pair_track: (P,) rows of every pair with a similarity above 0, by truth row, then track row.
+        similarity: (P,) in 0..1.
+        n_truth, n_tracks, n_frames: how many people, tracks, and frames that hold anything.
+    """
+
+    truth: I64
+    tracks: I64
+    truth_frame: I64
+    track_frame: I64
+    pair_truth: I64
+    pair_track: I64
+    similarity: F64
     n_truth: int
     n_tracks: int
+    n_frames: int
 
     @property
     def truth_rows(self) -> int:
-        return sum(len(frame.truth) for frame in self.frames)
+        return len(self.truth)
 
     @property
     def track_rows(self) -> int:
-        return sum(len(frame.tracks) for frame in self.frames)
+        return len(self.tracks)
+
+    @property
+    def pair_frame(self) -> I64:
+        """(P,) number of each pair's frame, ascending."""
+        return self.truth_frame[self.pair_truth]
 
     @staticmethod
     def joined(parts: Items[Sequence]) -> Sequence:
-        """All frames of all parts, with indices and rows of their own for each."""
-        frames: list[FrameScores] = []
-        n_truth = n_tracks = truth_rows = track_rows = 0
-        for part in parts:
-            frames += [frame.shifted(n_truth, n_tracks, truth_rows, track_rows) for frame in part.frames]
-            n_truth, n_tracks = n_truth + part.n_truth, n_tracks + part.n_tracks
-            truth_rows, track_rows = truth_rows + part.truth_rows, track_rows + part.track_rows
-        return Sequence(tuple(frames), n_truth, n_tracks)
+        """All rows of all parts, with people, tracks and frames of their own for each."""
+        people, tracks, frames = (
+            np.cumsum([0, *(getattr(part, n) for part in parts)]).tolist() for n in ("n_truth", "n_tracks", "n_frames")
+        )
+        truth_rows, track_rows = (
+            np.cumsum([0, *(getattr(part, n) for part in parts)]).tolist() for n in ("truth_rows", "track_rows")
+        )
+        offsets = {
+            "truth": people, "tracks": tracks, "truth_frame": frames, "track_frame": frames,
+            "pair_truth": truth_rows, "pair_track": track_rows, "similarity": [0.0] * len(parts),
+        }  # fmt: skip
+        columns = {
+            name: np.concatenate([getattr(part, name) + first for part, first in zip(parts, firsts, strict=False)])
+            for name, firsts in offsets.items()
+        }
+        return Sequence(**columns, n_truth=people[-1], n_tracks=tracks[-1], n_frames=frames[-1])
+
+
+class CommonPairs(NamedTuple):
+    """Person and track indices of those that are similar in any frame.
+
+    Attributes:
+        truth, track: (C,) each pair of indices once.
+        of_pair: (P,) which of them a pair of rows is.
+    """
+
+    truth: I64
+    track: I64
+    of_pair: I64
+
+
+def common_pairs(sequence: Sequence) -> CommonPairs:
+    """The people and tracks that the pairs of rows belong to."""
+    keys = sequence.truth[sequence.pair_truth] * max(1, sequence.n_tracks) + sequence.tracks[sequence.pair_track]
+    common, of_pair = np.unique(keys, return_inverse=True)
+    return CommonPairs(*np.divmod(common, max(1, sequence.n_tracks)), of_pair=of_pair)
 
 
 def floor_similarity(gate_m: float) -> Similarity:
     """1 - d / (2 gate), not below 0: THRESHOLD falls on the gate.
 
-    The convention of the MOT 2015 3D benchmark (gate 1 m there), so that CLEAR, IDF1 and HOTA share one matrix.
+    The convention of the MOT 2015 3D benchmark (gate 1 m there), so that CLEAR, IDF1 and HOTA share one value.
     """
 
     def similarity(truth: Trajectories, rows: I64, tracks: Trajectories, track_rows: I64) -> F64:
-        dx = truth.x_m[rows][:, None] - tracks.x_m[track_rows][None, :]
-        dy = truth.y_m[rows][:, None] - tracks.y_m[track_rows][None, :]
+        dx = truth.x_m[rows] - tracks.x_m[track_rows]
+        dy = truth.y_m[rows] - tracks.y_m[track_rows]
         return np.maximum(0.0, 1.0 - np.hypot(dx, dy) / (2.0 * gate_m))
 
     return similarity
@@ -90,10 +114,10 @@ def floor_similarity(gate_m: float) -> Similarity:
 
 def box_similarity(truth: Trajectories, rows: I64, tracks: Trajectories, track_rows: I64) -> F64:
     """Intersection over union of the image boxes."""
-    a, b = truth.box_px[rows][:, None, :], tracks.box_px[track_rows][None, :, :]
-    overlap = np.minimum(a[..., :2] + a[..., 2:], b[..., :2] + b[..., 2:]) - np.maximum(a[..., :2], b[..., :2])
+    a, b = truth.box_px[rows], tracks.box_px[track_rows]
+    overlap = np.minimum(a[:, :2] + a[:, 2:], b[:, :2] + b[:, 2:]) - np.maximum(a[:, :2], b[:, :2])
     both = np.prod(np.maximum(overlap, 0.0), axis=-1)
-    union = np.prod(a[..., 2:], axis=-1) + np.prod(b[..., 2:], axis=-1) - both
+    union = np.prod(a[:, 2:], axis=-1) + np.prod(b[:, 2:], axis=-1) - both
     return np.asarray(np.where(union > 0, both / np.where(union > 0, union, 1.0), 0.0), dtype=np.float64)
 
 
@@ -106,18 +130,37 @@ def build_sequence(truth: Trajectories, tracks: Trajectories, similarity: Simila
     """
     people, truth_index = np.unique(truth.track_id, return_inverse=True)
     ids, track_index = np.unique(tracks.track_id, return_inverse=True)
-    frames = tuple(
-        FrameScores(truth_index[t], track_index[k], t, k, similarity(truth, t, tracks, k))
-        for t, k in _rows_by_frame(truth.frame, tracks.frame)
+    frames = np.union1d(truth.frame, tracks.frame)
+    parts = [(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))]
+    for t, k in _pairs_in_frames(truth.frame, tracks.frame):
+        values = similarity(truth, t, tracks, k)
+        near = values > 0
+        parts.append((t[near], k[near], values[near]))
+    t, k, values = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return Sequence(
+        truth_index,
+        track_index,
+        np.searchsorted(frames, truth.frame),
+        np.searchsorted(frames, tracks.frame),
+        t,
+        k,
+        values,
+        len(people),
+        len(ids),
+        len(frames),
     )
-    return Sequence(frames, len(people), len(ids))
 
 
-def _rows_by_frame(truth_frame: I64, track_frame: I64) -> Iterator[tuple[I64, I64]]:
-    frames = np.union1d(truth_frame, track_frame)
-    bounds = [
-        (np.searchsorted(a, frames), np.searchsorted(a, frames, side="right")) for a in (truth_frame, track_frame)
-    ]
-    (t0, t1), (k0, k1) = bounds
-    for i in range(len(frames)):
-        yield np.arange(t0[i], t1[i]), np.arange(k0[i], k1[i])
+def _pairs_in_frames(truth_frame: I64, track_frame: I64) -> Iterator[tuple[I64, I64]]:
+    """All pairs of rows in one frame, by truth row, then track row, so many at a time."""
+    first = np.searchsorted(track_frame, truth_frame)
+    counts = np.searchsorted(track_frame, truth_frame, side="right") - first
+    ends = np.cumsum(counts)
+    start = 0
+    while start < len(counts):
+        done = ends[start - 1] if start else 0
+        stop = max(start + 1, int(np.searchsorted(ends, done + _PAIRS_AT_ONCE, side="right")))
+        some = counts[start:stop]
+        since = np.arange(some.sum()) - np.repeat(ends[start:stop] - some - done, some)
+        yield np.repeat(np.arange(start, stop), some), np.repeat(first[start:stop], some) + since
+        start = stop

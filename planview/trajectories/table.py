@@ -11,7 +11,7 @@ from typing import IO, TYPE_CHECKING
 import numpy as np
 
 from calib.errors import InputError
-from calib.types import F64, I64, Bool
+from calib.types import F64, I64, AnyArray, Bool
 from planview.trajectories.csv_columns import CsvColumns, WordColumn, csv_blocks
 from planview.trajectories.rows import require_unique
 from planview.trajectories.state import TrackState
@@ -57,8 +57,10 @@ class Trajectories:
         return len(self.frame)
 
     def where(self, keep: Bool | I64) -> Trajectories:
-        """The rows where a (N,) mask is true, or those of (M,) indices in that order."""
-        return Trajectories(**{name: getattr(self, name)[keep] for name in self.__dataclass_fields__})
+        """The rows where a (N,) mask is true, or those of (M,) indices in that order; itself where all are kept."""
+        if keep.dtype == np.bool_ and keep.all():
+            return self
+        return Trajectories(**{name: _picked(getattr(self, name), keep) for name in self.__dataclass_fields__})
 
     def to_dataframe(self) -> DataFrame:
         """A pandas DataFrame with the columns of ``tracks.csv`` (``TRACK_COLUMNS``), a row per person and frame.
@@ -76,6 +78,14 @@ class Trajectories:
         columns = (self.frame, self.timestamp_s, self.track_id, *place, states, *box)
         frame: DataFrame = pandas.DataFrame(dict(zip(TRACK_COLUMNS, columns, strict=True)))
         return frame
+
+
+def _picked(column: AnyArray, keep: Bool | I64) -> AnyArray:
+    """Some rows of a column; one that repeats a single value goes on taking no memory."""
+    if column.strides[0] or not len(column):
+        return column[keep]
+    n = int(np.count_nonzero(keep)) if keep.dtype == np.bool_ else len(keep)
+    return np.broadcast_to(column[0], (n, *column.shape[1:]))
 
 
 def positions_table(
@@ -107,9 +117,19 @@ def positions_table(
 def concatenated(tables: Sequence[Trajectories]) -> Trajectories:
     """The rows of at least one table together, sorted by frame, then id."""
     names = Trajectories.__dataclass_fields__
-    table = Trajectories(**{name: np.concatenate([getattr(t, name) for t in tables]) for name in names})
+    return _sorted(Trajectories(**{name: np.concatenate([getattr(t, name) for t in tables]) for name in names}))
+
+
+def _sorted(table: Trajectories) -> Trajectories:
     order = np.lexsort((table.track_id, table.frame))
     return table if (np.diff(order) == 1).all() else table.where(order)
+
+
+def rows_by_id(track_id: I64) -> Iterator[tuple[int, I64]]:
+    """Every id with its rows in their order, by rising id."""
+    order = np.argsort(track_id, kind="stable")
+    ids, starts = np.unique(track_id[order], return_index=True)
+    return zip(ids.tolist(), np.split(order, starts[1:]), strict=False)
 
 
 def write_header(file: IO[str]) -> None:
@@ -139,14 +159,10 @@ def write_table(file: IO[str], table: Trajectories) -> None:
 
 def row_state(table: Trajectories, row: int) -> TrackState:
     """One row as a tracker gave it."""
-    return row_states(table, slice(row, row + 1))[0]
-
-
-def row_states(table: Trajectories, rows: slice) -> list[TrackState]:
-    """Rows as a tracker gave them."""
     columns = (table.track_id, table.state, table.x_m, table.y_m, *table.velocity_mps.T, table.height_m)
-    boxes = map(tuple, table.box_px[rows].tolist())
-    return [TrackState(*cells) for cells in zip(*(column[rows].tolist() for column in columns), boxes, strict=True)]
+    left, top, width, height = table.box_px[row].tolist()
+    track_id, state, x, y, vx, vy, tall = (column[row].item() for column in columns)
+    return TrackState(track_id, state, x, y, vx, vy, tall, (left, top, width, height))
 
 
 class TrajectoryCollector:
@@ -178,13 +194,15 @@ class TrajectoryCollector:
         )
 
 
-def read_tracks(path: Path) -> Trajectories:
+def read_tracks(path: Path, *, boxes: bool = True) -> Trajectories:
     """Read ``tracks.csv``.
 
+    Args:
+        boxes: also read boxes and velocities, which are half of the file; else they are unknown.
     Raises:
         InputError: unreadable, columns missing, or a value that is not what its column holds.
     """
-    return _read(path, ("frame", "timestamp_s", "id", "x_m", "y_m", "state"), "tracks")
+    return _read(path, ("frame", "timestamp_s", "id", "x_m", "y_m", "state"), "tracks", boxes)
 
 
 def read_truth(path: Path) -> Trajectories:
@@ -202,22 +220,44 @@ def _rounded(rows: Sequence[Sequence[float]], columns: int, digits: int) -> F64:
     return np.array(values, dtype=np.float64).reshape(-1, columns)
 
 
-def _read(path: Path, required: tuple[str, ...], what: str) -> Trajectories:
-    table = concatenated([_block_table(block) for block in csv_blocks(path, required, what)])
+def _read(path: Path, required: tuple[str, ...], what: str, boxes: bool = True) -> Trajectories:
+    parts = [_block_columns(block, boxes) for block in csv_blocks(path, required, what)]
+    # One column after the other, so that the rows are in memory once.
+    table = _sorted(Trajectories(**{name: _stacked([part.pop(name) for part in parts]) for name in list(parts[0])}))
     require_unique(path, table.frame, table.track_id)
     return table
 
 
-def _block_table(columns: CsvColumns) -> Trajectories:
-    return Trajectories(
-        frame=columns.integers("frame"),
-        track_id=columns.integers("id"),
-        timestamp_s=columns.numbers("timestamp_s", np.nan),
-        x_m=columns.numbers("x_m", np.nan),
-        y_m=columns.numbers("y_m", np.nan),
-        height_m=columns.numbers("height_m", np.nan),
-        state=columns.words("state", STATES, "confirmed"),
-        visible=columns.numbers("visible", 1.0),
-        box_px=np.column_stack([columns.numbers(n, np.nan) for n in ("left_px", "top_px", "width_px", "height_px")]),
-        velocity_mps=np.column_stack([columns.numbers(n, np.nan) for n in ("vx_mps", "vy_mps")]),
-    )
+def _block_columns(columns: CsvColumns, boxes: bool) -> dict[str, AnyArray]:
+    """The columns of ``Trajectories`` by name."""
+    number = columns.numbers
+    moving = ("left_px", "top_px", "width_px", "height_px"), ("vx_mps", "vy_mps")
+    unread = number("", np.nan)
+    box_px, velocity_mps = ([number(name, np.nan) if boxes else unread for name in names] for names in moving)
+    return {
+        "frame": columns.integers("frame"),
+        "track_id": columns.integers("id"),
+        "timestamp_s": number("timestamp_s", np.nan),
+        "x_m": number("x_m", np.nan),
+        "y_m": number("y_m", np.nan),
+        "height_m": number("height_m", np.nan),
+        "state": columns.words("state", STATES, "confirmed"),
+        "visible": number("visible", 1.0),
+        "box_px": _beside(box_px),
+        "velocity_mps": _beside(velocity_mps),
+    }
+
+
+def _beside(columns: Sequence[F64]) -> F64:
+    """(N, M) of M columns; where each repeats the same value it goes on taking no memory."""
+    if len(columns[0]) and not any(column.strides[0] for column in columns):
+        return np.broadcast_to(columns[0][:1, None], (len(columns[0]), len(columns)))
+    return np.column_stack(columns)
+
+
+def _stacked(blocks: Sequence[AnyArray]) -> AnyArray:
+    """Blocks of a column one after the other."""
+    filled = [block for block in blocks if len(block)]
+    if filled and not any(block.strides[0] for block in filled):
+        return np.broadcast_to(filled[0][:1], (sum(map(len, filled)), *filled[0].shape[1:]))
+    return np.concatenate(blocks)

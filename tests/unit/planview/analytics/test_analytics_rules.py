@@ -115,9 +115,8 @@ def test_missing_file_is_named(tmp_path: Path) -> None:
 
 
 def test_depth_is_the_distance_to_the_outline_with_a_sign() -> None:
-    assert Outline(SQUARE).depth(1.0, 0.25) == pytest.approx(0.25)
-    assert Outline(SQUARE).depth(3.0, 1.0) == pytest.approx(-1.0)
-    assert Outline(SQUARE).depth(-3.0, -4.0) == pytest.approx(-5.0)
+    x, y = np.array([[1.0, 0.25], [3.0, 1.0], [-3.0, -4.0]]).T
+    assert Outline(SQUARE).depth(x, y) == pytest.approx([0.25, -1.0, -5.0])
 
 
 def test_inner_radius_of_a_square_is_near_half_its_side() -> None:
@@ -127,7 +126,8 @@ def test_inner_radius_of_a_square_is_near_half_its_side() -> None:
 def test_notch_of_a_polygon_is_outside() -> None:
     notched = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 1.0], [0.0, 4.0]])
     assert crossing_edges(notched) is None
-    assert Outline(notched).depth(2.0, 2.0) < 0 < Outline(notched).depth(0.5, 1.0)
+    outside, inside = Outline(notched).depth(np.array([2.0, 0.5]), np.array([2.0, 1.0]))
+    assert outside < 0 < inside
 
 
 def test_spike_that_runs_back_over_itself_crosses() -> None:

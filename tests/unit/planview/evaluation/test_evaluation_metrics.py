@@ -35,13 +35,13 @@ def sequence(truth: list[tuple[float, ...]], tracks: list[tuple[float, ...]], ga
 
 def test_floor_similarity_is_half_at_the_gate_and_zero_at_twice_the_gate() -> None:
     truth, tracks = table([(0, 1, 0, 0)]), table([(0, 1, 0, 0), (0, 2, 0.5, 0), (0, 3, 0, 1.0), (0, 4, 9, 9)])
-    similarity = floor_similarity(0.5)(truth, np.array([0]), tracks, np.arange(4))
-    np.testing.assert_allclose(similarity, [[1.0, 0.5, 0.0, 0.0]])
+    similarity = floor_similarity(0.5)(truth, np.zeros(4, np.int64), tracks, np.arange(4))
+    np.testing.assert_allclose(similarity, [1.0, 0.5, 0.0, 0.0])
 
 
 def test_box_similarity_is_intersection_over_union() -> None:
     truth, tracks = boxes([(0, 1, 0, 0, 10, 20)]), boxes([(0, 1, 5, 0, 10, 20), (0, 2, 20, 0, 10, 20)])
-    np.testing.assert_allclose(box_similarity(truth, np.array([0]), tracks, np.arange(2)), [[1 / 3, 0.0]])
+    np.testing.assert_allclose(box_similarity(truth, np.zeros(2, np.int64), tracks, np.arange(2)), [1 / 3, 0.0])
 
 
 def test_clear_counts_a_perfect_sequence_as_one() -> None:
@@ -187,15 +187,19 @@ def _wild_sequence(seed: int) -> Sequence:
 
 
 def _as_trackeval_wants_it(rows: Sequence) -> dict[str, object]:
+    frames = range(rows.n_frames)
+    similarity = np.zeros((rows.truth_rows, rows.track_rows))
+    similarity[rows.pair_truth, rows.pair_track] = rows.similarity
+    truth, tracks = ([np.flatnonzero(of == f) for f in frames] for of in (rows.truth_frame, rows.track_frame))
     return {
         "num_gt_ids": rows.n_truth,
         "num_tracker_ids": rows.n_tracks,
         "num_gt_dets": rows.truth_rows,
         "num_tracker_dets": rows.track_rows,
-        "num_timesteps": len(rows.frames),
-        "gt_ids": [frame.truth for frame in rows.frames],
-        "tracker_ids": [frame.tracks for frame in rows.frames],
-        "similarity_scores": [frame.similarity for frame in rows.frames],
+        "num_timesteps": rows.n_frames,
+        "gt_ids": [rows.truth[t] for t in truth],
+        "tracker_ids": [rows.tracks[k] for k in tracks],
+        "similarity_scores": [similarity[np.ix_(t, k)] for t, k in zip(truth, tracks, strict=True)],
     }
 
 
