@@ -40,7 +40,7 @@ def changes(frame: I64, moments_s: F64, places: Places, rules: Sequence[SidedRul
         rules: what may change sides.
     """
     number = np.cumsum(np.diff(frame, prepend=frame[:1]) > 0)
-    if (np.diff(moments_s) < 0).any():
+    if not len(frame) or (np.diff(moments_s) < 0).any():
         return Changes(np.ones(len(frame), dtype=np.bool_), np.ones(len(moments_s), dtype=np.bool_))
     order = np.lexsort((number, places.track_id))
     kept = (places.track_id, places.confirmed, places.observed, *(rule.sides(places) for rule in rules))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
@@ -159,10 +159,14 @@ def write_table(file: IO[str], table: Trajectories) -> None:
 
 def row_state(table: Trajectories, row: int) -> TrackState:
     """One row as a tracker gave it."""
+    return row_states(table, slice(row, row + 1))[0]
+
+
+def row_states(table: Trajectories, rows: slice) -> list[TrackState]:
+    """Rows as a tracker gave them."""
     columns = (table.track_id, table.state, table.x_m, table.y_m, *table.velocity_mps.T, table.height_m)
-    left, top, width, height = table.box_px[row].tolist()
-    track_id, state, x, y, vx, vy, tall = (column[row].item() for column in columns)
-    return TrackState(track_id, state, x, y, vx, vy, tall, (left, top, width, height))
+    boxes = map(tuple, table.box_px[rows].tolist())
+    return [TrackState(*cells) for cells in zip(*(column[rows].tolist() for column in columns), boxes, strict=True)]
 
 
 class TrajectoryCollector:
