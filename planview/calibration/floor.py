@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,7 @@ class FloorView:
         """Geometry of the rectified pair."""
         return self.estimator.rectifier.geometry
 
-    @property
+    @cached_property
     def background(self) -> F32:
         """(H, W) float32 median depth over the frames [m], NaN where never known."""
         return median_image(self.depths)

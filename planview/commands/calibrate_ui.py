@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from pathlib import Path
 
 from calib.errors import InputError, WorkError
@@ -15,9 +16,12 @@ def calibrate_ui(
     calibration: Path | None = None,
     port: int = 8600,
 ) -> None:
-    """Calibrate in the browser: draw standing people or floor points, see the fit on any frame, export.
+    """Calibrate in the browser: draw standing people or floor points, see the fit and how well it is known, export.
 
     Example: planview calibrate ui street.mp4 --out calibration
+
+    The page says where the next person would help most, takes values that are known (focal length or field of view,
+    also from a phone's photo, camera height, people's height), and loads and saves samples.
 
     Parameters
     ----------
@@ -29,10 +33,11 @@ def calibrate_ui(
     calibration
         Calibration of a stereo recording, when it does not lie in it.
     port
-        Port on 127.0.0.1; nobody else can connect.
+        Port on 127.0.0.1; other machines cannot connect.
     """
     if not 1024 <= port <= 65535:
         raise InputError(f"--port: expected 1024 to 65535, found {port}")
+    _refuse_used(port)
     try:
         from planview.calibration.browser.page import serve
     except ImportError as error:
@@ -41,4 +46,13 @@ def calibrate_ui(
 
     session = open_session(recording, calibration)
     PlainConsole(stderr=True).print(f"open http://127.0.0.1:{port}/ in a browser; Ctrl-C ends")
-    serve(session, out, port)
+    serve(session, out, port, None if session.view else recording)
+
+
+def _refuse_used(port: int) -> None:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError as error:
+            raise InputError(f"--port: {port} is in use by another program; choose another, e.g. {port + 1}") from error

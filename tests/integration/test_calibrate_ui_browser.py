@@ -1,104 +1,28 @@
 """The calibration page in headless Chromium, driven with real mouse events over the WebDriver protocol."""
 
-import base64
-import json
 import math
 import os
 import shutil
 import socket
 import subprocess
 import sys
-import time
-import urllib.error
-import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from webdriver import Browser, free_port, stop, wait_for
 
+from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera
 from calib.human.model import HumanModel
 from calib.human.samples import HumanSample
 from planview.calibration.pictures import draw_person
+from planview.commands.calibrate_ui import calibrate_ui
 from tests.people import standing_people
 
 CAMERA = GroundCamera(640, 480, 500.0, 3.5, math.radians(55), "pinhole")
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-class Browser:
-    """A few WebDriver calls."""
-
-    def __init__(self, port: int) -> None:
-        self._base = f"http://127.0.0.1:{port}"
-        arguments = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
-        options = {"goog:chromeOptions": {"args": [*arguments, "--window-size=1200,1000"]}}
-        session = self._call("POST", "/session", {"capabilities": {"alwaysMatch": options}})
-        self._session = f"/session/{session['sessionId']}"
-
-    def open(self, url: str) -> None:
-        self._call("POST", f"{self._session}/url", {"url": url})
-
-    def run(self, script: str) -> Any:
-        return self._call("POST", f"{self._session}/execute/sync", {"script": script, "args": []})
-
-    def wait(self, script: str, seconds: float = 60.0) -> Any:
-        until = time.monotonic() + seconds
-        while not (value := self.run(script)):
-            assert time.monotonic() < until, (
-                f"waited in vain for {script}; page: {self.run('return document.body.innerText')}"
-            )
-            time.sleep(0.1)
-        return value
-
-    def mouse(self, *steps: tuple[str, float, float]) -> None:
-        actions: list[dict[str, Any]] = []
-        for kind, x, y in steps:
-            actions.append({"type": "pointerMove", "duration": 40, "x": round(x), "y": round(y)})
-            if kind != "pointerMove":
-                actions.append({"type": kind, "button": 0})
-        pointer = {"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": actions}
-        self._call("POST", f"{self._session}/actions", {"actions": [pointer]})
-
-    def screenshot(self) -> bytes:
-        return base64.b64decode(self._call("GET", f"{self._session}/screenshot"))
-
-    def quit(self) -> None:
-        self._call("DELETE", self._session)
-
-    def _call(self, method: str, path: str, body: dict[str, Any] | None = None) -> Any:
-        data = None if body is None else json.dumps(body).encode()
-        request = urllib.request.Request(self._base + path, data, {"Content-Type": "application/json"}, method=method)
-        with urllib.request.urlopen(request, timeout=60) as reply:
-            return json.loads(reply.read())["value"]
-
-
-def wait_for(url: str, seconds: float = 90.0) -> None:
-    until = time.monotonic() + seconds
-    while True:
-        try:
-            urllib.request.urlopen(url, timeout=2).close()
-            return
-        except (urllib.error.URLError, OSError):
-            assert time.monotonic() < until, f"nothing answers at {url}"
-            time.sleep(0.2)
-
-
-def stop(process: subprocess.Popen[bytes]) -> None:
-    process.terminate()
-    try:
-        process.wait(timeout=20)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
 
 
 @pytest.fixture
@@ -119,7 +43,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def people() -> list[HumanSample]:
-    return standing_people(CAMERA, 5, seed=3)
+    return standing_people(CAMERA, 6, seed=3)
 
 
 @pytest.fixture
@@ -145,28 +69,79 @@ def page(tmp_path: Path, people: list[HumanSample]) -> Iterator[str]:
         stop(server)
 
 
+class Picture:
+    """Where the picture is in the window."""
+
+    def __init__(self, browser: Browser) -> None:
+        self._browser = browser
+
+    def rectangle(self) -> list[float]:
+        image = "document.querySelector('.pv-stage img')"
+        return list(
+            self._browser.run(f"const r = {image}.getBoundingClientRect(); return [r.left, r.top, r.width, r.height]")
+        )
+
+    def at(self, point: tuple[float, float]) -> tuple[float, float]:
+        """The place in the window of a pixel of the picture."""
+        left, top, width, _ = self.rectangle()
+        return left + (point[0] + 0.5) * width / 640, top + (point[1] + 0.5) * width / 640
+
+
+def draw(browser: Browser, picture: Picture, sample: HumanSample, number: int) -> None:
+    x, y, w, h = sample.box_px
+    one, other = picture.at((x, y)), picture.at((x + w, y + h))
+    browser.mouse(("pointerDown", *one), ("pointerMove", *other), ("pointerUp", *other))
+    browser.wait("return document.body.innerText.includes('click the top of the head')")
+    for point, then in ((sample.head_px, "middle between the feet"), (sample.foot_px, f"{number} people")):
+        browser.mouse(("pointerDown", *picture.at(point)), ("pointerUp", *picture.at(point)))
+        browser.wait(f"return document.body.innerText.includes('{then}')")
+
+
 def test_people_drawn_with_the_mouse_become_a_camera(
     browser: Browser, page: str, people: list[HumanSample], tmp_path: Path
 ) -> None:
     browser.open(page)
-    browser.wait("return document.querySelector('.nicegui-interactive-image img, img')?.naturalWidth > 0")
-    rect = "const r = document.querySelector('.nicegui-interactive-image img, img').getBoundingClientRect();"
-    left, top, width = browser.run(rect + "return [r.left, r.top, r.width]")
-    assert width == pytest.approx(640, abs=2)
+    browser.wait("return document.querySelector('.pv-stage img')?.naturalWidth > 0 && document.body.dataset.zoom")
+    picture = Picture(browser)
+    assert picture.rectangle()[2] > 700, "the picture is as large as its place"
     for number, sample in enumerate(people, 1):
-        x, y, w, h = sample.box_px
-        corners = (left + x, top + y), (left + x + w, top + y + h)
-        browser.mouse(("pointerDown", *corners[0]), ("pointerMove", *corners[1]), ("pointerUp", *corners[1]))
-        browser.wait("return document.body.innerText.includes('click the top of the head')")
-        for (u, v), then in ((sample.head_px, "middle between the feet"), (sample.foot_px, f"{number} people")):
-            browser.mouse(("pointerDown", left + u, top + v), ("pointerUp", left + u, top + v))
-            browser.wait(f"return document.body.innerText.includes('{then}')")
+        draw(browser, picture, sample, number)
     browser.wait("return document.body.innerText.includes('above the floor')")
-    assert browser.wait("return document.querySelectorAll('.model').length") == 5
+    browser.wait("return !document.querySelector('.pv-side').innerText.includes('solving')")
+    assert browser.run("return document.querySelectorAll('.model').length") == len(people)
     assert browser.run("return document.querySelectorAll('.grid').length") > 4
-    picture = browser.screenshot()
-    (tmp_path / "page.png").write_bytes(picture)
-    assert cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR) is not None
+    _zoom_select_delete(browser, picture, people)
     browser.run("[...document.querySelectorAll('button')].find(b => b.innerText.toUpperCase() == 'EXPORT').click()")
+    browser.wait("return document.body.innerText.match(/wrote|Write it all the same/)")
+    (tmp_path / "page.png").write_bytes(browser.screenshot())
+    browser.run("[...document.querySelectorAll('button')].find(b => b.innerText.includes('all the same'))?.click()")
     browser.wait("return document.body.innerText.includes('wrote')")
     assert load_ground_camera(tmp_path / "out" / "camera.toml").height_m == pytest.approx(3.5, rel=0.1)
+
+
+def _zoom_select_delete(browser: Browser, picture: Picture, people: list[HumanSample]) -> None:
+    """Zoom keeps the pixel under the mouse; a person that is selected is deleted, and comes back by undo."""
+    before = picture.at(people[0].foot_px)
+    browser.wheel(*before, -800)
+    assert float(browser.wait("return document.body.dataset.zoom > 2 && document.body.dataset.zoom")) > 2
+    assert picture.at(people[0].foot_px) == pytest.approx(before, abs=12)
+    browser.mouse(("pointerMove", *before))
+    assert browser.run("return document.querySelector('.pv-loupe').style.display") == "block"
+    browser.key("0")
+    browser.wait("return document.body.dataset.zoom == 1")
+    browser.key("s")
+    browser.wait("return document.body.innerText.includes('click a person or a point')")
+    browser.mouse(("pointerDown", *picture.at(people[0].foot_px)), ("pointerUp", *picture.at(people[0].foot_px)))
+    browser.key("\ue017")
+    browser.wait(f"return document.body.innerText.includes('{len(people) - 1} people')")
+    browser.run("[...document.querySelectorAll('button')].find(b => b.innerText == 'Undo').click()")
+    browser.wait(f"return document.body.innerText.includes('{len(people)} people')")
+    browser.wait("return !document.querySelector('.pv-side').innerText.includes('solving')")
+
+
+def test_port_in_use_is_one_sentence(tmp_path: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        with pytest.raises(InputError, match="is in use by another program"):
+            calibrate_ui(tmp_path, port=taken.getsockname()[1])

@@ -2,38 +2,26 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
-from calib.errors import InputError, WorkError
-from calib.floor.world_file import save_world
-from calib.ground_camera import LENS_K_320, save_ground_camera
-from calib.human.calibration import HumanCalibration, calibrate_from_people
-from calib.human.samples import MIN_SAMPLES, HumanSample, write_samples
+from calib.errors import InputError
+from calib.ground_camera import LENS_K_320
+from calib.human.knowledge import KnownValues
+from calib.human.samples import MIN_SAMPLES, HumanSample
 from calib.rig import Floor
 from calib.types import U8
-from planview.calibration.floor import FloorView, given_floor
+from planview.calibration.browser.marks import Draft, Handle, Point, grabbed, moved, nearest
+from planview.calibration.browser.solution import Solution, Task, export, solve
+from planview.calibration.floor import FloorView
 
-Tool = Literal["box", "head", "foot", "floor"]
-Point = tuple[float, float]
+Tool = Literal["person", "select", "floor"]
 GRAB_PX = 12.0
-"""A point within this distance of the mouse is picked up instead of a new one made [px]."""
+"""A point within this distance of the mouse is picked up instead of a new one made [px of the screen]."""
 MIN_BOX_PX = 8.0
 """A smaller box is a slip of the hand."""
-
-
-@dataclass
-class Draft:
-    """A person being drawn; what is not drawn yet is None."""
-
-    box_px: tuple[float, float, float, float] | None = None
-    head_px: Point | None = None
-    foot_px: Point | None = None
 
 
 @dataclass
@@ -45,53 +33,82 @@ class CalibrationSession:
         frames: pictures to choose from, (H, W[, 3]) uint8.
         indices: their positions in the video.
         view: depth of a stereo recording, None for one camera.
+        plain_floor: floor found without points (stereo), None where none is.
         shown: number of the frame shown.
-        tool: what the mouse draws.
+        tool: what the mouse does.
         lens: class of table 2, None to try all.
+        known: values known beside the samples.
         draft: the person being drawn.
         samples: finished people.
         floor_points: (u, v) on the floor, in the order made.
-        found: camera from the samples (one camera).
-        floor: floor from the points (stereo).
+        selected: what was picked up last.
+        solution: what was computed last.
         message: what to tell the person at the screen.
     """
 
     name: str
-    frames: Sequence[U8]
-    indices: Sequence[int]
+    frames: list[U8]
+    indices: list[int]
     view: FloorView | None = None
+    plain_floor: Floor | None = None
     shown: int = 0
-    tool: Tool = "box"
+    tool: Tool = "person"
     lens: str | None = None
+    known: KnownValues = field(default_factory=KnownValues)
     draft: Draft = field(default_factory=Draft)
     samples: list[HumanSample] = field(default_factory=list)
     floor_points: list[Point] = field(default_factory=list)
-    found: HumanCalibration | None = None
-    floor: Floor | None = None
+    selected: Handle | None = None
+    solution: Solution = field(default_factory=Solution)
     message: str = ""
     _start: Point | None = None
-    _dragged: int | None = None
+    _held: Point | None = None
+    _past: list[tuple[list[HumanSample], list[Point]]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         if not self.frames:
             raise InputError(f"{self.name}: expected frames to draw on, found none")
         if self.view is not None:
             self.tool = "floor"
-        self.message = self._next_step()
+        self.message = self.next_step()
 
     @property
     def size(self) -> tuple[int, int]:
         """(width, height) of the pictures [px]."""
         return self.frames[0].shape[1], self.frames[0].shape[0]
 
+    @property
+    def floor(self) -> Floor | None:
+        """The floor of a stereo recording: that of the points, else that found without them."""
+        return self.solution.fit.floor if self.solution.fit else self.plain_floor
+
+    def here(self) -> list[tuple[int, HumanSample]]:
+        """Samples of the frame shown, with their numbers."""
+        index = self.indices[self.shown]
+        return [(i, s) for i, s in enumerate(self.samples) if s.frame == index]
+
     def show(self, number: int) -> None:
         """Show another frame; a person half drawn is dropped, since it belongs to the frame before."""
         number = min(max(int(number), 0), len(self.frames) - 1)
         if number != self.shown:
-            self.shown, self.draft = number, Draft()
-            self._start = None
-            if self.view is None and self.tool != "floor":
-                self.tool = "box"
+            self.shown = number
+            self.cancel()
+
+    def show_sample(self, number: int) -> None:
+        """Show and select a sample."""
+        if self.samples[number].frame in self.indices:
+            self.show(self.indices.index(self.samples[number].frame))
+        self.tool, self.selected = "select", Handle(number, "whole")
+
+    def choose(self, tool: Tool) -> None:
+        """Take another tool into the hand."""
+        self.tool = tool
+        self.cancel()
+
+    def cancel(self) -> None:
+        """Drop a person half drawn and the selection."""
+        self.draft, self._start, self._held, self.selected = Draft(), None, None, None
+        self.message = self.next_step()
 
     def choose_lens(self, lens: str) -> None:
         """A class of table 2, or "" to try all."""
@@ -99,17 +116,32 @@ class CalibrationSession:
             raise ValueError(f"expected one of {', '.join(LENS_K_320)}, got {lens!r}")
         self.lens = lens or None
 
-    def press(self, u: float, v: float) -> None:
-        """The mouse goes down at a pixel."""
+    def press(self, u: float, v: float, reach_px: float = GRAB_PX) -> None:
+        """The mouse goes down at a pixel.
+
+        Args:
+            reach_px: a point this near is picked up [px of the image].
+        """
         u, v = self._inside(u, v)
-        if self.tool == "floor":
-            self._dragged = self._near(u, v)
-            if self._dragged is None:
-                self.floor_points.append((u, v))
-                self._dragged = len(self.floor_points) - 1
-        elif self.tool == "box":
+        if self.tool == "person":
+            self._press_person(u, v)
+            return
+        self.selected = nearest(self.floor_points, (u, v), reach_px)
+        if self.tool == "select" and self.selected is None:
+            self.selected = grabbed(self.here(), (u, v), reach_px)
+        if self.tool == "floor" and self.selected is None:
+            self._remember()
+            self.floor_points.append((u, v))
+            self.selected = Handle(len(self.floor_points) - 1, "point")
+        elif self.selected is not None:
+            self._remember()
+        self._held = (u, v) if self.selected else None
+
+    def _press_person(self, u: float, v: float) -> None:
+        step = self.draft.step
+        if step == "box":
             self._start, self.draft = (u, v), Draft()
-        elif self.tool == "head":
+        elif step == "head":
             self.draft.head_px = (u, v)
         else:
             self.draft.foot_px = (u, v)
@@ -117,8 +149,9 @@ class CalibrationSession:
     def drag(self, u: float, v: float) -> None:
         """The mouse moves with its button down."""
         u, v = self._inside(u, v)
-        if self._dragged is not None:
-            self.floor_points[self._dragged] = (u, v)
+        if self._held is not None:
+            (u0, v0), self._held = self._held, (u, v)
+            self._shift(u - u0, v - v0)
         elif self._start is not None:
             (u0, v0) = self._start
             self.draft.box_px = (min(u, u0), min(v, v0), abs(u - u0), abs(v - v0))
@@ -130,133 +163,134 @@ class CalibrationSession:
             Whether the result must be computed again (``solve``, up to seconds long).
         """
         self.drag(u, v)
-        if self._dragged is not None:
-            self._dragged = None
-            self.message = self._next_step()
-            return True
-        added = False
-        if self.tool == "box" and self._start is not None:
+        if self._held is not None:
+            self._held = None
+            unchanged = bool(self._past) and self._past[-1] == (self.samples, self.floor_points)
+            if unchanged:
+                self._past.pop()
+            self.message = self.next_step()
+            return not unchanged
+        if self._start is not None:
             self._start = None
-            box = self.draft.box_px
-            if box is None or min(box[2:]) < MIN_BOX_PX:
+            if self.draft.box_px is None or min(self.draft.box_px[2:]) < MIN_BOX_PX:
                 self.draft = Draft()
-            else:
-                self.tool = "head"
-            self.message = self._next_step()
-        elif self.tool == "head" and self.draft.head_px is not None:
-            self.tool = "foot"
-            self.message = self._next_step()
-        elif self.tool == "foot" and self.draft.foot_px is not None:
-            added = self._finish_person()
-        return added
+        if self.draft.foot_px is not None:
+            return self._finish_person()
+        self.message = self.next_step()
+        return False
 
-    def remove_last(self) -> None:
-        """Take back the last floor point or the last person, whichever tool is in the hand."""
-        if self.tool == "floor":
-            if self.floor_points:
-                self.floor_points.pop()
-        elif self.draft != Draft():
-            self.draft, self.tool = Draft(), "box"
-        elif self.samples:
-            self.samples.pop()
-        self.message = self._next_step()
+    def nudge(self, du: float, dv: float) -> bool:
+        """Move what is selected by some pixels; whether something moved."""
+        if self.selected is None:
+            return False
+        self._remember()
+        self._shift(du, dv)
+        return True
 
-    def solve(self) -> None:
-        """Compute what the drawing allows; ``message`` says why not otherwise."""
-        told = ""
-        try:
-            if self.view is not None:
-                self.floor = None
-                if len(self.floor_points) >= 3:
-                    self.floor = given_floor(self.view, np.array(self.floor_points), pixels=True)
-            else:
-                self.found = None
-                if len(self.samples) >= MIN_SAMPLES:
-                    self.found = calibrate_from_people(list(self.samples), self.size, self.lens, name=self.name)
-        except (InputError, WorkError) as error:
-            told = str(error)
-        told = told or self._result()
-        # The next person may have been begun meanwhile: what to click must not be lost.
-        begun = [self._next_step()] if not told or self.tool in ("head", "foot") else []
-        self.message = "; ".join(([told] if told else []) + begun)
+    def remove_selected(self) -> bool:
+        """Delete the person or the floor point that is selected; whether something was."""
+        if self.selected is None:
+            return False
+        self._remember()
+        things: list[HumanSample] | list[Point] = self.floor_points if self.selected.part == "point" else self.samples
+        del things[self.selected.number]
+        self.cancel()
+        return True
 
-    def floor_metres(self) -> list[Point | None]:
-        """World (x, y) of the floor points under the camera found, None where they are not on the floor."""
-        if self.found is None:
-            return [None] * len(self.floor_points)
-        xy = self.found.camera.back_project(np.array(self.floor_points).reshape(-1, 2))
-        return [(float(x), float(y)) if math.isfinite(x) and math.isfinite(y) else None for x, y in xy]
+    def undo(self) -> bool:
+        """Take back what is half drawn, else the last change; whether the result must be computed again."""
+        drafted = self.draft != Draft()
+        self.cancel()
+        if drafted or not self._past:
+            return False
+        self.samples, self.floor_points = self._past.pop()
+        self.message = self.next_step()
+        return True
 
-    def export(self, folder: Path) -> tuple[Path, ...]:
-        """Write samples.json and camera.toml, or world.toml.
+    def load(self, samples: Sequence[HumanSample], size: tuple[int, int] | None) -> None:
+        """Take samples from a file in place of those drawn.
 
         Raises:
-            InputError: nothing to write yet, or nowhere to write it.
+            InputError: samples of another image size.
         """
-        written: list[Path] = []
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            if self.samples:
-                written.append(folder / "samples.json")
-                write_samples(self.samples, written[-1], self.size)
-            if self.found is not None:
-                written.append(folder / "camera.toml")
-                save_ground_camera(self.found.camera, written[-1])
-            if self.floor is not None:
-                written.append(folder / "world.toml")
-                save_world(self.floor, written[-1])
-        except OSError as error:
-            raise InputError(f"{folder}: expected a folder to write to, found {error}") from error
-        if not written:
-            raise InputError(f"{self.name}: expected something drawn before it is exported, found nothing")
+        if size is not None and size != self.size:
+            (w, h), (width, height) = size, self.size
+            raise InputError(f"expected samples of images of {width}x{height} px, found {w}x{h}")
+        self._remember()
+        self.samples = list(samples)
+        self.cancel()
+
+    def missing_frames(self) -> list[int]:
+        """Frames of the video that samples come from and that are not among the pictures."""
+        return sorted({s.frame for s in self.samples if s.frame >= 0} - set(self.indices))
+
+    def add_frames(self, frames: Sequence[tuple[int, U8]]) -> None:
+        """More pictures, with their positions in the video."""
+        index = self.indices[self.shown]
+        both = {**dict(zip(self.indices, self.frames, strict=True)), **dict(frames)}
+        self.indices = sorted(both)
+        self.frames = [both[i] for i in self.indices]
+        self.shown = self.indices.index(index)
+
+    def solve(self) -> None:
+        """Compute what the drawing allows."""
+        self.solution = solve(self.task())
+
+    def task(self) -> Task:
+        """What is to be solved now, apart from what is drawn meanwhile."""
+        return Task(
+            self.name, self.size, tuple(self.samples), self.lens, self.known, tuple(self.floor_points), self.view
+        )
+
+    def export(self, folder: Path, solution: bool = True) -> tuple[Path, ...]:
+        """Write samples.json and, with ``solution``, camera.toml or world.toml (errors of ``solution.export``)."""
+        written = export(folder, self.task(), self.solution if solution else Solution())
         self.message = "wrote " + ", ".join(str(path) for path in written)
-        return tuple(written)
+        return written
+
+    def next_step(self) -> str:
+        """What the person at the screen does next."""
+        if self.tool == "select":
+            return "click a person or a point; drag to move it, arrow keys by a pixel, Delete removes it"
+        if self.tool == "floor":
+            missing = max(0, 3 - len(self.floor_points)) if self.view is not None else 0
+            return f"click {missing} more points on the floor" if missing else "click points on the floor; drag them"
+        if self.draft.step == "head":
+            return "click the top of the head"
+        if self.draft.step == "foot":
+            return "click the middle between the feet"
+        missing = max(0, MIN_SAMPLES - len(self.samples))
+        where = f" ({missing} more people at other places needed)" if missing else ""
+        return f"draw a box around a standing person{where}"
+
+    def _shift(self, du: float, dv: float) -> None:
+        assert self.selected is not None
+        number, part = self.selected
+        if part == "point":
+            u, v = self.floor_points[number]
+            self.floor_points[number] = self._inside(u + du, v + dv)
+            return
+        try:
+            self.samples[number] = moved(self.samples[number], part, (du, dv))
+        except ValueError as error:
+            self.message = f"that is no standing person: {error}"
 
     def _finish_person(self) -> bool:
-        draft, self.draft, self.tool = self.draft, Draft(), "box"
-        if draft.box_px is None or draft.head_px is None or draft.foot_px is None:
-            self.message = "draw box, head and foot, in this order"
-            return False
+        draft, self.draft = self.draft, Draft()
+        assert draft.box_px is not None and draft.head_px is not None and draft.foot_px is not None
         try:
-            self.samples.append(HumanSample(draft.box_px, draft.head_px, draft.foot_px, self.indices[self.shown]))
+            sample = HumanSample(draft.box_px, draft.head_px, draft.foot_px, self.indices[self.shown])
         except ValueError as error:
             self.message = f"that is no standing person: {error}"
             return False
-        self.message = self._next_step()
+        self._remember()
+        self.samples.append(sample)
+        self.message = self.next_step()
         return True
+
+    def _remember(self) -> None:
+        self._past.append((list(self.samples), list(self.floor_points)))
 
     def _inside(self, u: float, v: float) -> Point:
         width, height = self.size
         return min(max(float(u), 0.0), width - 1.0), min(max(float(v), 0.0), height - 1.0)
-
-    def _near(self, u: float, v: float) -> int | None:
-        distances = [math.hypot(u - a, v - b) for a, b in self.floor_points]
-        best = int(np.argmin(distances)) if distances else -1
-        return best if best >= 0 and distances[best] <= GRAB_PX else None
-
-    def _next_step(self) -> str:
-        if self.view is not None:
-            missing = max(0, 3 - len(self.floor_points))
-            return f"click {missing} more points on the floor; drag them to move them" if missing else ""
-        if self.tool == "head":
-            return "click the top of the head"
-        if self.tool == "foot":
-            return "click the middle between the feet"
-        missing = max(0, MIN_SAMPLES - len(self.samples))
-        where = f" ({missing} more people at other places needed)" if missing else " to add another"
-        return f"draw a box around a standing person{where}"
-
-    def _result(self) -> str:
-        if self.floor is not None:
-            return (
-                f"camera {self.floor.height_m:.2f} m above the floor, tilt {math.degrees(self.floor.tilt_rad):.1f}, "
-                f"roll {math.degrees(self.floor.roll_rad):.1f} degrees"
-            )
-        if self.found is not None:
-            camera = self.found.camera
-            return (
-                f"camera {camera.height_m:.2f} m above the floor, tilt {math.degrees(camera.tilt_rad):.1f}, roll "
-                f"{math.degrees(camera.roll_rad):.1f} degrees, focal length {camera.focal_px:.0f} px, lens "
-                f"{camera.lens}, error {self.found.error:.3f}"
-            )
-        return ""
