@@ -22,6 +22,7 @@ COMMANDS = {
     "sweep": "Run several settings or recordings and compare them.",
     "report": "Write the page of a run, or one page that compares several.",
     "render": "Draw a run as a video or a picture.",
+    "debug": "Track a run again up to a frame with a parameter changed, and compare.",
     "view": "Open a run in the rerun viewer.",
 }
 CALIBRATE = {

@@ -20,6 +20,8 @@ SETTLED_S = 3.0
 RADIUS_M = 0.012
 FLOOR_LIGHT = 0.55
 """The image on the floor is darkened by this, so that the maps on it stand out."""
+UNDER, OVER = -50.0, 10.0
+"""Order of drawing of floor and maps: both lie in one plane, since what is transparent hides what lies below it."""
 HEIGHT_SHOWN_M = (-0.5, 3.5)
 """What lies lower or higher is noise or hides the view."""
 
@@ -94,7 +96,7 @@ class StaticScene:
         shown = cv2.remap(_rgb(image), pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
         dimmed = np.asarray(shown * FLOOR_LIGHT, dtype=np.uint8)
         visible = np.where(dimmed.any(axis=2), 255, 0).astype(np.uint8)
-        image_map = _grid_map(np.dstack([dimmed, visible]), self._stereo, -0.02)
+        image_map = _grid_map(np.dstack([dimmed, visible]), self._stereo, UNDER)
         stream.log("plan/floor", image_map, static=True)
 
 
@@ -117,10 +119,10 @@ def map_image(values: F32, largest: float, stereo: StereoView) -> rr.GridMap:
     bgr = np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_INFERNO), dtype=np.uint8)
     rgba = np.dstack([bgr[..., ::-1], np.where(levels > 0, 255, 0).astype(np.uint8)])
     rgba[levels == 0] = 0
-    return _grid_map(rgba, stereo, 0.0)
+    return _grid_map(rgba, stereo, OVER)
 
 
-def _grid_map(pixels: U8, stereo: StereoView, z_m: float) -> rr.GridMap:
+def _grid_map(pixels: U8, stereo: StereoView, order: float) -> rr.GridMap:
     """(n_rows, n_cols, 4) RGBA pixels of the grid, row 0 at y_min, where a grid map has its upper row first."""
     grid = stereo.grid
     return rr.GridMap(
@@ -129,7 +131,8 @@ def _grid_map(pixels: U8, stereo: StereoView, z_m: float) -> rr.GridMap:
             width=grid.n_cols, height=grid.n_rows, color_model="RGBA", channel_datatype="U8"
         ),
         cell_size=grid.cell_m,
-        translation=[grid.x_min_m, grid.y_min_m, z_m],
+        translation=[grid.x_min_m, grid.y_min_m, 0.0],
+        draw_order=order,
     )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from calib.types import U8
 from planview.analytics.events import Event
 from planview.drawing.image import ImagePainter
 from planview.drawing.moment import Moment, moment_at
-from planview.drawing.plan import PlanPainter
+from planview.drawing.plan import PlanBounds, PlanPainter
 from planview.runs.scene.frames import SceneFrames
 from planview.runs.scene.results import RunResults
 
@@ -62,6 +62,7 @@ class SceneComposer:
         trail_s: length of the trails [s].
         plan: show the floor from above beside the image.
         truth: mark the true people.
+        bounds: of the floor that is shown; where people were when None.
     Attributes:
         has_image: whether frames need an image.
     """
@@ -74,13 +75,15 @@ class SceneComposer:
         *,
         plan: bool = True,
         truth: bool = True,
+        bounds: PlanBounds | None = None,
     ) -> None:
         self._results, self.has_image = results, frames is not None
+        self._bounds = bounds or results.bounds()
         self._trail = round(trail_s / results.clock.frame_s)
         self._truth = results.truth if truth else None
         self._tally = Tally(results.events)
         self._with_plan = plan
-        self._image = ImagePainter(frames.camera if frames else None, results.rules, results.bounds())
+        self._image = ImagePainter(frames.camera if frames else None, results.rules, self._bounds)
         self._plan: PlanPainter | None = None
 
     def __call__(self, frame: int, image: U8 | None) -> U8:
@@ -104,7 +107,7 @@ class SceneComposer:
         below = LINE_PX * len(self._tally) + (8 if len(self._tally) else 0)
         size = ALONE_PX[0] if alone else round(PLAN_SHARE * height), height - below
         if self._plan is None:
-            self._plan = PlanPainter(self._results.bounds(), size, self._results.cameras, self._results.rules)
+            self._plan = PlanPainter(self._bounds, size, self._results.cameras, self._results.rules)
         text: U8 = np.full((below, size[0], 3), _BACK, dtype=np.uint8)
         for n, line in enumerate(self._tally.lines(moment.frame)):
             cv2.putText(text, line, (8, LINE_PX * (n + 1) - 4), _FONT, 0.45, _INK, 1, cv2.LINE_AA)

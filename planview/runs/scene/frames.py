@@ -120,7 +120,7 @@ def open_frames(info: RunInfo) -> SceneFrames:
         heads = open_heads(path)
         return FirstHeadFrames(heads, *_of_recording(heads.heads[0].recording, info.floor, config))
     if info.rig is None or (info.rig.baseline_m is None and info.rig.depth_sensor is None):
-        return RecordedFrames(open_video(path), _ground_camera(info), lambda frame: frame.image)
+        return RecordedFrames(open_video(path), ground_camera_of(info), lambda frame: frame.image)
     recording = _opened(path, info.rig.calibration)
     return RecordedFrames(recording, *_of_recording(recording, info.floor, config))
 
@@ -160,7 +160,12 @@ def _above(geometry: RectifiedGeometry, floor: FloorInfo | None) -> ImageCamera 
     return StereoFloorCamera(geometry, SE3(pose[:3, :3], pose[:3, 3]))
 
 
-def _ground_camera(info: RunInfo) -> GroundCamera | None:
+def ground_camera_of(info: RunInfo) -> GroundCamera | None:
+    """The camera of a run with one camera; None for one that is not calibrated.
+
+    Raises:
+        InputError: values out of their range.
+    """
     rig, floor = info.rig, info.floor
     if rig is None or floor is None or rig.focal_px is None:
         return None

@@ -1,0 +1,1 @@
+"""A run again with a parameter changed, up to one frame."""

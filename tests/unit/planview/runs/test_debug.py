@@ -1,0 +1,75 @@
+"""``planview debug``: a run again with a parameter changed."""
+
+import json
+from pathlib import Path
+
+import cv2
+import pytest
+
+from calib.errors import InputError
+from planview.cli import main
+from planview.pipeline.config import Config, load_config
+from planview.pipeline.factory import open_engine
+from planview.runs.checkpoint.encode import encode
+from planview.runs.debug.again import changed_memory, track_again
+from planview.runs.debug.difference import difference_text
+from planview.runs.run import RunOptions, run
+from planview.runs.scene.results import read_results
+from planview.tracking.template import TemplateTracker, TemplateTrackerParams
+
+TRACKER = "ellipse-particle"
+
+
+@pytest.fixture
+def ellipses(street: Path, tmp_path: Path) -> Path:
+    """A run of the ellipse tracker over the street, in which a white block walks."""
+    video = tmp_path / "street"
+    for n, file in enumerate(sorted(video.glob("*.png"))):
+        image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+        assert image is not None
+        image[:] = 90
+        if n >= 8:
+            image[40:90, 30 + 2 * n : 48 + 2 * n] = 250
+        cv2.imwrite(str(file), image)
+    out = tmp_path / "ellipses"
+    out.mkdir()
+    run(open_engine(video, TRACKER, Config()), out, RunOptions(TRACKER, debug=True))
+    return out
+
+
+def test_run_repeated_with_its_own_parameters_has_the_same_tracks(ellipses: Path) -> None:
+    results = read_results(ellipses)
+    again = track_again(results, load_config(None, (), None), 25)
+    assert again.first == 0
+    assert difference_text(results, again, 25)[0] == "tracks are the same up to this frame"
+
+
+def test_command_draws_both_and_says_what_differs(
+    ellipses: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--frame", "25", "--set", "single_camera.foreground.gaussians=2", "--png", str(tmp_path / "both.png")]
+    with pytest.raises(SystemExit, match="0"):
+        main(["debug", str(ellipses), *words])
+    assert "tracks" in capsys.readouterr().out
+    picture = cv2.imread(str(tmp_path / "both.png"))
+    assert picture is not None and picture.shape[0] > 2 * 480
+
+
+def test_frame_beyond_the_run_is_refused(ellipses: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["debug", str(ellipses), "--frame", "99"])
+    assert "from 0 to 29" in capsys.readouterr().err
+
+
+def test_recording_that_is_gone_is_named(ellipses: Path) -> None:
+    info = json.loads((ellipses / "run.json").read_text())
+    (ellipses / "run.json").write_text(json.dumps({**info, "input": "gone"}))
+    with pytest.raises(InputError, match="gone"):
+        track_again(read_results(ellipses), Config(), 5)
+
+
+def test_memory_of_a_checkpoint_takes_the_changed_parameter() -> None:
+    changed = load_config(None, ["template.lost_s=9.5"])
+    memory = changed_memory(encode({"tracker": TemplateTracker(TemplateTrackerParams())}), Config(), changed)
+    values = [node[2] for node in memory.nodes if node[0] == "params" and "TemplateTrackerParams" in node[1]]
+    assert [value["lost_s"] for value in values] == [9.5]
