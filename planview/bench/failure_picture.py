@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import colorsys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import F64, I32, U8
+from planview.drawing.colours import as_bgr, person_rgb
 from planview.evaluation.significant import SignificantError
 from planview.maps.recording import MapsRecording
 from planview.pipeline.boxes import BodyBoxes
@@ -52,12 +52,6 @@ def failure_picture(run: FailedRun, error: SignificantError, fps: float) -> U8:
     return np.hstack([_plan(run, error, fps), _image(run, error)])
 
 
-def colour_of(track_id: int) -> Colour:
-    """BGR; neighbouring ids differ most (steps of the golden ratio around the colour circle)."""
-    red, green, blue = colorsys.hsv_to_rgb(0.618034 * track_id % 1.0, 0.85, 0.8)
-    return round(255 * blue), round(255 * green), round(255 * red)
-
-
 def _plan(run: FailedRun, error: SignificantError, fps: float) -> U8:
     first, last = error.frame - BEFORE_S * fps, error.frame + AFTER_S * fps
     truth, tracks = (t.where((t.frame >= first) & (t.frame <= last)) for t in (run.truth, run.tracks))
@@ -73,7 +67,14 @@ def _plan(run: FailedRun, error: SignificantError, fps: float) -> U8:
             canvas, truth.where(truth.track_id == person), to_px, error.frame, _BLACK if mine else _GREY, f"P{person}"
         )
     for track in np.unique(tracks.track_id):
-        _path(canvas, tracks.where(tracks.track_id == track), to_px, error.frame, colour_of(int(track)), str(track))
+        _path(
+            canvas,
+            tracks.where(tracks.track_id == track),
+            to_px,
+            error.frame,
+            as_bgr(person_rgb(int(track))),
+            str(track),
+        )
     cv2.putText(canvas, f"frame {error.frame}", (6, SIDE_PX - 8), _FONT, 0.4, _BLACK, 1, cv2.LINE_AA)
     return canvas
 
@@ -112,7 +113,7 @@ def _image(run: FailedRun, error: SignificantError) -> U8:
         for row in range(len(rows)):
             state = boxes(row_state(rows, row))
             wanted = error.truth_id if is_truth else error.track_id
-            colour = (255, 255, 255) if is_truth else colour_of(state.track_id)
+            colour = (255, 255, 255) if is_truth else as_bgr(person_rgb(state.track_id))
             if np.isfinite(state.box_px).all():
                 _box(image, state.box_px, colour, f"P{state.track_id}" if is_truth else str(state.track_id), is_truth)
                 where += [(state.box_px[0] + state.box_px[2] / 2, state.box_px[1])] if state.track_id == wanted else []

@@ -30,7 +30,7 @@ from planview.trajectories.table import TrajectoryCollector
 
 
 @dataclass(frozen=True, eq=False)
-class Rerun:
+class TrackedAgain:
     """The same frames tracked again.
 
     Attributes:
@@ -48,7 +48,7 @@ class Rerun:
 
 def track_again(
     results: RunResults, config: Config, frame: int, watch: Callable[[FrameResult], None] | None = None
-) -> Rerun:
+) -> TrackedAgain:
     """Track up to a frame with other parameters.
 
     The frames begin after the nearest checkpoint (which an interrupted run keeps); without one at the first frame, of
@@ -77,7 +77,7 @@ def track_again(
             watch(result)
     if reached < frame:
         raise WorkError(f"{path}: expected frame {frame}, found the end of the recording after frame {reached}")
-    return Rerun(replace(results, tracks=collector.trajectories()), decisions, last + 1, begun_from)
+    return TrackedAgain(replace(results, tracks=collector.trajectories()), decisions, last + 1, begun_from)
 
 
 def _up_to(engine: Engine, last: int, frame: int) -> Iterator[FrameResult]:

@@ -11,7 +11,7 @@ import numpy as np
 from calib.types import U8
 from planview.evaluation.clear import clear_scores
 from planview.evaluation.sequence import build_sequence, floor_similarity
-from planview.runs.debug.again import Rerun
+from planview.runs.debug.again import TrackedAgain
 from planview.runs.scene.compose import SceneComposer
 from planview.runs.scene.frames import SceneFrames
 from planview.runs.scene.results import RunResults
@@ -25,7 +25,7 @@ DECISIONS_MAX = 20
 TITLE_PX = 30
 
 
-def difference_text(results: RunResults, again: Rerun, frame: int) -> list[str]:
+def difference_text(results: RunResults, again: TrackedAgain, frame: int) -> list[str]:
     """Lines: when tracks begin to differ, people at the frame in both, and decisions that only one of them made."""
     before = _between(results.tracks, again.first, frame)
     after = _between(again.results.tracks, again.first, frame)
@@ -35,7 +35,9 @@ def difference_text(results: RunResults, again: Rerun, frame: int) -> list[str]:
     return lines
 
 
-def difference_picture(results: RunResults, again: Rerun, frames: SceneFrames | None, frame: int, title: str) -> U8:
+def difference_picture(
+    results: RunResults, again: TrackedAgain, frames: SceneFrames | None, frame: int, title: str
+) -> U8:
     """(H, W, 3) uint8 BGR: the frame as it was tracked on top, as it is tracked now below."""
     image = next((image for _, image in frames.at([frame])), None) if frames is not None else None
     shown = [SceneComposer(each, frames, bounds=results.bounds())(frame, image) for each in (results, again.results)]
@@ -88,7 +90,7 @@ def _described(table: Trajectories, row: int) -> str:
     return f"{table.track_id[row]} ({table.state[row]}, {table.x_m[row]:.2f}, {table.y_m[row]:.2f} m)"
 
 
-def _decisions(path: Path, again: Rerun, last: int) -> list[str]:
+def _decisions(path: Path, again: TrackedAgain, last: int) -> list[str]:
     """Decisions that only one of the runs made, the latest ones; none where the run kept no decisions."""
     if not path.is_file():
         return ["no decisions.csv to compare decisions with (planview run --debug writes it)"]

@@ -15,7 +15,7 @@ from planview.runs.info import write_result
 from planview.runs.report import floor_plots
 from planview.runs.report.page import figure_text, flat_settings, page_of, picture, words_of
 from planview.runs.report.scores import errors_of, scores_of
-from planview.runs.report.timelines import Row, timelines
+from planview.runs.report.timelines import TimelineRow, timelines
 from planview.runs.scene.results import RunResults, read_results
 
 SAME_S = 1.0
@@ -55,12 +55,12 @@ class RunRows(NamedTuple):
     """Timelines of one run."""
 
     name: str
-    rows: list[Row]
+    rows: list[TimelineRow]
     ticks: list[tuple[float, str]]
     note: str
 
 
-class _Run(NamedTuple):
+class _ComparedRun(NamedTuple):
     name: str
     results: RunResults
     scores: dict[str, Any]
@@ -94,9 +94,9 @@ def write_comparison(folders: Sequence[Path], path: Path, truth: Path | None = N
     write_result(path, page)
 
 
-def _run(name: str, results: RunResults) -> _Run:
+def _run(name: str, results: RunResults) -> _ComparedRun:
     scores = scores_of(results)
-    return _Run(name, results, scores, errors_of(scores))
+    return _ComparedRun(name, results, scores, errors_of(scores))
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
@@ -109,7 +109,7 @@ def _names(folders: Sequence[Path]) -> list[str]:
     return [str(folder) for folder in folders]
 
 
-def _settings(runs: Sequence[_Run]) -> list[Line]:
+def _settings(runs: Sequence[_ComparedRun]) -> list[Line]:
     flat = [_described(run.results) for run in runs]
     names = list(dict.fromkeys(name for settings in flat for name in settings))
     rows = [Line(name, [Cell(figure_text(settings.get(name))) for settings in flat]) for name in names]
@@ -122,7 +122,7 @@ def _described(results: RunResults) -> dict[str, JsonValue]:
     return {"recording": info.input, "tracker": info.tracker, **versions, **flat_settings(info.config)}
 
 
-def _scores(runs: Sequence[_Run]) -> list[Line]:
+def _scores(runs: Sequence[_ComparedRun]) -> list[Line]:
     if not any(run.scores for run in runs):
         return []
     rows = [_line(words_of(n), [run.scores.get(n) for run in runs], max) for n in _HIGHER]
@@ -139,7 +139,7 @@ def _line(name: str, values: Sequence[float | None], best: Callable[[Sequence[fl
     return Line(name, [Cell(figure_text(value), value is not None and value == top) for value in values])
 
 
-def _stages(runs: Sequence[_Run]) -> list[Line]:
+def _stages(runs: Sequence[_ComparedRun]) -> list[Line]:
     infos = [run.results.info for run in runs]
     names = list(dict.fromkeys(stage for info in infos for stage in info.stages_ms))
     rows = [_line(f"{name} [ms]", [info.stages_ms.get(name) for info in infos], min) for name in names]
@@ -170,7 +170,7 @@ def shared_errors(errors: Sequence[Sequence[SignificantError]], frame_s: float) 
     return sorted(rows, key=lambda row: row.frame)
 
 
-def _rows(run: _Run) -> RunRows:
+def _rows(run: _ComparedRun) -> RunRows:
     found = timelines(run.results.tracks, run.results.truth, run.results.clock, run.results.n_frames, run.errors)
     if found.truth:
         note = "True people in the colour of the track that holds each, grey where none does."

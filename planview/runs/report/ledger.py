@@ -53,7 +53,7 @@ class Ledger(NamedTuple):
     score_max: float
 
 
-class _Person:
+class _PersonDecisions:
     """Rows of one person while reading."""
 
     def __init__(self) -> None:
@@ -69,7 +69,7 @@ def read_ledger(path: Path, people: set[int]) -> dict[int, Ledger]:
     """
     if not path.is_file():
         return {}
-    found: dict[int, _Person] = {}
+    found: dict[int, _PersonDecisions] = {}
     try:
         with path.open(newline="", encoding="utf-8") as file:
             reader = csv.reader(file)
@@ -84,11 +84,11 @@ def read_ledger(path: Path, people: set[int]) -> dict[int, Ledger]:
     return {person: _ledger(rows) for person, rows in found.items()}
 
 
-def _take(row: list[str], columns: dict[str, int], people: set[int], found: dict[int, _Person]) -> None:
+def _take(row: list[str], columns: dict[str, int], people: set[int], found: dict[int, _PersonDecisions]) -> None:
     person = int(row[columns["id"]])
     if person not in people:
         return
-    mine = found.setdefault(person, _Person())
+    mine = found.setdefault(person, _PersonDecisions())
     if row[columns["kind"]] == "matched":
         values = [row[columns[name]] if name in columns else "" for name in ("frame", "value", *TERMS)]
         mine.matches.append(tuple(float(value or "nan") for value in values))
@@ -97,7 +97,7 @@ def _take(row: list[str], columns: dict[str, int], people: set[int], found: dict
         mine.events.append(Decided(frame, f"{float(time_s):.2f}", kind, reason))
 
 
-def _ledger(rows: _Person) -> Ledger:
+def _ledger(rows: _PersonDecisions) -> Ledger:
     matches = np.array(rows.matches, dtype=np.float64).reshape(-1, 2 + len(TERMS))
     known = matches[np.isfinite(matches[:, 1])]
     events = [*rows.events[: EVENTS_MAX - 10], *rows.events[-10:]] if len(rows.events) > EVENTS_MAX else rows.events

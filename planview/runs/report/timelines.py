@@ -33,7 +33,7 @@ class Bar(NamedTuple):
     faint: bool = False
 
 
-class Row(NamedTuple):
+class TimelineRow(NamedTuple):
     """Bars and marks (errors: left [%], colour, title) of one person."""
 
     name: str
@@ -45,8 +45,8 @@ class Row(NamedTuple):
 class Timelines(NamedTuple):
     """Rows of tracks and of true people, the labels of the time axis, and how many rows were left out."""
 
-    tracks: list[Row]
-    truth: list[Row]
+    tracks: list[TimelineRow]
+    truth: list[TimelineRow]
     ticks: list[tuple[float, str]]
     more: int
 
@@ -85,7 +85,7 @@ def timelines(
     shown = tracks.state != "tentative"
     found = stretches(tracks.track_id[shown], tracks.frame[shown], states[shown])
     rows, more = _rows(found, scale, is_truth=False, errors=errors)
-    true_rows: list[Row] = []
+    true_rows: list[TimelineRow] = []
     if truth is not None and len(truth):
         held = stretches(truth.track_id, truth.frame, held_by(tracks, truth))
         true_rows, _ = _rows(held, scale, is_truth=True, errors=errors)
@@ -119,7 +119,7 @@ class _Scale:
 
 def _rows(
     found: Stretches, scale: _Scale, *, is_truth: bool, errors: Sequence[SignificantError]
-) -> tuple[list[Row], int]:
+) -> tuple[list[TimelineRow], int]:
     people, first = np.unique(found.person, return_index=True)
     length = np.bincount(np.searchsorted(people, found.person), found.last - found.first + 1, len(people))
     longest = np.argsort(-length, kind="stable")[:ROWS_MAX]
@@ -139,7 +139,9 @@ def _rows(
             for e in errors
             if (e.truth_id == person if is_truth else e.truth_id is None and e.track_id == person)
         ]
-        rows.append(Row(f"P{person}" if is_truth else str(person), "" if is_truth else f"person-{person}", bars, marks))
+        rows.append(
+            TimelineRow(f"P{person}" if is_truth else str(person), "" if is_truth else f"person-{person}", bars, marks)
+        )
     return rows, len(people) - len(ordered)
 
 

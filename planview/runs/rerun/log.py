@@ -73,8 +73,9 @@ class RerunLog:
         self._log_static()
 
     def _new_stream(self) -> rr.RecordingStream:
-        """All parts are one recording, since they share its id."""
-        stream = rr.RecordingStream("planview", recording_id=f"planview-{self._path.parent.name}")
+        """All parts are one recording, since they share its id; the viewer keeps a layout per name of application."""
+        application = "planview" if self._stereo else "planview-single"
+        stream = rr.RecordingStream(application, recording_id=f"planview-{self._path.parent.name}")
         stream.save(str(self._parts.open_path), default_blueprint=blueprint(self._engine, self._bounds))
         return stream
 

@@ -23,8 +23,9 @@ from planview.trajectories.table import Trajectories, read_tracks
 
 FALLBACK_FPS = 30.0
 """Where the tracks have no times."""
-VIEW_REACH_M = 15.0
-"""People beyond are shown, but the outline of the view does not widen a plan view beyond this [m]."""
+NEAR = 0.6
+"""Cameras within this share of the size of the floor that people used are shown with it: a camera far from them would
+make everything small."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,12 +79,18 @@ class RunResults:
         return [(view.at_m, np.array(view.view_m, dtype=np.float64).reshape(-1, 2)) for view in views]
 
     def bounds(self) -> PlanBounds:
-        """Where people were, and what the cameras see near them."""
+        """Where people were, the rules, and cameras that are not far from them."""
         tracks = self.tracks.where(self.tracks.state != "tentative")
         places = [np.column_stack([tracks.x_m, tracks.y_m]), *(rule.points for rule in self.rules if rule.on_floor)]
-        for at, _ in self.cameras:
-            places.append(np.array([at]))
-        return bounds_of(*places)
+        bounds = bounds_of(*places)
+        near = [np.array([at]) for at, _ in self.cameras if _is_near(bounds, at)]
+        return bounds_of(*places, *near)
+
+
+def _is_near(bounds: PlanBounds, at_m: tuple[float, float]) -> bool:
+    size = max(bounds.x_max_m - bounds.x_min_m, bounds.y_max_m - bounds.y_min_m)
+    beyond = [bounds.x_min_m - at_m[0], at_m[0] - bounds.x_max_m, bounds.y_min_m - at_m[1], at_m[1] - bounds.y_max_m]
+    return max(beyond) <= NEAR * size
 
 
 def read_results(folder: Path, truth: Path | None = None) -> RunResults:

@@ -1,14 +1,18 @@
 """``planview debug``: a run again with a parameter changed."""
 
 import json
+import math
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
 import pytest
 
 from calib.errors import InputError
+from calib.ground_camera import GroundCamera, save_ground_camera
 from planview.cli import main
 from planview.pipeline.config import Config, load_config
+from planview.pipeline.engine import FrameResult
 from planview.pipeline.factory import open_engine
 from planview.runs.checkpoint.encode import encode
 from planview.runs.debug.again import changed_memory, track_again
@@ -73,3 +77,24 @@ def test_memory_of_a_checkpoint_takes_the_changed_parameter() -> None:
     memory = changed_memory(encode({"tracker": TemplateTracker(TemplateTrackerParams())}), Config(), changed)
     values = [node[2] for node in memory.nodes if node[0] == "params" and "TemplateTrackerParams" in node[1]]
     assert [value["lost_s"] for value in values] == [9.5]
+
+
+def test_interrupted_run_goes_on_from_its_checkpoint_as_the_whole_run_did(ellipses: Path, tmp_path: Path) -> None:
+    def stop(result: FrameResult) -> None:
+        if result.frame == 20:
+            raise KeyboardInterrupt
+
+    camera, folders = tmp_path / "camera.toml", [tmp_path / name for name in ("whole", "interrupted")]
+    save_ground_camera(GroundCamera(160, 120, 120.0, 3.0, math.radians(60)), camera)
+    for folder, watch in zip(folders, (None, stop), strict=True):
+        folder.mkdir()
+        engine = open_engine(ellipses.parent / "street", "human-model", Config(), camera)
+        with suppress(KeyboardInterrupt):
+            run(engine, folder, RunOptions("human-model", checkpoint_every_s=1e-9), watch=watch)
+    again = track_again(read_results(folders[1]), Config(), 25)
+    assert again.begun_from == "the checkpoint after frame 19"
+    whole = read_results(folders[0]).tracks
+    expected = whole.where((whole.frame > 19) & (whole.frame <= 25))
+    assert len(expected) > 0
+    assert again.results.tracks.track_id.tolist() == expected.track_id.tolist()
+    assert again.results.tracks.x_m.tolist() == expected.x_m.tolist()
