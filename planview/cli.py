@@ -13,6 +13,7 @@ COMMANDS = {
     "demo": "Run the committed clip and print its metrics.",
     "run": "Track people in a recording.",
     "refine": "Improve the tracks of a finished run, knowing the whole recording.",
+    "edit": "Join, split, delete and rename tracks, and take edits back.",
     "evaluate": "Score tracks against truth.",
     "inspect": "Say what a recording holds and what it lacks.",
     "doctor": "Check a recording and its calibration before trusting results.",

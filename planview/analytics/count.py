@@ -49,7 +49,8 @@ def count_tracks(
     ]
     stays = {name: sorted(stays, key=lambda s: s.start_s) for name, stays in analytics.stays.items()}
     span = clock.span(max(n_frames, int(tracks.frame.max()) + 1 if len(tracks) else 0))
-    return Counts(rules, sorted(events, key=lambda e: e.timestamp_s), stays, span, analytics.params.interval_s)
+    events.sort(key=lambda e: e.timestamp_s)
+    return Counts(rules, events, stays, analytics.people, span, analytics.params.interval_s)
 
 
 def count_truth(

@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import F64
+from planview.trajectories.regions import within_ring
 
 PlaneName = Literal["floor", "image"]
 _SAMPLES = 65
@@ -135,19 +136,16 @@ class Outline:
 
     def __init__(self, polygon: F64) -> None:
         edges = np.roll(polygon, -1, axis=0) - polygon
-        squares = (edges**2).sum(axis=1, keepdims=True)
-        ends = np.roll(polygon[:, 1:], -1, axis=0)
-        self._edges: list[list[float]] = np.hstack([polygon, edges, squares, ends]).tolist()
+        self._polygon = polygon
+        self._edges: list[list[float]] = np.hstack([polygon, edges, (edges**2).sum(axis=1, keepdims=True)]).tolist()
 
     def depth(self, x: F64, y: F64) -> F64:
         """Distance of points (of any shape) to the outline: positive inside, negative outside, NaN for NaN."""
-        nearest, inside = np.full(x.shape, np.inf), np.zeros(x.shape, dtype=np.bool_)
-        for px, py, ex, ey, square, end_y in self._edges:
+        nearest = np.full(x.shape, np.inf)
+        for px, py, ex, ey, square in self._edges:
             t = np.clip(((x - px) * ex + (y - py) * ey) / square, 0.0, 1.0)
             nearest = np.minimum(nearest, np.hypot(px + t * ex - x, py + t * ey - y))
-            if end_y != py:
-                inside ^= ((py > y) != (end_y > y)) & (x < px + (y - py) / ey * ex)
-        return np.where(inside, nearest, -nearest)
+        return np.where(within_ring(self._polygon, x, y), nearest, -nearest)
 
 
 def inner_radius(polygon: F64) -> float:

@@ -21,19 +21,21 @@ from planview.trajectories.state import TrackState
 
 @dataclass(eq=False)
 class _Memory:
-    """What is remembered of one person; ``events`` and ``stays`` wait until the person is old enough for their rule."""
+    """What is remembered of one person; ``events`` and ``stays`` wait until the person is old enough for their rule;
+    at the rules ``visited`` the person is counted already."""
 
     wires: list[WireState]
     areas: list[AreaState]
     events: list[Event] = field(default_factory=list)
     stays: list[tuple[str, Stay]] = field(default_factory=list)
+    visited: set[str] = field(default_factory=set)
 
 
 class Analytics:
     """Tripwires and zones over tracks.
 
     Call ``update`` once per frame, in order; afterwards ``stays`` and the events returned tell everything
-    (``planview.analytics.totals``).
+    (``planview.analytics.totals``). ``people`` has each person once per rule and visit, however often it is crossed.
 
     Args:
         rules: what to count.
@@ -53,6 +55,9 @@ class Analytics:
         self._memory: dict[CountedPerson, _Memory] = {}
         self._inside: dict[str, int] = {area.name: 0 for area in self._areas}
         self.stays: dict[str, list[Stay]] = {area.name: [] for area in self._areas}
+        self.people: dict[str, int] = dict.fromkeys(
+            (rule.name for rule in (*self.rules.tripwires, *self.rules.zones)), 0
+        )
 
     @property
     def occupancy(self) -> dict[str, int]:
@@ -129,8 +134,12 @@ class Analytics:
             if name in ready:
                 stay.counted = True
                 self.stays[name].append(stay)
-        memory.stays = [(name, stay) for name, stay in memory.stays if name not in ready]
         released = [event for event in memory.events if event.rule in ready]
+        visited = {event.rule for event in released} | {name for name, stay in memory.stays if stay.counted}
+        for name in visited - memory.visited:
+            self.people[name] += 1
+        memory.visited |= visited
+        memory.stays = [(name, stay) for name, stay in memory.stays if name not in ready]
         memory.events = [event for event in memory.events if event.rule not in ready]
         return released
 

@@ -23,6 +23,7 @@ class Counts:
     Attributes:
         events: by time.
         stays: of every zone, by their beginning.
+        people: of every tripwire and zone, each person once per visit.
         span: the time that the recording covers.
         interval_s: length of the intervals of the totals [s].
     """
@@ -30,6 +31,7 @@ class Counts:
     rules: Rules
     events: Sequence[Event]
     stays: dict[str, list[Stay]]
+    people: dict[str, int]
     span: Span
     interval_s: float
 
@@ -54,6 +56,7 @@ class Counts:
         return {
             "kind": "tripwire",
             **_by_direction(crossings),
+            "people": self.people[name],
             "intervals": [{"start_s": start, **_by_direction(group)} for start, group in self._intervals(crossings)],
         }
 
@@ -63,6 +66,7 @@ class Counts:
         return {
             "kind": "zone",
             **_passages(events),
+            "people": self.people[name],
             "mean_occupancy": sum(dwell) / self.span.duration_s if self.span.duration_s > 0 else 0.0,
             "max_occupancy": over_frames(stays, self.span).max,
             "mean_dwell_s": float(np.mean(dwell)) if dwell else 0.0,

@@ -29,8 +29,9 @@ from planview.analytics.totals import Counts
 from planview.commands.options import JsonFlag, checked
 from planview.runs.console import PlainConsole
 from planview.runs.info import RunInfo, read_run_info, unfinished_beside
-from planview.trajectories.layouts import load_tracks, load_truth
+from planview.trajectories.layouts import load_file, load_truth
 from planview.trajectories.pairs import tracks_file
+from planview.trajectories.regions import limited
 from planview.trajectories.table import Trajectories
 
 _DEFAULTS = AnalyticsParams()
@@ -57,6 +58,10 @@ class CountOptions:
     """How deep inside or outside a zone people must be observed to enter or leave it, in metres."""
     min_age: float = _DEFAULTS.min_age_s
     """Tracks younger than this count nothing yet, in seconds."""
+    region: str | None = None
+    """Polygon in well-known text [m], or a file with it: rows outside do not count."""
+    ignore: str | None = None
+    """Polygon in well-known text [m], or a file with it: rows inside do not count."""
     fps: float = 30.0
     """Frame rate where the tracks have no timestamps."""
     out: Path | None = None
@@ -89,7 +94,7 @@ def count(tracks: Path, *, rules: Path, options: CountOptions | None = None) -> 
         interval_s=options.interval,
     )
     path = tracks_file(tracks)
-    found = load_tracks(path)
+    found = limited(load_file(path), options.region, options.ignore).table
     info = _run_beside(path)
     clock = Clock(found, options.fps)
     for told in (unfinished_beside(path), clock.jump()):

@@ -14,11 +14,12 @@ from planview.commands.options import Flag
 from planview.commands.source import open_options
 from planview.runs.console import PlainConsole
 from planview.trajectories.export import FORMATS, ExportName, prepared
-from planview.trajectories.file import TrajectoryFile, checked_area
+from planview.trajectories.file import TrajectoryFile
 from planview.trajectories.jsonl import stream_jsonl
 from planview.trajectories.layouts import load_file
 from planview.trajectories.pairs import tracks_file
 from planview.trajectories.petrack import write_petrack
+from planview.trajectories.regions import limited, region_of
 
 
 @Parameter(name="*")
@@ -35,6 +36,10 @@ class ExportOptions:
     area: str | None = None
     """Walkable area as well-known text in metres, or a file with it, e.g. "POLYGON ((0 0, 4 0, 4 3, 0 3, 0 0))"; that
     of the trajectories by default, else the rectangle 1 m around them."""
+    region: str | None = None
+    """Polygon in well-known text [m], or a file with it: rows outside are left out."""
+    ignore: str | None = None
+    """Polygon in well-known text [m], or a file with it: rows inside are left out."""
     lost: Flag = False
     """Formats without states also get rows in which a person was hidden and only predicted."""
     overwrite: Flag = False
@@ -52,6 +57,8 @@ def export(tracks: Path, *, to: ExportName | None = None, options: ExportOptions
     Parquet, CSV and JSON lines hold every row with its state, the other formats confirmed rows only.
 
     Example: planview export out --to pedpy --out tracks.txt
+
+    Example of one room: planview export out --to csv --region "POLYGON ((0 0, 4 0, 4 3, 0 3, 0 0))"
 
     Example of a stream: planview export out --to jsonl --out - | head
 
@@ -78,9 +85,10 @@ def _export_tracks(tracks: Path, to: ExportName, options: ExportOptions) -> None
     if options.fps is not None and not 0 < options.fps <= 10_000:
         raise InputError(f"--fps: expected a rate above 0, found {options.fps:g}")
     source = tracks_file(tracks)
-    area = _area(options.area) if options.area else None
+    area = region_of(options.area, "--area").wkt if options.area else None
     try:
-        file = prepared(load_file(source), to, fps=options.fps, area=area, lost=options.lost)
+        found = limited(load_file(source), options.region, options.ignore)
+        file = prepared(found, to, fps=options.fps, area=area, lost=options.lost)
     except InputError as error:
         raise InputError(str(error) if str(source) in str(error) else f"{source}: {error}") from error
     if options.out == Path("-"):
@@ -126,14 +134,3 @@ def _say(out: Path, file: TrajectoryFile) -> None:
     rate = f", {file.fps:g} frames per second" if file.fps else ""
     console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
     console.print(f"{out}: {len(file.table)} rows of {people} people{rate}")
-
-
-def _area(text: str) -> str:
-    path = Path(text)
-    try:
-        if len(text) < 1000 and path.is_file():
-            with path.open(encoding="utf-8") as file:
-                return checked_area(file.read(1_000_000), text)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{text}: expected a file with a walkable area, found {error}") from error
-    return checked_area(text, "--area")

@@ -11,7 +11,8 @@ from planview.runs.info import RunInfo, read_run_info
 from planview.runs.lock import check_unlocked, folder_lock
 
 _NAMES = (
-    "tracks.csv", "tracks_online.csv", "refinement.csv", "events.csv", "decisions.csv", "counts.json",
+    "tracks.csv", "tracks_online.csv", "tracks_before.csv", "edits.json", "refinement.csv", "events.csv",
+    "decisions.csv", "counts.json",
     "run.json", "run.rrd", "run-[0-9]*.rrd", "maps.h5", "maps-[0-9]*.h5", "report.html", "scene.png",
     "checkpoint.npz", "checkpoint.previous.npz",
 )  # fmt: skip

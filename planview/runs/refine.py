@@ -11,6 +11,7 @@ from planview.refinement.changes import changes_csv
 from planview.refinement.joining import FragmentSimilarity
 from planview.refinement.params import RefineParams
 from planview.refinement.refine import Refined, refine
+from planview.runs.edit import refuse_edited
 from planview.runs.folder import finished_run
 from planview.runs.info import RunInfo, write_result, write_run_info
 from planview.runs.report.page import write_report
@@ -33,13 +34,14 @@ def refine_run(
     says ``refined: true`` before tracks.csv changes, so that refined tracks never pass for online ones.
 
     Raises:
-        InputError: no finished run in the folder, a refined one without its online tracks, or tracks without floor
-            positions.
+        InputError: no finished run in the folder, an edited one, a refined one without its online tracks, or tracks
+            without floor positions.
         WorkError: a file cannot be written.
     """
     info = finished_run(folder) if folder.is_dir() else None
     if info is None:
         raise InputError(f"{folder}: expected the folder of a finished run, found none")
+    refuse_edited(folder)
     tracks, online = folder / "tracks.csv", folder / "tracks_online.csv"
     if info.refined and not online.is_file():
         raise InputError(f"{online}: expected the online tracks of a refined run, found no file")

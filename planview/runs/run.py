@@ -232,7 +232,7 @@ class _Run:
         span = Span(totals.first_s, totals.last_s + frame_s, frame_s)
         stays = {name: sorted(stays, key=lambda s: s.start_s) for name, stays in analytics.stays.items()}
         events = sorted(totals.events, key=lambda e: e.timestamp_s)
-        return Counts(analytics.rules, events, stays, span, analytics.params.interval_s).to_json()
+        return Counts(analytics.rules, events, stays, analytics.people, span, analytics.params.interval_s).to_json()
 
 
 class _Schedule:

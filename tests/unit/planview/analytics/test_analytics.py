@@ -241,3 +241,13 @@ def test_lines_in_pixels_use_the_foot_of_the_box_and_its_height_as_a_metre() -> 
     assert events([60, 80, 110, 120]) == []
     assert events([60, 80, 110, 130]) == ["left_to_right"]  # down the image: from the left of a line to the right
     assert events([130, 80, 60]) == ["right_to_left"]
+
+
+def test_person_who_walks_over_the_line_three_times_is_one_person_per_visit() -> None:
+    counter = analytics()
+    there_and_back = np.concatenate([DOWN, DOWN[::-1], DOWN])
+    later = way(DOWN, start=len(there_and_back) + 60)
+    elsewhere = way([9.0] * 200, track_id=2, x=50.0)
+    events = feed(counter, way(there_and_back) + later + elsewhere)
+    assert sum(event.kind == "crossing" for event in events) == 4
+    assert counter.people["door"] == 2

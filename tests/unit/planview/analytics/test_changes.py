@@ -12,6 +12,7 @@ from planview.analytics.rules import Rules, parse_rules
 from planview.analytics.stream import Analytics
 from planview.trajectories.table import Trajectories, row_state
 
+People = dict[str, int]
 Stays = dict[str, list[str]]
 RULES = {
     "tripwire": [{"name": "door", "from_m": [-1, 0], "to_m": [1, 0]}],
@@ -42,13 +43,13 @@ def wild_tracks(seed: int) -> Trajectories:
     )  # fmt: skip
 
 
-def every_frame(tracks: Trajectories, rules: Rules, params: AnalyticsParams) -> tuple[list[Event], Stays]:
+def every_frame(tracks: Trajectories, rules: Rules, params: AnalyticsParams) -> tuple[list[Event], Stays, People]:
     counter, events = Analytics(rules, params), []
     for frame in np.unique(tracks.frame).tolist():
         rows = np.flatnonzero(tracks.frame == frame).tolist()
         events += counter.update(frame, frame / 10, [row_state(tracks, row) for row in rows])
     stays = {name: sorted(map(str, map(vars, stays))) for name, stays in counter.stays.items()}
-    return sorted(events, key=str), stays
+    return sorted(events, key=str), stays, counter.people
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -56,7 +57,8 @@ def test_counts_of_a_table_are_those_of_every_frame(seed: int) -> None:
     tracks, params = wild_tracks(seed), AnalyticsParams(min_age_s=0.3)
     rules = parse_rules(RULES, RulePlane(), "r")
     counts = count_tracks(tracks, rules, params, clock=Clock(tracks, 10.0))
-    events, stays = every_frame(tracks, rules, params)
+    events, stays, people = every_frame(tracks, rules, params)
     assert len(events) > 5
     assert sorted(counts.events, key=str) == events
+    assert counts.people == people
     assert {name: sorted(map(str, map(vars, stays))) for name, stays in counts.stays.items()} == stays
