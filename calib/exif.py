@@ -7,6 +7,7 @@ from io import BytesIO
 from pathlib import Path
 
 from calib.errors import InputError
+from calib.text import reason
 
 FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 """Of the film that "focal length in 35 mm film" refers to (Exif 2.32, tag 41989: the same diagonal angle)."""
@@ -27,7 +28,7 @@ def focal_share(photo: Path | bytes) -> float:
         with Image.open(BytesIO(photo) if isinstance(photo, bytes) else photo) as image:
             millimetres = float(image.getexif().get_ifd(EXIF).get(FOCAL_IN_FILM, 0))
     except (OSError, UnidentifiedImageError, ValueError, TypeError, SyntaxError) as error:
-        raise InputError(f"{name}: expected a photograph, found {error}") from error
+        raise InputError(f"{name}: expected a photograph, found {reason(error)}") from error
     if not 5 <= millimetres <= 2000:
         raise InputError(
             f"{name}: expected EXIF with the focal length in 35 mm film, found "

@@ -15,6 +15,7 @@ PART = ".part"
 def whole_file(path: Path) -> Iterator[Path]:
     """The place to write a file to, which becomes ``path`` in one step when the block ends without an error.
 
+    Its folder is made if need be.
     After an error nothing is left of it, and an earlier file at ``path`` is as it was. Links are followed; a device or
     a pipe, which cannot be replaced, is written directly.
 
@@ -25,6 +26,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     if target.exists() and not target.is_file():
         yield target
         return
+    target.parent.mkdir(parents=True, exist_ok=True)
     part = target.with_name(target.name + PART)
     try:
         yield part

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from calib.errors import WorkError
+from calib.text import reason
 
 SYSTEM_LIBRARIES = "libegl1 libgl1 libusb-1.0-0 libgomp1"
 """Debian's packages that open3d's wheel needs."""
@@ -26,6 +27,6 @@ def import_open3d(purpose: str) -> Any:
     except (ImportError, OSError) as error:
         raise WorkError(
             f"{purpose} needs open3d (pip install open3d) and its system libraries "
-            f"(on Debian: apt install {SYSTEM_LIBRARIES}): {error}"
+            f"(on Debian: apt install {SYSTEM_LIBRARIES}): {reason(error)}"
         ) from error
     return open3d

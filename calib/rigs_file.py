@@ -13,6 +13,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.pose import SE3
+from calib.text import reason
 
 RIGS_FILE = "rigs.toml"
 MAX_HEADS = 32
@@ -72,7 +73,7 @@ def load_rigs(path: Path) -> tuple[RigEntry, ...]:
     except KeyError as error:
         raise InputError(f"{path}: expected a rigs.toml with the key {error}, found none") from error
     except (OSError, UnicodeDecodeError, ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(f"{path}: expected a rigs.toml, found {error}") from error
+        raise InputError(f"{path}: expected a rigs.toml, found {reason(error)}") from error
     _check(path, entries)
     return entries
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import re
 import stat
 import tomllib
@@ -16,8 +17,30 @@ MAX_TOML = 200_000
 """TOML that people write has some thousand characters; the parser takes a second for so many."""
 MAX_DEPTH = 32
 """Deepest nesting of tables and lists: parsers recurse, and what people write has five (our choice)."""
+REASONS = {
+    errno.ENOENT: "nothing there",
+    errno.EACCES: "no permission",
+    errno.EPERM: "no permission",
+    errno.EEXIST: "something else in its place",
+    errno.ENOTDIR: "a file where a folder is expected",
+    errno.EISDIR: "a folder",
+    errno.ENOSPC: "no space left on the disk",
+    errno.EDQUOT: "no space left in the quota",
+    errno.EROFS: "a file system that is read-only",
+    errno.ENAMETOOLONG: "a name that is too long",
+    errno.ELOOP: "links that lead in a circle",
+    errno.EMFILE: "too many open files",
+    errno.EIO: "a disk that fails",
+}
+"""What the system's error numbers mean, for people."""
 _PARTS = re.compile(r"[=,\n]")
 _BRACKETS = re.compile(r"[\[\]{}]")
+
+
+def reason(error: Exception) -> str:
+    """Why a file cannot be read or written, in words that end "found ..." or "cannot be written (...)"."""
+    text = REASONS.get(error.errno or 0) if isinstance(error, OSError) else None
+    return text or " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
 
 
 def require_file(path: Path, what: str) -> int:
@@ -29,8 +52,7 @@ def require_file(path: Path, what: str) -> int:
     try:
         status = path.stat()
     except (OSError, ValueError) as error:
-        found = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"{path}: expected {what}, found {found}") from error
+        raise InputError(f"{path}: expected {what}, found {reason(error)}") from error
     if not stat.S_ISREG(status.st_mode):
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe or a device"
         raise InputError(f"{path}: expected {what}, found {kind}")
@@ -51,7 +73,7 @@ def read_text(path: Path, what: str, max_bytes: int = MAX_BYTES) -> str:
     try:
         return path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected {what}, found {getattr(error, 'strerror', None) or error}") from error
+        raise InputError(f"{path}: expected {what}, found {reason(error)}") from error
 
 
 def parse_toml(text: str) -> dict[str, Any]:

@@ -6,11 +6,12 @@ import signal
 import sys
 import threading
 from collections.abc import Sequence
+from typing import Literal
 
 from cyclopts import App
 
 COMMANDS = {
-    "demo": "Run the committed clip and print its metrics.",
+    "demo": "Run the clip that comes with the package and print its metrics.",
     "run": "Track people in a recording.",
     "refine": "Improve the tracks of a finished run, knowing the whole recording.",
     "edit": "Join, split, delete and rename tracks, and take edits back.",
@@ -58,6 +59,7 @@ def make_app(words: Sequence[str] = ()) -> App:
         name="planview",
         help="Stereo depth plan-view people tracking.",
         version=_version,
+        version_flags=["--version", "-v"],
         default_parameter=None,
         suppress_keyboard_interrupt=False,
     )
@@ -66,7 +68,21 @@ def make_app(words: Sequence[str] = ()) -> App:
     calibrate, bench = "planview.commands", "planview.bench.commands"
     app.command(_group("calibrate", calibrate, "Obtain, check and convert calibrations.", CALIBRATE, words))
     app.command(_group("bench", bench, "Measure speed and accuracy on this machine.", BENCH, words))
+    app.command(completion)
     return app
+
+
+def completion(shell: Literal["bash", "zsh", "fish"]) -> None:
+    """Print what completes commands and options in a shell.
+
+    Example: planview completion bash > ~/.local/share/bash-completion/completions/planview
+
+    Parameters
+    ----------
+    shell
+        The shell that the text is for.
+    """
+    print(make_app().generate_completion(prog_name="planview", shell=shell))
 
 
 def _register(app: App, target: str, name: str, text: str, words: Sequence[str]) -> None:
@@ -93,6 +109,7 @@ def _version() -> str:
 def main(argv: list[str] | None = None) -> None:
     """Run a command; exit status 0 done, 1 the work failed, 2 wrong usage or bad input, 130 interrupted."""
     from calib.errors import InputError, WorkError
+    from calib.text import reason
 
     words = sys.argv[1:] if argv is None else argv
     _stop_on_signals()
@@ -107,7 +124,7 @@ def main(argv: list[str] | None = None) -> None:
         _fail("interrupted", 130)
     except OSError as error:
         # What no command expects: a folder that may not be read, a disk that went away.
-        _fail(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error), 1)
+        _fail(f"{error.filename}: {reason(error)}" if error.filename else reason(error), 1)
     except Exception as error:
         from cyclopts import CycloptsError
 

@@ -25,6 +25,7 @@ from calib.formats.tsai import is_tsai
 from calib.formats.zed import FORMAT as ZED
 from calib.length import size_text
 from calib.rig import StereoRig
+from calib.text import reason
 
 FORMATS: tuple[Format, ...] = (NATIVE, OPENCV, DEPTHAI, KALIBR, ROS, ZED, KITTI, EUROC, MIDDLEBURY)
 
@@ -101,7 +102,7 @@ def write_rig(rig: StereoRig, path: Path, format_key: str | None = None, keep: C
     except ValueError as error:
         raise InputError(f"{path}: expected a rig that {chosen.name} can hold, but {error}") from error
     except OSError as error:
-        raise InputError(f"{path}: expected a place to write to, found {error.strerror or error}") from error
+        raise InputError(f"{path}: expected a place to write to, found {reason(error)}") from error
 
 
 def _refuse_kept(chosen: Format, rig: StereoRig, path: Path, keep: Collection[Path]) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.rig import StereoRig
-from calib.text import MAX_BYTES, require_file
+from calib.text import MAX_BYTES, reason, require_file
 
 Size = tuple[int, int]
 
@@ -78,7 +78,7 @@ def read_source(path: Path) -> Source:
             raise InputError(f"{path}: expected a calibration file, found more than {MAX_BYTES} bytes")
         text = raw.decode("utf-8-sig")
     except OSError as error:
-        raise InputError(f"{path}: expected a readable calibration file, found {error.strerror or error}") from error
+        raise InputError(f"{path}: expected a readable calibration file, found {reason(error)}") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: expected a calibration as text, found binary data at byte {error.start}") from error
     return Source(path, text.replace("\r\n", "\n"))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import IO, Literal, cast, get_args
 
 from calib.errors import InputError
-from calib.text import require_file
+from calib.text import reason, require_file
 
 EventKind = Literal["crossing", "entry", "exit"]
 Direction = Literal["left_to_right", "right_to_left", ""]
@@ -63,7 +63,7 @@ def read_events(path: Path) -> list[Event]:
                 raise InputError(f"{path}: expected events with the column {missing[0]!r}, found {reader.fieldnames}")
             return [_event(row, f"{path}: line {line}") for line, row in enumerate(reader, start=2)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: expected an events file, found {error}") from error
+        raise InputError(f"{path}: expected an events file, found {reason(error)}") from error
 
 
 def _event(row: dict[str, str], where: str) -> Event:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from calib.errors import InputError, WorkError
+from calib.text import reason
 from planview.bench.passes import BenchTracker, bench_engine
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.evaluation.result import Evaluation
@@ -125,7 +126,7 @@ def rendered(scene: Scene, name: str, options: RenderOptions, tell: Tell) -> Pat
         cache.mkdir(parents=True, exist_ok=True)
         part = Path(tempfile.mkdtemp(prefix=f".{name}-", dir=cache))
     except OSError as error:
-        raise WorkError(f"{cache}: the cache cannot be written: {error}") from error
+        raise WorkError(f"{cache}: the cache cannot be written: {reason(error)}") from error
     try:
         write_recording(SceneRenderer(scene, options.scale), part, frames=options.frames, storage="jpg")
         if not folder.is_dir():

@@ -15,6 +15,7 @@ import numpy as np
 
 from calib.errors import WorkError
 from calib.rigs_file import RIGS_FILE, RigEntry, load_rigs
+from calib.text import reason
 from calib.types import F64
 from planview.calibration.align import align_records, rig_entries
 from planview.calibration.head_record import record_head
@@ -113,7 +114,7 @@ def rendered_heads(seed: int, cache: Path) -> Path:
         cache.mkdir(parents=True, exist_ok=True)
         part = Path(tempfile.mkdtemp(prefix=f".heads-{seed}-", dir=cache))
     except OSError as error:
-        raise WorkError(f"{cache}: the cache cannot be written: {error}") from error
+        raise WorkError(f"{cache}: the cache cannot be written: {reason(error)}") from error
     try:
         write_heads(heads, part, storage="jpg")
         if not folder.is_dir():

@@ -17,6 +17,7 @@ import calib
 import planview
 import stereo
 from calib.errors import InputError, WorkError
+from calib.text import reason
 from planview.bench import peer
 from planview.bench.peer import Peer, PeerLog
 from planview.maps.recording import MapsRecording
@@ -93,7 +94,7 @@ def run_pass(job: Pass) -> Path:
         job.folder.parent.mkdir(parents=True, exist_ok=True)
         part = Path(tempfile.mkdtemp(prefix=f".{job.folder.name}-", dir=job.folder.parent))
     except OSError as error:
-        raise WorkError(f"{job.cache}: the cache cannot be written: {error}") from error
+        raise WorkError(f"{job.cache}: the cache cannot be written: {reason(error)}") from error
     try:
         engine = bench_engine(job.recording, job.tracker, job.config)
         logs: list[RunLog] = []

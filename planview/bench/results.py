@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from calib.errors import InputError
+from calib.text import reason
 from planview.bench.suite import JUDGING_SEED
 from planview.evaluation.result import KINDS
 
@@ -47,7 +48,7 @@ def load_report(path: Path, key: str) -> dict[str, Any]:
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InputError(f"{path}: expected the JSON of a bench, found {error}") from error
+        raise InputError(f"{path}: expected the JSON of a bench, found {reason(error)}") from error
     if not isinstance(found, dict) or key not in found or "commit" not in found:
         raise InputError(f"{path}: expected the JSON of a bench with {key!r}, found {_names(found)}")
     return found

@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from calib.errors import InputError
+from calib.text import reason
 from planview.bench.accuracy import RenderOptions, SceneScore, rendered, totals
 from planview.bench.passes import PEER, BenchTracker, Pass, run_pass
 from planview.evaluation.evaluate import evaluate_tracks
@@ -113,7 +114,7 @@ def load_challenge(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: expected a challenge scene in TOML, found {error}") from error
+        raise InputError(f"{path}: expected a challenge scene in TOML, found {reason(error)}") from error
 
 
 def drawn_scene(path: Path, seed: int) -> Scene:

@@ -18,6 +18,7 @@ from calib.floor.points import parse_points
 from calib.floor.world_file import load_world, save_world
 from calib.images import write_image
 from calib.rig import Floor
+from calib.text import reason
 from planview.calibration.floor import FloorView, floor_from_tracks, given_floor, view_floor
 from planview.commands.options import Flag, JsonFlag
 from planview.pipeline.config import load_config
@@ -117,7 +118,7 @@ def _write(floor: Floor, view: FloorView, target: Path | None, image: Path | Non
             path.parent.mkdir(parents=True, exist_ok=True)
             write(path)
         except OSError as error:
-            raise InputError(f"{path}: expected a place to write to, found {error}") from error
+            raise InputError(f"{path}: expected a place to write to, found {reason(error)}") from error
         written.append(path)
     return written
 
@@ -142,7 +143,9 @@ def _floor_of_run(recording: StereoRecording, tracks: Path) -> Floor:
     try:
         found = json.loads(run.read_text(encoding="utf-8"))["floor"]["world_SE3_left"]
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{run}: expected the floor of that run (run.json or world.toml), found {error}") from error
+        raise InputError(
+            f"{run}: expected the floor of that run (run.json or world.toml), found {reason(error)}"
+        ) from error
     from calib.pose import SE3
 
     try:

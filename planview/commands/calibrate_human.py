@@ -21,6 +21,7 @@ from calib.human.calibration import HumanCalibration, calibrate_from_people
 from calib.human.knowledge import KnownValues
 from calib.human.samples import HumanSample, check_samples, read_image_size, read_samples, write_samples
 from calib.images import as_colour, write_image
+from calib.text import reason
 from calib.types import U8
 from planview.calibration.human import collect_samples
 from planview.calibration.pictures import COMPUTED, crowd, draw_grid, draw_person, draw_samples
@@ -121,7 +122,7 @@ def _write(
         if collected is not None:
             write_samples(samples, collected, found.camera.size)
     except OSError as error:
-        raise InputError(f"{out}: expected a place to write to, found {error}") from error
+        raise InputError(f"{out}: expected a place to write to, found {reason(error)}") from error
     return out, picture
 
 

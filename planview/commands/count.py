@@ -17,7 +17,7 @@ from rich.table import Table
 
 from calib.errors import InputError, WorkError
 from calib.files import write_whole
-from calib.text import require_file
+from calib.text import reason, require_file
 from planview.analytics.clock import Clock
 from planview.analytics.count import count_tracks, count_truth
 from planview.analytics.events import read_events, write_event_header, write_event_rows
@@ -151,7 +151,7 @@ def _is_events(path: Path) -> bool:
         with path.open("rb") as file:
             return b"rule" in file.readline(10_000).strip().split(b",")
     except OSError as error:
-        raise InputError(f"{path}: expected truth or events, found {error}") from error
+        raise InputError(f"{path}: expected truth or events, found {reason(error)}") from error
 
 
 def _folder(out: Path | None, tracks: Path) -> Path | None:
@@ -174,7 +174,7 @@ def _write(counts: Counts, result: dict[str, Any], folder: Path) -> None:
         write_whole(folder / "events.csv", events.getvalue())
         write_whole(folder / "counts.json", json.dumps(result, indent=2) + "\n")
     except OSError as error:
-        raise WorkError(f"{folder}: could not write events.csv and counts.json: {error}") from error
+        raise WorkError(f"{folder}: could not write events.csv and counts.json: {reason(error)}") from error
 
 
 def print_counts(result: dict[str, Any], console: Console) -> None:

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from calib.errors import InputError
 from planview.commands.evaluate import EvaluateOptions, evaluate
 from planview.commands.options import JsonFlag
+from planview.commands.render import RenderOptions, render
 from planview.commands.run import TrackingOptions, run
 from planview.runs.console import PlainConsole
-from planview.runs.report.moments import busiest_frame
-from planview.runs.scene.compose import SceneComposer
-from planview.runs.scene.film import write_still
-from planview.runs.scene.frames import open_frames
-from planview.runs.scene.results import read_results
 from planview.synthetic.committed import DEMO
+from planview.trajectories.table import read_tracks
 
 
 def demo(
@@ -39,22 +38,17 @@ def demo(
         )
     run(DEMO, out=out, options=TrackingOptions(rrd=True, debug=True, overwrite=True))
     evaluate(out / "tracks.csv", DEMO / "truth.csv", options=EvaluateOptions(json_output=json_output))
-    console = PlainConsole(stderr=True, soft_wrap=True, highlight=False)
-    picture = _picture(out)
-    console.print(
-        (f"The scene: {picture}\n" if picture else "")
-        + f"Next: open {out / 'report.html'}: pictures, timelines, and why each person was tracked so\n"
-        f"      planview view {out} (--web without a display): every frame, with all that the tracker knew\n"
-        f"      planview render {out}: the run as a video; planview inspect MY_RECORDING: what one of yours holds"
+    _draw(out)
+    PlainConsole(stderr=True, soft_wrap=True, highlight=False).print(
+        f"Next: open {out / 'report.html'}: pictures, plots and settings of this run\n"
+        f"      planview view {out}: every frame, and why the tracker decided as it did\n"
+        "      planview inspect MY_RECORDING: what a recording of yours holds, and what it lacks"
     )
 
 
-def _picture(out: Path) -> Path | None:
-    """The busiest frame as a picture; None where nobody was tracked."""
-    results = read_results(out)
-    frame = busiest_frame(results)
-    if frame is None:
-        return None
-    frames = open_frames(results.info)
-    write_still(SceneComposer(results, frames), frames, frame, out / "scene.png")
-    return out / "scene.png"
+def _draw(out: Path) -> None:
+    """A picture of the scene when most people are in it."""
+    tracks = read_tracks(out / "tracks.csv")
+    frames = tracks.frame[tracks.state == "confirmed"]
+    busiest = int(np.bincount(frames).argmax()) if len(frames) else 0
+    render(out, options=RenderOptions(frame=busiest, png=out / "scene.png"))

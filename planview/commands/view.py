@@ -7,6 +7,7 @@ import sysconfig
 from pathlib import Path
 
 from calib.errors import InputError, WorkError
+from calib.text import reason
 from planview.commands.options import Flag
 from planview.runs.console import PlainConsole
 from planview.runs.rerun.parts import quiet_environment, recorded_parts
@@ -45,7 +46,7 @@ def view(folder: Path, *, port: int = 9876, web: Flag = False, web_port: int = 9
     try:
         status = subprocess.run([*command, *map(str, parts)], check=False, env=quiet_environment()).returncode
     except OSError as error:
-        raise WorkError(f"the rerun viewer cannot be started ({error.strerror}); is rerun-sdk installed?") from error
+        raise WorkError(f"the rerun viewer cannot be started ({reason(error)}); is rerun-sdk installed?") from error
     if status != 0:
         hint = "is the port free?" if web else "it needs a display and a graphics driver; --web needs none"
         raise WorkError(f"the rerun viewer ended with status {status} ({hint})")

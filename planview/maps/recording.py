@@ -24,6 +24,7 @@ import numpy as np
 from calib.errors import InputError, WorkError
 from calib.pose import SE3
 from calib.rig import Floor
+from calib.text import reason
 from calib.types import F32, I32, U8, AnyArray
 from planview.maps.builder import FloorPoints
 from planview.maps.colour import CODES
@@ -281,7 +282,7 @@ def _writing(path: Path) -> Iterator[None]:
     try:
         yield
     except (OSError, RuntimeError) as error:
-        raise WorkError(f"{path}: cannot be written ({error})") from error
+        raise WorkError(f"{path}: cannot be written ({reason(error)})") from error
 
 
 @contextmanager

@@ -94,8 +94,6 @@ class Pipeline(StereoDescription):
         """Open a recording, find its floor and get ready.
 
         Args:
-            path: of the recording.
-            config: every parameter; the defaults when None.
             options: how the recording is opened (calibration, rate, topics).
             tracker, matcher: see the constructor.
             ablation: a part of the engine to switch off, by its name in ``ABLATIONS``.

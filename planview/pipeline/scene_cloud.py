@@ -11,6 +11,7 @@ import numpy as np
 from calib.errors import InputError, WorkError
 from calib.images import as_colour
 from calib.open3d_import import import_open3d
+from calib.text import reason
 from calib.types import F32, U8
 from planview.pipeline.config import Config
 from planview.pipeline.front_end import FrontEnd
@@ -78,7 +79,7 @@ def write_cloud(path: Path, cloud: SceneCloud) -> int:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise WorkError(f"{path}: cannot be written ({error.strerror})") from error
+        raise WorkError(f"{path}: cannot be written ({reason(error)})") from error
     if not o3d.io.write_point_cloud(str(path), thin):
         raise WorkError(f"{path}: cannot be written")
     return len(thin.points)

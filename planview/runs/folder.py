@@ -7,6 +7,7 @@ from pathlib import Path
 
 from calib.errors import InputError, WorkError
 from calib.files import PART
+from calib.text import reason
 from planview.runs.info import RunInfo, read_run_info
 from planview.runs.lock import check_unlocked, folder_lock
 
@@ -54,7 +55,7 @@ def prepare_folder(folder: Path, overwrite: bool) -> None:
             for path in products_in(folder):
                 path.unlink(missing_ok=True)
     except OSError as error:
-        raise WorkError(f"{folder}: cannot be written ({error.strerror})") from error
+        raise WorkError(f"{folder}: cannot be written ({reason(error)})") from error
 
 
 def products_in(folder: Path) -> list[Path]:

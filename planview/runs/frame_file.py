@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import IO, NamedTuple
 
 from calib.errors import InputError, WorkError
+from calib.text import reason
 
 READ_BYTES = 2**20
 """Read at a time when a file is checked."""
@@ -110,7 +111,7 @@ class FrameFile:
         try:
             action()
         except OSError as error:
-            raise WorkError(f"{self.path}: cannot be written ({error.strerror}); earlier frames are kept") from error
+            raise WorkError(f"{self.path}: cannot be written ({reason(error)}); earlier frames are kept") from error
 
     def close(self) -> None:
         os.close(self._descriptor)

@@ -10,6 +10,7 @@ from pydantic import Field, JsonValue, ValidationError
 from calib.errors import InputError, WorkError
 from calib.files import write_whole
 from calib.params import first_problem
+from calib.text import reason
 from planview.pipeline.info import CameraInfo, FloorInfo, InfoPart
 
 
@@ -88,7 +89,7 @@ def write_result(path: Path, text: str) -> None:
     try:
         write_whole(path, text)
     except OSError as error:
-        raise WorkError(f"{path}: cannot be written ({error.strerror})") from error
+        raise WorkError(f"{path}: cannot be written ({reason(error)})") from error
 
 
 def unfinished_beside(tracks: Path) -> str:
@@ -112,4 +113,4 @@ def read_run_info(path: Path) -> RunInfo:
     except ValidationError as error:
         raise InputError(f"{path}: expected a run.json: {first_problem(error)}") from error
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected a run.json, found {error}") from error
+        raise InputError(f"{path}: expected a run.json, found {reason(error)}") from error

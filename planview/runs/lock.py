@@ -13,6 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from calib.errors import InputError, WorkError
+from calib.text import reason
 
 LOCK_NAME = "run.lock"
 _held: set[Path] = set()
@@ -41,7 +42,7 @@ def folder_lock(folder: Path) -> Iterator[str]:
         place.mkdir(parents=True, exist_ok=True)
         descriptor, told = _taken(place / LOCK_NAME)
     except OSError as error:
-        raise WorkError(f"{folder}: cannot be written ({error.strerror})") from error
+        raise WorkError(f"{folder}: cannot be written ({reason(error)})") from error
     _held.add(place)
     try:
         yield told
@@ -87,7 +88,7 @@ def _lock(descriptor: int, path: Path) -> None:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         if error.errno in (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP):
-            raise WorkError(f"{path}: the file system cannot lock files ({error.strerror})") from error
+            raise WorkError(f"{path}: the file system cannot lock files ({reason(error)})") from error
         who = _text(_owner(descriptor))
         raise InputError(f"{path.parent}: {who} is writing into it; wait for it or choose another folder") from error
 

@@ -14,6 +14,7 @@ import calib
 import planview
 import stereo
 from calib.errors import InputError
+from calib.text import reason
 
 WHOLE_MAX = 256 * 1024
 """Files up to this size are hashed whole [bytes]."""
@@ -56,7 +57,7 @@ def content_key(path: Path) -> str:
         hashed = set(files) - set(images) | set(images[:: max(1, -(-len(images) // FILES_MAX))])
         listed = [[*_name_and_size(file, path), _file_digest(file) if file in hashed else ""] for file in files]
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+        raise InputError(f"{path}: cannot be read ({reason(error)})") from error
     return key_of(listed)
 
 

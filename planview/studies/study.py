@@ -12,6 +12,7 @@ from pydantic import Field, ValidationError, field_validator
 
 from calib.errors import InputError
 from calib.params import Params, first_problem
+from calib.text import reason
 from planview.pipeline.factory import TrackerName
 from planview.studies.figures import FigureName
 from planview.studies.space import Space
@@ -82,7 +83,7 @@ def load_study(path: Path) -> Study:
             raise InputError(f"{path}: expected a study of up to {SIZE_MAX} bytes, found {path.stat().st_size}")
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: expected a study in TOML, found {error}") from error
+        raise InputError(f"{path}: expected a study in TOML, found {reason(error)}") from error
     try:
         tables["recordings"] = _entries(tables.get("recordings", []), path.parent)
         tables["parameters"] = _flat(tables.get("parameters", {}))

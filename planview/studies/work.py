@@ -16,6 +16,7 @@ from typing import Any
 import cv2
 
 from calib.errors import WorkError
+from calib.text import reason
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.pipeline.factory import open_engine
 from planview.pipeline.pipeline import Pipeline
@@ -137,7 +138,7 @@ def _attempt(final: Path) -> Iterator[Path]:
             os.rename(folder, final)
     except OSError as error:
         if finished_run(final) is None:
-            raise WorkError(f"{final}: cannot be written ({error.strerror or error})") from error
+            raise WorkError(f"{final}: cannot be written ({reason(error)})") from error
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 

@@ -13,6 +13,7 @@ from pydantic import Field, ValidationError
 from calib.errors import InputError
 from calib.params import Params, first_problem
 from calib.rigs_file import RIGS_FILE, RigEntry, save_rigs
+from calib.text import reason
 from planview.synthetic.rendering import SceneRenderer
 from planview.synthetic.scene import Rig, Scene
 from planview.synthetic.writing import Storage, Written, write_recording
@@ -71,7 +72,7 @@ def load_heads(path: Path) -> tuple[SceneHead, ...]:
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: expected a scene in TOML, found {error}") from error
+        raise InputError(f"{path}: expected a scene in TOML, found {reason(error)}") from error
     return heads_of(table, str(path)) if is_heads_table(table) else ()
 
 

@@ -15,6 +15,7 @@ from calib.floor.world_file import save_world
 from calib.ground_camera import save_ground_camera
 from calib.images import as_colour, encode_image
 from calib.rig import Floor, save_rig
+from calib.text import reason
 from calib.types import U8
 from planview.synthetic.rendering import SceneRenderer
 from planview.synthetic.truth import TruthRow
@@ -66,7 +67,7 @@ def write_recording(
         with (folder / "truth.csv").open("w") as truth, (folder / "timestamps.csv").open("w") as times:
             rows = _write_frames(renderer, folder, count, storage, truth, times, done)
     except OSError as error:
-        raise WorkError(f"{folder}: the recording could not be written: {error}") from error
+        raise WorkError(f"{folder}: the recording could not be written: {reason(error)}") from error
     return Written(count, rows, folder)
 
 

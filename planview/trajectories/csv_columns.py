@@ -12,7 +12,7 @@ from typing import IO
 import numpy as np
 
 from calib.errors import InputError
-from calib.text import require_file
+from calib.text import reason, require_file
 from calib.types import F64, I64, U8, Bool
 
 WordColumn = np.ndarray[tuple[int], np.dtype[np.str_]]
@@ -49,7 +49,7 @@ def csv_blocks(path: Path, required: Sequence[str], what: str) -> Iterator[CsvCo
             if not block:
                 yield CsvColumns(path, names, block, line)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: expected a {what} file, found {error}") from error
+        raise InputError(f"{path}: expected a {what} file, found {reason(error)}") from error
 
 
 def _blocks(file: IO[bytes]) -> Iterator[bytes]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from calib.errors import InputError, WorkError
 from calib.files import whole_file
+from calib.text import reason
 from planview.trajectories.table import Trajectories
 
 ROWS_MAX = 50_000_000
@@ -104,4 +105,4 @@ def replaced(path: Path) -> Iterator[Path]:
         with whole_file(path) as part:
             yield part
     except OSError as error:
-        raise WorkError(f"{path}: cannot be written ({error.strerror or error})") from error
+        raise WorkError(f"{path}: cannot be written ({reason(error)})") from error

@@ -15,6 +15,7 @@ from typing import IO, Any, NoReturn
 import numpy as np
 
 from calib.errors import InputError
+from calib.text import reason
 from calib.types import F64
 from planview.trajectories.file import TrajectoryFile, replaced
 from planview.trajectories.rows import sorted_rows
@@ -88,7 +89,7 @@ def _frames(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
                     raise InputError(f"{path}: expected an object in line {number}, found {type(value).__name__}")
                 yield number, value
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected JSON lines, found {error}") from error
+        raise InputError(f"{path}: expected JSON lines, found {reason(error)}") from error
 
 
 def _numbers(frame: dict[str, Any], person: dict[str, Any]) -> list[float]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError
-from calib.text import require_file
+from calib.text import reason, require_file
 from planview.trajectories.file import TrajectoryFile, timed_by_rate
 from planview.trajectories.jsonl import read_jsonl
 from planview.trajectories.jupedsim import read_jupedsim
@@ -65,7 +65,7 @@ def load_file(path: Path, *, truth: bool = False, boxes: bool = True) -> Traject
         with path.open("rb") as file:
             start = file.read(_FIRST_LINE)
     except OSError as error:
-        raise InputError(f"{path}: expected trajectories, found {error}") from error
+        raise InputError(f"{path}: expected trajectories, found {reason(error)}") from error
     binary = next((reader for magic, reader in BINARY.items() if start.startswith(magic)), None)
     return timed_by_rate(binary(path) if binary else _load_text(path, start.split(b"\n")[0], truth, boxes))
 

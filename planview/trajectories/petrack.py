@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError
+from calib.text import reason
 from calib.types import F64
 from planview.trajectories.file import TrajectoryFile, checked_rate, replaced
 from planview.trajectories.rows import read_numbers, sorted_rows
@@ -70,7 +71,7 @@ def _comments(path: Path) -> tuple[float | None, float]:
         with path.open(encoding="utf-8-sig") as file:
             lines = [line for line, _ in zip(file, range(_COMMENTS_MAX), strict=False)]
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected rows of id frame x y z, found {error}") from error
+        raise InputError(f"{path}: expected rows of id frame x y z, found {reason(error)}") from error
     text = "".join(takewhile(lambda line: line.startswith("#") or not line.strip(), lines))
     rate = _RATE.search(text)
     if _CENTIMETRES.search(text):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError
-from calib.text import require_file
+from calib.text import reason, require_file
 from calib.types import F64, I64
 
 KEY_MAX = 2**53
@@ -28,7 +28,7 @@ def read_numbers(path: Path, delimiter: str | None, expected: str) -> F64:
             warnings.filterwarnings("ignore", "loadtxt: input contained no data")
             return np.loadtxt(path, delimiter=delimiter, ndmin=2, dtype=np.float64, encoding="utf-8-sig")
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: expected {expected}, found {error}") from error
+        raise InputError(f"{path}: expected {expected}, found {reason(error)}") from error
 
 
 def sorted_rows(path: Path, table: F64, frame: int, track_id: int) -> F64:

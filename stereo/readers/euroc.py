@@ -8,6 +8,7 @@ from pathlib import Path
 from calib.errors import InputError
 from calib.formats import load_rig
 from calib.rig import StereoRig
+from calib.text import reason
 from stereo.readers.images import image_files
 from stereo.readers.reader import OpenOptions, Reader
 from stereo.readers.stamps import read_stamps
@@ -77,7 +78,7 @@ def _rows(path: Path) -> list[list[str]]:
                     raise InputError(f"{path}: expected rows of timestamp,filename, found {','.join(row)[:60]!r}")
                 rows.append(row)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: expected rows of timestamp,filename, found {error}") from error
+        raise InputError(f"{path}: expected rows of timestamp,filename, found {reason(error)}") from error
     return rows
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from calib.text import reason
+
 _POINTER = re.compile(rb"\Aversion https://git-lfs\.github\.com/spec/v1\noid [^\n]+\nsize (\d+)")
 _NAMED = {
     ".svo": "a ZED recording, which only the ZED SDK reads: its SVO export (ZED_SVO_Export, or ZED_Explorer) gives "
@@ -34,7 +36,7 @@ def foreign_text(path: Path) -> str | None:
         with path.open("rb") as file:
             head = file.read(256)
     except OSError as error:
-        return f"a file that cannot be read ({error.strerror})"
+        return f"a file that cannot be read ({reason(error)})"
     if pointer := _POINTER.match(head):
         return f"a git-lfs pointer instead of the file of {int(pointer[1])} bytes: git lfs pull fetches it"
     suffix = path.suffix.lower()

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.errors import InputError
+from calib.text import reason
 from calib.types import F64
 from stereo.readers.stamps import read_stamps
 from stereo.readers.time_pairs import pair_stamps
@@ -131,7 +132,7 @@ def _text(path: Path) -> str:
             raise InputError(f"{path}: expected a table of times, found {path.stat().st_size} bytes")
         return path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected a table of times, found {error}") from error
+        raise InputError(f"{path}: expected a table of times, found {reason(error)}") from error
 
 
 def _unit_text(unit: str) -> str:

@@ -28,7 +28,7 @@ def test_tracks_end_with_a_whole_frame_when_the_disk_fills_up(
     out = tmp_path / "out"
     status, told = run_few(say, copy, out)
     assert status == 1
-    assert "No space left on device" in one_sentence(told)
+    assert "no space left on the disk" in one_sentence(told)
     assert (out / "tracks.csv").read_bytes().endswith(b"\n")
     tracks = read_tracks(out / "tracks.csv")
     assert 5 < len(tracks) < FRAMES - EMPTY
@@ -52,7 +52,7 @@ def tiny_disk(tmp_path: Path) -> Iterator[Path]:
 def test_a_disk_without_room_for_the_report_leaves_no_half_page(say: Say, copy: Path, tiny_disk: Path) -> None:
     status, told = run_few(say, copy, tiny_disk / "out")
     assert status == 1
-    assert "No space left" in one_sentence(told)
+    assert "no space left" in one_sentence(told)
     left = {file.name for file in (tiny_disk / "out").iterdir()}
     assert left <= {"tracks.csv", "run.json"}
     read_tracks(tiny_disk / "out" / "tracks.csv")
@@ -63,7 +63,7 @@ def test_a_full_disk_from_the_start_is_told(say: Say, copy: Path, tiny_disk: Pat
     (tiny_disk / "ballast").write_bytes(bytes(32 * 1024))
     status, told = run_few(say, copy, tiny_disk / "out")
     assert status == 1
-    assert "No space left" in one_sentence(told)
+    assert "no space left" in one_sentence(told)
     assert "run.json" not in {file.name for file in (tiny_disk / "out").iterdir()}
 
 

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from calib.errors import InputError, WorkError
 from calib.files import write_whole
+from calib.text import reason
 from planview.bench.failure_picture import FailedRun, failure_picture
 from planview.bench.results import Failure, failures, load_report, results_page, shown
 from planview.evaluation.significant import SignificantError
@@ -50,7 +51,7 @@ def bench_results(
         out.parent.mkdir(parents=True, exist_ok=True)
         write_whole(out, results_page(measured, compared, found))
     except OSError as error:
-        raise WorkError(f"{out}: cannot be written: {error}") from error
+        raise WorkError(f"{out}: cannot be written: {reason(error)}") from error
     Console(stderr=True, markup=False).print(f"{out}: {len(found)} failures")
 
 

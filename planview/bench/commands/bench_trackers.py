@@ -13,6 +13,7 @@ from rich.console import Console
 
 from calib.errors import WorkError
 from calib.files import write_whole
+from calib.text import reason
 from planview.bench.accuracy import RenderOptions, cache_folder, rendered, scene_files
 from planview.bench.commands.options import JsonFlag
 from planview.bench.trackers import TrackerScore, check_truth, compare, page
@@ -92,4 +93,4 @@ def _write(path: Path, text: str) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, text)
     except OSError as error:
-        raise WorkError(f"{path}: the page cannot be written: {error.strerror}") from error
+        raise WorkError(f"{path}: the page cannot be written: {reason(error)}") from error

@@ -90,7 +90,9 @@ def _points(session: CalibrationSession) -> str:
         place = metres[number]
         if fit is not None and number < len(fit.used):
             colour = FLOOR if fit.used[number] else ODD
-            text = f"{100 * fit.distance_m[number]:+.0f} cm" + ("" if fit.used[number] else " off the plane: not used")
+            text = f"{round(100 * fit.distance_m[number]):+d} cm" + (
+                "" if fit.used[number] else " off the plane: not used"
+            )
         elif place is not None:
             text = f"{place[0]:.2f}, {place[1]:.2f} m"
         if session.selected == Handle(number, "point"):

@@ -16,6 +16,7 @@ from calib.human.calibration import HumanCalibration, calibrate_from_people
 from calib.human.knowledge import KnownValues
 from calib.human.samples import MIN_SAMPLES, HumanSample, write_samples
 from calib.rig import Floor
+from calib.text import reason
 from planview.calibration.browser.floor_fit import FloorFit, fit_floor
 from planview.calibration.browser.marks import Point
 from planview.calibration.browser.verdict import ValueRow, Verdict, camera_rows, floor_rows, floor_verdict
@@ -106,7 +107,7 @@ def export(folder: Path, task: Task, solution: Solution) -> tuple[Path, ...]:
             written.append(folder / "world.toml")
             save_world(solution.fit.floor, written[-1])
     except OSError as error:
-        raise InputError(f"{folder}: expected a folder to write to, found {error}") from error
+        raise InputError(f"{folder}: expected a folder to write to, found {reason(error)}") from error
     if not written:
         raise InputError(f"{task.name}: expected something drawn before it is exported, found nothing")
     return tuple(written)

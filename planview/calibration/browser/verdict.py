@@ -40,8 +40,8 @@ def camera_rows(found: HumanCalibration) -> list[ValueRow]:
 
 
 def floor_rows(fit: FloorFit, found: Floor | None) -> list[ValueRow]:
-    """The values of a floor from points, beside those of the floor found without them."""
-    floor, beside = fit.floor, "found without points: {}"
+    """The values of a floor from points, beside those found without points, in brackets."""
+    floor, beside = fit.floor, "(found {})"
     height = beside.format(f"{found.height_m:.2f} m") if found else ""
     tilt = beside.format(f"{math.degrees(found.tilt_rad):.1f}°") if found else ""
     roll = beside.format(f"{math.degrees(found.roll_rad):.1f}°") if found else ""

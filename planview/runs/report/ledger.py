@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.errors import InputError
+from calib.text import reason
 from calib.types import F64
 from planview.tracking.base import ScoreTerms
 
@@ -80,7 +81,7 @@ def read_ledger(path: Path, people: set[int]) -> dict[int, Ledger]:
             for row in reader:
                 _take(row, columns, people, found)
     except (OSError, UnicodeDecodeError, csv.Error, ValueError, IndexError) as error:
-        raise InputError(f"{path}: expected a table of decisions, found {error}") from error
+        raise InputError(f"{path}: expected a table of decisions, found {reason(error)}") from error
     return {person: _ledger(rows) for person, rows in found.items()}
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from calib.errors import InputError, WorkError
 from calib.files import sync, whole_file
+from calib.text import reason
 
 JOINED_BYTES_MAX = 2 * 2**30
 """Parts that are larger together stay apart: rerun joins in memory (our choice)."""
@@ -97,7 +98,7 @@ def _merge(parts: list[Path], target: Path) -> None:
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False, env=quiet_environment())
     except OSError as error:
-        raise WorkError(f"{target}: the rerun program cannot be started ({error.strerror})") from error
+        raise WorkError(f"{target}: the rerun program cannot be started ({reason(error)})") from error
     if done.returncode != 0:
         told = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
         raise WorkError(f"{target}: the parts of the rerun recording cannot be joined ({told})")

@@ -10,6 +10,7 @@ import cv2
 from calib.errors import InputError, WorkError
 from calib.files import PART
 from calib.images import write_image
+from calib.text import reason
 from calib.types import U8
 from planview.runs.scene.compose import SceneComposer
 from planview.runs.scene.frames import SceneFrames
@@ -62,14 +63,14 @@ class FilmWriter:
             else:
                 self._part.unlink(missing_ok=True)
         except OSError as error:
-            raise WorkError(f"{self._path}: cannot be written ({error.strerror})") from error
+            raise WorkError(f"{self._path}: cannot be written ({reason(error)})") from error
 
     def _open(self, size: tuple[int, int]) -> cv2.VideoWriter:
         codec = cv2.VideoWriter.fourcc(*CODECS[self._path.suffix.lower()])
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise WorkError(f"{self._path.parent}: cannot be made ({error.strerror})") from error
+            raise WorkError(f"{self._path.parent}: cannot be made ({reason(error)})") from error
         writer = cv2.VideoWriter(str(self._part), codec, self._fps, size)
         if not writer.isOpened():
             raise WorkError(f"{self._path}: the video cannot be written")
@@ -105,4 +106,4 @@ def write_still(composer: SceneComposer, frames: SceneFrames | None, frame: int,
         path.parent.mkdir(parents=True, exist_ok=True)
         write_image(path, composer(frame, image))
     except OSError as error:
-        raise WorkError(f"{path}: cannot be written ({error.strerror})") from error
+        raise WorkError(f"{path}: cannot be written ({reason(error)})") from error

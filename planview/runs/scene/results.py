@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from calib.errors import InputError
+from calib.text import reason
 from calib.types import F64
 from planview.analytics.clock import Clock
 from planview.analytics.events import Event, read_events
@@ -134,7 +135,7 @@ def read_object(path: Path) -> dict[str, Any]:
     try:
         value = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: expected JSON, found {error}") from error
+        raise InputError(f"{path}: expected JSON, found {reason(error)}") from error
     if not isinstance(value, dict):
         raise InputError(f"{path}: expected a JSON object, found {type(value).__name__}")
     return value

@@ -33,3 +33,8 @@ def test_a_link_is_followed_and_stays_a_link(tmp_path: Path) -> None:
 def test_a_device_is_written_and_not_replaced() -> None:
     write_whole(Path("/dev/null"), "gone")
     assert Path("/dev/null").is_char_device()
+
+
+def test_folder_of_a_file_is_made(tmp_path: Path) -> None:
+    write_whole(tmp_path / "new" / "deep" / "a.txt", "text")
+    assert (tmp_path / "new" / "deep" / "a.txt").read_text() == "text"

@@ -8,7 +8,7 @@ import pytest
 from calib.errors import InputError
 from calib.formats import load_rig
 from calib.formats.yaml_text import parse_yaml
-from calib.text import MAX_TOML, load_toml, parse_toml, read_text
+from calib.text import MAX_TOML, load_toml, parse_toml, read_text, reason
 from planview.analytics.rules import load_rules
 from planview.pipeline.config import load_config
 from planview.trajectories.layouts import load_file
@@ -72,7 +72,7 @@ def test_large_file_is_refused_by_its_size(tmp_path: Path) -> None:
 def test_folder_and_absence_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="found a folder"):
         load_toml(tmp_path, "a rules.toml")
-    with pytest.raises(InputError, match="No such file"):
+    with pytest.raises(InputError, match="nothing there"):
         load_toml(tmp_path / "none", "a rules.toml")
 
 
@@ -97,3 +97,17 @@ def test_polygon_of_too_many_corners_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "rules.toml", f'[[zone]]\nname = "z"\npolygon_m = [{corners}]\n')
     with pytest.raises(InputError, match="at most 500"):
         load_rules(path)
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (NotADirectoryError(20, "Not a directory", "a/b"), "a file where a folder is expected"),
+        (OSError(28, "No space left on device"), "no space left on the disk"),
+        (OSError(9999, "Odd"), "Odd"),
+        (ValueError("two\nlines"), "two lines"),
+        (OSError(), "OSError"),
+    ],
+)
+def test_reason_of_an_error_is_words_on_one_line(error: Exception, text: str) -> None:
+    assert reason(error) == text

@@ -63,7 +63,7 @@ def test_an_empty_value_is_refused_in_one_sentence(
     [
         (InputError("a.csv: expected this, found that"), 2, "a.csv: expected this, found that"),
         (WorkError("no floor is visible"), 1, "no floor is visible"),
-        (PermissionError(13, "Permission denied", "rec/left"), 1, "rec/left: Permission denied"),
+        (PermissionError(13, "Permission denied", "rec/left"), 1, "rec/left: no permission"),
         (KeyboardInterrupt(), 130, "interrupted"),
     ],
 )
@@ -90,3 +90,15 @@ def test_the_listing_imports_nothing_heavy() -> None:
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert "Track people in a recording" in done.stdout
     assert done.stdout.rstrip().endswith("HEAVY []")
+
+
+@pytest.mark.parametrize("flag", ["--version", "-v"])
+def test_version_is_printed(flag: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert status_of([flag]) == 0
+    assert capsys.readouterr().out.strip()[0].isdigit()
+
+
+def test_completion_knows_the_options_of_commands(capsys: pytest.CaptureFixture[str]) -> None:
+    assert status_of(["completion", "bash"]) == 0
+    text = capsys.readouterr().out
+    assert "--overwrite" in text and "complete -F" in text
