@@ -10,7 +10,6 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from calib.errors import InputError
-from calib.text import reason
 from planview.commands.options import Flag
 from planview.commands.source import open_options
 from planview.runs.console import PlainConsole
@@ -135,17 +134,3 @@ def _say(out: Path, file: TrajectoryFile) -> None:
     rate = f", {file.fps:g} frames per second" if file.fps else ""
     console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
     console.print(f"{out}: {len(file.table)} rows of {people} people{rate}")
-<<<<<<< HEAD
-=======
-
-
-def _area(text: str) -> str:
-    path = Path(text)
-    try:
-        if len(text) < 1000 and path.is_file():
-            with path.open(encoding="utf-8") as file:
-                return checked_area(file.read(1_000_000), text)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{text}: expected a file with a walkable area, found {reason(error)}") from error
-    return checked_area(text, "--area")
->>>>>>> 8c54ece (Complete commands in the shell, make folders of files, and say why a file fails in words)
