@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,6 +22,8 @@ from calib.types import F64
 
 ODD_FROM = 3.0
 """A sample whose residuals are this many deviations is odd: not a standing person, or marked wrongly (our choice)."""
+MAX_ROLL_RAD = math.radians(7.0)
+"""A larger roll is none of a camera, but of wrong samples (our choice: 3.5 deviations of the prior)."""
 VALLEYS = 3
 """So many distinct results of the search are refined (our choice)."""
 
@@ -62,6 +65,7 @@ def calibrate_from_people(
     lens: str | None = None,
     *,
     known: KnownValues | None = None,
+    independent: int | None = None,
     model: HumanModel | None = None,
     params: HumanCalibrationParams | None = None,
     name: str = "samples",
@@ -87,6 +91,8 @@ def calibrate_from_people(
         size: (width, height) of the image [px].
         lens: class of table 2; None tries all.
         known: focal length or field of view, camera height, height of the people, as far as known.
+        independent: so many of the samples are independent, as of few people seen often; None for all. The others
+            repeat the same body height, gait and shadow, and are weighted down.
         model: the person; by default the paper's 1.76 m, or the height known.
         params: of the search.
         name: of the samples' source, for messages.
@@ -102,7 +108,7 @@ def calibrate_from_people(
     model = scaled_model(model or HumanModel(), known)
     warm_up()
     start = time.perf_counter()
-    people = people_of(samples, model)
+    people = people_of(samples, model, independent)
     readings = (True,) if only_boxes(people.rows) else (False, True)
     tried = [
         _fit(SearchProblem(people.rows, size, kind, model, known, boxes), people, params)
@@ -114,7 +120,7 @@ def calibrate_from_people(
     posterior = posterior_of([t.fit for t in tried], people, model)
     found, elapsed = posterior.fit, time.perf_counter() - start
     std = camera_deviations(found)
-    _check_observable(std, params, name)
+    _check_observable(found.camera, std, params, name)
     errors = tried[0].problem.each(found.camera)
     return HumanCalibration(
         camera=found.camera,
@@ -165,7 +171,12 @@ def _check_fit(found: _Tried, params: HumanCalibrationParams, name: str) -> None
         )
 
 
-def _check_observable(std: CameraDeviations, params: HumanCalibrationParams, name: str) -> None:
+def _check_observable(camera: GroundCamera, std: CameraDeviations, params: HumanCalibrationParams, name: str) -> None:
+    if abs(camera.roll_rad) > MAX_ROLL_RAD:
+        raise WorkError(
+            f"{name}: expected an upright image, found people who lean as in one turned by "
+            f"{math.degrees(camera.roll_rad):.0f} degrees: blobs that are not one person each, or a camera to be turned"
+        )
     if not std.height <= params.max_height_std:
         raise WorkError(
             f"{name}: camera height and focal length cannot be told apart from these samples (height known to "

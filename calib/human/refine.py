@@ -107,7 +107,8 @@ def refine(
     known = np.isfinite(prior.std)
     evidence = -found.cost - residuals.log_spread + 0.5 * volume - float(np.log(prior.std[known]).sum())
     shared = values[:N_SHARED]
-    deviations = np.sqrt((residuals.of_samples(values).reshape(-1, 8) ** 2).sum(axis=1) / 6.0)
+    squares = residuals.of_samples(values).reshape(-1, 8) ** 2
+    deviations = np.sqrt(squares.sum(axis=1) * people.repeats / 6.0)
     return GroundCameraFit(
         shared_camera(shared, camera),
         prior,
@@ -141,7 +142,7 @@ class Residuals:
         self.camera, self.people, self.prior, self.values, self.variation = camera, people, prior, values, variation
         self.body = body_points(model)
         shared, places = values[:N_SHARED], values[N_SHARED:].reshape(-1, 2)
-        covariance = person_covariance(shared, places, people, self._predicted, variation)
+        covariance = people.repeats * person_covariance(shared, places, people, self._predicted, variation)
         self.whiten = np.linalg.inv(np.linalg.cholesky(covariance))
         self.log_spread = 0.5 * float(np.linalg.slogdet(covariance)[1].sum())
 

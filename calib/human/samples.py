@@ -82,12 +82,14 @@ class People:
         rows: (n, 8) float64 (see ``HumanSample.row``).
         scale: (n,) float64 height that is expected of each over the model's [1]; scale_std: its deviation.
         told: (n,) bool whose height was told; the others' follows the people's mean.
+        repeats: so many samples are worth one independent one [1].
     """
 
     rows: F64
     scale: F64
     scale_std: F64
     told: Bool
+    repeats: float = 1.0
 
     def __len__(self) -> int:
         return len(self.rows)

@@ -31,7 +31,7 @@ class HumanCalibrationParams(Params):
     """Best cells kept between steps; height and focal length trade off along a valley (our choice)."""
     steps: int = Field(default=14, ge=1, le=30)
     """Finer steps, each halving the cells [1]; 14 reach 0.001 degrees (our choice)."""
-    max_error: float = Field(default=0.25, gt=0)
+    max_error: float = Field(default=0.4, gt=0)
     """Largest plausible error [1]: beyond it the samples are not standing people in an upright image (our choice)."""
     max_height_std: float = Field(default=0.25, gt=0)
     """Relative deviation of the height from which height and focal length count as inseparable (our choice)."""

@@ -1,4 +1,4 @@
-"""Samples for ``planview calibrate human``, collected from a video of one person walking alone (Zhang 2008, 3.3)."""
+"""Samples for ``planview calibrate human``, collected from a video of people walking by (Zhang et al. 2008, 3.3)."""
 
 from __future__ import annotations
 
@@ -18,93 +18,173 @@ from stereo.recording import Video
 
 WARM_UP_S = 1.0
 """The background is learned for so long before samples are taken [s] (our choice)."""
-MIN_HEIGHT_SHARE = 0.06
+MIN_SIZE_SHARE = 0.06
 """A person is at least this share of the image's height [1]: smaller ones say nothing about a camera (our choice)."""
-RIVAL_SHARE = 0.25
-"""Another blob above this share of the largest is another person, or a piece of the same: the frame is passed over
-(our choice)."""
-MAX_CROWDED = 0.2
-"""Share of the frames with people from which two people side by side mean that this is no lone walker [1] (our choice).
-Where several people walk, blobs merge and hide each other also in the frames that show one blob: with four people in
-view the height came out 11 % low at a stated deviation of 2 %."""
+RIVAL_SHARE = 0.08
+"""A blob above this share of another's area is not noise [1] (our choice)."""
+GAP_PX = 4
+"""Blobs whose boxes are nearer than this may be pieces of one person, or hide each other [px] (our choice)."""
+GAP_SHARE = 0.35
+"""Above and below, this share of the body's height [1]: bodies break at belt and collar (our choice)."""
 MIN_FILL, MAX_FILL = 0.3, 0.95
 """A standing person fills this share of the box [1]; streaks and lit rectangles do not."""
+MIN_ELONGATION = 2.0
+"""Variance along a body over that across it from which head and feet are its ends [1] (our choice)."""
+MIN_OVERLAP = 0.3
+"""Boxes of one walker in frames that follow each other overlap by this part of their union [1] (our choice)."""
+MIN_TRAVEL, MIN_PATH = 0.5, 4
+"""A walker moves by half a body, and is met in so many frames: what stands still is furniture, light or a ghost (our
+choice)."""
+PLACES_OF_ONE = 8
+"""A lone walker is worth so many independent samples (our choice: the same body at other places)."""
+SIZE_TOLERANCE = 0.15
+"""Sizes differ by this part from what most people have at that place [1] (our choice: body heights, strides)."""
+SIZE_TRIALS = 400
+MIN_USUAL = 0.35
+"""Share of the blobs that must have one person's size for one size to be told [1] (our choice)."""
+
+
+@dataclass(eq=False)
+class _Path:
+    """Blobs of one walker."""
+
+    samples: list[HumanSample]
+    last_frame: int
+
+    @property
+    def walks(self) -> bool:
+        middles = np.array([_middle(s) for s in self.samples])
+        size = float(np.median([s.diagonal_px for s in self.samples]))
+        return len(self.samples) >= MIN_PATH and float(np.hypot(*np.ptp(middles, axis=0))) >= MIN_TRAVEL * size
 
 
 @dataclass(frozen=True)
-class BlobSighting:
-    """What one frame shows of the walker.
+class CollectedSamples:
+    """Samples of people walking, and how many of them are independent of each other."""
 
-    Attributes:
-        sample: the only whole person in view, None where there is none.
-        crowded: two people are side by side.
-    """
-
-    sample: HumanSample | None
-    crowded: bool
+    samples: tuple[HumanSample, ...]
+    independent: int
 
 
 def collect_samples(
-    video: Video, count: int = 12, params: SingleCameraParams | None = None, done: Callable[[], None] = lambda: None
-) -> tuple[HumanSample, ...]:
-    """Follow the only moving thing and take samples where it stands apart from the image's edge.
+    video: Video, count: int = 50, params: SingleCameraParams | None = None, done: Callable[[], None] = lambda: None
+) -> CollectedSamples:
+    """Take samples of people who walk by, where each is whole and apart from the others.
 
-    Head and foot are the ends of the blob's longest axis, the head the upper one; of a blob without a longest axis
-    (from straight above) both are its middle.
+    Every frame gives a sample per blob that touches neither the image's edge nor another blob. Blobs that walk are
+    kept, and of these the ones that have the size of most blobs at their place, so that pairs, parts and shadows fall
+    out. Head and foot are the ends of the blob's longest axis, the head the upper one; where most blobs have no longest
+    axis (from straight above) both are its middle.
 
     Args:
-        video: of one person walking alone.
+        video: of people walking.
         count: how many samples to take.
         done: called after every frame.
     Raises:
-        WorkError: fewer than 3 frames with a whole person, or several people at once in more than ``MAX_CROWDED`` of
-            the frames with people.
+        WorkError: fewer than 3 samples, or no size that most of the walkers have.
     """
     camera = SingleCamera(params or SingleCameraParams(), video.size)
-    sightings = []
+    paths: list[_Path] = []
     for frame in video:
         observation = camera.observe(frame)
         if frame.timestamp_s >= WARM_UP_S and observation.foreground is not None:
-            sightings.append(sighting_of(observation.foreground, frame.index))
+            _continue(paths, bodies_of(observation.foreground, frame.index), frame.index)
         done()
-    _check_alone(sightings, str(video.path))
-    usual = _usual([s.sample for s in sightings if s.sample is not None])
-    if len(usual) < MIN_SAMPLES:
+    walking = [path for path in paths if path.walks]
+    chosen = choose_samples([sample for path in walking for sample in path.samples], count, str(video.path))
+    return CollectedSamples(chosen, max(len(walking), PLACES_OF_ONE))
+
+
+def choose_samples(walkers: Sequence[HumanSample], count: int, name: str) -> tuple[HumanSample, ...]:
+    """Of all samples of people walking the usual ones, spread over the image.
+
+    Raises:
+        WorkError: fewer than 3 samples, or no size that most of them have.
+    """
+    upright = [s for s in walkers if s.head_px != s.foot_px]
+    bodies = upright if len(upright) >= 0.5 * len(walkers) else list(walkers)
+    if len(bodies) < MIN_SAMPLES:
         raise WorkError(
-            f"{video.path}: expected one person walking alone, found {len(usual)} frames in which a single whole "
-            f"person is in view (at least {MIN_SAMPLES} needed)"
+            f"{name}: expected people who walk by, found {len(bodies)} sightings of a whole person apart from others "
+            f"(at least {MIN_SAMPLES} needed)"
         )
-    return choose_spread(usual, count)
+    usual = usual_sizes(bodies)
+    if usual.sum() < max(MIN_SAMPLES, MIN_USUAL * len(bodies)):
+        raise WorkError(
+            f"{name}: expected walkers of one person's size each, found {usual.mean():.0%} of {len(bodies)} blobs of "
+            "one size: people hide each other too much, mark samples by hand instead"
+        )
+    return choose_spread([s for s, ok in zip(bodies, usual, strict=True) if ok], count)
 
 
-def sighting_of(mask: U8, frame: int) -> BlobSighting:
-    """The only person of a (H, W) foreground mask, and whether there are several side by side."""
+def bodies_of(mask: U8, frame: int) -> list[HumanSample]:
+    """Whole people apart from others in a (H, W) foreground mask."""
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((7, 5), np.uint8))
     blobs = find_blobs(np.asarray(closed, dtype=np.uint8))
-    if len(blobs) < 2:
-        return BlobSighting(None, crowded=False)
-    best, *others = (int(i) for i in np.argsort(blobs.area_px[1:])[::-1] + 1)
-    rivals = [i for i in others if blobs.area_px[i] > RIVAL_SHARE * blobs.area_px[best]]
-    tall = blobs.box_px[best][3] >= MIN_HEIGHT_SHARE * mask.shape[0]
-    if rivals or not tall:
-        return BlobSighting(None, crowded=bool(tall) and any(_side_by_side(blobs, best, i) for i in rivals))
-    return BlobSighting(_whole_person(blobs, best, mask.shape, frame), crowded=False)
+    large = [i for i in range(1, len(blobs)) if max(blobs.box_px[i][2:]) >= MIN_SIZE_SHARE * mask.shape[0]]
+    samples = [_whole_person(blobs, i, mask.shape, frame) for i in large if not _crowded(blobs, i)]
+    return [sample for sample in samples if sample is not None]
 
 
-def _check_alone(sightings: Sequence[BlobSighting], name: str) -> None:
-    with_people = sum(s.crowded or s.sample is not None for s in sightings)
-    crowded = sum(s.crowded for s in sightings)
-    if crowded > MAX_CROWDED * with_people:
-        raise WorkError(
-            f"{name}: expected one person walking alone, found several people at once in "
-            f"{crowded / with_people:.0%} of the frames with people: mark samples by hand instead"
-        )
+def usual_sizes(samples: Sequence[HumanSample]) -> Bool:
+    """(n,) whether the size is that of most people at its place.
+
+    A standing person's size in the image is linear in the foot's pixel, but for steep cameras nearly so; of the planes
+    through three samples the one is taken that most samples lie on.
+    """
+    feet = np.array([s.foot_px for s in samples])
+    sizes = np.array([s.diagonal_px for s in samples])
+    terms = np.column_stack([np.ones(len(feet)), feet])
+    rng = np.random.default_rng(0)
+    best = np.zeros(len(sizes), dtype=np.bool_)
+    for _ in range(SIZE_TRIALS):
+        chosen = rng.choice(len(sizes), 3, replace=False)
+        if abs(np.linalg.det(terms[chosen])) < 1.0:
+            continue
+        expected = terms @ np.linalg.solve(terms[chosen], sizes[chosen])
+        fits = np.abs(sizes - expected) < SIZE_TOLERANCE * np.maximum(expected, 1.0)
+        if fits.sum() > best.sum():
+            best = fits
+    return best if best.any() else _near_median(feet, sizes)
 
 
-def _side_by_side(blobs: Blobs, one: int, other: int) -> bool:
-    """Whether two blobs share no column and neither is a scrap: pieces of one upright body are above each other."""
-    (left, _, width, height), (u, _, w, h) = (blobs.box_px[i] for i in (one, other))
-    return bool((u >= left + width or left >= u + w) and h >= RIVAL_SHARE * height)
+def _near_median(feet: F64, sizes: F64) -> Bool:
+    return np.asarray(np.abs(sizes - np.median(sizes)) < SIZE_TOLERANCE * sizes)
+
+
+def _continue(paths: list[_Path], bodies: Sequence[HumanSample], frame: int) -> None:
+    """Append every body to the path of the frame before that it overlaps most, or begin one."""
+    open_paths = [path for path in paths if 0 < frame - path.last_frame <= 2]
+    for body in bodies:
+        overlaps = [_overlap(body, path.samples[-1]) for path in open_paths]
+        best = int(np.argmax(overlaps)) if overlaps else -1
+        if best >= 0 and overlaps[best] >= MIN_OVERLAP:
+            path = open_paths.pop(best)
+            path.samples.append(body)
+            path.last_frame = frame
+        else:
+            paths.append(_Path([body], frame))
+
+
+def _overlap(one: HumanSample, other: HumanSample) -> float:
+    (a, b, w, h), (c, d, v, g) = one.box_px, other.box_px
+    common = max(0.0, min(a + w, c + v) - max(a, c)) * max(0.0, min(b + h, d + g) - max(b, d))
+    return common / (w * h + v * g - common)
+
+
+def _middle(sample: HumanSample) -> tuple[float, float]:
+    left, top, width, height = sample.box_px
+    return left + width / 2, top + height / 2
+
+
+def _crowded(blobs: Blobs, label: int) -> bool:
+    """Whether another blob that is not noise is near the box."""
+    low, high = blobs.box_px[:, :2], blobs.box_px[:, :2] + blobs.box_px[:, 2:]
+    gap = np.array([GAP_PX, max(GAP_PX, GAP_SHARE * float(blobs.box_px[label][3]))])
+    near = ((low < high[label] + gap) & (high > low[label] - gap)).all(axis=1)
+    near &= blobs.area_px > RIVAL_SHARE * blobs.area_px[label]
+    near[[0, label]] = False
+    return bool(near.any())
 
 
 def _whole_person(blobs: Blobs, label: int, shape: tuple[int, ...], frame: int) -> HumanSample | None:
@@ -117,8 +197,9 @@ def _whole_person(blobs: Blobs, label: int, shape: tuple[int, ...], frame: int) 
         return None
     inside: Bool = np.asarray(blobs.labels[top : top + height, left : left + width] == label)
     head, foot = _ends(inside)
+    # A box of pixels ends half a pixel beyond their centres.
     return HumanSample(
-        (float(left), float(top), float(width), float(height)),
+        (left - 0.5, top - 0.5, float(width), float(height)),
         (left + float(head[0]), top + float(head[1])),
         (left + float(foot[0]), top + float(foot[1])),
         frame,
@@ -131,23 +212,9 @@ def _ends(inside: Bool) -> tuple[F64, F64]:
     points = np.column_stack([u, v]).astype(np.float64)
     centre = points.mean(axis=0)
     spread, axes = np.linalg.eigh(np.cov((points - centre).T))
-    if spread[1] < 2.0 * spread[0]:
+    if spread[1] < MIN_ELONGATION * spread[0]:
         return centre, centre
     axis = axes[:, 1] if axes[1, 1] > 0 else -axes[:, 1]
     along = (points - centre) @ axis
-    low, high = np.quantile(along, (0.005, 0.995))
-    return centre + low * axis, centre + high * axis
-
-
-def _usual(sightings: list[HumanSample]) -> list[HumanSample]:
-    """Without the odd ones: boxes much larger or smaller than others near them are parts, shadows or two people."""
-    if len(sightings) < 5:
-        return sightings
-    feet = np.array([s.foot_px for s in sightings])
-    heights = np.array([s.box_px[3] for s in sightings])
-    kept = []
-    for sample, foot, height in zip(sightings, feet, heights, strict=True):
-        near = np.argsort(np.hypot(*(feet - foot).T))[: max(5, len(sightings) // 10)]
-        if abs(height - np.median(heights[near])) < 0.15 * height:
-            kept.append(sample)
-    return kept
+    low, high = np.quantile(along, (0.002, 0.998))
+    return centre + (low - 0.5) * axis, centre + (high + 0.5) * axis

@@ -23,7 +23,7 @@ from calib.human.samples import HumanSample, check_samples, read_image_size, rea
 from calib.images import as_colour, write_image
 from calib.text import reason
 from calib.types import U8
-from planview.calibration.human import collect_samples
+from planview.calibration.human import CollectedSamples, collect_samples
 from planview.calibration.pictures import COMPUTED, crowd, draw_grid, draw_person, draw_samples
 from planview.commands.options import Flag, JsonFlag
 from planview.runs.console import PlainConsole
@@ -46,7 +46,7 @@ class HumanOptions:
     frames: Path | None = None
     """Video that the samples come from: its frames are the picture's background."""
     auto: Flag = False
-    """Collect the samples from a video of one person walking alone."""
+    """Collect the samples from a video of people walking by."""
     person_height: float | None = None
     """Mean height of the people in the samples with shoes, where it is known [m]; 1.76 is assumed otherwise."""
     focal: float | None = None
@@ -55,7 +55,7 @@ class HumanOptions:
     """Horizontal field of view, where it is known, in place of the focal length [deg]: of a phone, from its EXIF."""
     camera_height: float | None = None
     """Height of the camera above the floor, where it is known [m]."""
-    count: int = 30
+    count: int = 50
     """How many samples --auto takes."""
     json_output: JsonFlag = False
     """Print one JSON object to standard output."""
@@ -66,7 +66,7 @@ def calibrate_human(samples: Path, *, options: HumanOptions | None = None) -> No
 
     Example: planview calibrate human samples.csv --image-size 640x480 --lens normal-wide --out camera.toml
 
-    Example, one person walking alone: planview calibrate human walk.mp4 --auto --lens normal
+    Example, from people who walk by: planview calibrate human street.mp4 --auto --lens normal
 
     Parameters
     ----------
@@ -84,11 +84,13 @@ def calibrate_human(samples: Path, *, options: HumanOptions | None = None) -> No
         raise InputError(f"--count: expected 3 to 200, found {options.count}")
     video = open_video(samples) if options.auto else open_video(options.frames) if options.frames else None
     size = _size(options.image_size, video, None if options.auto else read_image_size(samples), samples)
-    taken = _collect(video, options.count, console) if options.auto and video is not None else read_samples(samples)
+    collected = _collect(video, options.count, console) if options.auto and video is not None else None
+    taken = read_samples(samples) if collected is None else collected.samples
+    independent = None if collected is None else collected.independent
     check_samples(taken, size, str(samples))
-    found = calibrate_from_people(taken, size, options.lens, known=known, name=str(samples))
-    collected = options.out.with_suffix(".samples.json") if options.auto else None
-    written = _write(found, taken, video, options.out, collected)
+    found = calibrate_from_people(taken, size, options.lens, known=known, independent=independent, name=str(samples))
+    kept = options.out.with_suffix(".samples.json") if options.auto else None
+    written = _write(found, taken, video, options.out, kept)
     _summarise(found, len(taken), console)
     console.print(f"wrote {' and '.join(str(path) for path in written)}")
     if options.json_output:
@@ -166,9 +168,9 @@ def _parsed(text: str) -> tuple[int, int]:
     return width, height
 
 
-def _collect(video: Video, count: int, console: Console) -> tuple[HumanSample, ...]:
+def _collect(video: Video, count: int, console: Console) -> CollectedSamples:
     with Progress(console=console, transient=True) as progress:
-        task = progress.add_task("Following one person", total=video.n_frames)
+        task = progress.add_task("Following people", total=video.n_frames)
         return collect_samples(video, count, done=lambda: progress.advance(task))
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from calib.ground_camera import GroundCamera, load_ground_camera
-from calib.human.samples import read_image_size, write_samples
-from planview.calibration.human import sighting_of
+from calib.human.samples import HumanSample, read_image_size, write_samples
+from planview.calibration.human import bodies_of, usual_sizes
 from planview.cli import main
 from tests.people import standing_people
 
@@ -75,25 +75,31 @@ def body(mask: np.ndarray, left: int, top: int = 40, height: int = 50) -> None:
 def test_one_body_is_a_sample() -> None:
     mask = np.zeros((120, 160), np.uint8)
     body(mask, 60)
-    sighting = sighting_of(mask, 7)
-    assert sighting.sample is not None
-    assert sighting.sample.box_px == (60, 40, 20, 50)
-    assert not sighting.crowded
+    (sample,) = bodies_of(mask, 7)
+    assert sample.box_px == (59.5, 39.5, 20, 50)
+    assert sample.frame == 7
 
 
-def test_two_bodies_side_by_side_are_a_crowd() -> None:
+def test_bodies_apart_are_samples_each() -> None:
     mask = np.zeros((120, 160), np.uint8)
     body(mask, 30)
     body(mask, 90)
-    sighting = sighting_of(mask, 7)
-    assert sighting.sample is None
-    assert sighting.crowded
+    assert len(bodies_of(mask, 7)) == 2
 
 
-def test_body_in_two_pieces_is_no_crowd() -> None:
+def test_body_in_two_pieces_is_no_sample() -> None:
     mask = np.zeros((120, 160), np.uint8)
     body(mask, 60, height=60)
     mask[70:80] = 0
-    sighting = sighting_of(mask, 7)
-    assert sighting.sample is None
-    assert not sighting.crowded
+    assert bodies_of(mask, 7) == []
+
+
+def test_pairs_and_halves_are_not_of_the_usual_size() -> None:
+    def standing(u: float, v: float, height: float) -> HumanSample:
+        return HumanSample((u - 10, v - height, 20, height), (u, v - height), (u, v))
+
+    people = [standing(u, v, 0.3 * v) for u in range(50, 300, 50) for v in range(100, 220, 20)]
+    people += [standing(80, 150, 80), standing(120, 170, 25)]
+    usual = usual_sizes(people)
+    assert usual[:-2].all()
+    assert not usual[-2:].any()
