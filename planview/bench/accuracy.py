@@ -116,7 +116,8 @@ def rendered(scene: Scene, name: str, options: RenderOptions, tell: Tell) -> Pat
     Raises:
         WorkError: the cache cannot be written.
     """
-    text = f"{scene.model_dump_json()} {RENDERER_VERSION} {options.scale} {options.frames}"
+    without = {"capture"} if scene.capture is None else None
+    text = f"{scene.model_dump_json(exclude=without)} {RENDERER_VERSION} {options.scale} {options.frames}"
     cache = options.cache
     folder = cache / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
     if folder.is_dir():

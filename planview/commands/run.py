@@ -45,6 +45,8 @@ class TrackingOptions:
     """Plan-view templates (stereo), a human model (one camera), or ellipses and particles (either)."""
     camera: Path | None = None
     """camera.toml of a single camera (planview calibrate human writes it)."""
+    person_height: float | None = None
+    """Height of a person in the image in pixels, for ellipse-particle on one camera; learned when not given."""
     calibration: Path | None = None
     """Calibration of the stereo pair, when it does not lie in the recording."""
     topics: str | None = None
@@ -91,6 +93,8 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
 
     Example with one camera: planview run street.mp4 --tracker human-model --camera camera.toml --out out
 
+    Example without any calibration: planview run street.mp4 --tracker ellipse-particle --out out
+
     Parameters
     ----------
     recording
@@ -110,7 +114,7 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
         raise InputError(f"--rrd-every: expected a number from 1, found {options.rrd_every}")
     if options.resume and options.overwrite:
         raise InputError("expected --resume or --overwrite, found both")
-    settings = load_config(options.config, options.set_, base_config(recording))
+    settings = load_config(options.config, _settings(options), base_config(recording))
     source = open_options(options.calibration, options.fps, options.topics)
     check_folder(out, options.overwrite or options.resume, recording)
     console = PlainConsole(stderr=True)
@@ -172,3 +176,15 @@ def _logs(engine: Engine, out: Path, options: TrackingOptions, checkpoint: Check
 
         logs.append(RerunLog(engine, out / "run.rrd", positions.get("RerunLog"), options.rrd_every))
     return logs
+
+
+def _settings(options: TrackingOptions) -> list[str]:
+    """What --set and the options for single parameters say."""
+    height = options.person_height
+    if height is None:
+        return list(options.set_)
+    if options.tracker != "ellipse-particle":
+        raise InputError(f"--person-height: expected --tracker ellipse-particle with it, found {options.tracker}")
+    if not 0 < height <= 20_000:
+        raise InputError(f"--person-height: expected a height from 0 to 20000 px, found {height:g}")
+    return [*options.set_, f"ellipse_particle.image.person_height_px={height}"]

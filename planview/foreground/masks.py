@@ -8,3 +8,5 @@ NO_FEEDBACK, PERSON, BACKGROUND = 0, 1, 2
 FOREGROUND, NEARER, SHADOW = 255, 191, 127
 """Values of the kernels' mask; background is 0. What is nearer than the background has its colour: only depth tells
 it apart. A shadow is one that its colour alone gives away."""
+WALKER = 3
+"""Feedback for one camera: a person who has left the first place, and so is no ghost of the background."""

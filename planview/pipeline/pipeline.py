@@ -251,7 +251,7 @@ class SingleCameraPipeline:
         self.recording, self.tracker, self.camera = recording, tracker, camera
         self.config = config or Config()
         self.size = recording.size
-        self._source = SingleCamera(self.config.single_camera, recording.size)
+        self._source = SingleCamera(self.config.single_camera, recording.size, tracker.foreground_columns)
 
     def camera_info(self) -> CameraInfo | None:
         """See ``Engine``."""
@@ -288,10 +288,7 @@ class SingleCameraPipeline:
         yield from timed_steps(beyond(self.recording, frame), self._track)
 
     def _track(self, frame: VideoFrame, clock: StageClock) -> FrameResult:
-        if self.tracker.needs_foreground:
-            observation = self._source.observe(frame, self.tracker.feedback())
-        else:
-            observation = Observation(frame.index, frame.timestamp_s, frame.image)
+        observation = self._source.observe(frame, self.tracker.feedback())
         clock.record("foreground")
         tracks = self.tracker.update(observation)
         clock.record("track")

@@ -14,7 +14,7 @@ from calib.images import as_grey
 from calib.params import Params
 from calib.types import U8
 from planview.foreground.ghosts import GhostParams, find_ghosts
-from planview.foreground.masks import BACKGROUND
+from planview.foreground.masks import BACKGROUND, PERSON, WALKER
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
 from planview.tracking.base import Observation
@@ -45,13 +45,22 @@ class SingleCameraParams(Params):
 class SingleCamera:
     """Turns the frames of one camera into observations; ``observe`` once per frame, in order."""
 
-    def __init__(self, params: SingleCameraParams, size: tuple[int, int]) -> None:
-        """Args: size is the (width, height) of all frames [px]."""
+    def __init__(self, params: SingleCameraParams, size: tuple[int, int], columns: int | None = None) -> None:
+        """Start without a background.
+
+        Args:
+            size: (width, height) of all frames [px].
+            columns: foreground and motion of so many columns are enough; wider frames are reduced by the smallest
+                whole factor that does it, and averaged pixels are less noisy. None: those of the frames.
+        """
         self.params = params
         self.size = size
-        self._foreground = Foreground(params.foreground, (size[1], size[0]))
+        factor = 1 if columns is None else -(-size[0] // columns)
+        self._reduced = max(1, size[0] // factor), max(1, size[1] // factor)
+        shape = self._reduced[::-1]
+        self._foreground = Foreground(params.foreground, shape)
         self._past: deque[tuple[float, U8]] = deque()
-        self._ghosts: U8 = np.zeros((size[1], size[0]), np.uint8)
+        self._ghosts: U8 = np.zeros(shape, np.uint8)
         self._searched_s = -math.inf
 
     def reset(self) -> None:
@@ -66,30 +75,45 @@ class SingleCamera:
 
         Args:
             frame: the next frame.
-            feedback: (H, W) uint8, a tracker's labels of pixels (see ``Foreground``), or None.
+            feedback: (H, W) uint8, a tracker's labels of the frame's pixels (see ``Foreground``), or None.
         Raises:
             InputError: a frame of another size.
         """
         height, width = frame.image.shape[:2]
         if (width, height) != self.size:
             raise InputError(f"frame {frame.index}: expected {self.size[0]}x{self.size[1]} px, found {width}x{height}")
-        mask = self._foreground.update(frame.image, None, frame.timestamp_s, self._without_ghosts(feedback))
-        grey = as_grey(frame.image)
+        image = self._resized(frame.image, cv2.INTER_AREA)
+        known = self._known(feedback)
+        mask = self._foreground.update(image, None, frame.timestamp_s, known)
+        grey = as_grey(image)
         motion = self._motion(frame.timestamp_s, grey)
         if frame.timestamp_s - self._searched_s >= self.params.ghosts.interval_s - 5e-4:
             self._searched_s = frame.timestamp_s
             background = self._foreground.background_luma()
             self._ghosts = find_ghosts(grey, background, mask, motion, self.params.ghosts)
+            if feedback is not None:
+                self._ghosts[self._resized(feedback, cv2.INTER_NEAREST) == WALKER] = 0
         mask[self._ghosts > 0] = 0
         return Observation(frame.index, frame.timestamp_s, frame.image, mask, motion, shadow=self._foreground.shadow)
 
-    def _without_ghosts(self, feedback: U8 | None) -> U8 | None:
-        """The tracker's feedback, but ghosts are background even where it tracks a person."""
-        if not self._ghosts.any():
-            return feedback
-        corrected = np.zeros(self._ghosts.shape, np.uint8) if feedback is None else feedback.copy()
-        corrected[self._ghosts > 0] = BACKGROUND
-        return corrected
+    def _resized(self, image: U8, interpolation: int) -> U8:
+        if self._reduced == self.size:
+            return image
+        return np.asarray(cv2.resize(image, self._reduced, interpolation=interpolation), dtype=np.uint8)
+
+    def _known(self, feedback: U8 | None) -> U8 | None:
+        """What the tracker and the search for ghosts know of the reduced frame's pixels.
+
+        Ghosts are background even where a person is tracked, unless that person has been seen to walk.
+        """
+        if feedback is None and not self._ghosts.any():
+            return None
+        known = np.zeros(self._ghosts.shape, np.uint8)
+        if feedback is not None:
+            known[:] = self._resized(feedback, cv2.INTER_NEAREST)
+        known[(self._ghosts > 0) & (known != WALKER)] = BACKGROUND
+        known[known == WALKER] = PERSON
+        return known
 
     def _motion(self, now_s: float, grey: U8) -> U8:
         """(H, W) uint8, 255 where the smoothed luma differs from that of motion_interval_s ago."""

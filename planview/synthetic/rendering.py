@@ -74,7 +74,8 @@ class SceneRenderer:
         self._renderers = [ViewRenderer(scene, v, static, shades, palette) for v in views]
         gain = scene.sensor.brightness / max(self._renderers[0].room_mean(), 1e-6)
         self._sensors = [
-            SensorModel(scene.sensor, (v.height, v.width), gain, scene.seed, i) for i, v in enumerate(views)
+            SensorModel(scene.sensor, (v.height, v.width), gain, (scene.seed, i), scene.capture)
+            for i, v in enumerate(views)
         ]
 
     @property
@@ -121,7 +122,8 @@ class SceneRenderer:
         t = self._start_s + time_s
         actors = self._cast.at(t)
         layers = [r.render(actors, t) for r in self._renderers]
-        images = [s(layer.linear, index, t) for s, layer in zip(self._sensors, layers, strict=True)]
+        linear = self._exposed([layer.linear for layer in layers], t)
+        images = [s(light, index, t) for s, light in zip(self._sensors, linear, strict=True)]
         people = np.array([0, *(a.person or -1 for a in actors)], np.int32)
         rows = [
             truth_row(a, k, layers[0], self._views_of[0], self.world_SE3_room) for k, a in enumerate(actors) if a.person
@@ -129,3 +131,12 @@ class SceneRenderer:
         truth = tuple(row for row in rows if row is not None)
         right = images[1] if len(images) > 1 else None
         return RenderedFrame(index, time_s, images[0], right, layers[0].depth, people[layers[0].owner], truth)
+
+    def _exposed(self, middle: list[F32], t: float) -> list[F32]:
+        """Light over the time of the exposure: the mean of its beginning, middle and end."""
+        shutter = self.scene.capture.shutter_s if self.scene.capture else 0.0
+        if shutter == 0:
+            return middle
+        ends = [self._cast.at(max(0.0, t + shift * shutter)) for shift in (-0.5, 0.5)]
+        moments = [[r.render(actors, t).linear for r in self._renderers] for actors in ends]
+        return [np.asarray((a + b + c) / np.float32(3)) for a, b, c in zip(middle, *moments, strict=True)]

@@ -72,6 +72,19 @@ class Sensor(Params):
     """Relative gain difference of the right camera."""
 
 
+class Capture(Params):
+    """What a cheap camera does to its frames."""
+
+    shutter_s: float = Field(0.0, ge=0, le=0.2)
+    """Time over which a frame is exposed [s]: motion blur."""
+    auto_exposure: float = Field(0.0, ge=0, le=1)
+    """How much of a change of the frame's mean level the camera takes back; each frame by itself."""
+    auto_white_balance: float = Field(0.0, ge=0, le=1)
+    """How much of the frame's mean colour the camera takes back."""
+    jpeg_quality: int = Field(0, ge=0, le=100)
+    """Of compression; 0 for none."""
+
+
 class Mount(Params):
     """Where the (left) camera is in the room."""
 
@@ -129,6 +142,7 @@ class Scene(Params):
     camera: CameraMount | None = None
     sensor: Sensor = Sensor()
     lights: Lights = Lights()
+    capture: Capture | None = None
     furniture: tuple[Furniture, ...] = ()
     people: tuple[Person, ...] = Field((), max_length=60)
 

@@ -128,8 +128,8 @@ class ImageTracker(Tracker, Protocol):
     """A tracker that works on the frames of one camera."""
 
     @property
-    def needs_foreground(self) -> bool:
-        """Whether observations must hold foreground and motion; else the image is enough."""
+    def foreground_columns(self) -> int | None:
+        """Columns of foreground and motion that are enough; None: those of the image."""
 
     def feedback(self) -> U8 | None:
         """What the tracker knows about pixels, for ``Foreground``; None when it has no opinion."""

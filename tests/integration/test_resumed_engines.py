@@ -17,7 +17,7 @@ from planview.pipeline.pipeline import Pipeline, SingleCameraPipeline
 from planview.runs.checkpoint.decode import decode
 from planview.runs.checkpoint.encode import Encoded, encode
 from planview.runs.maps_log import MapsLog
-from planview.tracking.ellipse_particle import floor_ellipse_tracker
+from planview.tracking.ellipse_particle import floor_ellipse_tracker, image_ellipse_tracker
 from planview.tracking.human_model import HumanModelParams, HumanModelTracker
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
 from planview.tracking.human_model.params import NewTargetParams
@@ -105,3 +105,10 @@ def test_the_engine_of_one_camera_resumes() -> None:
         return SingleCameraPipeline(CrossingVideo(), HumanModelTracker(PARAMS, CAMERA, MAP), camera=CAMERA)
 
     assert_resumes(make, moments(3, 2, 58, 3))
+
+
+def test_the_ellipse_engine_of_one_camera_resumes() -> None:
+    def make() -> Engine:
+        return SingleCameraPipeline(CrossingVideo(), image_ellipse_tracker())
+
+    assert_resumes(make, moments(4, 2, 58, 3))

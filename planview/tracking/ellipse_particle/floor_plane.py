@@ -45,7 +45,7 @@ class FloorPlane:
     """Foreground of the floor: occupancy against the density of a person's visible surface over its ellipse."""
 
     name: Literal["image", "floor"] = "floor"
-    needs_foreground = False
+    foreground_columns: int | None = None
 
     def __init__(self, params: FloorPlaneParams) -> None:
         self._params = params
@@ -69,6 +69,9 @@ class FloorPlane:
         mask = np.clip(density / np.float32(self._full_density * grid.cell_m**2), 0, 1).astype(np.float32)
         middle = (step - 1) / 2
         return PlaneView(mask, step * grid.cell_m, grid.centre_of(middle, middle), observation)
+
+    def view(self, observation: Observation) -> PlaneView | None:
+        return self(observation)
 
     def prior(self, view: PlaneView) -> SizePrior | None:
         """The constant metric size in cells of a view."""

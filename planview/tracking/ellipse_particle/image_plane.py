@@ -11,15 +11,15 @@ import numpy as np
 
 from calib.ground_camera import GroundCamera
 from calib.types import F32, F64, I64, U8, Bool
-from planview.foreground.masks import PERSON
+from planview.foreground.masks import WALKER
 from planview.tracking.base import Observation
-from planview.tracking.ellipse_particle.background import Background
 from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
+from planview.tracking.ellipse_particle.image_grid import averaged, columns_for, regridded
 from planview.tracking.ellipse_particle.outputs import image_state
 from planview.tracking.ellipse_particle.params import ImagePlaneParams
 from planview.tracking.ellipse_particle.planes import Estimates, PlaneView
-from planview.tracking.ellipse_particle.size_learning import SizeLearner
-from planview.tracking.ellipse_particle.visible_length import visible_length
+from planview.tracking.ellipse_particle.size_learning import SizeBelief, SizeLearner
+from planview.tracking.ellipse_particle.visible_length import UNSURE, visible_length
 from planview.trajectories.state import TrackState
 
 PERSON_M = 1.7
@@ -35,6 +35,10 @@ UPRIGHT = PlaneModel(
 """People in an image: walkers lean by 5 or 6 degrees, at most three deviations, and hide one another. An ellipse that
 is proposed has the expected size and lies on a coarse grid; fitted, it gains more of a person who is smaller or
 strides. Our choice."""
+FOREGROUND_PX = 2
+"""Pixels of foreground per cell that are enough: cells average them anyway. Our choice."""
+FLOODED = 0.5
+"""Share of foreground above which a frame measures nothing (a light was switched, the camera moved). Our choice."""
 SPECKLED = 0.02
 """A frame with more specks than this share of its pixels is noisy. The outlines of ten people, each a tenth of the
 image high, lose a quarter of it to the same filter. Our choice."""
@@ -52,63 +56,78 @@ class ImagePlane:
     def __init__(self, params: ImagePlaneParams, camera: GroundCamera | None = None) -> None:
         self._params = params
         self._camera = camera
-        self.needs_foreground = params.source == "given"
+        self.foreground_columns: int | None = FOREGROUND_PX * params.columns
         self.model = UPRIGHT._replace(outside_weight=params.outside_weight)
         self.reset()
 
     def reset(self) -> None:
-        self._background = Background(self._params)
-        self._learner = SizeLearner(self._params)
-        self._learned_on: tuple[int, int] | None = None
+        self._learner = SizeLearner(self._params.learn_s)
         self._outlines: Sequence[F32] = ()
         self._size: tuple[int, int] | None = None
+        self._sized: tuple[PlaneView, SizeBelief] | None = None
 
     def __call__(self, observation: Observation) -> PlaneView | None:
-        """The frame's cells; None when the observation has no image or foreground to work on.
+        """Learn the size of people from a frame; the frame's cells, None when it has no foreground to work on.
 
         Raises:
-            ValueError: image or foreground is not uint8 of (H, W) or, for images, (H, W, 3).
+            ValueError: the foreground is not (H, W) uint8.
         """
-        if observation.image is not None:
-            self._size = (observation.image.shape[0], observation.image.shape[1])
+        view = self._averaged(observation, self._params.columns)
+        if view is not None:
+            self._learn(view)
+        return self.view(observation)
+
+    def view(self, observation: Observation) -> PlaneView | None:
+        """The frame's cells, on the grid for the size known now."""
+        columns = self._params.columns
+        if self._sized is not None:
+            base, belief = self._sized
+            columns = columns_for(belief.prior, columns, base.mask.shape[0])
+        return self._averaged(observation, columns)
+
+    def _averaged(self, observation: Observation, columns: int) -> PlaneView | None:
         foreground = self._foreground(observation)
         if foreground is None:
             return None
         height, width = foreground.shape if observation.image is None else observation.image.shape[:2]
-        clean = cv2.medianBlur(foreground, 3)
+        self._size = (height, width)
+        clean = np.asarray(cv2.medianBlur(foreground, 3), dtype=np.uint8)
         # Averaging whole pixels has removed most specks already where the foreground is smaller than the image, and
         # the filter would eat thin people too; but not the specks of a frame that the codec or a jolt fills with them.
         if foreground.shape[1] != width and float(cv2.subtract(foreground, clean).mean()) < 255 * SPECKLED:
             clean = foreground
-        cols = min(width, self._params.columns)
-        rows = max(1, round(height * cols / width))
-        cells = cv2.resize(clean, (cols, rows), interpolation=cv2.INTER_AREA)
-        mask = np.asarray(cells, dtype=np.float32) / np.float32(255)
-        scale = width / cols
-        return PlaneView(mask, scale, ((scale - 1) / 2, (scale - 1) / 2), observation)
+        return averaged(clean, (width, height), columns, observation)
 
     def _foreground(self, observation: Observation) -> U8 | None:
-        if self._params.source == "given":
-            given = observation.foreground
-            if given is not None and (given.ndim != 2 or given.dtype != np.uint8):
-                raise ValueError(f"expected a (H, W) uint8 foreground, got {given.shape} {given.dtype}")
-            return given
-        image = observation.image
-        if image is None:
+        given = observation.foreground
+        if given is None:
             return None
-        if image.dtype != np.uint8 or image.ndim not in (2, 3):
-            raise ValueError(f"expected a (H, W[, 3]) uint8 image, got {image.shape} {image.dtype}")
-        return self._background.update(image)
+        if given.ndim != 2 or given.dtype != np.uint8:
+            raise ValueError(f"expected a (H, W) uint8 foreground, got {given.shape} {given.dtype}")
+        if observation.shadow is None:
+            return given
+        return np.asarray(np.where(observation.shadow > 0, np.uint8(round(255 * UNSURE)), given), dtype=np.uint8)
 
-    def prior(self, view: PlaneView) -> SizePrior | None:
-        """The given size, else the learned one; an image of another size is another scene."""
+    def _learn(self, view: PlaneView) -> None:
+        """The given size, that of the camera, or the learned one; a flooded frame teaches nothing."""
         p = self._params
         if p.person_height_px is not None:
-            return SizePrior(p.person_height_px / 2 / view.scale, 0.0, p.aspect)
-        shape = (view.mask.shape[0], view.mask.shape[1])
-        if self._learned_on != shape:
-            self._learner, self._learned_on = SizeLearner(p), shape
-        return self._learner.update(view.mask, view.observation.timestamp_s)
+            prior = SizePrior(p.person_height_px / 2 / view.scale, 0.0, p.aspect)
+            self._sized = view, SizeBelief(prior, 1.0)
+        elif float(view.mask.mean()) <= FLOODED:
+            motion = view.observation.motion
+            moving = None if motion is None else _moving(motion, view.mask.shape)
+            belief = self._learner.update(view.mask, view.observation.timestamp_s, moving)
+            self._sized = None if belief is None else (view, belief)
+
+    def prior(self, view: PlaneView) -> SizePrior | None:
+        """The size known now, in cells of the view."""
+        return None if self._sized is None else regridded(self._sized[1].prior, self._sized[0], view)
+
+    @property
+    def confidence(self) -> float | None:
+        """Share of what moves that is of the size known; None while there is none."""
+        return None if self._sized is None else self._sized[1].confidence
 
     def cells_per_m(self, view: PlaneView, prior: SizePrior, rows: F64) -> F64:
         return np.asarray(2.0 * prior.half_lengths(rows) / PERSON_M)
@@ -131,18 +150,23 @@ class ImagePlane:
 
     def protect(self, outlines: Sequence[F32]) -> None:
         self._outlines = outlines
-        self._background.protect(outlines)
 
     def feedback(self) -> U8 | None:
-        """(H, W) uint8, PERSON inside the outlines of people who have moved; None before the first image."""
+        """(H, W) uint8, WALKER inside the outlines of people who have moved; None before the first image."""
         if self._size is None:
             return None
         mask = np.zeros(self._size, dtype=np.uint8)
         for shape in self._outlines:
-            cv2.fillPoly(mask, [np.round(shape).astype(np.int32)], PERSON)
+            cv2.fillPoly(mask, [np.round(shape).astype(np.int32)], WALKER)
         return mask
 
     def states(self, view: PlaneView, estimates: Estimates) -> list[TrackState]:
         """Boxes; floor positions and heights too with a camera."""
         rows = zip(estimates.evidence, estimates.ellipses, estimates.velocities, strict=True)
         return [image_state(e.who, view, ellipse, velocity, self._camera) for e, ellipse, velocity in rows]
+
+
+def _moving(motion: U8, shape: tuple[int, ...]) -> Bool:
+    """(R, C) cells in which at least a quarter of the pixels moves."""
+    share = cv2.resize(motion, (shape[1], shape[0]), interpolation=cv2.INTER_AREA)
+    return np.asarray(share >= 64, dtype=np.bool_)

@@ -13,7 +13,7 @@ from planview.tracking.ellipse_particle.existence import ExistenceEvidence, depa
 from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
 from planview.tracking.ellipse_particle.groups import group, overlaps
 from planview.tracking.ellipse_particle.params import ExistenceParams, ParticleFilterParams
-from planview.tracking.ellipse_particle.particles import ParticleFilter, ellipses_of, normalised, union_prefix
+from planview.tracking.ellipse_particle.particles import ParticleFilter, ellipses_of, normalised, rescaled, union_prefix
 from planview.tracking.lifecycle import LifeCycle
 
 OUTSIDE = 0.4
@@ -200,6 +200,13 @@ class Objects:
         everywhere = np.array([[shape[1] / 2, shape[0] / 2, 2.0 * max(shape), 2.0 * max(shape), 0.0]])
         own = measured_shares(everywhere, ellipses, shape)[:, 1]
         self.discard(changed & (own < 1.0 - self._params.min_overlap), "another size of people: an older object has it")
+
+    def rescale(self, ratio: float, x: float, y: float) -> None:
+        """Go over to another grid: cells become ``ratio`` times as many, cell (0, 0) is at (x, y) there."""
+        self._filter.rescale(ratio, (x, y))
+        self.states = rescaled(self.states, ratio, (x, y))
+        for e in self.evidence:
+            e.spawned_at = e.spawned_at[0] * ratio + x, e.spawned_at[1] * ratio + y
 
     def discard(self, drop: Bool, reason: str) -> None:
         """Prune objects (N,) for one reason."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 from pydantic import Field
 
 from calib.params import Params
@@ -11,14 +9,8 @@ from planview.tracking.ellipse_particle.fit.ellipses import EllipseFitParams
 
 
 class ImagePlaneParams(Params):
-    """Ellipses in the image: where foreground comes from, the size and posture of people in it."""
+    """Ellipses in the image: the grid, the size and posture of people in it."""
 
-    source: Literal["mog2", "given"] = "mog2"
-    """OpenCV's mixture of Gaussians on ``Observation.image`` (the paper takes one off the shelf), or the project's own
-    ``Observation.foreground``."""
-    history: int = Field(1000, ge=20, le=100_000)
-    """Frames of memory of the mixture: a thing put down is absorbed after a tenth of it, 4 to 14 s at 25 to 7 frames
-    per second. Our choice. People are not absorbed: see ``Background``."""
     columns: int = Field(160, ge=40, le=2000)
     """Ellipses are fitted on a grid of at most about this many columns: a person 1/8 of the image high is then still
     15 cells high. Our choice; it is what bounds the time per frame."""

@@ -84,6 +84,10 @@ class ParticleFilter:
         self.particles = np.ascontiguousarray(self.particles[:, list(keep)])
         self._surprise = np.ascontiguousarray(self._surprise[:, list(keep)])
 
+    def rescale(self, ratio: float, origin: tuple[float, float]) -> None:
+        """Go over to another grid (see ``rescaled``)."""
+        self.particles = rescaled(self.particles, ratio, origin)
+
     def predict(self, dt_s: float, cells_per_m: F64) -> None:
         """Draw from the transition of equation (6), the proposal of equation (11).
 
@@ -216,6 +220,14 @@ def normalised(log_weights: F64) -> F64:
     """Weights that sum to one from their logarithms."""
     weights = np.exp(log_weights - log_weights.max())
     return np.asarray(weights / weights.sum())
+
+
+def rescaled(states: F64, ratio: float, origin: tuple[float, float]) -> F64:
+    """(..., 7) states on a grid of ``ratio`` times as many cells, whose coordinates of cell (0, 0) are ``origin``."""
+    out = states.copy()
+    out[..., X : VY + 1] *= ratio
+    out[..., [X, Y]] += origin
+    return out
 
 
 def ellipses_of(states: F64, prior: SizePrior) -> F64:

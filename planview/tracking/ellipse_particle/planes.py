@@ -38,6 +38,10 @@ class PlaneView:
         """(..., 2) plane coordinates of fractional cells."""
         return np.asarray(np.asarray(xy) * self.scale + np.asarray(self.origin))
 
+    def to_cells(self, xy: F64) -> F64:
+        """(..., 2) fractional cells of plane coordinates."""
+        return np.asarray((np.asarray(xy) - np.asarray(self.origin)) / self.scale)
+
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
@@ -60,12 +64,12 @@ class TrackingPlane(Protocol):
     Attributes:
         name: of the plane.
         model: what it says about ellipses.
-        needs_foreground: observations must hold foreground and motion.
+        foreground_columns: columns of foreground that are enough, None for all.
     """
 
     name: Literal["image", "floor"]
     model: PlaneModel
-    needs_foreground: bool
+    foreground_columns: int | None
 
     def reset(self) -> None:
         """Forget everything."""
@@ -76,6 +80,9 @@ class TrackingPlane(Protocol):
         Raises:
             ValueError: the observation's arrays are not what they should be.
         """
+
+    def view(self, observation: Observation) -> PlaneView | None:
+        """The cells of an earlier frame once more, on the grid of now."""
 
     def prior(self, view: PlaneView) -> SizePrior | None:
         """Size expected of objects [cells], None while it is not known."""

@@ -1,18 +1,20 @@
-"""Size of objects learned from isolated regions: a line of length against row, without any calibration."""
+"""Size of people learned from regions that move and stay together: a line of length against row, uncalibrated."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from calib.types import F32, F64
-from planview.foreground.blobs import find_blobs
+from calib.types import F32, F64, I64, Bool
 from planview.tracking.ellipse_particle.fit.prior import SizePrior
-from planview.tracking.ellipse_particle.params import ImagePlaneParams
+from planview.tracking.ellipse_particle.regions import AREA, CUT, LENGTH, ROW, WIDTH, RegionPairs
 
-MIN_SAMPLES = 4
-"""Isolated regions needed before a learned size is used. Our choice: one person in four frames, or two in two."""
+FIRST_WHOLE = 4
+"""Whole regions needed before a size is used. Our choice: one person in four frames, or two in two."""
+FIRST_CUT = 15
+"""Regions cut by the border that are enough where none is whole: people may be too large ever to show as a whole."""
 PER_FRAME = 12
 """Largest regions kept of a frame; a frame full of specks must not outvote the others."""
 KEPT = 600
@@ -21,89 +23,117 @@ PAIRED = 40
 """Samples, evenly spread over the rows, between which lines are tried."""
 WIDEST = 1.6
 """Two people side by side are at least so much wider for their length than one."""
-SPREAD = 0.1
-"""Deviation of a person's length in the mask from the law, relative: a step, and ragged edges. Our choice."""
+SPREAD = 0.12
+"""Deviation of the logarithm of a person's length from the law: a step, and ragged edges. Our choice."""
 ROUNDING = 0.5
 """The same in cells: both ends are rounded. Our choice."""
-GROUP, PIECE = 0.25, 0.15
-"""Shares of regions that are several people behind one another, up to 2.5 times as long as one, and that are pieces of
-one, shorter. Our choice; the rest is one person."""
-CLUTTER = 1e-4
-"""Density of lengths for everything else [1/cell]; bounds what one region can say against a line."""
+ONE, GROUP, PIECE = 0.6, 0.25, 0.15
+"""Shares of whole regions that are one person, several behind one another (up to ``GROUPED`` times as long as one), and
+pieces of one. Our choice."""
+GROUPED = 2.5
+SMALLER = 0.4
+"""Of sizes that explain the regions alike the smaller is believed: the density of length falls with its power. Our
+choice: between that of lengths (1) and that of their logarithms (0)."""
+CLUTTER = 0.004
+"""Density of the logarithm of length for everything else; bounds what one region can say against a line."""
 STEEPEST = 1.5
 """Length gained per row, more than a camera 2 m above the floor sees: k / (1 - k/2), k = 1.7 m / 2 m."""
 FILLED = 0.75
 """Share of its ellipse that a silhouette fills. Our choice: measured 0.7 to 0.8 on people walking in all directions."""
-THINNEST = 0.2
-"""Least width over length of a person from any side: 0.3 m of 1.7 m, and limbs. Thinner are poles and their shadows."""
+NARROWEST, BROADEST = 0.2, 1.3
+"""Width over length of a person: 0.3 m of 1.7 m from the side, shoulders over depth from straight above."""
+AREA_POWER = 0.75
+"""Regions count by this power of their area: what is foreground is to be accounted for, so one person in view outweighs
+the pieces that fall off, however many; less than 1, since a change of light may be larger than all people. Our
+choice."""
 AGREE = 1.5
 """Deviations within which a region is taken for one person."""
 
 
-class SizeLearner:
-    """Collects isolated regions for the first minute and fits the size prior of the paper's section II.
+class SizeBelief(NamedTuple):
+    """What is known of people's size.
 
-    Each region of a foreground mask that touches no border gives one sample: row of its box's centre, length, width
-    and area. Lines through pairs of samples, and horizontal lines, are judged by the likelihood of all lengths: a
-    region is one person (near the line), a group in depth (longer), a piece of a person (shorter) or something else;
-    so people who cover one another do not raise the line, nor do split people lower it. Specks weigh less than people
-    (square root of the area), and the same region seen again in the next frame less than a new one (square root of
+    Attributes:
+        prior: size expected [cells of the learner's grid].
+        confidence: share of what moves, by area, that lies in regions of that size, 0 to 1.
+    """
+
+    prior: SizePrior
+    confidence: float
+
+
+class SizeLearner:
+    """Collects regions that stay together while they move, and fits the size prior of the paper's section II.
+
+    A region is one sample when the frame before had it too, of nearly the same size: what belongs together stays
+    together, while pieces of a person come and go. Lines through pairs of samples, and horizontal lines, are judged by
+    the likelihood of all lengths: a whole region is one person (near the line), a group in depth (longer), a piece
+    (shorter) or something else; one that the border cuts may be any part of a person, and speaks only against sizes
+    much smaller than itself. Regions count by area, so that the pieces of large people, which are more, do not outvote
+    them; where nothing tells, a region is one person. The same region again counts less than a new one (square root of
     the number alike). The width comes from the area that single people fill, which varies less over a step than the
     width of their boxes.
     """
 
-    def __init__(self, params: ImagePlaneParams) -> None:
-        self._params = params
-        self._samples: F64 = np.zeros((0, 4))
+    def __init__(self, learn_s: float) -> None:
+        self._learn_s = learn_s
+        self._pairs = RegionPairs()
+        self._samples: F64 = np.zeros((0, 5))
         self._frames = 0
         self._stride = 1
         self._taken = 0
-        self._next_fit = MIN_SAMPLES
-        self._closed = False
-        self.prior: SizePrior | None = None
+        self._next_fit = 0
+        self.belief: SizeBelief | None = None
 
-    def update(self, mask: F32, time_s: float) -> SizePrior | None:
-        """Take the regions of one frame; returns the prior as learned so far, None while there is too little.
+    def update(self, mask: F32, time_s: float, moving: Bool | None = None) -> SizeBelief | None:
+        """Take the regions of one frame; returns the belief so far, None while there is too little.
 
         Args:
             mask: (R, C) float32 foreground share of each cell.
             time_s: seconds since the first frame.
+            moving: (R, C) cells that move; None where that is not known.
         """
-        if self._closed:
-            return self.prior
-        self._closed = time_s > self._params.learn_s and self.prior is not None
+        if time_s > self._learn_s and self.belief is not None:
+            return self.belief
         self._frames += 1
+        new = self._pairs.update(mask, moving)
         if (self._frames - 1) % self._stride:
-            return self.prior
-        new = regions(mask)
+            return self.belief
+        new = new[np.argsort(-new[:, AREA], kind="stable")[:PER_FRAME]]
         self._taken += len(new)
         self._samples = np.concatenate([self._samples, new])
         if len(self._samples) > KEPT:
             # From now on every second of the frames so far: old and new samples stay equally dense in time.
             self._samples, self._stride = self._samples[::2], 2 * self._stride
             self._taken, self._next_fit = self._taken // 2, self._next_fit // 2
-        if self._taken >= self._next_fit:
+        if self._taken >= self._next_fit and self._is_enough():
             # Fits grow rarer as the samples grow: each costs time, and changes less.
             self._next_fit = self._taken + max(4, self._taken // 6)
-            self.prior = self._fit(mask.shape[0]) or self.prior
-        return self.prior
+            self.belief = self._fit(mask.shape[0]) or self.belief
+        return self.belief
 
-    def _fit(self, n_rows: int) -> SizePrior | None:
+    def _is_enough(self) -> bool:
+        whole = int(np.count_nonzero(self._samples[:, CUT] == 0))
+        return whole >= FIRST_WHOLE or len(self._samples) >= FIRST_CUT
+
+    def _fit(self, n_rows: int) -> SizeBelief | None:
         samples = alone(self._samples)
-        row, length, _, area = samples.T
+        row, length, cut = samples[:, ROW], samples[:, LENGTH], samples[:, CUT] > 0
         weight = weights(samples)
         levels, slopes = lines(row, length, n_rows)
         fitted = np.maximum(levels[:, None] + slopes[:, None] * row, 1.0)
-        best = int(np.argmax(log_density(length, fitted) @ weight))
-        inliers = np.abs(length - fitted[best]) < AGREE * deviation(fitted[best])
-        if inliers.sum() < MIN_SAMPLES / 2:
+        best = int(np.argmax(log_density(length, fitted, cut) @ weight))
+        away = np.log(length / fitted[best]) / deviation(fitted[best])
+        inliers = np.abs(away) < AGREE
+        if not inliers.any():
             return None
         x, y, tilted = row[inliers], length[inliers], bool(slopes[best] > 0)
-        nearness = np.exp(-0.5 * ((y - fitted[best][inliers]) / deviation(fitted[best][inliers])) ** 2)
-        level, slope = line(x, y, weight[inliers] * nearness, tilted)
-        aspect = np.median(area[inliers] / (FILLED * math.pi / 4 * y * y))
+        level, slope = line(x, y, weight[inliers] * np.exp(-0.5 * away[inliers] ** 2), tilted)
+        aspect = np.median(samples[inliers, AREA] / (FILLED * math.pi / 4 * y * y))
         least = max(1.0, 0.4 * float(np.percentile(y, 5)))
-        return SizePrior(level / 2, slope / 2, float(np.clip(aspect, THINNEST, 1.0)), least)
+        prior = SizePrior(level / 2, slope / 2, float(np.clip(aspect, NARROWEST, BROADEST)), least)
+        agreeing = inliers | (cut & (away < AGREE))
+        return SizeBelief(prior, float(weight[agreeing].sum() / weight.sum()))
 
 
 def lines(row: F64, length: F64, n_rows: int) -> tuple[F64, F64]:
@@ -120,44 +150,38 @@ def lines(row: F64, length: F64, n_rows: int) -> tuple[F64, F64]:
 
 
 def deviation(fitted: F64) -> F64:
-    """Standard deviation of one person's length [cells]."""
-    return np.asarray(np.hypot(SPREAD * fitted, ROUNDING))
+    """Standard deviation of the logarithm of one person's length."""
+    return np.asarray(np.hypot(SPREAD, ROUNDING / fitted))
 
 
-def log_density(length: F64, fitted: F64) -> F64:
-    """Logarithm of the density of (N,) lengths where (..., N) are expected of one person."""
+def log_density(length: F64, fitted: F64, cut: Bool) -> F64:
+    """Logarithm of the density of the logarithms of (N,) lengths where (..., N) are expected of one person."""
+    ratio = length / fitted
     sigma = deviation(fitted)
-    one = np.exp(-0.5 * ((length - fitted) / sigma) ** 2) / (math.sqrt(2 * math.pi) * sigma)
-    group = ((length > fitted) & (length < 2.5 * fitted)) / (1.5 * fitted)
-    piece = (length < fitted) / fitted
-    return np.asarray(np.log((1 - GROUP - PIECE) * one + GROUP * group + PIECE * piece + CLUTTER))
+    one = np.exp(-0.5 * (np.log(ratio) / sigma) ** 2) / (math.sqrt(2 * math.pi) * sigma)
+    group = ((ratio > 1) & (ratio < GROUPED)) / math.log(GROUPED)
+    # A piece, or the part inside the border, may have any length up to all of it: evenly spread in length.
+    part = np.where(ratio < 1, ratio, 0.0)
+    whole = ONE * one + GROUP * group + PIECE * part
+    # The border may just graze a person: the density ends softly.
+    grazed = (1 - GROUP) * np.where(ratio < 1, ratio, np.exp(-0.5 * (np.log(ratio) / sigma) ** 2)) + GROUP * group
+    return np.asarray(np.log(np.where(cut, grazed, whole) + CLUTTER) - SMALLER * np.log(fitted))
 
 
 def weights(samples: F64) -> F64:
     """(N,) what each sample counts: see ``SizeLearner``; alike are samples within 3 rows and 2 cells of length."""
-    row, length, _, area = samples.T
-    alike = np.stack([row // 3, length // 2])
+    alike = np.stack([samples[:, ROW] // 3, samples[:, LENGTH] // 2])
     _, which, count = np.unique(alike, axis=1, return_inverse=True, return_counts=True)
-    return np.asarray(np.sqrt(area / count[which.ravel()]))
-
-
-def regions(mask: F32) -> F64:
-    """(N, 4) float64 row of the centre, length, width, area of the isolated regions of a mask [cells]."""
-    n_rows, n_cols = mask.shape
-    blobs = find_blobs((mask >= 0.5).astype(np.uint8))
-    left, top, width, height = blobs.box_px[1:].T
-    area = blobs.area_px[1:]
-    inner = (left > 0) & (top > 0) & (left + width < n_cols) & (top + height < n_rows)
-    fits = (area >= 12) & (height <= n_rows / 2) & (width <= n_cols / 2)
-    fits &= area >= THINNEST * FILLED * math.pi / 4 * height**2
-    samples = np.column_stack([top + (height - 1) / 2, height, width, area])[inner & fits].astype(np.float64)
-    return np.asarray(samples[np.argsort(-samples[:, 3], kind="stable")[:PER_FRAME]])
+    repeated: I64 = count[which.ravel()]
+    return np.asarray(samples[:, AREA] ** AREA_POWER / np.sqrt(repeated))
 
 
 def alone(samples: F64) -> F64:
     """The samples that are not much wider for their length than most: groups side by side are left out."""
-    ratio = samples[:, 2] / samples[:, 1]
-    return np.asarray(samples[ratio <= WIDEST * np.percentile(ratio, 30)])
+    ratio = samples[:, WIDTH] / samples[:, LENGTH]
+    whole = ratio[samples[:, CUT] == 0]
+    limit = WIDEST * np.percentile(whole if len(whole) else ratio, 30)
+    return np.asarray(samples[(ratio <= limit) | (samples[:, CUT] > 0)])
 
 
 def line(x: F64, y: F64, weight: F64, tilted: bool) -> tuple[float, float]:

@@ -12,6 +12,8 @@ from planview.tracking.ellipse_particle.drawing import draw, outline
 from planview.tracking.ellipse_particle.fit import _area as kernels
 from planview.tracking.ellipse_particle.fit.ellipses import SIZE_LIMIT, fit_ellipses
 from planview.tracking.ellipse_particle.fit.prior import SizePrior
+from planview.tracking.ellipse_particle.image_grid import regridded
+from planview.tracking.ellipse_particle.image_plane import FLOODED
 from planview.tracking.ellipse_particle.objects import Objects
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
 from planview.tracking.ellipse_particle.planes import Estimates, PlaneView, TrackingPlane
@@ -22,8 +24,6 @@ STEP_MAX_S = 1.0
 """A gap in the recording longer than this is predicted over as if it were this long [s]."""
 REPLAYED = 10
 """Frames before the size was known that are tracked once it is; a bound on the time of that one frame. Our choice."""
-FLOODED = 0.5
-"""Share of foreground above which a frame measures nothing (a light was switched, the camera moved). Our choice."""
 PROTECTED = 1.3
 """Outlines of people are kept out of the background so much larger: limbs reach out of an ellipse. Our choice."""
 
@@ -52,7 +52,7 @@ class EllipseParticleTracker:
         self._view: PlaneView | None = None
         self._prior: SizePrior | None = None
         self._measured = NO_ELLIPSES
-        self._unsized: list[tuple[float, PlaneView]] = []
+        self._unsized: list[tuple[float, Observation]] = []
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
@@ -65,9 +65,9 @@ class EllipseParticleTracker:
         return self._prior
 
     @property
-    def needs_foreground(self) -> bool:
-        """Only when the project's own foreground was asked for; else the tracker subtracts the background itself."""
-        return self._plane.needs_foreground
+    def foreground_columns(self) -> int | None:
+        """Columns of foreground that are enough; None for all."""
+        return self._plane.foreground_columns
 
     def feedback(self) -> U8 | None:
         """(H, W) uint8 for ``Foreground``: PERSON where there are people who have moved; None at first."""
@@ -85,14 +85,13 @@ class EllipseParticleTracker:
         self._objects.cycle.begin(observation.timestamp_s)
         dt = self._step(observation.timestamp_s)
         view = self._plane(observation)
-        self._start_anew_if_resized(view)
-        self._view = view
         if view is None:
             return ()
-        before = self._prior
+        before = self._carried_over(view)
+        self._view = view
         self._measured = self._measure(view)
         if self._prior is None:
-            self._unsized = [*self._unsized, (dt, view)][-REPLAYED:]
+            self._unsized = [*self._unsized, (dt, observation)][-REPLAYED:]
             return ()
         if before is None:
             self._replay(self._prior)
@@ -116,18 +115,17 @@ class EllipseParticleTracker:
         self._time_s = time_s
         return dt
 
-    def _start_anew_if_resized(self, view: PlaneView | None) -> None:
-        """An image of another size is another scene: its objects cannot be carried over."""
-        if view is None or self._view is None or view.mask.shape == self._view.mask.shape:
-            return
-        everything = np.ones(len(self._objects), dtype=np.bool_)
-        self._objects.discard(everything, f"the frame size changed to {view.mask.shape} cells")
-        self._prior, self._unsized = None, []
+    def _carried_over(self, view: PlaneView) -> SizePrior | None:
+        """The size expected so far in cells of the view; objects go over to its grid, too."""
+        before, prior = self._view, self._prior
+        if before is None or prior is None or view.scale == before.scale:
+            return prior
+        ratio = before.scale / view.scale
+        self._objects.rescale(ratio, *(float(v) for v in view.to_cells(before.to_plane(np.zeros(2)))))
+        return regridded(prior, before, view)
 
     def _measure(self, view: PlaneView) -> F64:
         """(M, 5) ellipses fitted to the foreground, by the size that is expected now."""
-        if float(view.mask.mean()) > FLOODED:
-            return NO_ELLIPSES
         self._prior = self._plane.prior(view)
         return self._fit(view, self._prior)
 
@@ -140,8 +138,11 @@ class EllipseParticleTracker:
         """Catch up with the frames that taught the size, so that people in them are confirmed once it is known."""
         measured, cycle = self._measured, self._objects.cycle
         now_s = cycle.now_s
-        for dt, view in self._unsized:
-            cycle.now_s = view.observation.timestamp_s
+        for dt, observation in self._unsized:
+            view = self._plane.view(observation)
+            if view is None:
+                continue
+            cycle.now_s = observation.timestamp_s
             self._measured = self._fit(view, prior)
             self._track(dt, view, prior)
         self._unsized, self._measured, cycle.now_s = [], measured, now_s

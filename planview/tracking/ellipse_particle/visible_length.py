@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from calib.types import F32, F64, I64
-from planview.tracking.ellipse_particle.background import UNSURE
 from planview.tracking.ellipse_particle.fit import _area as kernels
 from planview.tracking.ellipse_particle.fit.prior import SizePrior
 
+UNSURE = 0.4 / 1.4
+"""Foreground share of what was removed as a shadow: it may be dark clothes just as well, so it speaks neither for nor
+against a person: s - w (1 - s) = 0 for ``EllipseFitParams.background_weight`` w = 0.4."""
 LIMB = 0.03
 """Least breadth of what shows in a row, over the length of a person: half a leg, 0.1 m of 1.7 m. Legs together, one
 behind the other or walking towards the camera are no broader than one, whatever the breadth of the ellipse, which is

@@ -72,9 +72,9 @@ class HumanModelTracker:
         return self._life.decisions
 
     @property
-    def needs_foreground(self) -> bool:
-        """Observations must hold foreground and motion."""
-        return True
+    def foreground_columns(self) -> int | None:
+        """Those of the image."""
+        return None
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """Track one frame.

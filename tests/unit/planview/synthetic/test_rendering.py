@@ -141,7 +141,7 @@ def test_right_image_is_the_left_shifted_by_the_disparity_of_a_flat_floor():
 def test_sensor_noise_and_exposure_follow_the_signal():
     flat = np.full((200, 200, 3), 0.25, np.float32)
     sensor = Sensor(full_well_e=4000, read_noise_e=0, vignetting=0, blur_px=0, exposure=((1.0, 1.0), (1.1, 2.0)))
-    model = SensorModel(sensor, (200, 200), 1.0, 3, 0)
+    model = SensorModel(sensor, (200, 200), 1.0, (3, 0))
     before, after = model(flat, 0, 0.0), model(flat, 1, 2.0)
     assert before.mean() == pytest.approx(255 * (1.055 * 0.25 ** (1 / 2.4) - 0.055), abs=1.0)
     assert after.mean() == pytest.approx(255 * (1.055 * 0.5 ** (1 / 2.4) - 0.055), abs=1.0)

@@ -16,7 +16,9 @@ from planview.synthetic.texture import Palette
 from planview.synthetic.varying import varied
 
 COMMITTED = sorted(committed.SCENES.rglob("*.toml"))
-SCENES = [p for p in COMMITTED if p.parent.name not in {"demo", "suite"} and not p.name.endswith(".rules.toml")]
+SCENES = [
+    p for p in COMMITTED if p.parent.name not in {"demo", "suite", "views"} and not p.name.endswith(".rules.toml")
+]
 RIG = "[rig]\nat_m = [3, 0.3, 2.5]\n"
 
 

@@ -9,9 +9,10 @@ from planview.tracking.ellipse_particle.existence import ExistenceEvidence, depa
 from planview.tracking.ellipse_particle.fit.ellipses import paint_union
 from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
 from planview.tracking.ellipse_particle.groups import group, overlaps
-from planview.tracking.ellipse_particle.params import ExistenceParams, ImagePlaneParams, ParticleFilterParams
+from planview.tracking.ellipse_particle.params import ExistenceParams, ParticleFilterParams
 from planview.tracking.ellipse_particle.particles import ParticleFilter, ellipses_of, normalised, union_prefix
-from planview.tracking.ellipse_particle.size_learning import SizeLearner, line, regions
+from planview.tracking.ellipse_particle.regions import RegionPairs
+from planview.tracking.ellipse_particle.size_learning import SizeLearner, line
 from planview.tracking.lifecycle import Existence
 
 PRIOR = SizePrior(12.0, 0.0, 0.4)
@@ -182,8 +183,7 @@ def test_object_that_shares_its_measurement_for_long_is_a_prediction_only():
 
 def test_learned_size_follows_the_row_in_spite_of_specks_and_groups():
     rng = np.random.default_rng(3)
-    learner = SizeLearner(ImagePlaneParams())
-    prior = None
+    learner = SizeLearner(60.0)
     for frame in range(40):
         people = []
         for _ in range(2):
@@ -192,8 +192,10 @@ def test_learned_size_follows_the_row_in_spite_of_specks_and_groups():
         mask = paint_union(np.array(people), (100, 160))
         for x, y in rng.integers(2, 90, (15, 2)):
             mask[y : y + 3, x : x + 3] = 1
-        prior = learner.update(mask.astype(np.float32), frame / 10)
-    assert prior is not None
+        for moment in (frame, frame + 0.5):
+            belief = learner.update(mask.astype(np.float32), moment / 10)
+    assert belief is not None
+    prior = belief.prior
     for row in (30, 70):
         assert prior.half_length(row) == pytest.approx(4 + 0.15 * row, rel=0.1)
     # Painted ellipses are full, silhouettes fill theirs to three quarters.
@@ -201,7 +203,7 @@ def test_learned_size_follows_the_row_in_spite_of_specks_and_groups():
 
 
 def test_size_learning_stops_after_its_time():
-    learner = SizeLearner(ImagePlaneParams(learn_s=5))
+    learner = SizeLearner(5.0)
     small, large = (paint_union(np.array([[50.0, 50, a, 0.4 * a, 0]]), (100, 100)).astype(np.float32) for a in (10, 20))
     for frame in range(11):
         before = learner.update(small, frame)
@@ -209,11 +211,29 @@ def test_size_learning_stops_after_its_time():
         assert learner.update(large, frame) == before
 
 
-def test_regions_leave_out_what_touches_the_border():
+def pairs_of(*masks: np.ndarray) -> np.ndarray:
+    pairs = RegionPairs()
+    return [pairs.update(mask, None) for mask in masks][-1]
+
+
+def test_regions_say_which_of_them_the_border_cuts():
     mask = np.zeros((50, 50), dtype=np.float32)
     mask[10:30, 20:28] = 1
     mask[0:20, 40:45] = 1
-    np.testing.assert_array_equal(regions(mask), [[19.5, 20, 8, 160]])
+    np.testing.assert_array_equal(pairs_of(mask, mask), [[19.5, 20, 8, 160, 0], [9.5, 20, 5, 100, 1]])
+
+
+def test_region_that_was_not_there_before_does_not_count():
+    mask = np.zeros((50, 50), dtype=np.float32)
+    mask[10:30, 20:28] = 1
+    assert not len(pairs_of(np.zeros_like(mask), mask))
+
+
+def test_regions_nearer_than_a_tenth_of_their_height_are_one():
+    mask = np.zeros((60, 50), dtype=np.float32)
+    mask[10:30, 20:28] = 1
+    mask[32:50, 20:28] = 1
+    np.testing.assert_array_equal(pairs_of(mask, mask), [[29.5, 40, 8, 304, 0]])
 
 
 def test_line_through_two_points_and_its_flat_twin():
@@ -225,4 +245,4 @@ def test_poles_are_too_thin_to_teach_a_size():
     mask = np.zeros((60, 80), np.float32)
     mask[10:30, 10:12] = 1  # 20 long, 2 wide: a tenth
     mask[20:40, 40:47] = 1  # 20 long, 7 wide: a person
-    np.testing.assert_array_equal(regions(mask), [[29.5, 20, 7, 140]])
+    np.testing.assert_array_equal(pairs_of(mask, mask), [[29.5, 20, 7, 140, 0]])

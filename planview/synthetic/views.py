@@ -1,0 +1,232 @@
+"""Views of one camera with ranges: a seed draws camera, room, light, clothes and the ways of people past a line.
+
+The table of a view has ranges as scenes of the challenge suite have (``ranges.resolved``). How large people are in the
+image is drawn, and the camera hung so that they are.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from planview.synthetic.placing import ground_camera
+from planview.synthetic.ranges import resolved
+from planview.synthetic.scene import Scene
+from planview.synthetic.setting import Pair
+from planview.synthetic.view_table import ViewTable
+from planview.synthetic.wardrobe import clothes, looks
+
+BODY_M, DEPTH_M = 1.7, 0.45
+"""A person's height and, from straight above, depth [m]."""
+BEYOND_M = 2.2
+"""People come to be, and cease, so far beyond the openings [m]: out of view."""
+STEEP_DEG = 35.0
+"""Cameras steeper than this hang over the middle of the room."""
+FLOORS = (("tiles", "#a39a8a"), ("wood", "#b98f5f"), ("carpet", "#5c6a78"), ("concrete", "#8f959a"))
+GREYS = ("#b8b4ac", "#a8a8a4", "#98a0a4", "#c4c0b8")
+
+
+@dataclass(frozen=True)
+class DrawnView:
+    """A drawn scene and the line to be counted at.
+
+    Attributes:
+        wire_px: both ends in the image.
+    """
+
+    scene: Scene
+    wire_px: tuple[Pair, Pair]
+
+
+def draw_view(table: Mapping[str, Any], seed: int, name: str) -> DrawnView:
+    """The view of a seed; the same table, seed and name give the same view.
+
+    Raises:
+        pydantic.ValidationError: the table is no view, or a value is out of its range.
+    """
+    rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
+    return _Composer(ViewTable.model_validate(resolved(table, rng)), rng).drawn()
+
+
+class _Composer:
+    """A room around one camera, seen from the room's frame: y ahead, the camera above (``_x``, ``_y``)."""
+
+    def __init__(self, view: ViewTable, rng: np.random.Generator) -> None:
+        self._view, self._rng = view, rng
+        camera = view.camera
+        tilt = math.radians(camera.tilt_deg)
+        self._focal = camera.height / 2 / math.tan(math.radians(camera.lens_deg) / 2)
+        length = BODY_M * math.sin(tilt) + DEPTH_M * math.cos(tilt)
+        self._range_m = self._focal * length / (camera.person_share * camera.height)
+        self._height_m = 0.9 + 0.5 * math.cos(tilt) + self._range_m * math.cos(tilt)
+        self._ahead_m = self._range_m * math.sin(tilt)
+        half = 0.5 * camera.width / self._focal * self._range_m
+        self._reach_m = min(view.walks.width_m / 2 - 0.3, 0.75 * half) if not view.walks.across else half
+        is_steep = camera.tilt_deg < STEEP_DEG
+        self._y = max(0.3, view.walks.width_m / 2 + 1.0) if is_steep else 0.3
+        wide = max(view.walks.width_m, 2 * half if view.walks.across else 0.0) + 1.0
+        self._size = (wide, self._y + self._ahead_m + view.room.beyond_m, max(2.5, self._height_m + 0.3))
+        self._x = wide / 2
+
+    def drawn(self) -> DrawnView:
+        """Everything drawn."""
+        view = self._view
+        scene = Scene.model_validate(
+            {
+                "description": view.description,
+                "seed": int(self._rng.integers(1 << 31)),
+                "fps": view.fps,
+                "duration_s": view.duration_s,
+                "room": self._room(),
+                "camera": self._mount(),
+                "sensor": self._sensor(),
+                "lights": self._lights(),
+                "furniture": self._furniture(),
+                "people": self._people(),
+                "capture": view.capture,
+            }
+        )
+        return DrawnView(scene, self._wire(scene))
+
+    def _mount(self) -> dict[str, Any]:
+        camera = self._view.camera
+        return {
+            "at_m": (self._x, self._y, self._height_m), "heading_deg": 90.0, "tilt_deg": camera.tilt_deg,
+            "width": camera.width, "height": camera.height, "focal_px": self._focal,
+        }  # fmt: skip
+
+    def _room(self) -> dict[str, Any]:
+        walks, (x, y, z) = self._view.walks, self._size
+        texture, colour = FLOORS[int(self._rng.integers(len(FLOORS)))]
+        if walks.across:
+            low = max(0.4, self._y + self._ahead_m - walks.width_m / 2)
+            width = min(walks.width_m, y - low - 0.2)
+            openings = [{"wall": wall, "from_m": low, "width_m": width} for wall in ("west", "east")]
+        else:
+            low = self._x - walks.width_m / 2
+            openings = [{"wall": wall, "from_m": low, "width_m": walks.width_m} for wall in ("north", "south")]
+        high = min(5.5, z - 0.2)
+        return {
+            "size_m": (x, y, z),
+            "floor": {"texture": texture, "colour": colour, "scale_m": float(self._rng.uniform(0.15, 0.5)),
+                      "contrast": float(self._rng.uniform(0.1, 0.35)), "gloss": self._view.room.gloss},
+            "walls": {"colour": self._wall_colour(), "scale_m": 0.8, "contrast": 0.06},
+            "openings": [o | {"height_m": high} for o in openings],
+        }  # fmt: skip
+
+    def _wall_colour(self) -> str:
+        self._grey = str(self._rng.choice(GREYS))
+        return self._grey
+
+    def _lights(self) -> dict[str, Any]:
+        light, rng, (x, y, z) = self._view.light, self._rng, self._size
+        lamps: list[dict[str, Any]] = [
+            {"at_m": (float(rng.uniform(0.2, 0.8) * x), float(rng.uniform(0.3, 0.9) * y), z - 0.1),
+             "level": float(rng.uniform(0.2, 0.5)) * max(1.0, (z / 2.8) ** 2), "shadows": k == 0}
+            for k in range(light.lamps)
+        ]  # fmt: skip
+        if light.sun:
+            towards = (float(rng.choice((-1, 1)) * rng.uniform(0.4, 0.9)), float(rng.uniform(-0.2, 0.4)), -0.8)
+            lamps.append({"kind": "sun", "towards": towards, "level": float(rng.uniform(0.4, 0.9))})
+        if light.dimmed and lamps:
+            at, level = float(rng.uniform(0.3, 0.6)) * self._view.duration_s, float(rng.uniform(0.3, 0.7))
+            lamps[0]["dim"] = ((at, 1.0), (at + 0.4, level), (at + 5.0, level), (at + 5.4, 1.0))
+        return {"ambient": light.ambient, "lamps": lamps}
+
+    def _sensor(self) -> dict[str, Any]:
+        light = self._view.light
+        return {"brightness": light.brightness, "full_well_e": light.full_well_e, "blur_px": light.blur_px,
+                "vignetting": float(self._rng.uniform(0.05, 0.3))}  # fmt: skip
+
+    def _furniture(self) -> list[dict[str, Any]]:
+        if not self._view.room.moved:
+            return []
+        x = self._x + float(self._rng.choice((-1, 1))) * (self._size[0] / 2 - 0.35)
+        y, t = self._y + self._ahead_m, float(self._rng.uniform(0.35, 0.6)) * self._view.duration_s
+        moves = ({"t_s": t, "at_m": (x, y)}, {"t_s": t + 1.5, "at_m": (x, y + 0.4)})
+        return [{"kind": "box", "at_m": (x, y), "size_m": (0.5, 0.5, 0.6), "moves": moves}]
+
+    def _people(self) -> list[dict[str, Any]]:
+        walks, rng, people = self._view.walks, self._rng, []
+        enter, forward, lane, speed = walks.start_s, True, 0.0, 1.0
+        for i in range(walks.people):
+            beside = i > 0 and walks.order != "single" and rng.random() < walks.together
+            if beside:
+                shift = 0.65 if lane < 0 else -0.65
+                enter, lane = enter + float(rng.uniform(0.0, 0.3)), lane + shift
+            else:
+                enter += 0.0 if i == 0 else self._gap_s(speed)
+                forward = self._forward(i)
+                speed = float(rng.uniform(*walks.speed_mps))
+                # On the right of the way, as seen by the one who walks there.
+                lane = float(rng.uniform(0.0, 1.0)) * max(0.1, self._reach()) * (1 if forward else -1)
+            people.append(self._person(enter, forward, lane, speed))
+            if enter + self._length_m / speed > self._view.duration_s:
+                people.pop()
+                break
+        return people
+
+    def _forward(self, i: int) -> bool:
+        if self._view.walks.order == "waves":
+            return i < self._view.walks.people / 2
+        return bool(self._rng.random() < 0.5)
+
+    def _gap_s(self, speed: float) -> float:
+        walks = self._view.walks
+        if walks.order == "single":
+            return self._length_m / speed + walks.stop_s[1] + float(self._rng.uniform(0.5, walks.every_s))
+        return float(self._rng.uniform(0.5, 1.5)) * walks.every_s
+
+    def _reach(self) -> float:
+        walks = self._view.walks
+        return min(walks.width_m / 2 - 0.3, 0.2 * self._range_m) if walks.across else self._reach_m
+
+    @property
+    def _length_m(self) -> float:
+        return (self._size[0] if self._view.walks.across else self._size[1]) + 2 * BEYOND_M
+
+    def _person(self, enter_s: float, forward: bool, lane: float, speed: float) -> dict[str, Any]:
+        walks, rng = self._view.walks, self._rng
+        ends = (-BEYOND_M, self._length_m - BEYOND_M)
+        start, end = ends if forward else ends[::-1]
+        middle = self._size[0] / 2 if walks.across else self._y + self._ahead_m
+        points = [self._place(a, lane) for a in (start, middle, end)]
+        look = looks(rng, float(rng.uniform(1.55, 1.9))) | clothes(rng)
+        if rng.random() < self._view.room.grey_clothes:
+            look["shirt"] = {"colour": self._grey, "scale_m": 0.08, "contrast": 0.1}
+        look |= {"start_m": points[0], "enter_s": enter_s}
+        stop = float(rng.uniform(*walks.stop_s))
+        if stop > 0.3:
+            steps = [
+                {"go": [points[1]], "speed_mps": speed},
+                {"stand_s": stop},
+                {"go": [points[2]], "speed_mps": speed},
+            ]
+            return look | {"steps": steps, "leaves": True}
+        area = (0.3, 0.3, self._size[0] - 0.3, self._size[1] - 0.3)
+        way = {"area_m": area, "speed_mps": (speed, speed), "until_s": 0, "exit_m": points[1:]}
+        return look | {"wander": way}
+
+    def _place(self, along: float, lane: float) -> Pair:
+        if self._view.walks.across:
+            return (along, self._y + self._ahead_m - lane)
+        return (self._x + lane, along)
+
+    def _wire(self, scene: Scene) -> tuple[Pair, Pair]:
+        """Across the way through the middle of the view, where the feet of people are."""
+        camera = self._view.camera
+        width, height = float(camera.width - 1), float(camera.height - 1)
+        assert scene.camera is not None  # composed above
+        project = ground_camera(scene.camera).project
+        if self._view.walks.across:
+            far = float(project(np.array([[0.0, self._ahead_m + self._reach() + 1.0, 0.0]]))[0, 1])
+            return (width / 2, max(0.0, far)), (width / 2, height)
+        row = height / 2
+        if camera.tilt_deg >= STEEP_DEG:
+            row = min(0.88 * height, float(project(np.array([[0.0, self._ahead_m, 0.0]]))[0, 1]))
+        return (0.0, row), (width, row)
