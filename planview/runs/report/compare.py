@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 from pydantic import JsonValue
 
 from planview.evaluation.significant import SignificantError
@@ -180,6 +179,6 @@ def _rows(run: _ComparedRun) -> RunRows:
 
 
 def _floor(results: RunResults) -> bytes:
-    tracks = results.tracks
-    shown = tracks.where((tracks.state != "tentative") & np.isfinite(tracks.x_m) & np.isfinite(tracks.y_m))
-    return floor_plots.floor_plot(shown, floor_plots.FloorScene.of(results), results.truth)
+    places, truth = floor_plots.Places.of(results.tracks), results.truth
+    true_places = floor_plots.Places.of(truth) if truth is not None else None
+    return floor_plots.floor_plot(places, floor_plots.FloorScene.of(results), true_places)

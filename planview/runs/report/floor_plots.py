@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import cv2
 import numpy as np
 
-from calib.types import F64, I64
+from calib.types import F64, I64, Bool
 from planview.drawing.colours import TRIPWIRE, ZONE, as_hex, person_hex
 from planview.drawing.plan import PlanBounds
 from planview.evaluation.significant import runs
@@ -52,18 +52,44 @@ class FloorScene:
         return FloorScene(results.info.rig, results.rule_counts, results.bounds())
 
 
-def floor_plot(tracks: Trajectories, scene: FloorScene, truth: Trajectories | None = None) -> bytes:
+class Places(NamedTuple):
+    """Where people were, columns of equal length (N,), by person then frame; a third of the room of whole rows.
+
+    Attributes:
+        frame, track_id: int64.
+        xy_m: (N, 2) float64 [m].
+        is_lost: only predicted.
+    """
+
+    frame: I64
+    track_id: I64
+    xy_m: F64
+    is_lost: Bool
+
+    @staticmethod
+    def of(table: Trajectories) -> Places:
+        """Of rows with positions, without tentative ones."""
+        rows = np.flatnonzero((table.state != "tentative") & np.isfinite(table.x_m) & np.isfinite(table.y_m))
+        rows = rows[np.lexsort((table.frame[rows], table.track_id[rows]))]
+        xy = np.column_stack([table.x_m[rows], table.y_m[rows]])
+        return Places(table.frame[rows], table.track_id[rows], xy, np.asarray(table.state[rows] == "lost"))
+
+    def observed(self) -> F64:
+        """(K, 2) places that are not only predicted [m]."""
+        return self.xy_m[~self.is_lost]
+
+
+def floor_plot(tracks: Places, scene: FloorScene, truth: Places | None = None) -> bytes:
     """Tracks on the floor with the camera at its place, its view, and the rules.
 
     Args:
-        tracks: confirmed and lost rows with positions; lost ones are dotted.
+        tracks: lost ones are dotted.
         truth: dashed.
     """
     figure, axes = _floor_figure(scene.bounds)
     _draw_scene(axes, scene)
     if truth is not None:
-        axes.plot(*_broken(truth), color="black", linewidth=0.8, linestyle=(0, (4, 3)), zorder=2)
-    tracks = tracks.where(np.lexsort((tracks.frame, tracks.track_id)))
+        axes.plot(*_broken(truth).T, color="black", linewidth=0.8, linestyle=(0, (4, 3)), zorder=2)
     _draw_ways(axes, tracks)
     _draw_ends(axes, tracks)
     _floor_axes(axes, scene.bounds)
@@ -98,17 +124,16 @@ def _write(axes: Axes, text: str, at_m: tuple[float, float], colour: str) -> Non
     )  # fmt: skip
 
 
-def _draw_ways(axes: Axes, tracks: Trajectories) -> None:
+def _draw_ways(axes: Axes, tracks: Places) -> None:
     """Steps from row to row of each track, all at once."""
     from matplotlib.collections import LineCollection
 
-    places = np.column_stack([tracks.x_m, tracks.y_m])
     step = (np.diff(tracks.track_id) == 0) & (np.diff(tracks.frame) == 1)
-    lost = tracks.state[1:] != "confirmed"
+    lost = tracks.is_lost[1:]
     for kind, width, style in ((step & ~lost, 1.5, "-"), (step & lost, 0.9, ":")):
         parts = runs(kind)
         colours = _colours(tracks.track_id[np.array([start for start, _ in parts], dtype=np.int64)])
-        lines = [places[start : stop + 1] for start, stop in parts]
+        lines = [tracks.xy_m[start : stop + 1] for start, stop in parts]
         axes.add_collection(LineCollection(lines, colors=colours, linewidths=width, linestyles=style))
 
 
@@ -118,22 +143,21 @@ def _colours(ids: I64) -> list[str]:
     return [str(colour) for colour in hexes[where]] if len(ids) else []
 
 
-def _draw_ends(axes: Axes, tracks: Trajectories) -> None:
+def _draw_ends(axes: Axes, tracks: Places) -> None:
     """A dot where each track begins, a square where it ends, and the ids of the longest ones."""
     ids, first, counts = np.unique(tracks.track_id, return_index=True, return_counts=True)
     last, colours = first + counts - 1, _colours(ids)
-    axes.scatter(tracks.x_m[first], tracks.y_m[first], s=16, c=colours, marker="o", zorder=4)
-    axes.scatter(tracks.x_m[last], tracks.y_m[last], s=16, c=colours, marker="s", zorder=4)
+    axes.scatter(tracks.xy_m[first, 0], tracks.xy_m[first, 1], s=16, c=colours, marker="o", zorder=4)
+    axes.scatter(tracks.xy_m[last, 0], tracks.xy_m[last, 1], s=16, c=colours, marker="s", zorder=4)
     for i in np.argsort(-counts, kind="stable")[:NAMED_MAX].tolist():
-        at = float(tracks.x_m[first[i]]), float(tracks.y_m[first[i]])
-        _write(axes, str(ids[i]), at, colours[i])
+        x, y = tracks.xy_m[first[i]].tolist()
+        _write(axes, str(ids[i]), (x, y), colours[i])
 
 
-def _broken(table: Trajectories) -> tuple[F64, F64]:
-    """x and y of all rows, by person, with a gap wherever a way ends."""
-    table = table.where(np.lexsort((table.frame, table.track_id)))
-    gaps = np.flatnonzero((np.diff(table.track_id) != 0) | (np.diff(table.frame) > 1)) + 1
-    return np.insert(table.x_m, gaps, np.nan), np.insert(table.y_m, gaps, np.nan)
+def _broken(places: Places) -> F64:
+    """(M, 2) places by person, with a gap wherever a way ends."""
+    gaps = np.flatnonzero((np.diff(places.track_id) != 0) | (np.diff(places.frame) > 1)) + 1
+    return np.insert(places.xy_m, gaps, np.nan, axis=0)
 
 
 def _draw_rule(axes: Axes, name: str, rule: dict[str, Any]) -> None:
@@ -148,30 +172,30 @@ def _draw_rule(axes: Axes, name: str, rule: dict[str, Any]) -> None:
     _write(axes, plain_text(name), (float(points[:, 0].mean()), float(points[:, 1].mean())), colour)
 
 
-def heat_map(tracks: Trajectories, frame_s: float) -> tuple[Grid, F64]:
+def heat_map(xy_m: F64, frame_s: float) -> tuple[Grid, F64]:
     """Time spent per cell.
 
     Args:
-        tracks: rows with floor positions, at least one.
-        frame_s: time that a row stands for [s].
+        xy_m: (N, 2) places [m], at least one.
+        frame_s: time that a place stands for [s].
     Returns:
-        The grid around the rows (coarser where the cells would be too many), and (n_rows, n_cols) float64 [s].
+        The grid around the places (coarser where the cells would be too many), and (n_rows, n_cols) float64 [s].
     """
-    x_min, y_min, x_max, y_max = tracks.x_m.min(), tracks.y_m.min(), tracks.x_m.max(), tracks.y_m.max()
+    (x_min, y_min), (x_max, y_max) = xy_m.min(axis=0), xy_m.max(axis=0)
     cell = max(HEAT_CELL_M, float(np.hypot(x_max - x_min, y_max - y_min)) / 1000)
     grid = Grid.covering(x_min - cell, y_min - cell, x_max + cell, y_max + cell, cell)
-    rows = np.floor((tracks.y_m - grid.y_min_m) / cell).astype(np.int64)
-    cols = np.floor((tracks.x_m - grid.x_min_m) / cell).astype(np.int64)
+    rows = np.floor((xy_m[:, 1] - grid.y_min_m) / cell).astype(np.int64)
+    cols = np.floor((xy_m[:, 0] - grid.x_min_m) / cell).astype(np.int64)
     heat = np.zeros(grid.shape)
     np.add.at(heat, (rows, cols), frame_s)
     return grid, heat
 
 
-def heat_plot(tracks: Trajectories, frame_s: float, scene: FloorScene) -> bytes:
-    """Where people spent their time, smoothed by a cell."""
+def heat_plot(xy_m: F64, frame_s: float, scene: FloorScene) -> bytes:
+    """Where people spent their time, smoothed by a cell (arguments of ``heat_map``)."""
     from matplotlib.colors import LogNorm
 
-    grid, heat = heat_map(tracks, frame_s)
+    grid, heat = heat_map(xy_m, frame_s)
     heat = np.asarray(cv2.GaussianBlur(heat, (0, 0), 0.7), dtype=np.float64)
     top = max(float(heat.max()), 1e-9)
     figure, axes = _floor_figure(scene.bounds)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
@@ -17,9 +17,11 @@ from planview.drawing.image import ImageCamera, ImagePainter
 from planview.drawing.labels import Labels
 from planview.drawing.moment import Moment, moment_at
 from planview.evaluation.significant import SignificantError
-from planview.runs.scene.frames import SceneFrames, open_frames
 from planview.runs.scene.results import RunResults
 from planview.trajectories.state import TrackState
+
+if TYPE_CHECKING:
+    from planview.runs.scene.frames import SceneFrames
 
 ERRORS_MAX = 12
 CROSSINGS_MAX = 12
@@ -67,6 +69,8 @@ def scene_pictures(results: RunResults, errors: Sequence[SignificantError]) -> S
     """Pictures from the recording, opened again; a recording that is not there any more gives none."""
     if not len(results.tracks) or not results.has_run:
         return ScenePictures([], [], [])
+    from planview.runs.scene.frames import open_frames  # the engine, which the page of tracks alone does without
+
     groups = _overview(results), _strips(results, errors), _crossings(results)
     try:
         frames = open_frames(results.info)

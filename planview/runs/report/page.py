@@ -11,7 +11,6 @@ import numpy as np
 from pydantic import JsonValue
 
 from planview.drawing.colours import ERRORS, as_hex, person_hex
-from planview.pipeline.config import Config
 from planview.pipeline.info import CameraInfo
 from planview.runs.info import RunInfo, write_result
 from planview.runs.report import floor_plots, plots
@@ -154,25 +153,32 @@ def _end_s(results: RunResults) -> float:
 
 
 def _pictures(results: RunResults) -> list[Picture]:
-    tracks, scene = results.tracks, floor_plots.FloorScene.of(results)
-    shown = tracks.where((tracks.state != "tentative") & np.isfinite(tracks.x_m) & np.isfinite(tracks.y_m))
-    confirmed = shown.where(shown.state == "confirmed")
-    pictures = []
-    if len(shown):
-        note = "Each person from the dot to the square; dotted where only predicted."
-        note += " Dashed black: the truth." if results.truth is not None else ""
-        pictures.append(picture("Floor", floor_plots.floor_plot(shown, scene, results.truth), note))
-    if len(confirmed):
-        note = f"Time that people spent in each cell of {floor_plots.HEAT_CELL_M:.1f} m, on a logarithmic scale."
-        heat = picture("Heat map", floor_plots.heat_plot(confirmed, results.clock.frame_s, scene), note)
-        pictures.append(heat._replace(keep_colours=True))
+    scene = floor_plots.FloorScene.of(results)
+    pictures = _floor_pictures(results, scene, floor_plots.Places.of(results.tracks))
     if results.n_frames:
         frames = np.arange(results.n_frames, dtype=np.int64)
-        pictures.append(picture("People over time", plots.people_plot(tracks, results.clock.at(frames), frames)))
+        pictures.append(
+            picture("People over time", plots.people_plot(results.tracks, results.clock.at(frames), frames))
+        )
     stages = {stage: ms for stage, ms in results.info.stages_ms.items() if ms is not None}
     if stages:
         pictures.append(picture("Time per stage", plots.stage_plot(stages)))
     return pictures + _count_pictures(results)
+
+
+def _floor_pictures(results: RunResults, scene: floor_plots.FloorScene, places: floor_plots.Places) -> list[Picture]:
+    pictures = []
+    if len(places.frame):
+        note = "Each person from the dot to the square; dotted where only predicted."
+        note += " Dashed black: the truth." if results.truth is not None else ""
+        truth = floor_plots.Places.of(results.truth) if results.truth is not None else None
+        pictures.append(picture("Floor", floor_plots.floor_plot(places, scene, truth), note))
+    observed = places.observed()
+    if len(observed):
+        note = f"Time that people spent in each cell of {floor_plots.HEAT_CELL_M:.1f} m, on a logarithmic scale."
+        heat = picture("Heat map", floor_plots.heat_plot(observed, results.clock.frame_s, scene), note)
+        pictures.append(heat._replace(keep_colours=True))
+    return pictures
 
 
 def _count_pictures(results: RunResults) -> list[Picture]:
@@ -234,6 +240,10 @@ def _camera_rows(info: RunInfo) -> list[NamedFigure]:
 
 def changed_settings(config: dict[str, JsonValue], base: dict[str, JsonValue] | None = None) -> list[Setting]:
     """Parameters that differ from others, by default the defaults."""
+    if not config:
+        return []
+    from planview.pipeline.config import Config  # takes 2 s and 80 MB
+
     before = flat_settings(Config().model_dump(mode="json") if base is None else base)
     after = flat_settings(config)
     names = [name for name in {**after, **(before if base is not None else {})} if after.get(name) != before.get(name)]

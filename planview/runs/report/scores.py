@@ -8,7 +8,6 @@ from pydantic import TypeAdapter, ValidationError
 
 from calib.errors import InputError, WorkError
 from calib.params import first_problem
-from planview.evaluation.evaluate import evaluate_tracks
 from planview.evaluation.significant import SignificantError
 from planview.runs.scene.results import RunResults, read_object
 
@@ -23,6 +22,8 @@ def scores_of(results: RunResults) -> dict[str, Any]:
     truth = results.truth
     if written or truth is None or not results.has_run or len(results.tracks) + len(truth) > ROWS_MAX:
         return written
+    from planview.evaluation.evaluate import evaluate_tracks  # brings scipy
+
     try:
         return evaluate_tracks(results.tracks, truth, None, (0, max(0, results.n_frames - 1))).to_json()
     except (InputError, WorkError):

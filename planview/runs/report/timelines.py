@@ -10,8 +10,6 @@ import numpy as np
 from calib.types import F64, I64
 from planview.analytics.clock import Clock
 from planview.drawing.colours import ERRORS, as_hex, person_hex
-from planview.evaluation.clear import clear_scores
-from planview.evaluation.sequence import build_sequence, floor_similarity
 from planview.evaluation.significant import SignificantError
 from planview.trajectories.state import State
 from planview.trajectories.table import Trajectories
@@ -94,6 +92,9 @@ def timelines(
 
 def held_by(tracks: Trajectories, truth: Trajectories, gate_m: float = GATE_M) -> I64:
     """(N,) id of the confirmed track matched to every row of the truth, UNHELD where there is none."""
+    from planview.evaluation.clear import clear_scores  # brings scipy
+    from planview.evaluation.sequence import build_sequence, floor_similarity
+
     claimed = tracks.where((tracks.state == "confirmed") & np.isfinite(tracks.x_m))
     matches = clear_scores(build_sequence(truth, claimed, floor_similarity(gate_m))).matches
     holder = np.full(len(truth), UNHELD, dtype=np.int64)

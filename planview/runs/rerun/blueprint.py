@@ -11,14 +11,11 @@ from planview.pipeline.engine import Engine
 from planview.pipeline.heads import HeadsPipeline
 
 _MAP_LAYERS = [
-    "plan/floor",
-    "plan/people",
-    "plan/labels",
-    "plan/search",
-    "plan/template",
-    "plan/ellipses",
+    "plan/floor", "plan/grid", "plan/people", "plan/labels", "plan/search", "plan/template", "plan/ellipses",
     "plan/truth",
-]
+]  # fmt: skip
+PEOPLE_TAB = 2
+"""Number of people, which every tracker of one camera gives; not all have match scores."""
 
 
 def blueprint(engine: Engine, people: PlanBounds | None = None) -> rrb.Blueprint:
@@ -60,8 +57,8 @@ def _single(engine: Engine, people: PlanBounds | None) -> rrb.Blueprint:
     right: list[rrb.View | rrb.Container] = []
     if engine.camera is not None:
         bounds = people or PlanBounds(-8.0, 0.0, 8.0, 16.0)
-        right.append(_plan_view("floor from above", ["plan/grid", "plan/trails", *_MAP_LAYERS], bounds))
-    right.append(_series())
+        right.append(_plan_view("floor from above", ["plan/trails", *_MAP_LAYERS], bounds))
+    right.append(_series(active_tab=PEOPLE_TAB))
     return rrb.Blueprint(
         rrb.Horizontal(image, rrb.Vertical(*right), column_shares=[3, 2]),
         rrb.TimePanel(state="collapsed", timeline="frame"),
@@ -70,7 +67,7 @@ def _single(engine: Engine, people: PlanBounds | None) -> rrb.Blueprint:
     )
 
 
-def _series() -> rrb.Tabs:
+def _series(active_tab: int = 0) -> rrb.Tabs:
     """Curves and decisions; ``errors`` are the significant ones, where there is truth."""
     return rrb.Tabs(
         rrb.TimeSeriesView(origin="score", name="match score"),
@@ -78,7 +75,7 @@ def _series() -> rrb.Tabs:
         rrb.TimeSeriesView(origin="people", name="people"),
         rrb.TimeSeriesView(origin="time_ms", name="stage times [ms]"),
         rrb.TextLogView(origin="errors", name="significant errors"),
-        active_tab=0,
+        active_tab=active_tab,
     )
 
 

@@ -17,15 +17,15 @@ from planview.drawing.colours import person_rgb
 from planview.drawing.plan import PlanBounds, bounds_of
 from planview.maps.view import StereoView
 from planview.pipeline.engine import Engine, FrameResult
-from planview.runs.rerun.blueprint import blueprint, other_heads
+from planview.runs.rerun.blueprint import blueprint, other_heads, shown_floor
 from planview.runs.rerun.parts import RrdParts
 from planview.runs.rerun.scene import StaticScene, map_image, metre_grid
 from planview.runs.rerun.series import SeriesBlocks
 from planview.runs.rerun.shapes import (
     disparity_photo,
-    grey_tile,
     label_of,
     label_places,
+    mosaic,
     outlines,
     photo,
     point_colours,
@@ -40,6 +40,8 @@ BODY_M = 0.5
 """Width of the boxes around people [m]."""
 CLOUD_POINTS_MAX = 2500
 """Foreground points logged per frame at most: a person at 3 m has so many at 320x240."""
+FLUSH_FRAMES = 100
+"""So many frames may wait for rerun's thread: on a busy machine they would pile up in memory."""
 PART_FRAMES = 2000
 """Frames of a part of the recording (our choice: some 150 MB)."""
 FREE_BYTES_MIN = 64 * 2**20
@@ -113,12 +115,15 @@ class RerunLog:
         self._log_people(result.tracks, result.timestamp_s)
         self._log_decisions(result)
         self._log_series(result)
+        if self._frames_in_part % FLUSH_FRAMES == 0:
+            self._stream.flush()
 
     def close(self) -> None:
         """See ``RunLog``."""
         self._series.flush(self._stream)
         log_verdict(self._stream, self._path.parent)
         if self._bounds is not None:
+            self._stream.log("plan/grid", metre_grid(self._bounds), static=True)
             self._stream.send_blueprint(blueprint(self._engine, self._bounds))
         self._stream.disconnect()
         self._parts.join()
@@ -142,8 +147,8 @@ class RerunLog:
         self._log_camera("world/camera", self._stereo)
         for name, stereo in other_heads(self._engine):
             self._log_camera(f"world/{name}", stereo)
-        lines = metre_grid(self._stereo)
-        self._stream.log("world/floor", rr.LineStrips3D(lines, colors=[90, 90, 90], radii=-0.7), static=True)
+        grid = metre_grid(PlanBounds(*shown_floor(self._stereo)))
+        self._stream.log("world/floor", grid, static=True)
 
     def _log_camera(self, path: str, stereo: StereoView) -> None:
         pose, geometry = stereo.floor.world_SE3_left, stereo.geometry
@@ -241,9 +246,9 @@ class RerunLog:
             path = f"{'plan' if drawing.plane == 'floor' else 'image'}/{drawing.name}"
             names.add(path)
             self._stream.log(path, strips_of(drawing))
-        for name, tile in debug.tiles.items():
-            names.add(name)
-            self._stream.log(name, rr.Image(grey_tile(tile)))
+        if debug.tiles:
+            names.add("templates")
+            self._stream.log("templates", rr.Image(mosaic(debug.tiles)))
         for name in self._shown - names:
             self._stream.log(name, rr.Clear(recursive=False))
         self._shown = names

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 import rerun as rr
 
 from calib.images import as_colour
 from calib.types import F32, U8
+from planview.drawing.plan import PlanBounds
 from planview.maps.view import StereoView
 from planview.pipeline.engine import FrameResult
-from planview.runs.rerun.blueprint import shown_floor
 from stereo.depth import DepthFromDisparity, back_project
 
 SCENE_POINTS_MAX = 60_000
@@ -22,6 +24,7 @@ FLOOR_LIGHT = 0.55
 """The image on the floor is darkened by this, so that the maps on it stand out."""
 UNDER, OVER = -50.0, 10.0
 """Order of drawing of floor and maps: both lie in one plane, since what is transparent hides what lies below it."""
+GRID_LINES_MAX = 40
 HEIGHT_SHOWN_M = (-0.5, 3.5)
 """What lies lower or higher is noise or hides the view."""
 
@@ -100,12 +103,14 @@ class StaticScene:
         stream.log("plan/floor", image_map, static=True)
 
 
-def metre_grid(stereo: StereoView) -> list[F32]:
-    """Lines every metre on the floor in view."""
-    x_min, y_min, x_max, y_max = (round(value) for value in shown_floor(stereo))
-    lines = [[(x, y_min, 0.0), (x, y_max, 0.0)] for x in range(x_min, x_max + 1)]
-    lines += [[(x_min, y, 0.0), (x_max, y, 0.0)] for y in range(y_min, y_max + 1)]
-    return [np.array(line, dtype=np.float32) for line in lines]
+def metre_grid(bounds: PlanBounds) -> rr.LineStrips3D:
+    """Lines every metre of a part of the floor, every five metres of a large one."""
+    x_min, y_min = math.floor(bounds.x_min_m), math.floor(bounds.y_min_m)
+    x_max, y_max = math.ceil(bounds.x_max_m), math.ceil(bounds.y_max_m)
+    step = 1 if max(x_max - x_min, y_max - y_min) <= GRID_LINES_MAX else 5
+    lines = [[(x, y_min, 0.01), (x, y_max, 0.01)] for x in range(x_min, x_max + 1, step)]
+    lines += [[(x_min, y, 0.01), (x_max, y, 0.01)] for y in range(y_min, y_max + 1, step)]
+    return rr.LineStrips3D(lines, colors=[90, 90, 90], radii=-0.5)
 
 
 def map_image(values: F32, largest: float, stereo: StereoView) -> rr.GridMap:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -50,20 +50,29 @@ def outlines(foreground: U8, size: tuple[int, int]) -> rr.LineStrips2D:
 
 
 def strips_of(drawing: Drawing) -> rr.LineStrips3D | rr.LineStrips2D | rr.Points2D | rr.Points3D:
-    """A tracker's drawing; on the floor without its labels, which would hide the maps."""
+    """A tracker's drawing; labels in the image show under the pointer, those on the floor would hide the maps."""
     labels = list(drawing.labels) or None
     points = drawing.strips and all(len(strip) == 1 for strip in drawing.strips)
     if drawing.plane == "image":
         flat = [np.asarray(strip, dtype=np.float32) for strip in drawing.strips]
-        return rr.Points2D(np.concatenate(flat), labels=labels) if points else rr.LineStrips2D(flat, labels=labels)
+        if points:
+            return rr.Points2D(np.concatenate(flat), labels=labels, show_labels=False)
+        return rr.LineStrips2D(flat, labels=labels, show_labels=False)
     raised = [np.column_stack([strip, np.full(len(strip), 0.03)]) for strip in drawing.strips]
     if points:
         return rr.Points3D(np.concatenate(raised), radii=0.01)
     return rr.LineStrips3D(raised, colors=[0, 230, 120], radii=0.01)
 
 
-def grey_tile(tile: F32 | U8) -> U8:
-    """A small image with the full range of grey."""
+def mosaic(tiles: Mapping[str, F32 | U8]) -> U8:
+    """Small images side by side in the order of their names; one by one they would take ten times the room."""
+    grey = [_grey(tiles[name]) for name in sorted(tiles)]
+    height = max(tile.shape[0] for tile in grey)
+    return np.hstack([np.pad(tile, ((0, height - tile.shape[0]), (0, 1))) for tile in grey])
+
+
+def _grey(tile: F32 | U8) -> U8:
+    """With the full range of grey."""
     if tile.dtype == np.uint8:
         return np.asarray(tile, dtype=np.uint8)
     return np.clip(tile / max(float(tile.max()), 1e-9) * 255, 0, 255).astype(np.uint8)[::-1]

@@ -81,8 +81,11 @@ class RunResults:
 
     def bounds(self) -> PlanBounds:
         """Where people were, the rules, and cameras that are not far from them."""
-        tracks = self.tracks.where(self.tracks.state != "tentative")
-        places = [np.column_stack([tracks.x_m, tracks.y_m]), *(rule.points for rule in self.rules if rule.on_floor)]
+        tracks, known = self.tracks, self.tracks.state != "tentative"
+        places = [
+            np.column_stack([tracks.x_m[known], tracks.y_m[known]]),
+            *(rule.points for rule in self.rules if rule.on_floor),
+        ]
         bounds = bounds_of(*places)
         near = [np.array([at]) for at, _ in self.cameras if _is_near(bounds, at)]
         return bounds_of(*places, *near)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from planview.maps.recording import is_maps
 from planview.runs.info import RunInfo, read_run_info
 
 MAPS_OF_MAPS = 4
@@ -13,6 +12,8 @@ MAPS_OF_MAPS = 4
 
 def source_of(info: RunInfo) -> Path:
     """The recording with the images: of maps.h5 that of the run that wrote it, as far as it tells."""
+    from planview.maps.recording import is_maps  # brings HDF5
+
     path = Path(info.input)
     for _ in range(MAPS_OF_MAPS):
         beside = path.parent / "run.json"

@@ -16,7 +16,6 @@ from planview.runs.info import RunInfo, SkippedFrame, read_run_info, write_run_i
 from planview.runs.report.floor_plots import heat_map
 from planview.runs.report.page import changed_settings, write_report
 from planview.runs.tables import DECISION_COLUMNS
-from planview.trajectories.table import positions_table
 
 HEADER = "frame,timestamp_s,id,x_m,y_m,height_m,state\n"
 
@@ -157,16 +156,14 @@ def test_ledger_of_a_person_tells_why_and_of_what_the_scores_are_made(tmp_path: 
 
 def test_heat_map_adds_time_in_the_cell_of_each_row() -> None:
     xy = np.array([[0.0, 0.0], [0.01, 0.01], [1.0, 0.5]])
-    table = positions_table(np.arange(3), np.ones(3, dtype=np.int64), xy)
-    grid, heat = heat_map(table, 0.1)
+    grid, heat = heat_map(xy, 0.1)
     assert heat.sum() == pytest.approx(0.3)
     row, col = (round(v) for v in grid.index_of(0.0, 0.0))
     assert heat[row : row + 2, col : col + 2].max() == pytest.approx(0.2)
 
 
 def test_heat_map_of_far_apart_places_stays_small() -> None:
-    table = positions_table(np.arange(2), np.ones(2, dtype=np.int64), np.array([[0.0, 0.0], [1e6, 1e6]]))
-    assert heat_map(table, 0.1)[1].size < 4_000_000
+    assert heat_map(np.array([[0.0, 0.0], [1e6, 1e6]]), 0.1)[1].size < 4_000_000
 
 
 def test_run_info_survives_writing_and_reading(tmp_path: Path) -> None:

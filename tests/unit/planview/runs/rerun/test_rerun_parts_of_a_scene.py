@@ -9,7 +9,7 @@ import pytest
 
 from planview.commands import view as command
 from planview.runs.rerun.parts import RrdParts, quiet_environment, recorded_parts
-from planview.runs.rerun.shapes import LABEL_APART_M, label_places, outlines
+from planview.runs.rerun.shapes import LABEL_APART_M, label_places, mosaic, outlines
 from planview.trajectories.state import TrackState
 
 
@@ -60,3 +60,10 @@ def test_web_view_listens_on_this_machine_only(
     assert called[0][1:3] == ["--bind", "127.0.0.1"]
     assert "--serve-web" in called[0]
     assert "http://127.0.0.1:9191" in capsys.readouterr().err
+
+
+def test_templates_are_side_by_side_in_one_image() -> None:
+    tiles = {"b": np.full((3, 3), 0.5, dtype=np.float32), "a": np.full((5, 4), 200, dtype=np.uint8)}
+    shown = mosaic(tiles)
+    assert shown.shape == (5, 4 + 1 + 3 + 1)
+    assert (shown[0, 0], shown[0, 5], shown[4, 5]) == (200, 255, 0)
