@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, get_args
 
 from cyclopts import Parameter
 from rich.box import SIMPLE_HEAD
@@ -29,6 +29,7 @@ from planview.bench.counting import (
     score_trajectories,
     score_view,
 )
+from planview.bench.views import ViewScore, ViewTracker, score_drawn_view, view_names
 
 
 @Parameter(name="*")
@@ -48,6 +49,9 @@ class CountingOptions(BenchOptions):
     """Only the first frames of every rendered scene."""
     scenes: Path = SINGLE
     """Folder with scenes and their rules."""
+    seeds: Annotated[Sequence[int], Parameter(negative="")] = ()
+    """Seeds of the drawn views of data/synthetic/views (--scene names some of these then), with both trackers. Seeds 0
+    to 9 are worked on, others judge."""
     out: Path | None = None
     """Folder that keeps the runs; a temporary one by default."""
     figures: Path | None = None
@@ -61,11 +65,16 @@ def bench_counting(*, options: CountingOptions | None = None) -> None:
 
     Example of the wrong numbers of people in view: planview bench counting --scene station --tracker ellipse-particle
 
+    Example with drawn views of seeds that nobody has looked at: planview bench counting --seeds 501 --seeds 502
+
     Example with the real recordings: planview bench counting --data ../shared/data --pavement-camera camera.toml
     """
     options = options or CountingOptions()
     if options.frames is not None and options.frames < 1:
         raise InputError(f"--frames: expected at least 1, found {options.frames}")
+    if options.seeds:
+        _bench_views(options)
+        return
     settings, messages = options.settings(), Console(stderr=True, markup=False)
     table = CountingTable((), ())
     with tempfile.TemporaryDirectory() as temporary, messages.status("...") as status:
@@ -86,6 +95,45 @@ def bench_counting(*, options: CountingOptions | None = None) -> None:
         print(json.dumps(table.to_json(), indent=2))
     else:
         print_counting(table, Console(markup=False))
+
+
+def _bench_views(options: CountingOptions) -> None:
+    if min(options.seeds) < 0:
+        raise InputError(f"--seeds: expected numbers from 0, found {min(options.seeds)}")
+    settings, rendering = options.settings(), RenderOptions(options.cache_folder, frames=options.frames)
+    with Console(stderr=True, markup=False).status("...") as status:
+        scores = [
+            score_drawn_view(name, seed, tracker, rendering, settings, status.update)
+            for seed in options.seeds
+            for name in view_names(options.scene)
+            for tracker in get_args(ViewTracker)
+        ]
+    if options.json_output:
+        print(json.dumps([score.to_json() for score in scores], indent=2))
+    else:
+        print_views(scores, Console(markup=False))
+
+
+def print_views(scores: Sequence[ViewScore], console: Console) -> None:
+    """A row per view and tracker, and each tracker's mean and worst."""
+    shown = _table("view, seed", "tracker", "true", "found", "strict %", "people", "there", "wrong frames %")
+    for s in scores:
+        c = s.crossings
+        shown.add_row(
+            f"{s.view} {s.seed}", s.tracker, f"{c.true_left_to_right}+{c.true_right_to_left}",
+            f"{c.found_left_to_right}+{c.found_right_to_left}", _number(s.strict, 100), str(s.found), str(s.there),
+            _number(s.wrong_frames, 100),
+        )  # fmt: skip
+    console.print(shown)
+    for tracker in get_args(ViewTracker):
+        mine = [s for s in scores if s.tracker == tracker]
+        strict, found, there = [s.strict for s in mine], sum(s.found for s in mine), sum(s.there for s in mine)
+        mean = sum(strict) / len(strict)
+        console.print(
+            f"{tracker}: crossings strict {100 * mean:.1f} % on average, {100 * min(strict):.1f} % on the worst; "
+            f"{found} people counted, {there} were there",
+            highlight=False,
+        )
 
 
 def print_counting(table: CountingTable, console: Console) -> None:

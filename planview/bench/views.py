@@ -1,0 +1,128 @@
+"""Counts of both single-camera trackers on drawn views of one camera (``data/synthetic/views``), beside their truth."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import ValidationError
+
+from calib.errors import InputError
+from calib.params import first_problem
+from calib.text import parse_toml, read_text
+from planview.analytics.clock import Clock
+from planview.analytics.count import count_tracks, count_truth
+from planview.analytics.geometry import RulePlane
+from planview.analytics.rules import parse_rules
+from planview.analytics.scoring import CrossingScores, score_counts
+from planview.bench.accuracy import RenderOptions, Tell, rendered
+from planview.bench.frame_counts import VISIBLE_MIN, count_frames
+from planview.pipeline.config import Config
+from planview.pipeline.factory import open_engine
+from planview.synthetic.committed import SCENES
+from planview.synthetic.views import DrawnView, draw_view
+from planview.trajectories.table import Trajectories, TrajectoryCollector, read_truth
+
+VIEWS = SCENES / "views"
+"""The committed tables of views, by name."""
+WINDOW_S = 2.0
+"""Largest time between a true crossing and the one counted for it [s]: a person hesitating in a door (our choice)."""
+FULL_BOX = ("full_left_px", "full_top_px", "full_width_px", "full_height_px")
+ViewTracker = Literal["human-model", "ellipse-particle"]
+
+
+@dataclass(frozen=True)
+class ViewScore:
+    """One tracker on one drawn view.
+
+    Attributes:
+        view, seed: which recording.
+        crossings: of the line through the middle.
+        found, there: people with a confirmed track, people who showed.
+        wrong_frames: share of frames with another number of people than show.
+    """
+
+    view: str
+    seed: int
+    tracker: ViewTracker
+    crossings: CrossingScores
+    found: int
+    there: int
+    wrong_frames: float
+
+    @property
+    def strict(self) -> float:
+        """Strict accuracy of the crossings; 1 where nobody crosses and nobody is counted, 0 where only that is so."""
+        c = self.crossings
+        if c.strict_accuracy is not None:
+            return c.strict_accuracy
+        return float(c.found_left_to_right + c.found_right_to_left == 0)
+
+    def to_json(self) -> dict[str, Any]:
+        return {"strict": self.strict, **asdict(self)}
+
+
+def view_names(names: Sequence[str] = ()) -> list[str]:
+    """Views by name.
+
+    Raises:
+        InputError: no such view.
+    """
+    known = [path.stem for path in sorted(VIEWS.glob("*.toml"))]
+    for name in names:
+        if name not in known:
+            raise InputError(f"--scene: expected one of the views {', '.join(known)}, found {name!r}")
+    return list(names) or known
+
+
+def drawn_view(name: str, seed: int) -> DrawnView:
+    """The view of a seed.
+
+    Raises:
+        InputError: unreadable, or a value out of its range.
+    """
+    path = VIEWS / f"{name}.toml"
+    try:
+        return draw_view(parse_toml(read_text(path, "a view in TOML")), seed, name)
+    except ValidationError as error:
+        raise InputError(f"{path}: {first_problem(error)}") from error
+
+
+def score_drawn_view(
+    name: str, seed: int, tracker: ViewTracker, options: RenderOptions, config: Config, tell: Tell
+) -> ViewScore:
+    """Render a view of a seed unless the cache has it, track it, and count at its line.
+
+    Ellipses are tracked and counted in the image without a camera; the human model on the floor with the true one.
+    """
+    view = drawn_view(name, seed)
+    recording = rendered(view.scene, f"view-{name}-{seed}", options, tell)
+    tell(f"tracking {name} of seed {seed} with {tracker}")
+    camera = recording / "camera.toml" if tracker == "human-model" else None
+    engine = open_engine(recording, tracker, config, camera)
+    collector = TrajectoryCollector()
+    for result in engine:
+        collector.add(result.frame, result.timestamp_s, result.tracks)
+    tracks, truth = collector.trajectories(), full_truth(recording / "truth.csv")
+    wire = {"name": "line", "from_px": list(view.wire_px[0]), "to_px": list(view.wire_px[1])}
+    size = view.scene.mount.width, view.scene.mount.height
+    rules = parse_rules({"tripwire": [wire]}, RulePlane(getattr(engine, "camera", None), size), "line")
+    clock, n = Clock(tracks, view.scene.fps), options.frames or view.scene.n_frames
+    true = count_truth(truth, rules, clock, n_frames=n)
+    crossings = score_counts(true, count_tracks(tracks, rules, clock=clock, n_frames=n), WINDOW_S).crossings["line"]
+    found = len(np.unique(tracks.track_id[tracks.state == "confirmed"]))
+    there = len(np.unique(truth.track_id[truth.visible >= VISIBLE_MIN]))
+    return ViewScore(name, seed, tracker, crossings, found, there, count_frames(name, tracks, truth, n).error)
+
+
+def full_truth(path: Path) -> Trajectories:
+    """``truth.csv`` with the boxes of whole silhouettes inside the image, whatever hides them."""
+    truth = read_truth(path)
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = [[float(row[name] or "nan") for name in FULL_BOX] for row in csv.DictReader(file)]
+    truth.box_px[:] = np.array(rows).reshape(-1, 4)
+    return truth
