@@ -27,11 +27,12 @@ def bench_resume(
     tracker: TrackerName = "template",
     camera: Path | None = None,
     rules: Path | None = None,
-    checkpoint_every: float = 0.3,
+    checkpoint_every: float = 0.05,
     set_: Annotated[Sequence[str], Parameter(name="--set")] = (),
     json_output: JsonFlag = False,
 ) -> None:
-    """Kill runs at random moments, resume them, and compare their results with those of a run that is left alone.
+    """Kill runs at random frames and while they write checkpoints, resume them, and compare their results with those of
+    a run that is left alone.
 
     Example: planview bench resume out/maps.h5 --kills 50
 
@@ -69,10 +70,15 @@ def bench_resume(
     with tempfile.TemporaryDirectory(prefix="planview-resume-") as place:
         runs = KillBench(words, Path(place), seed).kills(kills, lambda text: messages.print(text, highlight=False))
     identical = sum(not run.differing for run in runs)
-    resumed = sum(run.resumed_at > 0 for run in runs)
+    resumed = sum(kept > 0 for run in runs for kept in run.resumed_at)
+    total = sum(len(run.resumed_at) for run in runs)
     if json_output:
-        print(json.dumps({"kills": kills, "identical": identical, "runs": [asdict(run) for run in runs]}, indent=2))
+        figures = {"kills": kills, "identical": identical, "from_checkpoint": resumed, "resumptions": total}
+        print(json.dumps(figures | {"runs": [asdict(run) for run in runs]}, indent=2))
     else:
-        print(f"{identical}/{kills} runs identical after kill and resumption ({resumed} of them from a checkpoint)")
+        print(
+            f"{identical}/{kills} runs identical after kill and resumption "
+            f"({resumed} of {total} resumptions from a checkpoint, the others from the beginning)"
+        )
     if identical < kills:
         raise WorkError(f"{kills - identical} of {kills} resumed runs differ from the run that was left alone")

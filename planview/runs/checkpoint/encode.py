@@ -121,16 +121,26 @@ class _Encoder:
         return ["array", kind, list(value.shape), list(value.strides), bool(value.flags.writeable)]
 
     def place_arrays(self) -> list[U8]:
-        """Copies of the memory that arrays lie in; to the arrays' nodes their block and offset are added."""
+        """Copies of the memory that arrays lie in; to the arrays' nodes their block and offset are added.
+
+        Blocks are in the order of the first of their arrays, wherever these lie: the same objects are encoded the same
+        in every process.
+        """
         spans = sorted((*_span(array), _address(array), number) for number, array in self._arrays)
         blocks: list[tuple[int, int]] = []
+        holders: list[list[tuple[int, int]]] = []
         for low, high, address, number in spans:
             if blocks and low < blocks[-1][1]:
                 blocks[-1] = blocks[-1][0], max(high, blocks[-1][1])
             else:
                 blocks.append((low, high))
-            self.nodes[number] += [len(blocks) - 1, address - blocks[-1][0]]
-        return [_memory(low, high) for low, high in blocks]
+                holders.append([])
+            holders[-1].append((number, address - blocks[-1][0]))
+        order = sorted(range(len(blocks)), key=lambda n: min(holders[n]))
+        for place, n in enumerate(order):
+            for number, offset in holders[n]:
+                self.nodes[number] += [place, offset]
+        return [_memory(*blocks[n]) for n in order]
 
 
 def _address(array: AnyArray) -> int:

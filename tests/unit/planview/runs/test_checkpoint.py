@@ -18,7 +18,7 @@ from planview.foreground.params import ForegroundParams
 from planview.runs.checkpoint.decode import decode
 from planview.runs.checkpoint.encode import Encoded, encode
 from planview.runs.checkpoint.file import LATEST, PREVIOUS, Checkpoint, read_checkpoint, write_checkpoint
-from planview.runs.checkpoint.identity import difference
+from planview.runs.checkpoint.identity import difference, digest_of
 from planview.runs.resume import checkpoint_of
 from planview.tracking.lifecycle import Existence
 
@@ -154,3 +154,12 @@ def test_a_checkpoint_of_another_configuration_is_refused(tmp_path: Path) -> Non
 def test_the_first_difference_of_two_runs_is_named() -> None:
     assert difference(IDENTITY, IDENTITY) == ""
     assert difference(IDENTITY, IDENTITY | {"version": {"numpy": "9"}}) == "another version (numpy)"
+
+
+def test_digest_does_not_depend_on_where_arrays_lie_in_memory() -> None:
+    memory = np.arange(8.0)
+    low, high = memory[:2], memory[6:]
+    low[:], high[:] = 1.0, 2.0
+    first = digest_of({"a": low, "b": high})
+    low[:], high[:] = 2.0, 1.0
+    assert digest_of({"a": high, "b": low}) == first
