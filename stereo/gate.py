@@ -18,6 +18,8 @@ TILE = 8
 """Side of the tiles that windows are made of [px of the analysed image]: a head at 8 m (our choice)."""
 SAMPLE = 2
 """Changes are given for every n-th row and column of the analysed image."""
+SPREAD = 2
+"""So many samples around a change are in question too: an outline, which blurs into the background (our choice)."""
 REFRESH_TILES = 5
 """Side of the squares that the refresh visits one after the other [tiles]: small enough to cost little in a frame,
 large enough that the margin does not double it (our choice)."""
@@ -133,12 +135,13 @@ class Gate:
         return [self._window(*(int(edge) for edge in box)) for box in found[:n]]
 
     def _tiles(self, changed: U8) -> U8:
-        """Tiles with a change in them or beside them."""
+        """Tiles with a change in them or near them."""
+        wide = cv2.dilate(changed, np.ones((2 * SPREAD + 1, 2 * SPREAD + 1), np.uint8))
         per_tile = TILE // SAMPLE
         bottom, right = (max(0, n * per_tile - m) for n, m in zip(self._shape, changed.shape, strict=True))
-        padded = cv2.copyMakeBorder(changed, 0, bottom, 0, right, cv2.BORDER_CONSTANT, value=0)
+        padded = cv2.copyMakeBorder(wide, 0, bottom, 0, right, cv2.BORDER_CONSTANT, value=0)
         any_change = cv2.resize(padded, self._shape[::-1], interpolation=cv2.INTER_AREA)
-        return np.asarray(cv2.dilate(np.minimum(any_change, 1), np.ones((3, 3), np.uint8)), dtype=np.uint8)
+        return np.asarray(np.minimum(any_change, 1), dtype=np.uint8)
 
     def _refresh(self, tiles: U8, now_s: float) -> None:
         """Mark the squares that are due."""

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from calib.params import Params
 from calib.rig import Floor
-from calib.types import F32, F64, U8
+from calib.types import F32, U8
 from stereo._kernels import disparity_from_fixed
 from stereo.depth import RectifiedGeometry
 from stereo.gate import Window
@@ -86,23 +86,24 @@ def disparity_range(
     params = params or RangeParams()
     nearest, farthest = params.nearest_m, math.inf
     if floor is not None:
-        down = _descent(geometry, floor, window or Window(0, 0, *geometry.size))
+        level, steep = _descent(geometry, floor, window or Window(0, 0, *geometry.size))
         clearance = floor.height_m - params.reach_m
-        if clearance > 0 and down.max() > 0:
-            nearest = max(clearance / float(down.max()), NEAREST_M)
-        if down.min() > 0.05:
-            farthest = (floor.height_m + params.below_floor_m) / float(down.min())
+        if clearance > 0 and steep > 0:
+            nearest = max(clearance / steep, NEAREST_M)
+        if level > 0.05:
+            farthest = (floor.height_m + params.below_floor_m) / level
     first = max(0, math.floor(geometry.disparity_at(farthest)) - 1) if math.isfinite(farthest) else 0
     last = math.ceil(geometry.disparity_at(nearest)) + 1
     count = STEP * math.ceil(max(STEP, last - first) / STEP)
     return DisparityRange(first, min(count, STEP * (params.max_disparities // STEP)))
 
 
-def _descent(geometry: RectifiedGeometry, floor: Floor, window: Window) -> F64:
-    """Metres that a ray of unit depth descends, at the corners of a window: in between it is linear."""
-    u, v = np.meshgrid([window.left, window.right - 1], [window.top, window.bottom - 1])
-    rays = geometry.rays(np.stack([u, v], axis=-1))
-    return np.asarray(-rays @ floor.world_SE3_left.rotation[2], dtype=np.float64)
+def _descent(geometry: RectifiedGeometry, floor: Floor, window: Window) -> tuple[float, float]:
+    """Least and most metres that a ray of unit depth descends in a window: between its corners it is linear."""
+    x, y, z = (float(part) for part in -floor.world_SE3_left.rotation[2])
+    across = [x * (u - geometry.cu_px) / geometry.focal_u_px for u in (window.left, window.right - 1)]
+    down = [y * (v - geometry.cv_px) / geometry.focal_v_px for v in (window.top, window.bottom - 1)]
+    return min(across) + min(down) + z, max(across) + max(down) + z
 
 
 class SgbmParams(Params):

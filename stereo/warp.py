@@ -48,6 +48,7 @@ class Warp:
         # OpenCV's fixed-point maps: whole pixels (H, W, 2) int16 and fractions (H, W) uint16.
         fixed, fraction = cv2.convertMaps(reduced[..., 0], reduced[..., 1], cv2.CV_16SC2)
         self._maps: tuple[AnyArray, AnyArray] = np.asarray(fixed), np.asarray(fraction)
+        self._sampled: dict[int, tuple[AnyArray, AnyArray]] = {}
 
     def __call__(self, image: U8) -> U8:
         """(H, W) or (H, W, 3) uint8 of an image of the camera, by bilinear interpolation."""
@@ -66,8 +67,10 @@ class Warp:
 
     def samples(self, source: U8, step: int) -> U8:
         """Every ``step``-th row and column of the pinhole's image, from what ``source`` gave."""
-        whole, fraction = (np.ascontiguousarray(table[::step, ::step]) for table in self._maps)
-        return np.asarray(cv2.remap(source, whole, fraction, cv2.INTER_LINEAR), dtype=np.uint8)
+        if step not in self._sampled:
+            whole, fraction = (np.ascontiguousarray(table[::step, ::step]) for table in self._maps)
+            self._sampled[step] = whole, fraction
+        return np.asarray(cv2.remap(source, *self._sampled[step], cv2.INTER_LINEAR), dtype=np.uint8)
 
     def nearest(self, depth: F32) -> F32:
         """(H, W) float32 of a depth image of the camera: nearest pixels, as a mean over an edge is nowhere; else NaN.

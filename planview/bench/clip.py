@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from itertools import islice
 from pathlib import Path
 
@@ -11,9 +11,8 @@ import cv2
 from calib.errors import InputError, WorkError
 from calib.images import as_grey
 from calib.types import U8, AnyArray
-from planview.pipeline.config import Config
+from planview.pipeline.config import Config, load_config
 from planview.pipeline.engine import FrameResult
-from planview.pipeline.frames import MatchedFrame
 from planview.pipeline.pipeline import Pipeline
 from planview.pipeline.setup import set_up
 from planview.synthetic.committed import DEMO
@@ -31,12 +30,18 @@ class Clip:
     """
 
     def __init__(
-        self, path: Path | None, n_frames: int, width_px: int = 640, frames: list[StereoFrame] | None = None
+        self,
+        path: Path | None,
+        n_frames: int,
+        width_px: int = 640,
+        frames: list[StereoFrame] | None = None,
+        overrides: Sequence[str] = (),
     ) -> None:
         """Open a recording (the committed clip when None) and set the engine up on images of ``width_px``.
 
         Args:
             frames: its decoded frames where another clip has them already.
+            overrides: parameters like ``analysis.width_px=1280``.
         Raises:
             InputError: no such recording, or too few frames.
         """
@@ -45,7 +50,8 @@ class Clip:
             raise InputError(f"{path}: expected a recording, found nothing; name one with --recording")
         self.recording: Recording = open_recording(path)
         rectify = {"working_px": width_px}
-        self.config = Config.model_validate({"rectify": rectify, "analysis": {"width_px": min(width_px, 400)}})
+        sized = Config.model_validate({"rectify": rectify, "analysis": {"width_px": min(width_px, 400)}})
+        self.config = load_config(overrides=overrides, base=sized)
         self.setup = set_up(self.recording, self.config)
         self.pipeline = Pipeline(self.recording, self.setup, self.config)
         self.frames = frames or list(islice(self.recording, n_frames))
@@ -56,10 +62,6 @@ class Clip:
         """The engine's results for ever: the recording starts again when it ends."""
         while True:
             yield from self.pipeline
-
-    def matched(self) -> list[MatchedFrame]:
-        """Every frame in memory, rectified and matched by the engine."""
-        return [self.pipeline.match(frame) for frame in self.frames]
 
 
 class PlainOpenCV:

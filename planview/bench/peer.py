@@ -160,7 +160,7 @@ class Peer(Pipeline):
     def separate(self, matched: MatchedFrame, clock: StageClock) -> Separated:
         """See ``Pipeline``: MOG2, which marks shadows with 127."""
         step = self.stereo.reduction
-        image = self._reduced_image(matched.image)
+        image = self.reduced_image(matched.image)
         marked = np.asarray(self._mog2.apply(image))
         mask: U8 = np.where(marked == FOREGROUND, marked, 0).astype(np.uint8)
         mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, OPENED), dtype=np.uint8)

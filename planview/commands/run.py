@@ -18,9 +18,10 @@ from planview.analytics.stream import Analytics
 from planview.commands.options import Flag, JsonFlag
 from planview.commands.source import open_options
 from planview.maps.recording import is_maps
-from planview.pipeline.config import load_config
+from planview.pipeline.config import Config, load_config
 from planview.pipeline.engine import Engine
 from planview.pipeline.factory import TrackerName, base_config, open_engine
+from planview.pipeline.kept_setup import KeptSetup
 from planview.runs.checkpoint.file import Checkpoint
 from planview.runs.console import PlainConsole
 from planview.runs.folder import check_folder, prepare_folder
@@ -33,6 +34,7 @@ from planview.runs.report.page import write_report
 from planview.runs.resume import checkpoint_of, is_finished
 from planview.runs.run import RunOptions, run_identity
 from planview.runs.run import run as run_engine
+from planview.studies.content import content_key, engine_version, files_beside, key_of
 from stereo.readers.several import is_heads
 
 
@@ -73,6 +75,8 @@ class TrackingOptions:
     """Go on with the run that was interrupted or killed in this folder: the same results as without interruption."""
     checkpoint_every: float = 30.0
     """Time between two checkpoints to resume from, in seconds; 0 for none."""
+    fresh: Flag = False
+    """Look for floor and row offset again: what an earlier run found out about the same recording is not used."""
     strict: Flag = False
     """Refuse a recording that fails one of doctor's cheap checks (exit status 2) instead of warning of it."""
     frames: int = 0
@@ -122,7 +126,8 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
         console.print(f"{out}: the run is finished; nothing is left to resume")
         return
     with console.status("opening the recording, aligning rows, finding the floor"):
-        engine = open_engine(recording, options.tracker, settings, options.camera, source)
+        kept = None if options.fresh or options.strict else kept_setup(recording, settings, options)
+        engine = open_engine(recording, options.tracker, settings, options.camera, source, kept=kept)
     if options.save_maps and (engine.stereo is None or is_maps(recording)):
         raise InputError(f"--save-maps: expected a stereo recording, found {recording}")
     if options.save_maps and is_heads(recording):
@@ -135,6 +140,17 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
     summary(console, info, out)
     if options.json_output:
         print(info.model_dump_json())
+
+
+def kept_setup(recording: Path, config: Config, options: TrackingOptions) -> KeptSetup | None:
+    """Where floor and row offset of a recording are kept, by its content; None for what is no file or folder."""
+    if not recording.exists():
+        return None
+    beside = [options.calibration] if options.calibration else files_beside(recording)
+    contents = [content_key(path) for path in (recording, *beside) if path.exists()]
+    tables = [table.model_dump(mode="json") for table in (config.rectify, config.range, config.sgbm, config.floor)]
+    frames = config.analysis.setup_frames
+    return KeptSetup(key_of(contents, tables, frames, options.topics, options.fps, engine_version()))
 
 
 def _track(

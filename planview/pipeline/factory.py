@@ -13,6 +13,7 @@ from planview.maps.recording import MapsRecording, is_maps
 from planview.pipeline.config import Config
 from planview.pipeline.engine import Engine
 from planview.pipeline.heads import HeadsPipeline
+from planview.pipeline.kept_setup import KeptSetup
 from planview.pipeline.maps_pipeline import MapsPipeline, recorded_config
 from planview.pipeline.pipeline import Pipeline, SingleCameraPipeline
 from planview.tracking.base import ImageTracker, Tracker
@@ -38,6 +39,7 @@ def open_engine(
     camera: Path | None = None,
     options: OpenOptions | None = None,
     matcher: Matcher | None = None,
+    kept: KeptSetup | None = None,
 ) -> Engine:
     """Open a recording, or the plan-view maps of one, with the tracker asked for.
 
@@ -50,6 +52,7 @@ def open_engine(
             one camera, another one plan-view maps.
         options: calibration, rate and topics of a stereo recording that are not taken from itself.
         matcher: of stereo pairs; SGBM when None.
+        kept: what an earlier run found out about a recording of one stereo pair, or where this one keeps it.
         config: the defaults when None; of plan-view maps the parameters that made them (see ``base_config``).
     Raises:
         InputError: a recording, camera or calibration that is missing or does not fit.
@@ -67,7 +70,7 @@ def open_engine(
     if is_heads(path):
         return _open_heads(path, _required(on_floor, path, tracker), config, foreign)
     if on_floor and (tracker != "ellipse-particle" or is_stereo(path, options.calibration)):
-        return Pipeline.from_recording(path, config, options, on_floor(config), matcher)
+        return Pipeline.from_recording(path, config, options, on_floor(config), matcher, kept=kept)
     video = open_video(path)
     ground_camera = _camera_for(video, camera) if camera else None
     return SingleCameraPipeline(video, _image_tracker(tracker, config, ground_camera), config, ground_camera)

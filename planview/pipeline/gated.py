@@ -46,7 +46,8 @@ class MatchingMemory:
         foreground: (h, w) uint8 mask of the last frame.
         background: every SAMPLE-th row and column of the analysed image, uint8, as it looked when it was last measured
             as background.
-        boxes: left, top, width, height of people after the last frame [px].
+        boxes: left, top, width, height of the people who were not found in the last frame [px]; those who were are part
+            of the foreground.
     """
 
     def __init__(self, gate: Gate, shape: tuple[int, int]) -> None:
@@ -121,13 +122,12 @@ class GatedMatching:
         That is a shadow or a patch of light, which depth has told from a person once. A person who stands still is no
         change: what was foreground stays in question.
         """
-        few = image[::SAMPLE, ::SAMPLE]
         changed = foreground.changed(image, SAMPLE)
         if self.memory.background is not None:
-            apart = cv2.absdiff(few, self.memory.background)
-            apart = apart if apart.ndim == 2 else apart.max(axis=2)
-            changed[apart <= SAME_LEVELS] = 0
-        before = cv2.medianBlur(np.ascontiguousarray(self.memory.foreground[::SAMPLE, ::SAMPLE]), 3)
+            apart = cv2.absdiff(_sampled(image), self.memory.background)
+            same = cv2.inRange(apart, (0,) * 4, (SAME_LEVELS,) * 4)
+            changed[same > 0] = 0
+        before = cv2.medianBlur(_sampled(self.memory.foreground), 3)
         return np.asarray(cv2.bitwise_or(cv2.medianBlur(changed, 3), before), dtype=np.uint8)
 
     def learn(self, image: U8, foreground: U8, measured: U8, tracks: Sequence[TrackState]) -> None:
@@ -137,12 +137,15 @@ class GatedMatching:
             image, foreground, measured: of this frame, at the analysis size.
             tracks: people, with their boxes in the rectified image.
         """
-        few, known = image[::SAMPLE, ::SAMPLE], (measured > 0) & (foreground == 0)
+        few = _sampled(image)
         if self.memory.background is None:
             self.memory.background = few.copy()
-        self.memory.background[known[::SAMPLE, ::SAMPLE]] = few[known[::SAMPLE, ::SAMPLE]]
+        known = cv2.bitwise_and(_sampled(measured), cv2.bitwise_not(_sampled(foreground)))
+        cv2.copyTo(few, known, self.memory.background)
         self.memory.foreground = foreground
-        self.memory.boxes = tuple(track.box_px for track in tracks if not math.isnan(track.box_px[0]))
+        self.memory.boxes = tuple(
+            track.box_px for track in tracks if track.state == "lost" and not math.isnan(track.box_px[0])
+        )
 
     def _whole(self, pair: PartialPair) -> F32:
         whole = self.memory.gate.whole
@@ -158,3 +161,8 @@ class GatedMatching:
     def _searched(self, window: Window) -> DisparityRange:
         """Disparities in a window: a person at 6 m does not need those of 2 m."""
         return disparity_range(self._rectifier.geometry, self._range, self._floor, window)
+
+
+def _sampled(image: U8) -> U8:
+    """Every SAMPLE-th row and column."""
+    return np.ascontiguousarray(image[::SAMPLE, ::SAMPLE])

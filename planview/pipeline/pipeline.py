@@ -25,7 +25,8 @@ from planview.pipeline.feedback import Feedback
 from planview.pipeline.frames import MatchedFrame, Separated
 from planview.pipeline.front_end import FrontEnd
 from planview.pipeline.info import CameraInfo, FloorInfo
-from planview.pipeline.setup import AnySetup, set_up_any
+from planview.pipeline.kept_setup import KeptSetup, set_up_kept
+from planview.pipeline.setup import AnySetup
 from planview.pipeline.single_camera import SingleCamera
 from planview.tracking.base import ImageTracker, Observation, Tracker
 from planview.tracking.template import TemplateTracker
@@ -90,6 +91,7 @@ class Pipeline(StereoDescription):
         tracker: Tracker | None = None,
         matcher: Matcher | None = None,
         ablation: str | None = None,
+        kept: KeptSetup | None = None,
     ) -> Pipeline:
         """Open a recording, find its floor and get ready.
 
@@ -97,13 +99,14 @@ class Pipeline(StereoDescription):
             options: how the recording is opened (calibration, rate, topics).
             tracker, matcher: see the constructor.
             ablation: a part of the engine to switch off, by its name in ``ABLATIONS``.
+            kept: what an earlier run found out, or where this one keeps it.
         Raises:
             InputError: no such recording, calibration or ablation.
             WorkError: no floor is visible.
         """
         config = ablated(ablation, config) if ablation else config or Config()
         recording = open_any(Path(path), options)
-        return Pipeline(recording, set_up_any(recording, config), config, tracker, matcher)
+        return Pipeline(recording, set_up_kept(recording, config, kept), config, tracker, matcher)
 
     @property
     def checks(self) -> tuple[Check, ...]:
@@ -133,12 +136,8 @@ class Pipeline(StereoDescription):
 
     def memory(self) -> dict[str, object]:
         """See ``Engine``."""
-        memory: dict[str, object] = {
-            "tracker": self.tracker,
-            "foreground": self.foreground,
-            "feedback": self.feedback,
-        }
-        return memory | ({} if self.gated is None else {"matching": self.gated.memory})
+        memory = {"tracker": self.tracker, "foreground": self.foreground, "feedback": self.feedback}
+        return memory if self.gated is None else memory | {"matching": self.gated.memory}
 
     def after(self, frame: int) -> Iterator[FrameResult]:
         """See ``Engine``."""
@@ -192,7 +191,7 @@ class Pipeline(StereoDescription):
     def separate(self, matched: MatchedFrame, clock: StageClock) -> Separated:
         """Foreground of the next pair."""
         step = self.stereo.reduction
-        image, disparity, measured = self._reduced_image(matched.image), matched.disparity, None
+        image, disparity, measured = self.reduced_image(matched.image), matched.disparity, None
         if disparity is None:
             assert self.gated is not None and matched.pair is not None
             disparity, now, measured = self.gated(matched.pair, image, self.foreground, matched.timestamp_s)
@@ -206,11 +205,7 @@ class Pipeline(StereoDescription):
         return Separated(image, mask, points, disparity, measured)
 
     def learn(self, found: Separated, tracks: Sequence[TrackState]) -> None:
-        """Tell the next frame's foreground and matching where people are.
-
-        Args:
-            tracks: people, with their boxes in this image.
-        """
+        """Tell the next frame's foreground and matching where people are, with their boxes in this image."""
         self.feedback(found.points, tracks, self.maps.shape)
         if self.gated is not None and found.measured is not None:
             self.gated.learn(found.image, found.mask, found.measured, tracks)
@@ -223,7 +218,8 @@ class Pipeline(StereoDescription):
             yield self.prepare(frame, clock)
             clock = StageClock()
 
-    def _reduced_image(self, image: U8) -> U8:
+    def reduced_image(self, image: U8) -> U8:
+        """The image that the foreground gets."""
         if self.stereo.reduction == 1:
             return image
         size = self.maps.shape[::-1]

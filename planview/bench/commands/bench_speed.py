@@ -5,44 +5,88 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
+from typing import Annotated, Literal
 
+from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
 from calib.errors import InputError
+from calib.files import write_whole
 from planview.bench.commands.options import JsonFlag
-from planview.bench.speed import LIMITS, Speed, measure
+from planview.bench.speed import LIMITS, PARTS, Speed, measure
+
+Part = Literal["engine", "foreground", "after-disparity", "single"]
 
 
 def bench_speed(
     *,
     recording: Path | None = None,
     frames: int = 200,
+    part: list[Part] | None = None,
+    set_: Annotated[list[str] | None, Parameter(name="--set")] = None,
+    out: Path | None = None,
+    against: Path | None = None,
     json_output: JsonFlag = False,
 ) -> None:
-    """Time every stage side by side with plain OpenCV on the same frames.
+    """Time the engine side by side with plain OpenCV on the same frames.
+
+    The yardstick is OpenCV's remap and StereoSGBM of both cameras at the recorded size, with no setting of the engine:
+    three-way, block 5, 64 disparities up to 640 px, 128 beyond.
 
     Example: planview bench speed --json
 
-    Example on your own recording: planview bench speed --recording my_recording --frames 100
+    Example of an overhead camera at full resolution: planview bench speed --recording my_recording --frames 100
+    --part engine --set rectify.working_px=0 --set analysis.width_px=1280
 
     Parameters
     ----------
     recording
         A stereo recording; the committed clip by default. Its first frames should show nobody.
     frames
-        Medians over so many frames.
+        Medians over so many frames, after 100 in which the background is learned.
+    part
+        Measure only this; repeat for more: engine, foreground, after-disparity, single (one camera beside MOG2).
+    set_
+        Set one parameter of the engine, like analysis.width_px=1280; repeat for more.
+    out
+        Keep the figures in this JSON file.
+    against
+        Compare with the figures kept in this file: a ratio differs when its quartiles lie apart.
     json_output
         Print one JSON object.
     """
     if frames < 10:
         raise InputError(f"--frames: expected at least 10, found {frames}")
+    before = _kept(against) if against else None
     messages = Console(stderr=True, markup=False)
-    speed = measure(recording, frames, lambda text: messages.print(text, highlight=False))
+    speed = measure(recording, frames, lambda text: messages.print(text, highlight=False), part or PARTS, set_ or [])
+    if out is not None:
+        write_whole(out, json.dumps(asdict(speed), indent=2) + "\n")
     if json_output:
         print(json.dumps(asdict(speed), indent=2))
-    else:
-        print_speed(speed, Console(markup=False))
+        return
+    print_speed(speed, Console(markup=False))
+    if before is not None:
+        print_changes(speed, before, Console(markup=False))
+
+
+def _kept(path: Path) -> Speed:
+    try:
+        return Speed(**json.loads(path.read_text()))
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(f"{path}: expected figures that --out kept, found {error}") from error
+
+
+def print_changes(speed: Speed, before: Speed, console: Console) -> None:
+    """What is faster or slower than before; quartiles that overlap are noise."""
+    for name, (low, high) in speed.quartiles.items():
+        if name not in before.quartiles:
+            continue
+        old_low, old_high = before.quartiles[name]
+        word = "slower" if low > old_high else "faster" if high < old_low else "the same within noise"
+        ratio = f"{before.ratios[name]:.3f} -> {speed.ratios[name]:.3f}"
+        console.print(f"{name.replace('_', ' ')}: {ratio}, {word}", highlight=False)
 
 
 def print_speed(speed: Speed, console: Console) -> None:
@@ -54,10 +98,12 @@ def print_speed(speed: Speed, console: Console) -> None:
         stages.add_row(name, f"{value:.2f}")
     console.print(stages)
     ratios = Table(title="ours / OpenCV, same frames, same run")
-    for column in ("ratio", "value", "at most"):
+    for column in ("ratio", "median", "quartiles", "at most"):
         ratios.add_column(column, justify="left" if column == "ratio" else "right")
     for name, value in speed.ratios.items():
-        ratios.add_row(name.replace("_", " "), f"{value:.3f}", f"{LIMITS[name]:g}" if name in LIMITS else "-")
+        spread = " to ".join(f"{quartile:.3f}" for quartile in speed.quartiles.get(name, ())) or "-"
+        limit = f"{LIMITS[name]:g}" if name in LIMITS else "-"
+        ratios.add_row(name.replace("_", " "), f"{value:.3f}", spread, limit)
     console.print(ratios)
     for name, detail in speed.details.items():
         if isinstance(detail, float):

@@ -40,13 +40,13 @@ def test_nothing_is_matched_where_nothing_changed() -> None:
     assert gate().windows(NOTHING, [], 0.0) == []
 
 
-def test_a_window_holds_a_change_and_the_tiles_beside_it() -> None:
-    assert gate().windows(changed_at((100, 60)), [], 0.0) == [Window(88, 48, 112, 72)]
+def test_a_window_holds_a_change_and_what_is_near_it() -> None:
+    assert gate().windows(changed_at((100, 60)), [], 0.0) == [Window(96, 56, 112, 72)]
 
 
 def test_far_changes_have_windows_of_their_own() -> None:
     windows = gate().windows(changed_at((20, 20), (300, 220)), [], 0.0)
-    assert sorted(windows) == [Window(8, 8, 32, 32), Window(288, 208, 312, 232)]
+    assert sorted(windows) == [Window(16, 16, 32, 32), Window(296, 216, 312, 232)]
 
 
 def test_people_are_matched_without_a_change() -> None:

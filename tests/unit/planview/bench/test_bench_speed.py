@@ -5,16 +5,20 @@ import os
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 from rich.console import Console
+from toy_stereo import toy_rig
 
 from calib.errors import InputError
 from planview.bench.clip import Clip
 from planview.bench.commands.bench_memory import bench_memory
-from planview.bench.commands.bench_speed import bench_speed, print_speed
+from planview.bench.commands.bench_speed import bench_speed, print_changes, print_speed
 from planview.bench.memory import resident_mb
 from planview.bench.one_core import one_core
+from planview.bench.side_by_side import counted
 from planview.bench.speed import LIMITS, Speed
+from planview.bench.yardstick import Yardstick
 
 
 def test_missing_recording_is_refused_by_name(tmp_path: Path) -> None:
@@ -33,7 +37,7 @@ def test_resident_memory_is_that_of_a_python_with_numpy() -> None:
 
 
 def test_ratios_are_printed_beside_their_limits() -> None:
-    speed = Speed({"match": 12.5}, {"foreground_to_mog2": 0.75}, {"recording": "clip", "image": "640x480"})
+    speed = Speed({"match": 12.5}, {"foreground_to_mog2": 0.75}, details={"recording": "clip", "image": "640x480"})
     out = io.StringIO()
     print_speed(speed, Console(file=out, width=100))
     line = next(line for line in out.getvalue().splitlines() if "foreground to mog2" in line)
@@ -52,3 +56,26 @@ def test_one_core_is_given_back():
         with one_core():
             assert len(os.sched_getaffinity(0)) == 1
         assert os.sched_getaffinity(0) == cores
+
+
+@pytest.mark.parametrize(
+    ("quartiles", "word"), [((0.5, 0.6), "faster"), ((0.85, 0.95), "slower"), ((0.6, 0.75), "within noise")]
+)
+def test_ratios_are_compared_with_those_kept_by_their_quartiles(quartiles: tuple[float, float], word: str) -> None:
+    name = "foreground_to_mog2"
+    before = Speed(ratios={name: 0.75}, quartiles={name: (0.7, 0.8)})
+    now = Speed(ratios={name: sum(quartiles) / 2}, quartiles={name: quartiles})
+    out = io.StringIO()
+    print_changes(now, before, Console(file=out, width=100))
+    assert word in out.getvalue()
+
+
+@pytest.mark.parametrize(("size", "disparities"), [((320, 240), 64), ((640, 480), 64), ((1280, 800), 128)])
+def test_the_yardstick_depends_on_the_size_alone(size: tuple[int, int], disparities: int) -> None:
+    assert Yardstick(toy_rig().scaled(*size), grey=True).disparities == disparities
+
+
+def test_frames_with_four_people_count_where_there_are_enough() -> None:
+    people = np.array([1] * 20 + [4] * 12)
+    assert counted(people).sum() == 12
+    assert counted(people[:25]).sum() == 25
