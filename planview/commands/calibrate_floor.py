@@ -20,7 +20,10 @@ from calib.images import write_image
 from calib.rig import Floor
 from calib.text import reason
 from planview.calibration.floor import FloorView, floor_from_tracks, given_floor, view_floor
+from planview.calibration.pictures import AXIS, GRID
 from planview.commands.options import Flag, JsonFlag
+from planview.drawing.colours import as_bgr
+from planview.drawing.legend import Entry, with_legend
 from planview.pipeline.config import load_config
 from planview.pipeline.setup import floor_search
 from planview.runs.console import PlainConsole
@@ -124,7 +127,11 @@ def _write(floor: Floor, view: FloorView, target: Path | None, image: Path | Non
 
 
 def _draw(view: FloorView, floor: Floor, path: Path) -> None:
-    write_image(path, view.picture(floor))
+    entries = (
+        Entry(as_bgr(GRID), "a line per metre of floor"),
+        Entry(as_bgr(AXIS), "x and y, 1 m from below the camera"),
+    )
+    write_image(path, with_legend(view.picture(floor), entries))
 
 
 def _refined(recording: StereoRecording, view: FloorView, tracks: Path) -> Floor:

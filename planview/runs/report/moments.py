@@ -18,6 +18,7 @@ from planview.drawing.labels import Labels
 from planview.drawing.moment import Moment, moment_at
 from planview.evaluation.significant import SignificantError
 from planview.runs.scene.results import RunResults
+from planview.runs.scene.source import source_of
 from planview.trajectories.state import TrackState
 
 if TYPE_CHECKING:
@@ -69,6 +70,10 @@ def scene_pictures(results: RunResults, errors: Sequence[SignificantError]) -> S
     """Pictures from the recording, opened again; a recording that is not there any more gives none."""
     if not len(results.tracks) or not results.has_run:
         return ScenePictures([], [], [])
+    path = source_of(results.info)
+    if not results.info.input or not path.exists():
+        why = f"No pictures of the scene: {path}: expected the recording of the run, found nothing there."
+        return ScenePictures([], [], [], why)
     from planview.runs.scene.frames import open_frames  # the engine, which the page of tracks alone does without
 
     groups = _overview(results), _strips(results, errors), _crossings(results)

@@ -42,8 +42,8 @@ CLOUD_POINTS_MAX = 2500
 """Foreground points logged per frame at most: a person at 3 m has so many at 320x240."""
 FLUSH_FRAMES = 100
 """So many frames may wait for rerun's thread: on a busy machine they would pile up in memory."""
-PART_FRAMES = 2000
-"""Frames of a part of the recording (our choice: some 150 MB)."""
+PART_FRAMES = 500
+"""Frames of a part of the recording (our choice: some 40 MB)."""
 FREE_BYTES_MIN = 64 * 2**20
 """Free disk space for the next frames [bytes]: rerun writes in a thread of its own, which hangs on a full disk."""
 
