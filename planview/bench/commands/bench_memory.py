@@ -23,10 +23,13 @@ def bench_memory(
 
     Example: planview bench memory --frames 2000
 
+    Example of an hour at 15 frames per second: planview bench memory --recording out/maps.h5 --frames 54000
+
     Parameters
     ----------
     recording
-        A stereo recording, repeated as often as needed; the committed clip by default.
+        A stereo recording, begun again as often as needed (the committed clip by default), or plan-view maps, tracked
+        as one run whose frames and times go on.
     frames
         How many frames to track.
     json_output
