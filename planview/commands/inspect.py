@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -147,6 +148,8 @@ def _show(found: dict[str, Any], console: Console, name: str) -> None:
     for title, key in (("missing", "missing"), ("note", "notes")):
         for text in found[key]:
             facts.add_row(title, escape(text))
+    if not found["missing"]:
+        facts.add_row("next", escape(f"planview run {shlex.quote(found['path'])} --out out --rrd"))
     console.print(facts)
 
 
