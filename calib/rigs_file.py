@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from calib.errors import InputError
+from calib.files import write_whole
 from calib.pose import SE3
 from calib.text import reason
 
@@ -38,7 +39,7 @@ class RigEntry:
 
 
 def save_rigs(entries: Sequence[RigEntry], path: Path, comment: str = "") -> None:
-    """Write ``rigs.toml``; floats keep all their digits."""
+    """Write ``rigs.toml`` in one step; floats keep all their digits."""
     lines = [
         "# planview heads: p_world = rotation @ p_left + translation_m; Z up, floor at Z = 0,",
         "# p_left in the rectified left camera frame (x right, y down, z forward);",
@@ -55,7 +56,7 @@ def save_rigs(entries: Sequence[RigEntry], path: Path, comment: str = "") -> Non
             f"rotation = {entry.world_SE3_left.rotation.tolist()!r}",
             f"translation_m = {entry.world_SE3_left.translation.tolist()!r}",
         ]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_whole(path, "\n".join(lines) + "\n")
 
 
 def load_rigs(path: Path) -> tuple[RigEntry, ...]:

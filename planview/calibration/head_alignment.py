@@ -16,6 +16,7 @@ from calib.errors import WorkError
 from calib.types import F64
 from planview.calibration.align_params import AlignParams
 from planview.calibration.head_paths import TICK_S, WalkedPath, by_time
+from planview.evaluation.align import floor_rotation
 
 CORRELATED_S = 1.0
 """Errors of a track's positions last about so long [s]: a sample counts as the share of it that a tick is (our
@@ -55,7 +56,7 @@ class HeadAlignment:
 
     def apply(self, xy_m: F64) -> F64:
         """(..., 2) positions of the second head's world in the first's."""
-        return np.asarray(xy_m @ rotation(self.heading_rad).T + np.array([self.x_m, self.y_m]))
+        return np.asarray(xy_m @ floor_rotation(self.heading_rad).T + np.array([self.x_m, self.y_m]))
 
     @property
     def heading_std_rad(self) -> float:
@@ -69,12 +70,6 @@ class HeadAlignment:
     @property
     def clock_std_s(self) -> float:
         return math.sqrt(self.covariance[3][3])
-
-
-def rotation(angle_rad: float) -> F64:
-    """(2, 2) rotation of the floor."""
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    return np.array([[c, -s], [s, c]])
 
 
 def align_heads(first: list[WalkedPath], second: list[WalkedPath], params: AlignParams | None = None) -> HeadAlignment:
@@ -202,7 +197,7 @@ def _fits(
     best = np.flatnonzero((rms <= params.piece_rms_m) & _is_local_minimum(rms))
     motions = []
     for k in best:
-        x, y = centre - rotation(float(angle[k])) @ centres[k]
+        x, y = centre - floor_rotation(float(angle[k])) @ centres[k]
         motions.append((float(rms[k]), HeadAlignment(float(angle[k]), float(x), float(y), float(lags[k]) * TICK_S)))
     return motions
 
@@ -240,7 +235,7 @@ def _refined(
     off = [residual_m(result.x, pair) - left for pair in ((here + std, here), (here, here + std))]
     covariance = _covariance(result.jac * params.noise_m, left, np.column_stack(off))
     v = result.x
-    shift = v[1:3] - rotation(float(v[0])) @ pivot
+    shift = v[1:3] - floor_rotation(float(v[0])) @ pivot
     return HeadAlignment(
         math.remainder(float(v[0]), 2 * math.pi), float(shift[0]), float(shift[1]), float(v[3]),
         float(np.sqrt((left**2).mean())), len(left) / 2 * TICK_S,
@@ -275,7 +270,7 @@ class _Meeting:
         then = self.ticks - v[3] / TICK_S
         ours = self.first.at(self.ticks) + disparities_px[0] * self.first.per_px_at(self.ticks)
         theirs = self.second.at(then) + disparities_px[1] * self.second.per_px_at(then)
-        return np.nan_to_num(((theirs - pivot) @ rotation(v[0]).T + v[1:3] - ours).ravel(), nan=0.0)
+        return np.nan_to_num(((theirs - pivot) @ floor_rotation(v[0]).T + v[1:3] - ours).ravel(), nan=0.0)
 
 
 def _meetings(

@@ -36,37 +36,50 @@ def synth(
 
     Example: planview synth data/synthetic/crossing.toml /tmp/crossing --frames 150
     """
-    from rich.progress import Progress
-
-    from planview.runs.console import PlainConsole
     from planview.synthetic.heads import load_heads, with_seed, write_heads
-    from planview.synthetic.rendering import SceneRenderer
-    from planview.synthetic.scene import load_scene
-    from planview.synthetic.writing import write_recording
 
+    if video and jpeg:
+        raise InputError("expected either --video or --jpeg, found both")
+    _refuse(out, frames, scale)
+    storage: Storage = "video" if video else "jpg" if jpeg else "png"
+    heads = load_heads(scene)
+    if heads and (opencv or world):
+        raise InputError("expected neither --opencv nor --world for several heads: rigs.toml is always written")
+    if heads:
+        written = write_heads(with_seed(heads, seed), out, scale=scale, frames=frames, storage=storage)
+    else:
+        written = [_render(scene, out, scale, frames, seed, storage=storage, opencv=opencv, world=world)]
+    _tell(written, out, json_output)
+
+
+def _refuse(out: Path, frames: int | None, scale: float) -> None:
     if frames is not None and frames < 1:
         raise InputError(f"--frames: expected at least 1, found {frames}")
     if not 0.05 <= scale <= 4:
         raise InputError(f"--scale: expected 0.05 to 4, found {scale:g}")
-    if video and jpeg:
-        raise InputError("expected either --video or --jpeg, found both")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: expected a new or empty folder for the recording, found one in use")
-    storage: Storage = "video" if video else "jpg" if jpeg else "png"
-    heads = load_heads(scene)
-    if heads:
-        if opencv or world:
-            raise InputError("expected neither --opencv nor --world for several heads: rigs.toml is always written")
-        parts = write_heads(with_seed(heads, seed), out, scale=scale, frames=frames, storage=storage)
-        _tell(parts, out, json_output)
-        return
+
+
+def _render(
+    scene: Path, out: Path, scale: float, frames: int | None, seed: int | None,
+    *, storage: Storage, opencv: bool, world: bool,
+) -> Written:  # fmt: skip
+    """One camera's recording, with progress."""
+    from rich.progress import Progress
+
+    from planview.runs.console import PlainConsole
+    from planview.synthetic.rendering import SceneRenderer
+    from planview.synthetic.scene import load_scene
+    from planview.synthetic.writing import write_recording
+
     description = load_scene(scene)
     if seed is not None:
         description = description.model_copy(update={"seed": seed})
     renderer = SceneRenderer(description, scale)
     with Progress(console=PlainConsole(stderr=True), transient=True) as progress:
         task = progress.add_task(f"Rendering {scene.name}", total=min(renderer.n_frames, frames or renderer.n_frames))
-        written = write_recording(
+        return write_recording(
             renderer,
             out,
             frames=frames,
@@ -75,7 +88,6 @@ def synth(
             world=world,
             done=lambda: progress.advance(task),
         )
-    _tell([written], out, json_output)
 
 
 def _tell(written: Sequence[Written], out: Path, json_output: bool) -> None:

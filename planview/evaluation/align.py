@@ -33,7 +33,7 @@ class FloorAlignment:
 
     def apply(self, xy: F64) -> F64:
         """(N, 2) positions in the frame of the truth."""
-        return np.asarray(xy @ _rotation(self.rotation_rad).T + np.array([self.x_m, self.y_m]))
+        return np.asarray(xy @ floor_rotation(self.rotation_rad).T + np.array([self.x_m, self.y_m]))
 
 
 def align_tracks(tracks: Trajectories, truth: Trajectories, gate_m: float) -> tuple[Trajectories, FloorAlignment]:
@@ -64,15 +64,21 @@ def align_tracks(tracks: Trajectories, truth: Trajectories, gate_m: float) -> tu
 def moved(tracks: Trajectories, alignment: FloorAlignment) -> Trajectories:
     """Tracks with positions and velocities in the frame of the truth."""
     xy = alignment.apply(_xy(tracks))
-    velocity = tracks.velocity_mps @ _rotation(alignment.rotation_rad).T
+    velocity = tracks.velocity_mps @ floor_rotation(alignment.rotation_rad).T
     return replace(tracks, x_m=xy[:, 0], y_m=xy[:, 1], velocity_mps=velocity)
+
+
+def floor_rotation(angle_rad: float) -> F64:
+    """(2, 2) rotation of the floor."""
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return np.array([[c, -s], [s, c]])
 
 
 def fit_rigid(source: F64, target: F64) -> FloorAlignment:
     """Least-squares rotation and translation of (N, 2) source onto target points (Umeyama 1991 without scale)."""
     a, b = source - source.mean(axis=0), target - target.mean(axis=0)
     angle = math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
-    shift = target.mean(axis=0) - _rotation(angle) @ source.mean(axis=0)
+    shift = target.mean(axis=0) - floor_rotation(angle) @ source.mean(axis=0)
     result = FloorAlignment(angle, float(shift[0]), float(shift[1]), 0.0, len(source))
     return replace(result, rms_m=_rms(result.apply(source) - target))
 
@@ -135,8 +141,3 @@ def _xy(table: Trajectories) -> F64:
 
 def _rms(offset: F64) -> float:
     return float(np.sqrt((offset**2).sum(axis=1).mean()))
-
-
-def _rotation(angle: float) -> F64:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s], [s, c]])

@@ -22,7 +22,7 @@ from stereo.readers.reader import OpenOptions, Reader, Stream
 from stereo.readers.rgbd_layout import RgbdLayout
 from stereo.readers.source import Decoded, DecodedDepth
 from stereo.readers.stamps import stamps_in_names
-from stereo.readers.stereo_layout import Clock, clock_of
+from stereo.readers.stereo_layout import FrameClock, clock_of
 
 _COLOUR = re.compile(r"(?<![a-z])(rgb|colou?r|image|images|img|left)(?![a-z])|^(rgb|colou?r)", re.IGNORECASE)
 _DEPTH = re.compile(r"depth", re.IGNORECASE)
@@ -81,7 +81,7 @@ class _Timed(NamedTuple):
     """Images with the depth of their times."""
 
     pairs: list[tuple[Path | None, Path | None]]
-    clock: Clock
+    clock: FrameClock
 
 
 def _timed(images: list[Path], depths: list[Path]) -> _Timed | None:
@@ -98,7 +98,7 @@ def _timed(images: list[Path], depths: list[Path]) -> _Timed | None:
     pairs: list[tuple[Path | None, Path | None]] = [
         (images[i], depths[depth_order[mate]] if mate >= 0 else None) for i, mate in zip(order, mates, strict=True)
     ]
-    return _Timed(pairs, Clock(rate_of(times), times, tuple(depth_note(mates))))
+    return _Timed(pairs, FrameClock(rate_of(times), times, tuple(depth_note(mates))))
 
 
 READER = Reader("rgbd", "images with depth", "rgb/ (or color/) and depth/ with images of 16 bits", _fits, _find)

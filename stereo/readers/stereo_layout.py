@@ -80,7 +80,7 @@ class LiveLayout(StereoLayout):
 
 
 @dataclass(frozen=True)
-class Clock:
+class FrameClock:
     """When the frames of a recording were taken.
 
     Attributes:
@@ -96,7 +96,7 @@ class Clock:
     even: bool = False
 
 
-def clock_of(folder: Path, options: OpenOptions, file_fps: float) -> Clock:
+def clock_of(folder: Path, options: OpenOptions, file_fps: float) -> FrameClock:
     """``--fps``, else timestamps.csv, else the files' own times, else an assumed rate.
 
     Args:
@@ -105,15 +105,15 @@ def clock_of(folder: Path, options: OpenOptions, file_fps: float) -> Clock:
         InputError: a timestamps.csv that cannot be read.
     """
     if options.fps is not None:
-        return Clock(options.fps, None, even=True)
+        return FrameClock(options.fps, None, even=True)
     file = folder / "timestamps.csv"
     if file.is_file():
         times, notes = load_timestamps(file)
-        return Clock(rate_of(times), times, notes)
+        return FrameClock(rate_of(times), times, notes)
     if math.isfinite(file_fps):
-        return Clock(file_fps, None)
+        return FrameClock(file_fps, None)
     note = f"no timestamps: {DEFAULT_FPS:g} frames per second are assumed (--fps gives another rate)"
-    return Clock(DEFAULT_FPS, None, (note,))
+    return FrameClock(DEFAULT_FPS, None, (note,))
 
 
 def rig_in(folder: Path, options: OpenOptions, size: Size) -> Callable[[], StereoRig]:

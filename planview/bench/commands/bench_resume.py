@@ -14,7 +14,7 @@ from rich.console import Console
 
 from calib.errors import InputError, WorkError
 from planview.bench.commands.options import JsonFlag
-from planview.bench.resume import KillBench
+from planview.bench.resume import KillBench, ResumedRun
 from planview.pipeline.factory import TrackerName
 
 
@@ -69,7 +69,11 @@ def bench_resume(
     messages = Console(stderr=True, markup=False, soft_wrap=True)
     with tempfile.TemporaryDirectory(prefix="planview-resume-") as place:
         runs = KillBench(words, Path(place), seed).kills(kills, lambda text: messages.print(text, highlight=False))
-    identical = sum(not run.differing for run in runs)
+    _report(runs, json_output)
+
+
+def _report(runs: Sequence[ResumedRun], json_output: bool) -> None:
+    kills, identical = len(runs), sum(not run.differing for run in runs)
     resumed = sum(kept > 0 for run in runs for kept in run.resumed_at)
     total = sum(len(run.resumed_at) for run in runs)
     if json_output:

@@ -66,7 +66,7 @@ def rectified_camera(fields: Mapping[str, Any], name: str) -> tuple[Camera, Any]
     return one, np.linalg.solve(projection[:, :3], projection[:, 3])
 
 
-class CameraInfo(NamedTuple):
+class CameraMessage(NamedTuple):
     """The first camera_info of an image topic.
 
     Attributes:
@@ -80,7 +80,7 @@ class CameraInfo(NamedTuple):
     frame: str
 
 
-def info_of(bag: Bag, topic: str) -> CameraInfo:
+def info_of(bag: Bag, topic: str) -> CameraMessage:
     """The camera_info of an image topic.
 
     Raises:
@@ -98,7 +98,7 @@ def info_of(bag: Bag, topic: str) -> CameraInfo:
         raise InputError(
             f"{bag.path}: expected a calibrated camera in {name}, found K of zeros: --calibration FILE gives one"
         )
-    return CameraInfo(name, fields, frame_id(decoded).lstrip("/"))
+    return CameraMessage(name, fields, frame_id(decoded).lstrip("/"))
 
 
 def _from_tf(bag: Bag, left: str, right: str) -> SE3:

@@ -18,7 +18,7 @@ _PREFERENCE = ("image_raw", "image_color", "image_rect_color", "image_rect", "im
 """Of one camera's topics the first is taken: what the driver sent before what was made of it."""
 
 
-class Choice(NamedTuple):
+class TopicChoice(NamedTuple):
     """Two topics and what they are."""
 
     kind: Literal["stereo", "rgbd"]
@@ -26,7 +26,7 @@ class Choice(NamedTuple):
     second: str
 
 
-def choose_topics(bag: Bag, named: Sequence[str]) -> Choice:
+def choose_topics(bag: Bag, named: Sequence[str]) -> TopicChoice:
     """The topics that were named, else the pair that is clear from names and types: left and right before depth.
 
     Raises:
@@ -73,19 +73,19 @@ def is_depth(topic: str) -> bool:
     return _DEPTH.search(topic) is not None
 
 
-def _named(path: Path, there: Sequence[Topic], named: Sequence[str]) -> Choice:
+def _named(path: Path, there: Sequence[Topic], named: Sequence[str]) -> TopicChoice:
     names = [topic.name for topic in there]
     for name in named:
         if name not in names:
             raise InputError(f"--topics: expected image topics of {path.name} ({_listed(there)}), found {name!r}")
     first, second = named
     depth = [is_depth(name) for name in (first, second)]
-    return Choice("rgbd", second, first) if depth[0] and not depth[1] else Choice(
+    return TopicChoice("rgbd", second, first) if depth[0] and not depth[1] else TopicChoice(
         "rgbd" if depth[1] else "stereo", first, second
     )  # fmt: skip
 
 
-def _stereo(there: Sequence[Topic]) -> list[Choice]:
+def _stereo(there: Sequence[Topic]) -> list[TopicChoice]:
     """Left and right topics whose names differ in the side alone, one pair for each rig."""
     images = [
         topic for topic in _one_transport(there) if not is_depth(topic.name) and not _COLOUR.search(_camera(topic))
@@ -94,12 +94,12 @@ def _stereo(there: Sequence[Topic]) -> list[Choice]:
     if sided is None:
         return []
     rights = {sided.rest[i]: images[i].name for i in sided.right}
-    pairs = {sided.rest[i]: Choice("stereo", images[i].name, rights[sided.rest[i]])
+    pairs = {sided.rest[i]: TopicChoice("stereo", images[i].name, rights[sided.rest[i]])
              for i in sided.left if sided.rest[i] in rights}  # fmt: skip
     return [pairs[rest] for rest in _preferred(pairs)]
 
 
-def _rgbd(there: Sequence[Topic]) -> list[Choice]:
+def _rgbd(there: Sequence[Topic]) -> list[TopicChoice]:
     """Images of colour, or whatever is not depth, with the depth topic of the same camera."""
     topics = _one_transport(there)
     depths = {topic.name: topic.name for topic in topics if is_depth(topic.name)}
@@ -109,8 +109,8 @@ def _rgbd(there: Sequence[Topic]) -> list[Choice]:
     images = _preferred({_base(i): i for i in images})
     names = {_base(topic.name): topic.name for topic in topics}
     if len(depths) == 1 and len(images) == 1:
-        return [Choice("rgbd", names[images[0]], names[next(iter(depths))])]
-    return [Choice("rgbd", names[i], names[d]) for i in images for d in depths]
+        return [TopicChoice("rgbd", names[images[0]], names[next(iter(depths))])]
+    return [TopicChoice("rgbd", names[i], names[d]) for i in images for d in depths]
 
 
 def _one_transport(there: Sequence[Topic]) -> list[Topic]:

@@ -8,8 +8,9 @@ import pytest
 from calib.errors import WorkError
 from calib.types import F64
 from planview.calibration.align_params import AlignParams
-from planview.calibration.head_alignment import HeadAlignment, after, align_heads, rotation
+from planview.calibration.head_alignment import HeadAlignment, after, align_heads
 from planview.calibration.head_paths import TICK_S, WalkedPath, by_time
+from planview.evaluation.align import floor_rotation
 
 PARAMS = AlignParams(disparity_px=0.0)
 TRUE = HeadAlignment(math.radians(140.0), 3.0, 1.5, 2.34)
@@ -26,7 +27,7 @@ def both_heads(xy_m: F64, noise_m: float = 0.03, seed: int = 0) -> tuple[WalkedP
     """What two heads measure of a person at xy (T, 2), every 0.05 s: noise and clock are those of TRUE."""
     rng = np.random.default_rng(seed)
     times = 0.05 * np.arange(len(xy_m))
-    own = (xy_m - [TRUE.x_m, TRUE.y_m]) @ rotation(TRUE.heading_rad)
+    own = (xy_m - [TRUE.x_m, TRUE.y_m]) @ floor_rotation(TRUE.heading_rad)
     first, second = (p + rng.normal(0, noise_m, p.shape) for p in (xy_m, own))
     return path(times, first), path(times - TRUE.clock_s, second)
 
