@@ -25,6 +25,8 @@ BODY_M, DEPTH_M = 1.7, 0.45
 """A person's height and, from straight above, depth [m]."""
 BEYOND_M = 2.2
 """People come to be, and cease, so far beyond the openings [m]: out of view."""
+BESIDE_M = 0.7
+"""How far from where people stand the line is [m]: nobody hesitates on it."""
 STEEP_DEG = 35.0
 """Cameras steeper than this hang over the middle of the room."""
 FLOORS = (("tiles", "#a39a8a"), ("wood", "#b98f5f"), ("carpet", "#5c6a78"), ("concrete", "#8f959a"))
@@ -218,15 +220,17 @@ class _Composer:
         return (self._x + lane, along)
 
     def _wire(self, scene: Scene) -> tuple[Pair, Pair]:
-        """Across the way through the middle of the view, where the feet of people are."""
+        """Across the way through the middle of the view, where the feet of people are; beside it where people stop."""
         camera = self._view.camera
         width, height = float(camera.width - 1), float(camera.height - 1)
         assert scene.camera is not None  # composed above
         project = ground_camera(scene.camera).project
+        beside = BESIDE_M if self._view.walks.stop_s[1] > 0 else 0.0
         if self._view.walks.across:
+            middle = float(project(np.array([[beside, self._ahead_m, 0.0]]))[0, 0])
             far = float(project(np.array([[0.0, self._ahead_m + self._reach() + 1.0, 0.0]]))[0, 1])
-            return (width / 2, max(0.0, far)), (width / 2, height)
+            return (middle, max(0.0, far)), (middle, height)
         row = height / 2
         if camera.tilt_deg >= STEEP_DEG:
-            row = min(0.88 * height, float(project(np.array([[0.0, self._ahead_m, 0.0]]))[0, 1]))
+            row = min(0.88 * height, float(project(np.array([[0.0, self._ahead_m + beside, 0.0]]))[0, 1]))
         return (0.0, row), (width, row)
