@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, Protocol
 
 from nicegui import events, ui
@@ -120,6 +121,20 @@ class Panel:
                     ui.label(title).classes("text-caption")
                 for number in numbers:
                     self._person(number, number in odd)
+            self._other_frames()
+
+    def _other_frames(self) -> None:
+        """A button for every other frame with people."""
+        session = self._session
+        first = {s.frame: i for i, s in reversed(list(enumerate(session.samples)))}
+        others = [frame for frame in sorted(first) if frame != session.indices[session.shown]]
+        if not others:
+            return
+        ui.label("people on other frames").classes("text-caption")
+        with ui.row().classes("gap-0 w-full"):
+            for frame in others:
+                go = partial(self._host.show_sample, first[frame])
+                ui.button(str(frame), on_click=go).props("dense flat no-caps color=grey-8")
 
     def _person(self, number: int, odd: bool) -> None:
         session, found = self._session, self._session.solution.found
