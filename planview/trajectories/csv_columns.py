@@ -66,10 +66,14 @@ def _blocks(file: IO[bytes]) -> Iterator[bytes]:
 
 def _rewritten(file: IO[bytes]) -> Iterator[bytes]:
     """The rest of a file with quotes, without them; what they protect is no number and may change."""
-    rows = csv.reader(io.TextIOWrapper(file, "utf-8", newline=""))
-    while block := list(islice(rows, _QUOTED_ROWS)):
-        cells = [[" ".join(cell.replace(",", ";").splitlines()) for cell in row] for row in block]
-        yield "".join(",".join(row) + "\n" for row in cells).encode()
+    text = io.TextIOWrapper(file, "utf-8", newline="")
+    try:
+        rows = csv.reader(text)
+        while block := list(islice(rows, _QUOTED_ROWS)):
+            cells = [[" ".join(cell.replace(",", ";").splitlines()) for cell in row] for row in block]
+            yield "".join(",".join(row) + "\n" for row in cells).encode()
+    finally:
+        text.detach()  # the file is the caller's to close
 
 
 class CsvColumns:
