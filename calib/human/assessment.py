@@ -174,7 +174,7 @@ def _possible(fit: GroundCameraFit, model: HumanModel) -> tuple[F64, F64]:
     places = places[np.isfinite(places).all(axis=1)]
     size, width = np.full(len(places), fit.stature), np.full(len(places), fit.girth)
     upright = np.zeros_like(places)
-    rows = predict(shared_of(fit), places, upright, size, width, camera, body_points(model), fit.prior.boxes_only)
+    rows = predict(shared_of(fit), places, upright, size, width, camera, body_points(model), fit.prior)
     inside = (rows[:, :2] >= 0).all(axis=1) & (rows[:, 2:4] < np.array(camera.size)).all(axis=1)
     tall = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1]) >= MIN_LEARNABLE_PX
     return places[inside & tall], rows[inside & tall]

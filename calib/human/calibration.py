@@ -16,7 +16,7 @@ from calib.human.knowledge import KnownValues, people_of, prior_of, scaled_model
 from calib.human.model import HumanModel
 from calib.human.posterior import posterior_of
 from calib.human.refine import GroundCameraFit, refine
-from calib.human.samples import HumanSample, People, check_samples, only_boxes
+from calib.human.samples import HumanSample, People, check_samples, level_ends, only_boxes
 from calib.human.search import HumanCalibrationParams, SearchProblem, search, warm_up
 from calib.types import F64
 
@@ -78,9 +78,9 @@ def calibrate_from_people(
     no further person helps) and ``found.odd`` (samples to look at again). A camera that is not enough is returned all
     the same, marked; one of which height and focal length cannot be told apart at all is refused.
 
-    Samples are read in two ways, with heads and feet where they are marked, and with heads and feet that are but the
-    middles of the boxes' edges; each with every lens. The one with the largest evidence is taken; what the others say
-    enters the deviations by their probability.
+    Samples are read in three ways: heads and feet where they are marked, in boxes around the outline or in boxes that
+    end at head and foot; and heads and feet that are but the middles of the boxes' edges. Each with every lens. The one
+    with the largest evidence is taken; what the others say enters the deviations by their probability.
 
     The paper's E_bb and weights are illegible in the copy at hand; our choice is E_bb = 1 - IoU of the boxes,
     w_hf = D_hf / D_bb (head to foot over the diagonal of the box), w_bb = 1 - w_hf. The person stands where head and
@@ -111,9 +111,10 @@ def calibrate_from_people(
     people = people_of(samples, model, independent)
     readings = (True,) if only_boxes(people.rows) else (False, True)
     tried = [
-        _fit(SearchProblem(people.rows, size, kind, model, known, boxes), people, params)
+        fit
         for kind in ([lens] if lens else LENS_K_320)
         for boxes in readings
+        for fit in _fits(SearchProblem(people.rows, size, kind, model, known, boxes), people, params)
     ]
     tried.sort(key=lambda t: -t.fit.log_evidence)
     _check_fit(tried[0], params, name)
@@ -144,12 +145,17 @@ class _Tried:
     fit: GroundCameraFit
 
 
-def _fit(problem: SearchProblem, people: People, params: HumanCalibrationParams) -> _Tried:
+def _fits(problem: SearchProblem, people: People, params: HumanCalibrationParams) -> list[_Tried]:
+    """The best fit of every way in which boxes may end."""
     candidates, errors = search(problem, params)
     cameras = [problem.camera(candidate) for candidate in _distinct(candidates)]
-    prior = prior_of(cameras[0], problem.known, problem.boxes_only)
-    refined = [refine(camera, people, problem.model, prior) for camera in cameras]
-    return _Tried(problem, float(errors[0]), max(refined, key=lambda r: r.log_evidence))
+    ends = (False,) if problem.boxes_only else (True,) if level_ends(people.rows) else (False, True)
+    tried = []
+    for level in ends:
+        prior = prior_of(cameras[0], problem.known, problem.boxes_only, level)
+        refined = [refine(camera, people, problem.model, prior) for camera in cameras]
+        tried.append(_Tried(problem, float(errors[0]), max(refined, key=lambda r: r.log_evidence)))
+    return tried
 
 
 def _distinct(candidates: F64) -> list[F64]:

@@ -90,11 +90,13 @@ class CameraPrior:
     Attributes:
         mean, std: (N_SHARED,) float64.
         boxes_only: heads and feet are but the middles of the boxes' edges.
+        level_ends: boxes end at the marked heads and feet, and not where the outline does.
     """
 
     mean: F64
     std: F64
     boxes_only: bool
+    level_ends: bool
 
 
 def usual_focal_px(lens: str, width: int) -> float:
@@ -109,7 +111,7 @@ def _focal_std(lens: str) -> float:
     return max(0.3, math.log(wide / narrow) / math.sqrt(12.0))
 
 
-def prior_of(camera: GroundCamera, known: KnownValues, boxes_only: bool) -> CameraPrior:
+def prior_of(camera: GroundCamera, known: KnownValues, boxes_only: bool, level_ends: bool) -> CameraPrior:
     """The prior of a lens class and of the known values.
 
     Boxes take in arms and strides, so the width of people is free in them; where head and foot are marked and from
@@ -120,6 +122,7 @@ def prior_of(camera: GroundCamera, known: KnownValues, boxes_only: bool) -> Came
         camera: any camera of the lens and image size.
         known: values given.
         boxes_only: samples without heads and feet of their own.
+        level_ends: samples whose boxes end at head and foot.
     """
     mean, std = np.zeros(N_SHARED), np.full(N_SHARED, np.inf)
     mean[FOCAL] = math.log(usual_focal_px(camera.lens, camera.width))
@@ -132,7 +135,7 @@ def prior_of(camera: GroundCamera, known: KnownValues, boxes_only: bool) -> Came
         mean[FOCAL], std[FOCAL] = math.log(focal), KNOWN_FOCAL_STD
     if known.height_m is not None:
         mean[HEIGHT], std[HEIGHT] = math.log(known.height_m), KNOWN_HEIGHT_STD
-    return CameraPrior(mean, std, boxes_only)
+    return CameraPrior(mean, std, boxes_only, level_ends)
 
 
 def people_of(samples: Sequence[HumanSample], model: HumanModel, independent: int | None = None) -> People:

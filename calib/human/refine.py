@@ -192,7 +192,7 @@ class Residuals:
         stature = np.where(self.people.told, 0.0, shared[STATURE])
         size = self.people.scale * np.exp(stature + odd[:, 0])
         width = np.exp(shared[GIRTH] + odd[:, 3])
-        return predict(shared, places, odd[:, 1:3], size, width, self.camera, self.body, self.prior.boxes_only)
+        return predict(shared, places, odd[:, 1:3], size, width, self.camera, self.body, self.prior)
 
     def _slope(self, values: F64, here: F64, moved: Bool, step: float) -> F64:
         """(n, 8) derivative by all the unknowns marked in ``moved`` at once."""
@@ -234,7 +234,7 @@ def body_points(model: HumanModel) -> F64:
 
 
 def predict(
-    shared: F64, places: F64, lean: F64, size: F64, width: F64, like: GroundCamera, body: F64, boxes_only: bool
+    shared: F64, places: F64, lean: F64, size: F64, width: F64, like: GroundCamera, body: F64, prior: CameraPrior
 ) -> F64:
     """(n, 8) rows that the camera would give of people.
 
@@ -246,7 +246,7 @@ def predict(
         width: (n,) width of each over that of a model of its height [1].
         like: a camera of the same image and lens.
         body: of the average person (see ``body_points``).
-        boxes_only: heads and feet are the middles of the boxes' edges.
+        prior: how boxes and marks hang together.
     """
     camera = shared_camera(shared, like)
     points = body * size[:, None, None]
@@ -254,9 +254,11 @@ def predict(
     points[..., :2] += places[:, None] + lean[:, None] * (body[:, 2:] / body[-2, 2])
     pixels = camera.project(points)
     low, high = pixels[:, :-2].min(axis=1), pixels[:, :-2].max(axis=1)
-    if boxes_only:
+    if prior.boxes_only:
         middle = 0.5 * (low[:, 0] + high[:, 0])
         return np.column_stack([low, high, middle, low[:, 1], middle, high[:, 1]])
+    if prior.level_ends:
+        low[:, 1], high[:, 1] = pixels[:, -2:, 1].min(axis=1), pixels[:, -2:, 1].max(axis=1)
     return np.concatenate([low, high, pixels[:, -2], pixels[:, -1]], axis=1)
 
 

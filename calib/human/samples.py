@@ -136,6 +136,12 @@ def only_boxes(rows: F64) -> bool:
     return bool((np.abs(rows[:, 4:] - ends) <= 1.0).all())
 
 
+def level_ends(rows: F64) -> bool:
+    """Whether the boxes of (n, 8) rows end at the marked heads and feet, where an outline reaches beyond them."""
+    ends = np.sort(rows[:, [5, 7]], axis=1)
+    return bool((np.abs(ends - rows[:, [1, 3]]) <= 1.0).all())
+
+
 def read_samples(path: Path) -> tuple[HumanSample, ...]:
     """Read samples from CSV (columns ``COLUMNS``) or JSON.
 

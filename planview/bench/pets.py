@@ -7,11 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from calib.errors import InputError
+from calib.ground_camera import GroundCamera, load_ground_camera, save_ground_camera
 from planview.bench.tracking_errors import TrackingErrors, tracking_errors
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import Evaluation
@@ -22,6 +24,8 @@ from planview.trajectories.table import Trajectories, TrajectoryCollector
 
 FPS = 7.0
 """Nominal frame rate of the sequence."""
+CAMERA_TILT_DEG, CAMERA_SHARE = 0.5, 0.03
+"""How far nearby cameras are off [deg], [1]: what calibrations of one view from different people differ by."""
 FLOOR_GATE_M = 1.0
 """Gate of the floor protocol; box protocol: IoU 0.5."""
 
@@ -38,6 +42,7 @@ class PetsScores:
             without floor positions.
         errors: false tracks, losses and switches of the boxes.
         spread: of MOTA and errors over seeds; None when one seed was run.
+        cameras: of MOTA over cameras; None when one was used.
     """
 
     tracker: TrackerName
@@ -46,6 +51,18 @@ class PetsScores:
     floor: Evaluation | None
     errors: TrackingErrors
     spread: SeedSpread | None = None
+    cameras: CameraSpread | None = None
+
+
+@dataclass(frozen=True)
+class CameraSpread:
+    """MOTA of the boxes under cameras that differ a little, the given one first."""
+
+    mota: tuple[float, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Every score, and their range."""
+        return {"mota": self.mota, "mota_range": max(self.mota) - min(self.mota)}
 
 
 @dataclass(frozen=True)
@@ -67,7 +84,11 @@ class SeedSpread:
 
 
 def human_model_on_pets(
-    folder: Path, camera: Path, frames: int | None = None, done: Callable[[int], None] = lambda frame: None
+    folder: Path,
+    camera: Path,
+    frames: int | None = None,
+    done: Callable[[int], None] = lambda frame: None,
+    cameras: int = 1,
 ) -> PetsScores:
     """Score the human-model tracker.
 
@@ -76,10 +97,35 @@ def human_model_on_pets(
         camera: camera.toml, from ``planview calibrate human``.
         frames: at most so many.
         done: called after each frame.
+        cameras: the tracker is run with so many, the given one and others near it (``nearby_camera``).
     Raises:
         InputError: files that are missing or do not fit.
     """
-    return _score("human-model", folder, camera, frames, done)
+    first = _score("human-model", folder, camera, frames, done)
+    if cameras == 1:
+        return first
+    given, scores = load_ground_camera(camera), [first]
+    with TemporaryDirectory() as place:
+        for number in range(1, cameras):
+            path = Path(place) / f"camera{number}.toml"
+            save_ground_camera(nearby_camera(given, number), path)
+            scores.append(_score("human-model", folder, path, frames, done))
+    return replace(first, cameras=CameraSpread(tuple(_mota(s) for s in scores)))
+
+
+def nearby_camera(camera: GroundCamera, seed: int) -> GroundCamera:
+    """A camera within ``CAMERA_TILT_DEG`` and ``CAMERA_SHARE`` of another's tilt, focal length and height."""
+    tilt, focal, height = np.random.default_rng(seed).uniform(-1.0, 1.0, 3)
+    return replace(
+        camera,
+        tilt_rad=camera.tilt_rad + math.radians(CAMERA_TILT_DEG * tilt),
+        focal_px=camera.focal_px * (1.0 + CAMERA_SHARE * focal),
+        height_m=camera.height_m * (1.0 + CAMERA_SHARE * height),
+    )
+
+
+def _mota(scores: PetsScores) -> float:
+    return math.nan if scores.boxes.clear.mota is None else scores.boxes.clear.mota
 
 
 def ellipse_particle_on_pets(
@@ -99,8 +145,7 @@ def ellipse_particle_on_pets(
         return first
     rest = [_score("ellipse-particle", folder, camera, frames, done, seed) for seed in range(1, seeds)]
     scores = [first, *rest]
-    mota = tuple(math.nan if s.boxes.clear.mota is None else s.boxes.clear.mota for s in scores)
-    return replace(first, spread=SeedSpread(mota, tuple(s.errors.total for s in scores)))
+    return replace(first, spread=SeedSpread(tuple(_mota(s) for s in scores), tuple(s.errors.total for s in scores)))
 
 
 def _score(

@@ -30,6 +30,9 @@ class PetsOptions:
     """At most so many frames."""
     seeds: int = 1
     """Run the ellipse-particle tracker with so many seeds, and give the spread of its scores."""
+    cameras: int = 1
+    """Run the human-model tracker with so many cameras within 0.5 degrees and 3 % of the given one, and give the range
+    of its scores."""
     json_output: JsonFlag = False
     """Print one JSON object on stdout."""
 
@@ -51,13 +54,15 @@ def bench_pets(folder: Path, *, options: PetsOptions | None = None) -> None:
         raise InputError(f"--frames: expected at least 1, found {options.frames}")
     if not 1 <= options.seeds <= 1000:
         raise InputError(f"--seeds: expected 1 to 1000, found {options.seeds}")
+    if not 1 <= options.cameras <= 100:
+        raise InputError(f"--cameras: expected 1 to 100, found {options.cameras}")
     if options.camera is None and options.tracker != "ellipse-particle":
         raise InputError("--camera: the human-model tracker needs a camera.toml (see planview calibrate human)")
     console = Console(stderr=True)
     scores = []
     if options.camera is not None and options.tracker != "ellipse-particle":
         with console.status(f"human-model on {folder}"):
-            scores.append(human_model_on_pets(folder, options.camera, options.frames))
+            scores.append(human_model_on_pets(folder, options.camera, options.frames, cameras=options.cameras))
     if options.tracker != "human-model":
         with console.status(f"ellipse-particle on {folder}"):
             scores.append(ellipse_particle_on_pets(folder, options.camera, options.frames, seeds=options.seeds))
@@ -73,6 +78,10 @@ def _errors(scores: PetsScores) -> str:
     """Tracking errors, and their spread over seeds, in a sentence."""
     e, spread = scores.errors, scores.spread
     text = f"{e.total} tracking errors ({e.false_tracks} false tracks, {e.losses} losses, {e.switches} switches)"
+    if scores.cameras is not None:
+        near = scores.cameras.to_json()
+        listed = ", ".join(f"{mota:.3f}" for mota in near["mota"])
+        return f"{text}; over {len(near['mota'])} cameras MOTA is {listed}: a range of {near['mota_range']:.3f}"
     if spread is None:
         return text
     s = spread.to_json()
@@ -87,8 +96,16 @@ def _json(scores: PetsScores) -> dict[str, Any]:
     floor = scores.floor.to_json() if scores.floor is not None else None
     errors = {**asdict(scores.errors), "total": scores.errors.total}
     spread = scores.spread.to_json() if scores.spread is not None else None
+    cameras = scores.cameras.to_json() if scores.cameras is not None else None
     boxes = scores.boxes.to_json()
-    return {"frames": scores.frames, "boxes": boxes, "floor": floor, "tracking_errors": errors, "seeds": spread}
+    return {
+        "frames": scores.frames,
+        "boxes": boxes,
+        "floor": floor,
+        "tracking_errors": errors,
+        "seeds": spread,
+        "cameras": cameras,
+    }
 
 
 def _table(scores: list[PetsScores]) -> Table:

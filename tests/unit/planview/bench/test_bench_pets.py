@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
+from calib.ground_camera import GroundCamera
 from planview.bench import pets
-from planview.bench.pets import SeedSpread, ellipse_particle_on_pets
+from planview.bench.pets import CameraSpread, SeedSpread, ellipse_particle_on_pets, nearby_camera
 from planview.trajectories.table import Trajectories, read_tracks
 
 ROWS = "frame,timestamp_s,id,x_m,y_m,left_px,top_px,width_px,height_px,state\n"
@@ -52,3 +53,18 @@ def test_spread_gives_range_deviation_and_mean():
 def test_folder_without_the_sequence_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"gt\.txt"):
         ellipse_particle_on_pets(tmp_path, None)
+
+
+def test_nearby_cameras_are_near_and_differ():
+    camera = GroundCamera(480, 360, 740.0, 7.0, 1.28)
+    near = [nearby_camera(camera, seed) for seed in (1, 2)]
+    assert near[0] != near[1]
+    for other in near:
+        assert abs(other.tilt_rad - camera.tilt_rad) <= np.radians(0.5)
+        assert other.focal_px == pytest.approx(camera.focal_px, rel=0.03)
+        assert other.height_m == pytest.approx(camera.height_m, rel=0.03)
+
+
+def test_spread_over_cameras_gives_its_range():
+    spread = CameraSpread((0.8, 0.75, 0.78)).to_json()
+    assert spread["mota_range"] == pytest.approx(0.05)
