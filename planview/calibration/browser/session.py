@@ -99,6 +99,7 @@ class CalibrationSession:
         if self.samples[number].frame in self.indices:
             self.show(self.indices.index(self.samples[number].frame))
         self.tool, self.selected = "select", Handle(number, "whole")
+        self.message = self.next_step()
 
     def choose(self, tool: Tool) -> None:
         """Take another tool into the hand."""

@@ -146,6 +146,13 @@ def test_click_that_only_selects_changes_nothing() -> None:
     assert session.selected == Handle(0, "whole")
 
 
+def test_person_asked_for_is_shown_and_selected() -> None:
+    session = new_session(HumanSample(ONE.box_px, ONE.head_px, ONE.foot_px, 20))
+    session.show_sample(0)
+    assert (session.shown, session.tool, session.selected) == (2, "select", Handle(0, "whole"))
+    assert "drag to move it" in session.message
+
+
 def test_people_of_other_frames_are_not_picked_up() -> None:
     session = new_session(ONE)
     session.show(1)
