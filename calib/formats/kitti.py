@@ -1,4 +1,5 @@
-"""KITTI calib_cam_to_cam.txt: four cameras, raw and rectified, poses from camera 0."""
+"""KITTI calib_cam_to_cam.txt: four cameras, raw and rectified, poses from camera 0; and the calib.txt of odometry
+sequences, which holds the projections of the rectified cameras only."""
 
 from __future__ import annotations
 
@@ -18,16 +19,20 @@ from calib.types import F64
 
 _KEYS = re.compile(r"^K_\d\d:", re.MULTILINE)
 _POSES = re.compile(r"^T_\d\d:", re.MULTILINE)
+_ODOMETRY = re.compile(r"^P[0-3]:", re.MULTILINE)
 _PAIRS = (("02", "03"), ("00", "01"))
 
 
 def _part(source: Source) -> str | None:
-    return "whole" if _KEYS.search(source.text) and _POSES.search(source.text) else None
+    drive = _KEYS.search(source.text) and _POSES.search(source.text)
+    return "whole" if drive or len(_ODOMETRY.findall(source.text)) >= 2 else None
 
 
 def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     source = sources[0]
     data = dict(line.split(":", 1) for line in source.text.splitlines() if ":" in line)
+    if f"K_{_PAIRS[1][0]}" not in data and _ODOMETRY.search(source.text):
+        return _of_sequence(source, data, choice)
     left, right = choice.cameras or _pair(data)
     rectified = choice.rectified
     if rectified is None:
@@ -68,8 +73,26 @@ def _rectified(data: Mapping[str, str], name: str, unit_m: float) -> tuple[Camer
     size = _size(data, f"S_rect_{name}")
     if size is None:
         raise ValueError(f"expected the key S_rect_{name}, found none")
-    p = numbers(entry(data, f"P_rect_{name}"), f"P_rect_{name}", 12).reshape(3, 4)
-    one = camera(size, p[:, :3].ravel(), np.empty(0), "brown", f"camera {name}")
+    return _projected(size, data, f"P_rect_{name}", unit_m)
+
+
+def _of_sequence(source: Source, data: Mapping[str, str], choice: Choice) -> StereoRig:
+    """The rectified cameras of an odometry sequence, whose image size the file does not say."""
+    if choice.size is None:
+        raise ValueError("expected the size of the images, which the calib.txt of a KITTI sequence does not hold")
+    left, right = choice.cameras or next(
+        (pair for pair in (("2", "3"), ("0", "1")) if f"P{pair[1]}" in data), ("0", "1")
+    )
+    parts = [_projected(choice.size, data, f"P{name}", choice.unit()) for name in (left, right)]
+    (one, left_SE3_zero), (other, right_SE3_zero) = parts
+    name = f"{source.path.name} [cameras {left} {right}, rectified images]"
+    return StereoRig(one, other, right_SE3_zero @ left_SE3_zero.inverse(), name)
+
+
+def _projected(size: Size, data: Mapping[str, str], key: str, unit_m: float) -> tuple[Camera, SE3]:
+    """The camera of a (3, 4) projection, and its pose."""
+    p = numbers(entry(data, key), key, 12).reshape(3, 4)
+    one = camera(size, p[:, :3].ravel(), np.empty(0), "brown", f"camera {key}")
     shift = np.asarray(np.linalg.solve(p[:, :3], p[:, 3]) * unit_m, dtype=np.float64)
     return one, SE3(np.eye(3), shift)
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.formats import load_rig
 from calib.rig import StereoRig
+from calib.text import read_text
 from stereo.readers.images import frame_number, image_files
 from stereo.readers.reader import OpenOptions, Reader
 from stereo.readers.stamps import read_stamps
@@ -19,6 +21,8 @@ from stereo.readers.timestamps import stamp_list
 
 PAIRS = (("image_02", "image_03"), ("image_00", "image_01"))
 """The colour and the grey pair."""
+SEQUENCE_PAIRS = (("image_2", "image_3"), ("image_0", "image_1"))
+"""The same of an odometry sequence."""
 
 
 def _fits(path: Path) -> bool:
@@ -44,6 +48,45 @@ def _find(path: Path, options: OpenOptions) -> StereoLayout:
 
     note = () if pair == PAIRS[0] or not _colour(drive) else ("the grey cameras are taken: a colour one lacks images",)
     return timed_layout(path, left, right, options, rig, note)
+
+
+def _fits_sequence(path: Path) -> bool:
+    return (path / "times.txt").is_file() and _sequence_pair(path) is not None
+
+
+def _find_sequence(path: Path, options: OpenOptions) -> StereoLayout:
+    pair = _sequence_pair(path) or SEQUENCE_PAIRS[0]
+    left, right = (_listed_camera(path / name, path / "times.txt") for name in pair)
+
+    def rig(size: Size) -> StereoRig:
+        own = options.calibration is None
+        cameras = (pair[0][-1], pair[1][-1]) if own else None
+        return load_rig(options.calibration or path / "calib.txt", size, cameras=cameras, rectified=own or None)
+
+    return timed_layout(path, left, right, options, rig, ())
+
+
+def _sequence_pair(path: Path) -> tuple[str, str] | None:
+    for pair in SEQUENCE_PAIRS:
+        if all((path / name).is_dir() and image_files(path / name) for name in pair):
+            return pair
+    return None
+
+
+def _listed_camera(folder: Path, times: Path) -> TimedFiles:
+    """Image number n has the time of line n, in seconds with an exponent."""
+    texts = [f"{_seconds(times, text):.9f}" for text in read_text(times, "times", 10_000_000).split()]
+    return _timed(folder, image_files(folder), times, texts)
+
+
+def _seconds(times: Path, text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not abs(seconds) < 1e9:
+        raise InputError(f"{times}: expected times in seconds, found {text[:40]!r}")
+    return seconds
 
 
 def _drives(path: Path) -> Iterator[Path]:
@@ -75,13 +118,18 @@ def _camera(folder: Path) -> TimedFiles:
     listed = stamp_list(folder)
     if listed is None:
         raise InputError(f"{folder / 'timestamps.txt'}: expected the times of the images, found no such file")
+    return _timed(folder, files, listed.path, listed.texts)
+
+
+def _timed(folder: Path, files: Sequence[Path], times: Path, texts: Sequence[str]) -> TimedFiles:
+    """Images with the times of their numbers."""
     try:
-        ns = read_stamps(listed.texts).ns
+        ns = read_stamps(texts).ns
     except ValueError as error:
-        raise InputError(f"{listed.path}: {error}") from error
+        raise InputError(f"{times}: {error}") from error
     numbers = [frame_number(file) for file in files]
     if any(number is None or number >= len(ns) for number in numbers):
-        raise InputError(f"{listed.path}: expected a time for each of {len(files)} images, found {len(ns)}")
+        raise InputError(f"{times}: expected a time for each of {len(files)} images, found {len(ns)}")
     return TimedFiles(folder, files, np.asarray(ns[np.array(numbers)], dtype=np.int64))
 
 
@@ -96,4 +144,11 @@ READER = Reader(
     "image_00 and image_01 with timestamps.txt (KITTI)",
     _fits,
     _find,
+)
+SEQUENCE = Reader(
+    "kitti-sequence",
+    "a KITTI odometry sequence",
+    "image_0 and image_1 with times.txt (KITTI odometry)",
+    _fits_sequence,
+    _find_sequence,
 )

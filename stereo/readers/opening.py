@@ -32,6 +32,7 @@ READERS: tuple[Reader, ...] = (
     bag_layout.READER,
     euroc.READER,
     kitti.READER,
+    kitti.SEQUENCE,
     tum_rgbd.READER,
     middlebury.READER,
     folders.READER,

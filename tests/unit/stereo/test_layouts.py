@@ -89,6 +89,21 @@ def test_kitti_drive_is_rectified_when_its_name_says_so(
     assert [f.timestamp_s for f in recording] == pytest.approx([0.0, 0.1, 0.3])
 
 
+def test_kitti_odometry_sequence_has_its_times_and_projections(tmp_path: Path) -> None:
+    for camera in ("image_0", "image_1"):
+        (tmp_path / camera).mkdir()
+        for i in range(3):
+            cv2.imwrite(str(tmp_path / camera / f"{i:06d}.png"), picture(10 * i))
+    (tmp_path / "times.txt").write_text("0.000000e+00\n1.036224e-01\n2.072410e-01\n")
+    shifts = (0.0, -2.5)
+    lines = [f"P{i}: 25 0 15.5 {shift} 0 25 11.5 0 0 0 1 0" for i, shift in enumerate(shifts)]
+    (tmp_path / "calib.txt").write_text("\n".join([*lines, "Tr: 1 0 0 0 0 1 0 0 0 0 1 0"]) + "\n")
+    recording = open_recording(tmp_path)
+    assert find_reader(tmp_path).key == "kitti-sequence"
+    assert (recording.rig.left.fx, recording.rig.baseline_m) == (25.0, pytest.approx(0.1))
+    assert [f.timestamp_s for f in recording] == pytest.approx([0.0, 0.1036224, 0.2072410])
+
+
 def test_middlebury_pair_is_one_frame(tmp_path: Path) -> None:
     for name in ("im0", "im1"):
         cv2.imwrite(str(tmp_path / f"{name}.png"), picture(0))
