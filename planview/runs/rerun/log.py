@@ -38,8 +38,8 @@ TRAIL_S = 10.0
 """Length of the trails behind people [s]."""
 BODY_M = 0.5
 """Width of the boxes around people [m]."""
-CLOUD_POINTS_MAX = 2500
-"""Foreground points logged per frame at most: a person at 3 m has so many at 320x240."""
+CLOUD_POINTS_MAX = 1500
+"""Foreground points logged per frame at most: enough to recognise five people, in 24 kB (our choice)."""
 FLUSH_FRAMES = 100
 """So many frames may wait for rerun's thread: on a busy machine they would pile up in memory."""
 PART_FRAMES = 500

@@ -16,9 +16,9 @@ from planview.pipeline.engine import FrameResult
 from planview.tracking.base import Drawing
 from planview.trajectories.state import TrackState
 
-JPEG_QUALITY = 60
-"""Of the camera's image: half the size of quality 80, and people are as well to be recognised (our choice)."""
-DISPARITY_QUALITY = 50
+JPEG_QUALITY = 50
+"""Of the camera's image: 0.6 of the size of quality 80, and people are as well to be recognised (our choice)."""
+DISPARITY_QUALITY = 40
 LABEL_M = 0.45
 """Ids stand so far beside people in plan views, where they hide no peak of the maps [m]."""
 LABEL_APART_M = 0.3
