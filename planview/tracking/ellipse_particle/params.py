@@ -82,8 +82,9 @@ class ExistenceParams(Params):
     """Expected new objects per frame; with ``false_alarms`` the prior that an uncovered measurement is an object."""
     detection: float = Field(0.85, gt=0, lt=1)
     """Probability of measuring a present object. Our choice."""
-    repetition: float = Field(0.25, gt=0, lt=1)
-    """Probability that a false measurement repeats in the same place. Our choice."""
+    repetition: float = Field(0.4, gt=0, lt=1)
+    """Probability that a false measurement repeats in the same place. Our choice: legs that come into view before the
+    body repeat for some frames; a person counted twice is worse than 0.2 s of delay."""
     confirm_probability: float = Field(0.8, gt=0.5, lt=1)
     """Probability of being an object above which a new one is confirmed, and of having left above which it is
     pruned."""

@@ -46,6 +46,8 @@ AREA_POWER = 0.75
 """Regions count by this power of their area: what is foreground is to be accounted for, so one person in view outweighs
 the pieces that fall off, however many; less than 1, since a change of light may be larger than all people. Our
 choice."""
+CUT_OFTEN = 0.25
+"""Share of people cut by the border above which width is learned from the others alone. Our choice."""
 AGREE = 1.5
 """Deviations within which a region is taken for one person."""
 
@@ -129,7 +131,10 @@ class SizeLearner:
             return None
         x, y, tilted = row[inliers], length[inliers], bool(slopes[best] > 0)
         level, slope = line(x, y, weight[inliers] * np.exp(-0.5 * away[inliers] ** 2), tilted)
-        aspect = np.median(samples[inliers, AREA] / (FILLED * math.pi / 4 * y * y))
+        # Where the border cuts many, what it leaves of them, legs from above, is thinner than people are.
+        uncut = inliers & ~cut
+        sized = samples[uncut if uncut.any() and cut[inliers].mean() > CUT_OFTEN else inliers]
+        aspect = np.median(sized[:, AREA] / (FILLED * math.pi / 4 * sized[:, LENGTH] ** 2))
         least = max(1.0, 0.4 * float(np.percentile(y, 5)))
         prior = SizePrior(level / 2, slope / 2, float(np.clip(aspect, NARROWEST, BROADEST)), least)
         agreeing = inliers | (cut & (away < AGREE))

@@ -134,8 +134,10 @@ def test_repeated_measurements_speak_for_a_new_object():
     follow(evidence, 1)
     assert evidence.probability < PARAMS.confirm_probability
     follow(evidence, 1)
-    # 0.5 (0.85 / 0.25)^2 = 5.8 to 1
-    assert evidence.probability == pytest.approx(5.78 / 6.78)
+    # 0.5 (0.85 / 0.4)^2 = 2.26 to 1; a third one confirms it, 4.8 to 1
+    assert evidence.probability == pytest.approx(2.2578125 / 3.2578125)
+    follow(evidence, 1)
+    assert evidence.probability > PARAMS.confirm_probability
 
 
 def test_new_objects_of_a_frame_full_of_measurements_are_doubted():
@@ -147,7 +149,7 @@ def test_new_object_in_a_small_group_is_as_probable_as_alone():
 
 
 def test_fill_of_a_new_object_counts_at_most_as_much_as_a_second_measurement():
-    one_frame = math.log(0.85 / 0.25)
+    one_frame = math.log(0.85 / 0.4)
     odds = [new(fill).log_odds for fill in (0.0, 0.5, 0.575, 1.0)]
     assert np.diff(odds) == pytest.approx([one_frame, one_frame / 2, one_frame / 2])
 
