@@ -25,18 +25,15 @@ def split(tiles: U8, per_pixel: F64, tile: int, rows: float, columns: float, fix
     def of(box: Box | None) -> float:
         return cost(box, per_pixel, tile, rows, columns, fixed)
 
-    found, waiting = set(), [tight(tiles, (0, 0, *tiles.shape))]
-    while waiting:
-        box = waiting.pop()
-        if box is None:
-            continue
+    def parts(box: Box) -> tuple[float, set[Box]]:
         top, left, bottom, right = box
+        if tiles[top:bottom, left:right].all():
+            return of(box), {box}
         halves = [((top, left, cut, right), (cut, left, bottom, right)) for cut in range(top + 1, bottom)]
         halves += [((top, left, bottom, cut), (top, cut, bottom, right)) for cut in range(left + 1, right)]
         cuts = [(tight(tiles, a), tight(tiles, b)) for a, b in halves]
-        best = min(cuts, key=lambda pair: of(pair[0]) + of(pair[1]), default=None)
-        if best is not None and of(best[0]) + of(best[1]) < of(box):
-            waiting += best
-        else:
-            found.add(box)
-    return found
+        (one, found), (other, more) = (parts(half) for half in min(cuts, key=lambda pair: of(pair[0]) + of(pair[1])))
+        return (one + other, found | more) if one + other < of(box) else (of(box), {box})
+
+    whole = tight(tiles, (0, 0, *tiles.shape))
+    return set() if whole is None else parts(whole)[1]
