@@ -29,8 +29,8 @@ CAMERAS = {
     "near-horizontal": GroundCamera(640, 480, 600.0, 4.0, math.radians(68), "normal"),
 }
 SAMPLES, SEEDS, NOISE_PX = 8, 10, 2.0
-LIMITS = {"height": 5.0, "tilt": 2.0, "focal": 8.0}
-SEARCH_LIMIT_S = 3.0
+LIMITS = {"height": 5.0, "tilt": 2.0, "focal": 6.0}
+SEARCH_LIMIT_S = 2.0
 PETS_PEOPLE, PETS_LIMIT_M = 12, 0.5
 READINGS: tuple[Reading, ...] = ("marked", "middles")
 PETS_SIZE, TSAI_SIZE = (480, 360), (768, 576)
