@@ -143,11 +143,14 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
 
 
 def kept_setup(recording: Path, config: Config, options: TrackingOptions) -> KeptSetup | None:
-    """Where floor and row offset of a recording are kept, by its content; None for what is no file or folder."""
-    if not recording.exists():
+    """Where floor and row offset of a recording are kept, by its content; None for what is no file or folder.
+
+    Pipes, devices and what is missing are refused with their own sentence where they are opened.
+    """
+    inputs = [recording, *([options.calibration] if options.calibration else files_beside(recording))]
+    if not all(path.is_file() or path.is_dir() for path in inputs):
         return None
-    beside = [options.calibration] if options.calibration else files_beside(recording)
-    contents = [content_key(path) for path in (recording, *beside) if path.exists()]
+    contents = [content_key(path) for path in inputs]
     tables = [table.model_dump(mode="json") for table in (config.rectify, config.range, config.sgbm, config.floor)]
     frames = config.analysis.setup_frames
     return KeptSetup(key_of(contents, tables, frames, options.topics, options.fps, engine_version()))
