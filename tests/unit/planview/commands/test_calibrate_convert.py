@@ -53,7 +53,7 @@ def test_convert_mends_units_and_swapped_cameras_when_told(tmp_path: Path) -> No
         (("out.toml", "--size", "big"), "--size: expected WIDTHxHEIGHT"),
         (("out.toml", "--unit", "5 parsec"), "--unit: expected a length"),
         (("out.toml", "--cameras", "one"), "--cameras: expected two different names"),
-        (("missing/deep/out.toml",), "expected a place to write to"),
+        (("rig.toml/out.toml",), "expected a place to write to"),
     ],
 )
 def test_convert_refuses_nonsense_in_one_sentence(
