@@ -28,6 +28,7 @@ from planview.runs.folder import check_folder, prepare_folder
 from planview.runs.info import RunInfo
 from planview.runs.lock import folder_lock
 from planview.runs.log import RunLog
+from planview.runs.pace import Pace
 from planview.runs.progress import FrameProgress, summary
 from planview.runs.refine import refine_run
 from planview.runs.report.page import write_report
@@ -79,6 +80,9 @@ class TrackingOptions:
     """Look for floor and row offset again: what an earlier run found out about the same recording is not used."""
     strict: Flag = False
     """Refuse a recording that fails one of doctor's cheap checks (exit status 2) instead of warning of it."""
+    pace: Flag = False
+    """Track in real time: frames come when their timestamps say, those that cannot be kept up with are dropped, and the
+    latency from a frame's timestamp to its tracks is printed (median, 95 %, 99 %). Writes no checkpoints."""
     frames: int = 0
     """Stop after so many frames; 0 for all."""
     refine: Flag = False
@@ -118,6 +122,8 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
         raise InputError(f"--rrd-every: expected a number from 1, found {options.rrd_every}")
     if options.resume and options.overwrite:
         raise InputError("expected --resume or --overwrite, found both")
+    if options.resume and options.pace:
+        raise InputError("expected --resume or --pace, found both: a run in real time has no checkpoints to go on from")
     settings = load_config(options.config, _settings(options), base_config(recording))
     source = open_options(options.calibration, options.fps, options.topics)
     check_folder(out, options.overwrite or options.resume, recording)
@@ -160,8 +166,9 @@ def _track(
     engine: Engine, out: Path, options: TrackingOptions, analytics: Analytics | None, console: Console
 ) -> RunInfo:
     how = RunOptions(
-        options.tracker, analytics, options.debug, options.frames, options.checkpoint_every, options.strict
-    )
+        options.tracker, analytics, options.debug, options.frames, options.checkpoint_every, options.strict,
+        Pace() if options.pace else None,
+    )  # fmt: skip
     checkpoint = None
     if options.resume:
         identity = run_identity(engine, how, _log_names(options), out)

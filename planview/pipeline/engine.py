@@ -97,6 +97,8 @@ class AnyRecording(Protocol):
     @property
     def skipped(self) -> Sequence[Skipped]: ...
 
+    def __iter__(self) -> Iterator[Any]: ...
+
 
 class Engine(Protocol):
     """Tracks people: iterate it for a FrameResult per frame of its recording, or ``step`` through frames of your own.

@@ -34,6 +34,22 @@ class RunWarning(InfoPart):
     """What was expected and found, in one sentence."""
 
 
+class PaceInfo(InfoPart):
+    """How a run in real time kept up (``planview run --pace``).
+
+    Latency is the time from the moment that a frame's timestamp says to its tracks in tracks.csv.
+    """
+
+    frames_dropped: int = 0
+    """Frames that were due while earlier ones were tracked, and gave way to newer ones."""
+    latency_median_ms: float | None = None
+    """None before the first frame, as are the two others; of an even sample of at most 4096 frames."""
+    latency_95_ms: float | None = None
+    """95 % of the frames are not later [ms]."""
+    latency_99_ms: float | None = None
+    """99 % of the frames are not later [ms]."""
+
+
 class RunInfo(InfoPart):
     """All of run.json. Every field has a default, so that a page can be made of what there is."""
 
@@ -65,6 +81,8 @@ class RunInfo(InfoPart):
     floor: FloorInfo | None = None
     stages_ms: dict[str, float | None] = Field(default_factory=dict)
     """Median time of every stage per frame [ms], in the order of the pipeline."""
+    pace: PaceInfo | None = None
+    """Frames dropped and latency of a run in real time; None of others."""
     people: int = 0
     """Ids that were ever confirmed."""
     remark: str = ""

@@ -64,6 +64,14 @@ def summary(console: Console, info: RunInfo, folder: Path) -> None:
         )
     stages = ", ".join(f"{name} {ms:.1f}" for name, ms in info.stages_ms.items() if ms is not None)
     table.add_row("ms per frame", stages)
+    if info.pace and info.pace.latency_median_ms is not None:
+        pace = info.pace
+        table.add_row("dropped", f"{pace.frames_dropped} frames that were due while earlier ones were tracked")
+        table.add_row(
+            "latency",
+            f"median {pace.latency_median_ms:.1f} ms, 95 % within {pace.latency_95_ms:.1f}, "
+            f"99 % within {pace.latency_99_ms:.1f}",
+        )
     table.add_row("results", str(folder))
     for warning in info.warnings:
         table.add_row("warning", warning.text)

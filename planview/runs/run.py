@@ -30,6 +30,7 @@ from planview.runs.info import RunInfo, SkippedFrame, write_result, write_run_in
 from planview.runs.interrupts import Interrupts
 from planview.runs.lock import folder_lock
 from planview.runs.log import RunLog
+from planview.runs.pace import Pace
 from planview.runs.tables import RunTables
 from planview.runs.totals import RunTotals
 
@@ -49,6 +50,7 @@ class RunOptions:
         max_frames: stop after so many frames; 0 for all.
         checkpoint_every_s: time between two checkpoints [s]; 0 for none.
         strict: refuse a recording that fails a check instead of warning.
+        pace: plays the recording in real time, without checkpoints; None for as fast as it goes.
     """
 
     tracker: str = "template"
@@ -57,6 +59,7 @@ class RunOptions:
     max_frames: int = 0
     checkpoint_every_s: float = 0.0
     strict: bool = False
+    pace: Pace | None = None
 
 
 def run(
@@ -115,7 +118,7 @@ class _Run:
             write_run_info(self._information("running"), self._folder / "run.json")
             tables = stack.enter_context(closing(self._tables(checkpoint)))
             is_live = getattr(self._engine.recording, "is_live", False)
-            marks = _Schedule(0.0 if is_live else options.checkpoint_every_s)
+            marks = _Schedule(0.0 if is_live or options.pace else options.checkpoint_every_s)
             for result in frames:
                 self._take(result, tables)
                 if watch:
@@ -137,7 +140,8 @@ class _Run:
         limit = self._options.max_frames
         if limit and self._totals.frames >= limit:
             return
-        for result in self._engine.after(self._totals.last_frame):
+        pace = self._options.pace
+        for result in pace.results(self._engine) if pace else self._engine.after(self._totals.last_frame):
             yield result
             if self._totals.frames == limit:
                 return
@@ -153,6 +157,8 @@ class _Run:
         events = analytics.update(result.frame, result.timestamp_s, result.tracks) if analytics else ()
         self._totals.events.extend(events)
         tables.add(result, events)
+        if self._options.pace:
+            self._options.pace.written(result.timestamp_s)
         for log in self._logs.values():
             log.frame(result)
 
@@ -217,6 +223,7 @@ class _Run:
                 "frames_skipped": len(skipped),
                 "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:SKIPPED_MAX]],
                 "stages_ms": {stage: times.median_ms for stage, times in totals.stages.items()},
+                "pace": self._options.pace and self._options.pace.info(),
                 "people": len(totals.people),
                 "remark": totals.remark(),
                 "warnings": self._checks.warnings(),

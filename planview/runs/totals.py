@@ -40,7 +40,11 @@ class StageTimes:
     @property
     def median_ms(self) -> float:
         """Median [ms]."""
-        return float(np.median(self.times_ms))
+        return self.percentile_ms(50)
+
+    def percentile_ms(self, percent: float) -> float:
+        """The time that so many percent of the times do not exceed [ms], interpolated."""
+        return float(np.percentile(self.times_ms, percent))
 
 
 @dataclass

@@ -31,6 +31,7 @@ TIMEOUT_MS = 10_000
 FIRST_FRAMES = 3
 """Frames read at the start to tell size and layout; cameras need some to adapt to the light."""
 DEFAULT_FPS = 30.0
+_DROPPED = "came while earlier frames were tracked"
 _ADDRESS = re.compile(r"(rtsps?|https?|rtmps?|udp|tcp|srt):/+", re.IGNORECASE)
 _DEVICE = re.compile(r"\d{1,3}")
 _PASSWORD = re.compile(r"(?<=://)[^/@]*@")
@@ -73,7 +74,7 @@ class LiveSource:
         self.is_grey = is_grey(pictures[-1])
 
     def __iter__(self) -> Iterator[Decoded]:
-        return newest(self._capture()) if self.address.drops else self._capture()
+        return with_gaps(newest(self._capture())) if self.address.drops else self._capture()
 
     def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
         """These of the frames that come from now on."""
@@ -103,6 +104,16 @@ class LiveSource:
 
     def _as_stored(self, pixels: U8) -> U8:
         return as_grey(pixels) if getattr(self, "is_grey", False) else pixels
+
+
+def with_gaps(frames: Generator[Decoded, None, None]) -> Generator[Decoded, None, None]:
+    """The frames, and one without an image for every index that was dropped between them."""
+    next_index = 0
+    with closing(frames):
+        for frame in frames:
+            yield from (Decoded(lost, None, None, _DROPPED) for lost in range(next_index, frame.index))
+            yield frame
+            next_index = frame.index + 1
 
 
 class _LiveClock:
@@ -139,7 +150,7 @@ def _find(path: Path, options: OpenOptions) -> LiveLayout:
         source = LiveSource(addresses[0])
         rig = None if options.calibration else partial(_no_calibration, named)
         layout = packed_layout(named, named, folder, source, source.pictures, options)
-        return LiveLayout.of(layout, rig)
+        return LiveLayout.of(layout, rig, not addresses[0].drops)
     sources = LiveSource(addresses[0]), LiveSource(addresses[1])
     if sources[0].size != sources[1].size:
         raise InputError(f"{named}: expected cameras of one size, found {sources[0].size} and {sources[1].size}")
@@ -152,6 +163,7 @@ def _find(path: Path, options: OpenOptions) -> LiveLayout:
     return LiveLayout(
         named, folder, size, partial(_together, sources), streams, 0, options.fps or sources[0].fps, None,
         partial(_rig, options, named, size), (note,), options.fps is not None,
+        waits=not any(address.drops for address in addresses),
     )  # fmt: skip
 
 

@@ -4,25 +4,36 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Generator
+from collections.abc import Callable, Generator
+from typing import TypeVar
 
-from stereo.readers.source import Decoded
+T = TypeVar("T")
 
 KEPT = 2
 """Frames kept while the last one is tracked."""
-_WHY = "came while earlier frames were tracked"
 
 
-def newest(frames: Generator[Decoded, None, None]) -> Generator[Decoded, None, None]:
+def newest(
+    frames: Generator[T, None, None], kept_max: int = KEPT, dropped: Callable[[T], None] = lambda frame: None
+) -> Generator[T, None, None]:
     """The frames, taken as they come by a background thread; of those that nothing waited for the oldest are dropped.
 
-    A dropped frame is yielded without an image. Leaving the iteration early stops the thread.
+    Leaving the iteration early stops the thread.
+
+    Args:
+        kept_max: frames kept while the last one is tracked.
+        dropped: takes every frame that is dropped, in the thread.
     """
-    kept: deque[Decoded] = deque()
+    kept: deque[T] = deque()
     state = _State()
-    thread = threading.Thread(target=_take, args=(frames, kept, state), daemon=True, name="newest")
+
+    def put(frame: T) -> None:
+        kept.append(frame)
+        while len(kept) > kept_max:
+            dropped(kept.popleft())
+
+    thread = threading.Thread(target=_take, args=(frames, put, state), daemon=True, name="newest")
     thread.start()
-    next_index = 0
     try:
         while True:
             with state.changed:
@@ -30,9 +41,7 @@ def newest(frames: Generator[Decoded, None, None]) -> Generator[Decoded, None, N
                 if not kept:
                     break
                 frame = kept.popleft()
-            yield from (Decoded(lost, None, None, _WHY) for lost in range(next_index, frame.index))
             yield frame
-            next_index = frame.index + 1
         if state.error is not None:
             raise state.error
     finally:
@@ -49,13 +58,11 @@ class _State:
         self.error: BaseException | None = None
 
 
-def _take(frames: Generator[Decoded, None, None], kept: deque[Decoded], state: _State) -> None:
+def _take(frames: Generator[T, None, None], put: Callable[[T], None], state: _State) -> None:
     try:
         for frame in frames:
             with state.changed:
-                kept.append(frame)
-                while len(kept) > KEPT:
-                    kept.popleft()
+                put(frame)
                 state.changed.notify()
             if state.stop:
                 break

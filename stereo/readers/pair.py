@@ -60,9 +60,14 @@ class StereoRecording(PairedFrames[StereoFrame, Decoded]):
 
 
 class LiveRecording(StereoRecording):
-    """Frames of two cameras as they run; every iteration begins with the next frame that comes."""
+    """Frames of two cameras as they run; every iteration begins with the next frame that comes.
+
+    Attributes:
+        waits: the source waits until its frames are read (a file behind an address), as a device does not.
+    """
 
     is_live = True
+    waits = False
 
     def sample(self, count: int) -> list[StereoFrame]:
         """Up to ``count`` usable frames from now on, ``SAMPLE_STEP_S`` apart."""

@@ -61,21 +61,28 @@ class StereoLayout:
         return recording
 
 
+@dataclass(frozen=True, eq=False)
 class LiveLayout(StereoLayout):
-    """Two cameras as they run: how many frames come is not known (``n_frames`` is 0)."""
+    """Two cameras as they run: how many frames come is not known (``n_frames`` is 0).
+
+    Attributes:
+        waits: see ``LiveRecording``.
+    """
+
+    waits: bool = False
 
     @staticmethod
-    def of(layout: StereoLayout, rig: Callable[[], StereoRig] | None) -> LiveLayout:
+    def of(layout: StereoLayout, rig: Callable[[], StereoRig] | None, waits: bool) -> LiveLayout:
         """The same, with another source of the calibration unless None."""
         return LiveLayout(
             layout.path, layout.folder, layout.size, layout.pairs, layout.streams, 0, layout.fps, layout.times_s,
-            rig or layout.rig, layout.notes, layout.even,
+            rig or layout.rig, layout.notes, layout.even, waits=waits,
         )  # fmt: skip
 
     def open(self) -> LiveRecording:
         """See ``Layout``."""
         recording = LiveRecording(self.path, self.rig(), self.pairs, 0, self.fps, None, world_pose(self.folder))
-        recording.notes, recording.even = list(self.notes), self.even
+        recording.notes, recording.even, recording.waits = list(self.notes), self.even, self.waits
         return recording
 
 

@@ -12,7 +12,7 @@ from toy_stereo import toy_rig
 from calib.errors import InputError
 from calib.rig import save_rig
 from stereo.readers import OpenOptions, find_layout, open_recording
-from stereo.readers.live import READER, Address
+from stereo.readers.live import READER, Address, with_gaps
 from stereo.readers.newest import newest
 from stereo.readers.pair import LiveRecording
 from stereo.readers.source import Decoded
@@ -97,7 +97,7 @@ def test_newest_frames_are_kept_and_lost_ones_counted() -> None:
             yield Decoded(index, None, np.zeros((2, 2), np.uint8))
         taken.set()
 
-    frames = newest(camera())
+    frames = with_gaps(newest(camera()))
     first = next(frames)
     taken.wait(5.0)
     rest = [first, *frames]
