@@ -132,7 +132,8 @@ class Engine(Protocol):
 
     @property
     def checks(self) -> Sequence[Check]:
-        """What was found of the recording before its first frame; none where nothing is checked."""
+        """What is known of the recording so far, before its first frame or from those tracked; none where nothing is
+        checked."""
 
     def camera_info(self) -> CameraInfo | None:
         """The camera as ``run.json`` has it; None for one that is not calibrated."""

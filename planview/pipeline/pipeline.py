@@ -235,7 +235,6 @@ class SingleCameraPipeline:
     """
 
     stereo = None
-    checks: tuple[Check, ...] = ()
 
     def __init__(
         self,
@@ -248,6 +247,11 @@ class SingleCameraPipeline:
         self.config = config or Config()
         self.size = recording.size
         self._source = SingleCamera(self.config.single_camera, recording.size, tracker.foreground_columns)
+
+    @property
+    def checks(self) -> Sequence[Check]:
+        """Whether the camera stands still and shows one scene, from the frames so far."""
+        return self._source.checks()
 
     def camera_info(self) -> CameraInfo | None:
         """See ``Engine``."""

@@ -13,6 +13,8 @@ from calib.errors import InputError
 from calib.images import as_grey
 from calib.params import Params
 from calib.types import U8
+from planview.doctor.check import Check
+from planview.doctor.steadiness import Steadiness, Steady
 from planview.foreground.ghosts import GhostParams, find_ghosts
 from planview.foreground.masks import BACKGROUND, PERSON, WALKER
 from planview.foreground.mixture import Foreground
@@ -62,16 +64,25 @@ class SingleCamera:
         self._past: deque[tuple[float, U8]] = deque()
         self._ghosts: U8 = np.zeros(shape, np.uint8)
         self._searched_s = -math.inf
+        self._steadiness = Steadiness()
 
     def reset(self) -> None:
-        """Forget the background."""
+        """Forget all frames."""
+        self._forget_background()
+        self._steadiness = Steadiness()
+
+    def _forget_background(self) -> None:
         self._foreground.reset()
         self._past.clear()
         self._ghosts[:] = 0
         self._searched_s = -math.inf
 
+    def checks(self) -> list[Check]:
+        """Whether the camera stands still and shows one scene, from the frames so far."""
+        return self._steadiness.checks()
+
     def observe(self, frame: VideoFrame, feedback: U8 | None = None) -> Observation:
-        """Foreground and motion of one frame.
+        """Foreground and motion of one frame; none while the camera moves and when the scene is cut.
 
         Args:
             frame: the next frame.
@@ -83,6 +94,14 @@ class SingleCamera:
         if (width, height) != self.size:
             raise InputError(f"frame {frame.index}: expected {self.size[0]}x{self.size[1]} px, found {width}x{height}")
         image = self._resized(frame.image, cv2.INTER_AREA)
+        steady = self._steadiness.update(frame.index, frame.timestamp_s, as_grey(image))
+        if steady is Steady.BREAK:
+            nothing = np.zeros(image.shape[:2], np.uint8)
+            return Observation(frame.index, frame.timestamp_s, frame.image, nothing, nothing, shadow=nothing)
+        if steady is not Steady.STILL:
+            # The background begins anew with this frame, whatever a tracker says of the view before.
+            self._forget_background()
+            feedback = None
         known = self._known(feedback)
         mask = self._foreground.update(image, None, frame.timestamp_s, known)
         grey = as_grey(image)

@@ -17,21 +17,20 @@ class RunChecks:
     """Watches a run.
 
     Args:
-        engine: what is run; nothing is checked of a single camera and of plan-view maps.
+        engine: what is run; nothing is checked of plan-view maps.
         strict: raise InputError at once when a check fails, before the first frame and while tracking.
     """
 
     def __init__(self, engine: Engine, strict: bool) -> None:
-        self._before = list(engine.checks)
+        self._engine = engine
         self._watch = RecordingWatch(engine.stereo) if engine.stereo is not None else None
         self._source, self._strict, self._frames = str(engine.recording.path), strict, 0
         self.refuse()
 
     def update(self, result: FrameResult) -> None:
         """Take the next frame."""
-        if self._watch is None:
-            return
-        self._watch.update(result.thumbnails, result.disparity, result.observation.foreground)
+        if self._watch is not None:
+            self._watch.update(result.thumbnails, result.disparity, result.observation.foreground)
         self._frames += 1
         if self._frames % STRICT_EVERY == 0:
             self.refuse()
@@ -46,7 +45,7 @@ class RunChecks:
         return [_warning(check) for check in self._all() if not check.ok]
 
     def _all(self) -> list[Check]:
-        return self._before + (self._watch.checks() if self._watch else [])
+        return list(self._engine.checks) + (self._watch.checks() if self._watch else [])
 
 
 def _warning(check: Check) -> RunWarning:

@@ -1,0 +1,106 @@
+"""Both single-camera trackers on clips that are hard to count: no nonsense, and a sentence where one is due."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from calib.ground_camera import GroundCamera, save_ground_camera
+from calib.types import U8
+from planview.cli import main
+from planview.runs.info import RunInfo, read_run_info
+
+FPS = 10
+CLOTHES = (40, 40, 200)
+
+
+def texture(seed: int) -> U8:
+    """(200, 300, 3) uint8, a larger scene of soft patches."""
+    rng = np.random.default_rng(seed)
+    coarse = rng.integers(40, 216, (20, 30, 3), dtype=np.uint8)
+    return np.asarray(cv2.resize(coarse, (300, 200), interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+
+
+def frame_of(scene: U8, i: int, left_px: int = 0, person_px: float | None = None) -> U8:
+    """(120, 160, 3) uint8: a window of the scene with noise, and a person of 14 x 40 px at a column."""
+    noise = np.random.default_rng(i).normal(0.0, 2.0, (120, 160, 3))
+    image = scene[20:140, left_px : left_px + 160].astype(np.float64)
+    if person_px is not None:
+        x = round(person_px)
+        image[50:90, max(0, x - 7) : max(0, x + 7)] = CLOTHES
+    return np.clip(image + noise, 0, 255).astype(np.uint8)
+
+
+SCENE, OTHER = texture(1), texture(2)
+
+
+def panned(i: int) -> U8:
+    return frame_of(SCENE, i, left_px=3 * i)
+
+
+def walked(i: int) -> U8:
+    """Two seconds, a person from the left to the right."""
+    return frame_of(SCENE, i, person_px=9.0 * i - 10)
+
+
+def there_throughout(i: int) -> U8:
+    return frame_of(SCENE, i, person_px=80 + 50 * math.sin(2 * math.pi * i / 120))
+
+
+def cut(i: int) -> U8:
+    """A person walks by, then the scene is another one and empty."""
+    return frame_of(SCENE, i, person_px=5.0 * i) if i < 20 else frame_of(OTHER, i)
+
+
+@pytest.fixture(params=["human-model", "ellipse-particle"])
+def run(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[Callable[[int], U8], int], RunInfo]:
+    def run_on(paint: Callable[[int], U8], n_frames: int) -> RunInfo:
+        clip = tmp_path / "clip.avi"
+        writer = cv2.VideoWriter(str(clip), cv2.VideoWriter.fourcc(*"MJPG"), FPS, (160, 120))
+        for i in range(n_frames):
+            writer.write(paint(i))
+        writer.release()
+        words = ["run", str(clip), "--tracker", request.param, "--out", str(tmp_path / "out")]
+        if request.param == "human-model":
+            # The person of 40 px is 1.7 m high at 4.6 m from a camera 2.5 m high that looks down by 20 degrees.
+            save_ground_camera(GroundCamera(160, 120, 110.0, 2.5, math.radians(70)), tmp_path / "camera.toml")
+            words += ["--camera", str(tmp_path / "camera.toml")]
+        with pytest.raises(SystemExit) as end:
+            main(words)
+        assert not end.value.code
+        return read_run_info(tmp_path / "out" / "run.json")
+
+    return run_on
+
+
+def test_moving_camera_counts_nobody_and_is_told(
+    run: Callable[[Callable[[int], U8], int], RunInfo], capsys: pytest.CaptureFixture[str]
+) -> None:
+    info = run(panned, 40)
+    assert info.people == 0
+    assert [warning.name for warning in info.warnings] == ["moving camera"]
+    assert "the whole image moves, first at" in " ".join(capsys.readouterr().err.split())
+
+
+def test_scene_cut_makes_no_people_and_is_told(run: Callable[[Callable[[int], U8], int], RunInfo]) -> None:
+    info = run(cut, 45)
+    assert info.people <= 1
+    assert [warning.name for warning in info.warnings] == ["scene cuts"]
+    assert "first at frame 20" in info.warnings[0].text
+
+
+def test_person_throughout_is_counted_at_most_twice(
+    run: Callable[[Callable[[int], U8], int], RunInfo],
+) -> None:
+    info = run(there_throughout, 60)
+    assert info.people <= 2
+    assert not info.warnings
+
+
+def test_two_seconds_count_no_more_than_are_there(run: Callable[[Callable[[int], U8], int], RunInfo]) -> None:
+    info = run(walked, 20)
+    assert info.people <= 1
+    assert not info.warnings

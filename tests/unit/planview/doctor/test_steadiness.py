@@ -1,0 +1,55 @@
+"""Whether a single camera stands still."""
+
+import cv2
+import numpy as np
+
+from calib.types import U8
+from planview.doctor.steadiness import THUMBNAIL, Steadiness, Steady
+
+
+def scene(seed: int) -> U8:
+    """(120, 300) uint8 patches, wider than the image."""
+    coarse = np.random.default_rng(seed).integers(40, 216, (12, 30), dtype=np.uint8)
+    return np.asarray(cv2.resize(coarse, (300, 120), interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+
+
+SCENE, OTHER = scene(1), scene(2)
+
+
+def window(image: U8, left_px: int = 0) -> U8:
+    return np.ascontiguousarray(image[:, left_px : left_px + THUMBNAIL[0]])
+
+
+def judged(frames: list[U8]) -> list[Steady]:
+    watch = Steadiness()
+    return [watch.update(i, 0.1 * i, frame) for i, frame in enumerate(frames)]
+
+
+def test_fixed_camera_is_still_when_its_exposure_halves() -> None:
+    assert set(judged([window(SCENE)] * 5 + [window(SCENE) // 2] * 5)) == {Steady.STILL}
+
+
+def test_panning_camera_moves_until_a_second_after() -> None:
+    pan = [window(SCENE, 2 * i) for i in range(20)]
+    found = judged(pan + [pan[-1]] * 20)
+    assert set(found[5:20]) == {Steady.MOVING}
+    assert found[-1] is Steady.STILL
+
+
+def test_cut_is_told_a_frame_after_its_break() -> None:
+    found = judged([window(SCENE)] * 4 + [window(OTHER)] * 4)
+    assert found[4:6] == [Steady.BREAK, Steady.CUT]
+    assert set(found[:4] + found[6:]) == {Steady.STILL}
+
+
+def test_one_damaged_frame_is_a_break_without_a_cut() -> None:
+    found = judged([window(SCENE)] * 4 + [window(OTHER)] + [window(SCENE)] * 4)
+    assert found[4] is Steady.BREAK
+    assert Steady.CUT not in found
+
+
+def test_textured_person_before_a_plain_wall_is_no_moving_camera() -> None:
+    frames = [np.full(THUMBNAIL[::-1], 120, np.uint8) for _ in range(20)]
+    for i, frame in enumerate(frames):
+        frame[20:110, 4 * i + 10 : 4 * i + 60] = SCENE[20:110, :50]
+    assert set(judged(frames)) == {Steady.STILL}
