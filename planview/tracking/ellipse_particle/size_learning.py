@@ -31,6 +31,8 @@ ONE, GROUP, PIECE = 0.6, 0.25, 0.15
 """Shares of whole regions that are one person, several behind one another (up to ``GROUPED`` times as long as one), and
 pieces of one. Our choice."""
 GROUPED = 2.5
+"""Longest group, in lengths of the person in front: with perspective the others add less than where all are of one
+size."""
 SMALLER = 0.4
 """Of sizes that explain the regions alike the smaller is believed: the density of length falls with its power. Our
 choice: between that of lengths (1) and that of their logarithms (0)."""
@@ -124,7 +126,8 @@ class SizeLearner:
         weight = weights(samples)
         levels, slopes = lines(row, length, n_rows)
         fitted = np.maximum(levels[:, None] + slopes[:, None] * row, 1.0)
-        best = int(np.argmax(log_density(length, fitted, cut) @ weight))
+        front = front_lengths(row, length, levels[:, None], slopes[:, None])
+        best = int(np.argmax(log_density(length, fitted, front, cut) @ weight))
         away = np.log(length / fitted[best]) / deviation(fitted[best])
         inliers = np.abs(away) < AGREE
         if not inliers.any():
@@ -159,12 +162,29 @@ def deviation(fitted: F64) -> F64:
     return np.asarray(np.hypot(SPREAD, ROUNDING / fitted))
 
 
-def log_density(length: F64, fitted: F64, cut: Bool) -> F64:
-    """Logarithm of the density of the logarithms of (N,) lengths where (..., N) are expected of one person."""
-    ratio = length / fitted
+def front_lengths(row: F64, length: F64, level: F64, slope: F64) -> F64:
+    """Length expected of a person whose feet are where each region ends: the front of a group in depth.
+
+    With foot = centre + length / 2 the line of centres, length = level + slope * centre, is one of feet.
+
+    Args:
+        row, length: (N,) of the regions.
+        level, slope: of lines, (..., 1).
+    """
+    return np.asarray(np.maximum((level + slope * (row + length / 2)) / (1 + slope / 2), 1.0))
+
+
+def log_density(length: F64, fitted: F64, front: F64, cut: Bool) -> F64:
+    """Logarithm of the density of the logarithms of (N,) lengths.
+
+    Args:
+        fitted: (..., N) expected of one person centred where the region is.
+        front: (..., N) expected of one person who ends where the region does.
+    """
+    ratio, lined_up = length / fitted, length / front
     sigma = deviation(fitted)
     one = np.exp(-0.5 * (np.log(ratio) / sigma) ** 2) / (math.sqrt(2 * math.pi) * sigma)
-    group = ((ratio > 1) & (ratio < GROUPED)) / math.log(GROUPED)
+    group = ((lined_up > 1) & (lined_up < GROUPED)) / math.log(GROUPED)
     # A piece, or the part inside the border, may have any length up to all of it: evenly spread in length.
     part = np.where(ratio < 1, ratio, 0.0)
     whole = ONE * one + GROUP * group + PIECE * part

@@ -17,7 +17,7 @@ from planview.tracking.ellipse_particle import (
 from planview.tracking.ellipse_particle.fit.ellipses import paint_union
 from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
 from planview.tracking.ellipse_particle.objects import Objects
-from planview.tracking.ellipse_particle.size_learning import SizeLearner, log_density, weights
+from planview.tracking.ellipse_particle.size_learning import SizeLearner, front_lengths, log_density, weights
 from planview.tracking.ellipse_particle.visible_length import UNSURE, visible_length
 
 PRIOR = SizePrior(15.0, 0.0, 0.4)
@@ -179,9 +179,17 @@ def test_grid_grows_coarser_with_people_and_keeps_their_size_in_pixels():
 
 
 def test_density_of_lengths_is_largest_for_one_person_and_group_beats_speck():
-    one, group, piece, odd = log_density(np.array([20.0, 32, 8, 80]), np.full(4, 20.0), np.zeros(4, np.bool_))
+    expected = np.full(4, 20.0)
+    one, group, piece, odd = log_density(np.array([20.0, 32, 8, 80]), expected, expected, np.zeros(4, np.bool_))
     assert one > piece > odd
     assert one > group > odd
+
+
+def test_front_of_a_group_in_depth_is_as_long_as_a_person_with_the_same_feet():
+    # Length = 10 + row / 2: a person centred in row 40 is 30 long, with feet in row 55.
+    level, slope = np.array([[10.0], [30.0]]), np.array([[0.5], [0.0]])
+    front = front_lengths(np.array([40.0, 25]), np.array([30.0, 60]), level, slope)
+    np.testing.assert_allclose(front, [[30, 30], [30, 30]])
 
 
 def test_samples_that_are_alike_share_their_weight():
