@@ -1,4 +1,18 @@
-"""One camera from standing people, and how well it is known (Zhang et al. 2008, section 3.3)."""
+"""One camera from standing people, and how well it is known (Zhang et al. 2008, section 3.3).
+
+The whole of what a caller needs: ``found = calibrate_from_people(samples, size, known=KnownValues(field_deg=70))``,
+then ``found.camera``, ``found.std`` (deviations), ``found.assessment.enough`` and ``.sentence`` (the verdict in plain
+words), ``found.assessment.next_sample.foot_px`` (where the next person should stand in the image; None where no further
+person helps) and ``found.odd`` (samples to look at again).
+
+Samples are read in three ways: heads and feet where they are marked, in boxes around the outline or in boxes that end
+at head and foot; and heads and feet that are but the middles of the boxes' edges. Each with every lens. The one with
+the largest evidence is taken; what the others say enters the deviations by their probability.
+
+The paper's E_bb and weights are illegible in the copy at hand; our choice is E_bb = 1 - IoU of the boxes,
+w_hf = D_hf / D_bb (head to foot over the diagonal of the box), w_bb = 1 - w_hf. The person stands where head and foot
+together project nearest to the sample's (the paper is silent; our choice).
+"""
 
 from __future__ import annotations
 
@@ -14,7 +28,7 @@ from calib.ground_camera import LENS_K_320, GroundCamera
 from calib.human.assessment import Assessment, CameraDeviations, assess, camera_deviations
 from calib.human.knowledge import KnownValues, people_of, prior_of, scaled_model
 from calib.human.model import HumanModel
-from calib.human.posterior import posterior_of
+from calib.human.posterior import CameraPosterior, posterior_of
 from calib.human.refine import GroundCameraFit, refine
 from calib.human.samples import HumanSample, People, check_samples, level_ends, only_boxes
 from calib.human.search import HumanCalibrationParams, SearchProblem, search, warm_up
@@ -72,26 +86,15 @@ def calibrate_from_people(
 ) -> HumanCalibration:
     """The camera whose projected people fit the samples best, its deviations and a verdict.
 
-    The whole of what a caller needs: ``found = calibrate_from_people(samples, size, known=KnownValues(field_deg=70))``,
-    then ``found.camera``, ``found.std`` (deviations), ``found.assessment.enough`` and ``.sentence`` (the verdict in
-    plain words), ``found.assessment.next_sample.foot_px`` (where the next person should stand in the image; None where
-    no further person helps) and ``found.odd`` (samples to look at again). A camera that is not enough is returned all
-    the same, marked; one of which height and focal length cannot be told apart at all is refused.
-
-    Samples are read in three ways: heads and feet where they are marked, in boxes around the outline or in boxes that
-    end at head and foot; and heads and feet that are but the middles of the boxes' edges. Each with every lens. The one
-    with the largest evidence is taken; what the others say enters the deviations by their probability.
-
-    The paper's E_bb and weights are illegible in the copy at hand; our choice is E_bb = 1 - IoU of the boxes,
-    w_hf = D_hf / D_bb (head to foot over the diagonal of the box), w_bb = 1 - w_hf. The person stands where head and
-    foot together project nearest to the sample's (the paper is silent; our choice).
+    A camera that is not known well enough is returned all the same, and its assessment says so; one of which height
+    and focal length cannot be told apart at all is refused.
 
     Args:
         samples: at least 3 people at different places.
         size: (width, height) of the image [px].
         lens: class of table 2; None tries all.
         known: focal length or field of view, camera height, height of the people, as far as known.
-        independent: so many of the samples are independent, as of few people seen often; None for all. The others
+        independent: so many of the samples are independent, as of few people observed often; None for all. The others
             repeat the same body height, gait and shadow, and are weighted down.
         model: the person; by default the paper's 1.76 m, or the height known.
         params: of the search.
@@ -109,32 +112,30 @@ def calibrate_from_people(
     warm_up()
     start = time.perf_counter()
     people = people_of(samples, model, independent)
-    readings = (True,) if only_boxes(people.rows) else (False, True)
-    tried = [
-        fit
-        for kind in ([lens] if lens else LENS_K_320)
-        for boxes in readings
-        for fit in _fits(SearchProblem(people.rows, size, kind, model, known, boxes), people, params)
-    ]
-    tried.sort(key=lambda t: -t.fit.log_evidence)
+    tried = _tried([lens] if lens else list(LENS_K_320), size, people, model, known, params)
     _check_fit(tried[0], params, name)
     posterior = posterior_of([t.fit for t in tried], people, model)
-    found, elapsed = posterior.fit, time.perf_counter() - start
-    std = camera_deviations(found)
-    _check_observable(found.camera, std, params, name)
-    errors = tried[0].problem.each(found.camera)
+    _check_observable(posterior.fit.camera, camera_deviations(posterior.fit), params, name)
+    return _result(posterior, tried[0].problem, people, model, time.perf_counter() - start)
+
+
+def _result(
+    posterior: CameraPosterior, problem: SearchProblem, people: People, model: HumanModel, search_s: float
+) -> HumanCalibration:
+    found = posterior.fit
+    errors = problem.each(found.camera)
     return HumanCalibration(
         camera=found.camera,
         model=model,
         error=float(errors.mean()),
         sample_errors=errors,
-        std=std,
+        std=camera_deviations(found),
         assessment=assess(posterior, people, model),
         odd=tuple(int(i) for i in np.flatnonzero(found.deviations > ODD_FROM)),
         girth=found.girth,
         stature=found.stature,
         boxes_only=found.prior.boxes_only,
-        search_s=elapsed,
+        search_s=search_s,
     )
 
 
@@ -143,6 +144,20 @@ class _Tried:
     problem: SearchProblem
     error: float
     fit: GroundCameraFit
+
+
+def _tried(
+    lenses: Sequence[str],
+    size: tuple[int, int],
+    people: People,
+    model: HumanModel,
+    known: KnownValues,
+    params: HumanCalibrationParams,
+) -> list[_Tried]:
+    """Fits of every lens and every reading of the samples, the likeliest first."""
+    readings = (True,) if only_boxes(people.rows) else (False, True)
+    problems = [SearchProblem(people.rows, size, lens, model, known, boxes) for lens in lenses for boxes in readings]
+    return sorted((t for p in problems for t in _fits(p, people, params)), key=lambda t: -t.fit.log_evidence)
 
 
 def _fits(problem: SearchProblem, people: People, params: HumanCalibrationParams) -> list[_Tried]:
