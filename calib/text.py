@@ -111,12 +111,3 @@ def _depth(text: str) -> int:
         depth = max(0, depth + (1 if bracket in "[{" else -1))
         deepest = max(deepest, depth)
     return deepest
-
-
-def printable(text: str) -> str:
-    r"""The text with control characters written out, e.g. ``\x1b``; line ends and tabs stay."""
-    return "".join(c if c in "\n\t" or c.isprintable() else _written_out(c) for c in text)
-
-
-def _written_out(character: str) -> str:
-    return ascii(character)[1:-1]

@@ -154,7 +154,7 @@ def _refuse_empty(words: Sequence[str]) -> None:
 
 
 def _fail(message: str, status: int) -> None:
-    from calib.text import printable
+    from calib.errors import printable
 
     print(f"planview: {printable(message)}", file=sys.stderr)
     raise SystemExit(status)

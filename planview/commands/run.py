@@ -114,16 +114,7 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
         Folder for the results; made if need be.
     """
     options = options or TrackingOptions()
-    if options.frames < 0:
-        raise InputError(f"--frames: expected a number from 0, found {options.frames}")
-    if not 0 <= options.checkpoint_every < math.inf:
-        raise InputError(f"--checkpoint-every: expected a time from 0 s, found {options.checkpoint_every:g}")
-    if options.rrd_every < 1:
-        raise InputError(f"--rrd-every: expected a number from 1, found {options.rrd_every}")
-    if options.resume and options.overwrite:
-        raise InputError("expected --resume or --overwrite, found both")
-    if options.resume and options.pace:
-        raise InputError("expected --resume or --pace, found both: a run in real time has no checkpoints to go on from")
+    _refuse(options)
     settings = load_config(options.config, _settings(options), base_config(recording))
     source = open_options(options.calibration, options.fps, options.topics)
     check_folder(out, options.overwrite or options.resume, recording)
@@ -134,10 +125,8 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
     with console.status("opening the recording, aligning rows, finding the floor"):
         kept = None if options.fresh or options.strict else kept_setup(recording, settings, options)
         engine = open_engine(recording, options.tracker, settings, options.camera, source, kept=kept)
-    if options.save_maps and (engine.stereo is None or is_maps(recording)):
-        raise InputError(f"--save-maps: expected a stereo recording, found {recording}")
-    if options.save_maps and is_heads(recording):
-        raise InputError("--save-maps: expected a recording of one head, whose view maps.h5 holds, found several heads")
+    if options.save_maps:
+        _refuse_to_save_maps(recording, engine)
     analytics = Analytics(load_rules(options.rules, RulePlane(engine.camera, engine.size))) if options.rules else None
     with folder_lock(out) as stale:
         if stale:
@@ -146,6 +135,28 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
     summary(console, info, out)
     if options.json_output:
         print(info.model_dump_json())
+
+
+def _refuse(options: TrackingOptions) -> None:
+    """Refuse values out of range and options that exclude one another (InputError)."""
+    if options.frames < 0:
+        raise InputError(f"--frames: expected a number from 0, found {options.frames}")
+    if not 0 <= options.checkpoint_every < math.inf:
+        raise InputError(f"--checkpoint-every: expected a time from 0 s, found {options.checkpoint_every:g}")
+    if options.rrd_every < 1:
+        raise InputError(f"--rrd-every: expected a number from 1, found {options.rrd_every}")
+    if options.resume and options.overwrite:
+        raise InputError("expected --resume or --overwrite, found both")
+    if options.resume and options.pace:
+        raise InputError("expected --resume or --pace, found both: a run in real time has no checkpoints to go on from")
+
+
+def _refuse_to_save_maps(recording: Path, engine: Engine) -> None:
+    """Refuse --save-maps where maps.h5 cannot hold what is tracked (InputError)."""
+    if engine.stereo is None or is_maps(recording):
+        raise InputError(f"--save-maps: expected a stereo recording, found {recording}")
+    if is_heads(recording):
+        raise InputError("--save-maps: expected a recording of one head, whose view maps.h5 holds, found several heads")
 
 
 def kept_setup(recording: Path, config: Config, options: TrackingOptions) -> KeptSetup | None:

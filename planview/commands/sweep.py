@@ -13,8 +13,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from calib.errors import InputError, WorkError
-from calib.text import printable
+from calib.errors import InputError, WorkError, printable
 from planview.commands.options import JsonFlag
 from planview.runs.console import PlainConsole
 from planview.studies.figures import FIGURES

@@ -7,7 +7,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from calib.text import printable
+from calib.errors import printable
 
 
 class PlainConsole(Console):

@@ -61,15 +61,21 @@ def bench_resume(
     """
     if kills < 1:
         raise InputError(f"--kills: expected a number from 1, found {kills}")
-    words = [str(recording), "--debug", "--tracker", tracker, "--checkpoint-every", f"{checkpoint_every:g}"]
-    words += ["--frames", str(frames)] if frames else []
-    for name, value in (("--camera", camera), ("--rules", rules)):
-        words += [name, str(value)] if value is not None else []
-    words += [word for setting in set_ for word in ("--set", setting)]
+    words = _words(recording, frames, checkpoint_every, set_, tracker=tracker, camera=camera, rules=rules)
     messages = Console(stderr=True, markup=False, soft_wrap=True)
     with tempfile.TemporaryDirectory(prefix="planview-resume-") as place:
         runs = KillBench(words, Path(place), seed).kills(kills, lambda text: messages.print(text, highlight=False))
     _report(runs, json_output)
+
+
+def _words(
+    recording: Path, frames: int, checkpoint_every: float, settings: Sequence[str], **options: str | Path | None
+) -> list[str]:
+    """Words of ``planview run``; options that are None are left out."""
+    given: dict[str, object] = {"checkpoint-every": f"{checkpoint_every:g}", "frames": frames or None, **options}
+    words = [str(recording), "--debug"]
+    words += [word for name, value in given.items() if value is not None for word in (f"--{name}", str(value))]
+    return words + [word for setting in settings for word in ("--set", setting)]
 
 
 def _report(runs: Sequence[ResumedRun], json_output: bool) -> None:

@@ -17,8 +17,10 @@ def disparity() -> F32:
     return rows
 
 
-def test_disparity_in_pixels_passes(disparity: F32) -> None:
-    refuse_foreign_disparity(disparity, SHAPE, SEARCHED)
+def test_disparity_in_pixels_passes_unchanged(disparity: F32) -> None:
+    given = disparity.copy()
+    refuse_foreign_disparity(given, SHAPE, SEARCHED)
+    np.testing.assert_array_equal(given, disparity)
 
 
 def test_sixteenths_of_a_pixel_are_told(disparity: F32) -> None:

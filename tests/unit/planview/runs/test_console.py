@@ -2,14 +2,9 @@ import io
 
 from rich.table import Table
 
-from calib.text import printable
 from planview.runs.console import PlainConsole
 
 EVIL = "out\x1b]0;owned\x07\x1b[31m[bold]x[/]\udcff"
-
-
-def test_printable_writes_control_characters_out() -> None:
-    assert printable("a\x1b[31m\u202eb\n\tä\udcff") == "a\\x1b[31m\\u202eb\n\tä\\udcff"
 
 
 def test_console_shows_escape_codes_and_markup_of_names_as_text() -> None:

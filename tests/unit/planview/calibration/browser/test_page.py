@@ -63,6 +63,7 @@ async def test_page_undo_takes_back_a_person(tmp_path: Path) -> None:
         await user.should_see("2 people")
         user.find("Undo").click()
         await user.should_see("0 people")
+    assert session.samples == []
 
 
 @pytest.mark.asyncio
@@ -74,3 +75,4 @@ async def test_file_without_samples_is_refused_by_its_name(tmp_path: Path) -> No
         with user:
             await pages[0].load("mine.json", json.dumps({"people": []}).encode())
         await user.should_see("mine.json: expected a list of samples")
+    assert session.samples == []
