@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from planview.pipeline.setup import set_up
     from planview.runs.script import run
     from planview.tracking.base import Decision, Observation, Tracker, TrackerDebug
-    from planview.tracking.ellipse_particle import floor_ellipse_tracker, image_ellipse_tracker
+    from planview.tracking.ellipse_particle.make import floor_ellipse_tracker, image_ellipse_tracker
     from planview.tracking.human_model.tracker import HumanModelTracker
     from planview.tracking.template import TemplateTracker
     from planview.trajectories.state import TrackState
@@ -57,7 +57,7 @@ _HOMES = {
     "planview.pipeline.setup": ("set_up",),
     "planview.runs.script": ("run",),
     "planview.tracking.base": ("Decision", "Observation", "Tracker", "TrackerDebug"),
-    "planview.tracking.ellipse_particle": ("floor_ellipse_tracker", "image_ellipse_tracker"),
+    "planview.tracking.ellipse_particle.make": ("floor_ellipse_tracker", "image_ellipse_tracker"),
     "planview.tracking.human_model.tracker": ("HumanModelTracker",),
     "planview.tracking.template": ("TemplateTracker",),
     "planview.trajectories.state": ("TrackState",),

@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 import planview  # noqa: E402
-from calib.params import Params  # noqa: E402
+from calib.params import Params, field_docs  # noqa: E402
 from planview.pipeline.config import Config  # noqa: E402
 
 GENERATED = "<!-- written by tools/reference.py from the code (make docs) -->\n"
@@ -92,8 +92,9 @@ def _all_tables() -> Iterator[type[Params]]:
 
 
 def _section(level: str, title: str, cls: type[Params]) -> str:
+    meanings = field_docs(cls)
     rows = [
-        f"| `{name}` | {_default(info)} | {_range(info)} | {_cell(info.description or '')} |"
+        f"| `{name}` | {_default(info)} | {_range(info)} | {_cell(meanings.get(name, ''))} |"
         for name, info in cls.model_fields.items()
         if not (isinstance(info.annotation, type) and issubclass(info.annotation, Params))
     ]

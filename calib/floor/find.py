@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from calib.errors import WorkError
 from calib.floor.judge import Candidate, choose_floor, judge, nothing_found
@@ -103,6 +102,8 @@ def _away_from_edges(plane: Plane, view: Rays, params: FloorParams) -> Bool:
     if not other.any():
         return np.ones(len(view), dtype=np.bool_)
     across = view.rays[:, 0].max() - view.rays[:, 0].min()
+    from scipy.spatial import cKDTree  # half a second, and only a floor that is looked for needs it
+
     distance, _ = cKDTree(view.rays[other, :2]).query(view.rays[:, :2])
     free = np.asarray(distance > params.edge_cells * across / params.cells_across)
     # A floor in small pieces is all edge: better fitted with them than not at all.

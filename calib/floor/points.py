@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from calib.errors import InputError, WorkError
 from calib.rig import Floor, world_from_plane
@@ -95,6 +94,8 @@ def floor_from_people(people: PeopleSeen, start: Floor, name: str = "tracks") ->
             f"{name}: expected people all over the floor, found them within {2 * spread[0]:.2f} m of one line: "
             "tilt or roll cannot be told"
         )
+    from scipy.optimize import least_squares  # half a second, and only people need it
+
     ids, person = np.unique(people.track_id, return_inverse=True)
 
     def residuals(values: F64) -> F64:

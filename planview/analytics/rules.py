@@ -37,7 +37,7 @@ _Polygon = Annotated[list[_PointIn], Field(max_length=MAX_POINTS)]
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=False, use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
 
     name: _Name
 

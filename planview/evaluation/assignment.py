@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from calib.types import F64, I64, Bool
 
@@ -40,6 +39,8 @@ def groups_of(group: I64, members: Bool) -> Iterator[I64]:
 
 def solved(rows: I64, cols: I64, weight: F64) -> Bool:
     """As ``best_pairs``, of one group."""
+    from scipy.optimize import linear_sum_assignment  # half a second and 60 MB, and only what is ambiguous needs it
+
     row_values, i = np.unique(rows, return_inverse=True)
     col_values, j = np.unique(cols, return_inverse=True)
     matrix = np.zeros((len(row_values), len(col_values)))

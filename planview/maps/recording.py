@@ -18,7 +18,6 @@ from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
 from calib.errors import InputError, WorkError
@@ -41,6 +40,8 @@ BLOCK_FRAMES = 32
 """Frames written and read at a time."""
 CHUNK = 32768
 """Values compressed together."""
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+"""First bytes of an HDF5 file (format specification, superblock)."""
 _FRAME_COLUMNS: dict[str, type] = {"index": np.int64, "timestamp_s": np.float64, "end": np.int64}
 _POINT_COLUMNS: dict[str, type] = {"pixel": np.int32, "disparity": np.float32}
 
@@ -84,6 +85,8 @@ class MapsWriter:
         self._path = path
         self._block: list[MapsFrame] = []
         self._end = 0
+        import h5py  # a tenth of a second, and only these files need it
+
         with _writing(path):
             self._file = h5py.File(path, "w")
             self._file.attrs.update(format=FORMAT, version=VERSION, config=config, fps=fps)
@@ -109,6 +112,8 @@ class MapsWriter:
         Raises:
             WorkError: the disk is full.
         """
+        import h5py
+
         try:
             self._flush()
             with _writing(self._path):
@@ -167,6 +172,8 @@ class MapsRecording:
         Raises:
             InputError: no such file, not a plan-view recording, cut short, damaged, or of another version.
         """
+        import h5py
+
         self.path = path
         with _reading(path), h5py.File(path, "r") as file:
             _check_version(path, file)
@@ -185,6 +192,8 @@ class MapsRecording:
         Raises:
             InputError: points that are damaged or outside the image.
         """
+        import h5py
+
         with _reading(self.path), h5py.File(self.path, "r") as file:
             for first in range(0, self.n_frames, BLOCK_FRAMES):
                 yield from self._block(file["points"], first, min(first + BLOCK_FRAMES, self.n_frames))
@@ -219,7 +228,10 @@ def is_maps(path: Path) -> bool:
     """Whether a path is a file of HDF5, by its name or its first bytes."""
     if not path.is_file():
         return False
-    return path.suffix in (".h5", ".hdf5") or bool(h5py.is_hdf5(path))
+    if path.suffix in (".h5", ".hdf5"):
+        return True
+    with path.open("rb") as file:
+        return file.read(len(_SIGNATURE)) == _SIGNATURE
 
 
 def _check_version(path: Path, file: Any) -> None:

@@ -5,25 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import TYPE_CHECKING, Literal, cast, get_args
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera
 from planview.maps.recording import MapsRecording, is_maps
 from planview.pipeline.config import Config
 from planview.pipeline.engine import Engine
-from planview.pipeline.heads import HeadsPipeline
 from planview.pipeline.kept_setup import KeptSetup
-from planview.pipeline.maps_pipeline import MapsPipeline, recorded_config
 from planview.pipeline.pipeline import Pipeline, SingleCameraPipeline
 from planview.tracking.base import ImageTracker, Tracker
-from planview.tracking.ellipse_particle import floor_ellipse_tracker, image_ellipse_tracker
-from planview.tracking.human_model.tracker import HumanModelTracker
 from planview.tracking.template import TemplateTracker
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, holds_pair, open_video
 from stereo.readers.several import is_heads
 from stereo.recording import Video
+
+if TYPE_CHECKING:
+    from planview.pipeline.heads import HeadsPipeline
+    from planview.pipeline.maps_pipeline import MapsPipeline
 
 TrackerName = Literal["template", "human-model", "ellipse-particle"]
 FloorTrackerName = Literal["template", "ellipse-particle"]
@@ -107,12 +107,18 @@ def base_config(path: Path) -> Config:
     Raises:
         InputError: maps that cannot be read.
     """
-    return recorded_config(MapsRecording(path)) if is_maps(path) else Config()
+    if not is_maps(path):
+        return Config()
+    from planview.pipeline.maps_pipeline import recorded_config
+
+    return recorded_config(MapsRecording(path))
 
 
 def _open_maps(path: Path, make: FloorMaker, config: Config | None, foreign: Path | None) -> MapsPipeline:
     if foreign is not None:
         raise InputError(f"{foreign}: expected no calibration beside plan-view maps, which hold their own")
+    from planview.pipeline.maps_pipeline import MapsPipeline, recorded_config
+
     recording = MapsRecording(path)
     config = config or recorded_config(recording)
     return MapsPipeline(recording, make(config), config)
@@ -121,6 +127,8 @@ def _open_maps(path: Path, make: FloorMaker, config: Config | None, foreign: Pat
 def _open_heads(path: Path, make: FloorMaker, config: Config, foreign: Path | None) -> HeadsPipeline:
     if foreign is not None:
         raise InputError(f"{foreign}: expected the calibration of every head in its own folder")
+    from planview.pipeline.heads import HeadsPipeline
+
     return HeadsPipeline.from_recording(path, make(config), config)
 
 
@@ -128,6 +136,8 @@ def floor_tracker(tracker: FloorTrackerName, config: Config) -> Tracker:
     """A tracker of plan-view maps with its parameters."""
     if tracker == "template":
         return TemplateTracker(config.template, config.maps.height_max_m)
+    from planview.tracking.ellipse_particle.make import floor_ellipse_tracker
+
     return floor_ellipse_tracker(config.ellipse_particle, config.seed)
 
 
@@ -138,9 +148,13 @@ def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamer
         InputError: the human-model tracker without a camera.
     """
     if tracker == "ellipse-particle":
+        from planview.tracking.ellipse_particle.make import image_ellipse_tracker
+
         return image_ellipse_tracker(config.ellipse_particle, camera, config.seed)
     if camera is None:
         raise InputError("--camera: the human-model tracker needs a camera.toml (see planview calibrate human)")
+    from planview.tracking.human_model.tracker import HumanModelTracker
+
     return HumanModelTracker(config.human_model, camera)
 
 

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 class InfoPart(BaseModel):
     """Part of run.json; unknown keys are kept out by their writer, and ignored by an older reader."""
 
-    model_config = ConfigDict(extra="ignore", use_attribute_docstrings=True, ser_json_inf_nan="null")
+    model_config = ConfigDict(extra="ignore", ser_json_inf_nan="null")
 
     @field_validator("*", mode="before")
     @classmethod

@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from calib.types import F64
 from planview.refinement.params import RefineParams
@@ -56,6 +55,8 @@ def joins(
     n = len(fragments)
     if n < 2:
         return []
+    from scipy.optimize import linear_sum_assignment  # half a second and 60 MB, and one track needs none
+
     costs = np.array([[join_cost(a, b, params, similarity) for b in fragments] for a in fragments])
     allowed = costs < params.cost_max
     far = params.cost_max * (n + 1)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 from calib.types import F32, U8
-from planview.maps.builder import PlanViewMaps
 from planview.trajectories.state import TrackState
+
+if TYPE_CHECKING:  # its kernels: readers of decisions need no numba
+    from planview.maps.builder import PlanViewMaps
 
 DecisionKind = Literal[
     "spawned",

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from pydantic import Field
-from scipy.optimize import linear_sum_assignment
 
 from calib.params import Params
 from calib.types import F32, F64
+from planview.tracking.assignment import assign
 from planview.tracking.lifecycle import Existence
 
 STRANGER_COST = 4.6
@@ -267,10 +267,11 @@ class IdentityLayer:
         cost = self._costs(places, with_memory)
         if len(places) == 0 or len(with_memory) < 2 or np.isnan(cost).any():
             return None
-        rows, cols = linear_sum_assignment(cost)
+        cols = assign(cost)
         today = [with_memory.index(who) for who in places]
-        if list(cols) == today:
+        if cols == today:
             return None
+        rows = np.arange(len(places))
         gain = float(cost[rows, today].sum() - cost[rows, cols].sum())
         confidence = 1.0 / (1.0 + math.exp(-min(gain, 50.0)))
         if confidence < self.params.confidence:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
 from calib.errors import InputError
@@ -29,6 +28,8 @@ def read_ped_data_archive(path: Path) -> TrajectoryFile:
     Raises:
         InputError: another HDF5 file, damaged, without its frame rate, or too large.
     """
+    import h5py  # a tenth of a second, and only these files need it
+
     try:
         with h5py.File(path, "r") as file:
             trajectory = file.get("trajectory")
@@ -54,6 +55,8 @@ def write_ped_data_archive(path: Path, file: TrajectoryFile) -> None:
     Raises:
         WorkError: the file cannot be written.
     """
+    import h5py
+
     table = file.table
     order = np.lexsort((table.frame, table.track_id))
     rows = np.empty(len(table), dtype=_ROW)

@@ -17,7 +17,6 @@ from stereo.readers.reader import Stream
 from stereo.readers.source import Decoded, DecodedDepth
 from stereo.readers.stereo_layout import world_pose
 from stereo.recording import RgbdFrame
-from stereo.registration import DepthRegistration
 
 Size = tuple[int, int]
 RgbdPairs = Callable[[Sequence[int] | None], Generator[tuple[Decoded, DecodedDepth], None, None]]
@@ -68,6 +67,8 @@ class RgbdImages(PairedFrames[RgbdFrame, DecodedDepth]):
         super().__init__(path, pairs, n_frames, fps, times_s)
         self.camera, self.source, self.sensor = rig.camera, rig.source, sensor
         self.world_SE3_camera = world_SE3_camera
+        from stereo.registration import DepthRegistration  # its kernels: only depth in a camera of its own needs numba
+
         self._register = DepthRegistration(rig)
 
     def _joined(self, first: Decoded, second: DecodedDepth, timestamp_s: float) -> RgbdFrame | None:

@@ -1,10 +1,8 @@
 """Ellipses and particles: Bayesian tracking without explicit association (del-Blanco, Jaureguizar, Garcia 2012)."""
 
-from __future__ import annotations
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from calib.ground_camera import GroundCamera
-from planview.tracking.ellipse_particle.floor_plane import FloorPlane
-from planview.tracking.ellipse_particle.image_plane import ImagePlane
 from planview.tracking.ellipse_particle.params import (
     EllipseParticleParams,
     ExistenceParams,
@@ -12,7 +10,12 @@ from planview.tracking.ellipse_particle.params import (
     ImagePlaneParams,
     ParticleFilterParams,
 )
-from planview.tracking.ellipse_particle.tracker import EllipseParticleTracker
+
+if TYPE_CHECKING:
+    from planview.tracking.ellipse_particle.floor_plane import FloorPlane
+    from planview.tracking.ellipse_particle.image_plane import ImagePlane
+    from planview.tracking.ellipse_particle.make import floor_ellipse_tracker, image_ellipse_tracker
+    from planview.tracking.ellipse_particle.tracker import EllipseParticleTracker
 
 __all__ = [
     "EllipseParticleParams",
@@ -26,17 +29,17 @@ __all__ = [
     "floor_ellipse_tracker",
     "image_ellipse_tracker",
 ]
+_HOMES = {
+    "EllipseParticleTracker": "tracker",
+    "FloorPlane": "floor_plane",
+    "ImagePlane": "image_plane",
+    "floor_ellipse_tracker": "make",
+    "image_ellipse_tracker": "make",
+}
 
 
-def image_ellipse_tracker(
-    params: EllipseParticleParams | None = None, camera: GroundCamera | None = None, seed: int = 0
-) -> EllipseParticleTracker:
-    """A tracker for the images of one camera; with a ``GroundCamera`` floor positions and heights are known too."""
-    params = params or EllipseParticleParams()
-    return EllipseParticleTracker(ImagePlane(params.image, camera), params, seed)
-
-
-def floor_ellipse_tracker(params: EllipseParticleParams | None = None, seed: int = 0) -> EllipseParticleTracker:
-    """A tracker for the plan-view maps of a stereo camera."""
-    params = params or EllipseParticleParams()
-    return EllipseParticleTracker(FloorPlane(params.floor), params, seed)
+def __getattr__(name: str) -> Any:
+    # Every configuration holds the parameters; the tracker and its kernels are imported by runs that use it.
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

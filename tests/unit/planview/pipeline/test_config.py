@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from pydantic import BaseModel
 
 from calib.errors import InputError
+from calib.params import field_docs
 from planview.pipeline.config import Config, load_config
 
 
@@ -93,12 +94,13 @@ def test_any_override_is_taken_or_refused_in_one_sentence(override: str) -> None
 
 
 def parameters_of(table: BaseModel, name: str) -> Iterator[tuple[str, str | None]]:
-    for key, field in type(table).model_fields.items():
+    meanings = field_docs(type(table))
+    for key in type(table).model_fields:
         value = getattr(table, key)
         if isinstance(value, BaseModel):
             yield from parameters_of(value, f"{name}.{key}")
         else:
-            yield f"{name}.{key}", field.description
+            yield f"{name}.{key}", meanings.get(key)
 
 
 def test_every_parameter_says_what_it_means() -> None:
