@@ -27,7 +27,7 @@ class NearestMaximum:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everybody."""
+        """Forget all people."""
         self._people: tuple[planview.TrackState, ...] = ()
         self._next_id = 1
 

@@ -35,7 +35,7 @@ from planview.trajectories.table import Trajectories, read_tracks, read_truth
 SINGLE = SCENES / "single"
 """The committed scenes of single cameras; NAME.rules.toml beside NAME.toml says what to count."""
 WINDOW_S = 2.0
-"""Largest time between a true crossing and the one counted for it [s]: somebody hesitating in a door (our choice)."""
+"""Largest time between a true crossing and the one counted for it [s]: a person hesitating in a door (our choice)."""
 ACCURACY_MIN = 0.97
 """Counting accuracy that every view must reach; the paper's table 3 has 76 to 97 %."""
 RIGHT_MIN_PERCENT = {"0": 98.0, "1-2": 98.0, "3-5": 98.0, "6-9": 96.0, "10+": 88.0}

@@ -23,7 +23,7 @@ class BusiestFrame:
 
     Attributes:
         people: how many are on it.
-        picture: (H, W, 3) uint8, None before somebody was seen.
+        picture: (H, W, 3) uint8, None before a person was visible.
     """
 
     def __init__(self, tracker: Tracker) -> None:

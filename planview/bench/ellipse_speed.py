@@ -33,7 +33,7 @@ def ellipse_to_mog2(n_frames: int = 200) -> tuple[float, dict[str, float]]:
 
 
 def painted_clip(n_frames: int) -> Iterator[U8]:
-    """(360, 480, 3) uint8 frames; nobody in the first 20."""
+    """(360, 480, 3) uint8 frames; no person in the first 20."""
     rng = np.random.default_rng(7)
     width, height = SIZE
     texture = cv2.GaussianBlur(rng.uniform(40, 215, (height, width, 3)), (7, 7), 2)

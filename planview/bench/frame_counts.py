@@ -9,7 +9,7 @@ import numpy as np
 from planview.trajectories.table import Trajectories
 
 VISIBLE_MIN = 0.25
-"""Somebody shows who is visible by so much of the body: a head and shoulders, or one in a row of people."""
+"""A person counts as visible from this share of the body on: a head and shoulders, or one in a row of people."""
 
 
 @dataclass(frozen=True)

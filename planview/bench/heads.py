@@ -173,7 +173,7 @@ def _joint(folder: Path, entries: Sequence[RigEntry], true: Sequence[RigEntry], 
 
 
 def common_truth(truths: Sequence[Trajectories], entries: Sequence[RigEntry], fps: float, times_s: F64) -> Trajectories:
-    """Everybody whom any head sees, in the common world, at the times of the moments (frames count them).
+    """All people whom any head sees, in the common world, at the times of the moments (frames count them).
 
     Args:
         truths: of the heads, each in its own world and frames.

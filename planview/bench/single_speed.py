@@ -36,7 +36,7 @@ def human_model_to_mog2(n_frames: int = 200) -> tuple[float, dict[str, float]]:
 
 
 def walking_people(n_frames: int) -> Iterator[U8]:
-    """(240, 320, 3) uint8 frames of people of the model's shape who cross the view; nobody in the first 10."""
+    """(240, 320, 3) uint8 frames of people of the model's shape who cross the view; no person in the first 10."""
     rng = np.random.default_rng(5)
     width, height = CAMERA.size
     texture = cv2.GaussianBlur(rng.uniform(40, 215, (height, width, 3)), (7, 7), 2)

@@ -187,7 +187,7 @@ INTRODUCTION = [
     "Each stereo recording is tracked four times: by both trackers on the floor, and by the single-camera trackers on "
     "its rectified left images with the camera that the stereo pair found above its floor. All are scored on the floor "
     "with a gate of 0.5 m. `tracker alone` is the tracker's median time per frame, for one camera with its foreground; "
-    "`whole engine` runs from reading to tracks. A single camera has no depth: what stands behind somebody else's "
+    "`whole engine` runs from reading to tracks. A single camera has no depth: what stands behind another person's "
     "shoulders, or walks with its feet hidden, costs it metres.",
     "",
 ]

@@ -19,7 +19,7 @@ class TrackingErrors:
     """Events over a whole sequence.
 
     Attributes:
-        false_tracks: confirmed tracks that lie on nobody in more than half of their frames.
+        false_tracks: confirmed tracks that lie on no person in more than half of their frames.
         losses: times that a person goes without a match for more than ``GAP_FRAMES`` consecutive frames of the truth,
             before, between or after the matches; never being found is one loss.
         switches: matches of a person with another track than at its last match (CLEAR).

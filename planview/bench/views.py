@@ -56,7 +56,7 @@ class ViewScore:
 
     @property
     def strict(self) -> float:
-        """Strict accuracy of the crossings; 1 where nobody crosses and nobody is counted, 0 where only that is so."""
+        """Strict accuracy of the crossings; 1 where no person crosses and none is counted, 0 where only that is so."""
         c = self.crossings
         if c.strict_accuracy is not None:
             return c.strict_accuracy

@@ -79,7 +79,7 @@ class Cast:
 
 
 def furniture_at(item: Furniture, t: float) -> tuple[F64, float, float]:
-    """Place (2,), heading [rad] and base height of furniture that nobody handles."""
+    """Place (2,), heading [rad] and base height of furniture that is not handled."""
     place, heading = np.asarray(item.at_m, np.float64), float(np.deg2rad(item.heading_deg))
     if item.moves:
         times = np.array([m.t_s for m in item.moves])

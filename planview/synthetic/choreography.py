@@ -109,7 +109,7 @@ def _beats(stage: Stage, plan: Choreography, start_s: float) -> tuple[list[tuple
     beats, moments, t = [], [start_s], start_s + 1.5
     while t < start_s + plan.duration_s:
         moments.append(t)
-        t += 1.4  # Others step in and out while nobody turns.
+        t += 1.4  # Others step in and out while no person turns.
         angle = float(stage.rng.choice((-1, 1)) * stage.rng.uniform(0.8, 3.3))
         length = abs(angle) * float(stage.rng.uniform(0.9, 1.6))
         beats.append((t, t + length, angle))
@@ -269,7 +269,7 @@ def _out_of_view(part: Part, pause_s: float) -> None:
 
 
 def wander(stage: Stage, plan: Choreography) -> list[Part]:
-    """Random walks in the view that give way to everybody."""
+    """Random walks in the view that give way to all others."""
     x0, y0, x1, y1 = stage.rectangle()
     if (x1 - x0) * (y1 - y0) < 0.55 * plan.people:
         raise NoPlaceError("too little floor in view for the wanderers")

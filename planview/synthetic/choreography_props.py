@@ -15,7 +15,7 @@ from planview.synthetic.stage import NoPlaceError, Stage
 PUT_M = 0.5
 """A carried thing is put down so far ahead of the hips (``Cast``)."""
 _FAR = (0.0, -60.0)
-"""Where things wait that somebody brings along: outside of everything."""
+"""Where things wait that a person brings along: outside of everything."""
 _COLOURS = ("#703838", "#2c4a70", "#386048", "#3a3a40", "#8a6a30", "#5a4a7a")
 
 

@@ -63,7 +63,7 @@ class Wander(Params):
 
 
 class Person(Params):
-    """Somebody. Ids count from 1 in the order of the file."""
+    """A person. Ids count from 1 in the order of the file."""
 
     height_m: float = Field(1.72, ge=0.9, le=2.2)
     """Top of the head above the floor, standing, hair and shoes included [m]."""

@@ -75,7 +75,7 @@ class ViewRoom(Params):
 
 
 class ViewTable(Params):
-    """A view with every range drawn, but nobody placed yet."""
+    """A view with every range drawn, but no person placed yet."""
 
     description: str
     fps: float = Field(10.0, ge=5, le=30)

@@ -26,7 +26,7 @@ BODY_M, DEPTH_M = 1.7, 0.45
 BEYOND_M = 2.2
 """People come to be, and cease, so far beyond the openings [m]: out of view."""
 BESIDE_M = 0.7
-"""How far from where people stand the line is [m]: nobody hesitates on it."""
+"""How far from where people stand the line is [m]: no person hesitates on it."""
 STEEP_DEG = 35.0
 """Cameras steeper than this hang over the middle of the room."""
 FLOORS = (("tiles", "#a39a8a"), ("wood", "#b98f5f"), ("carpet", "#5c6a78"), ("concrete", "#8f959a"))

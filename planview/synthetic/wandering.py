@@ -141,7 +141,7 @@ def _step(walker: _Walker, t: float, others: F64, moving: F64, obstacles: Obstac
 
 
 def _danger(place: F64, candidates: F64, others: F64, moving: F64) -> F64:
-    """(C,) cost of coming within PERSONAL_M of somebody within the horizon."""
+    """(C,) cost of coming within PERSONAL_M of another person within the horizon."""
     if len(others) == 0:
         return np.zeros(len(candidates))
     offset = others - place

@@ -134,4 +134,4 @@ class ImageTracker(Tracker, Protocol):
         """Columns of foreground and motion that are enough; None: those of the image."""
 
     def feedback(self) -> U8 | None:
-        """What the tracker knows about pixels, for ``Foreground``; None when it has no opinion."""
+        """What the tracker knows about pixels, for ``Foreground``; None when it gives no feedback."""

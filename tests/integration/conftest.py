@@ -15,7 +15,7 @@ from planview.pipeline.pipeline import Pipeline
 
 @pytest.fixture(scope="session")
 def pairs() -> list[Pair]:
-    """An empty room, and from frame EMPTY on somebody who walks through it."""
+    """An empty room, and from frame EMPTY on a person who walks through it."""
     world, rig = ToyWorld(), toy_rig()
     return [world.pair(rig, walking(i - EMPTY) if i >= EMPTY else (), i) for i in range(FRAMES)]
 

@@ -8,7 +8,7 @@ import cv2
 ROOT = Path(__file__).resolve().parents[2]
 CLIP = ROOT / "data" / "synthetic" / "demo"
 KEPT = (*range(12), *range(88, 124))
-"""An empty room, then the first visitor on her way in."""
+"""An empty room, then the first visitor on the way in."""
 FPS = 15
 WORLD = """[world_SE3_left]
 rotation = [[1.0, 0.0, 0.0], [0.0, -0.5, 0.8660254037844386], [0.0, -0.8660254037844386, -0.5]]

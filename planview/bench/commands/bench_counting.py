@@ -65,7 +65,7 @@ def bench_counting(*, options: CountingOptions | None = None) -> None:
 
     Example of the wrong numbers of people in view: planview bench counting --scene station --tracker ellipse-particle
 
-    Example with drawn views of seeds that nobody has looked at: planview bench counting --seeds 501 --seeds 502
+    Example with drawn views of seeds never looked at: planview bench counting --seeds 501 --seeds 502
 
     Example with the real recordings: planview bench counting --data ../shared/data --pavement-camera camera.toml
     """

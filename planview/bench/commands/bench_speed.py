@@ -42,7 +42,7 @@ def bench_speed(
     Parameters
     ----------
     recording
-        A stereo recording; the committed clip by default. Its first frames should show nobody.
+        A stereo recording; the committed clip by default. Its first frames should show no person.
     frames
         Medians over so many frames, after 100 in which the background is learned.
     part

@@ -42,7 +42,7 @@ class ChallengeOptions(BenchOptions):
     """Which challenges are drawn, and how they are tracked."""
 
     seed: Annotated[Sequence[int], Parameter(negative="")] = ()
-    """Seeds to draw; a new one from the clock by default, so that nobody has worked on it."""
+    """Seeds to draw; a new one from the clock by default, so that no work was done on it."""
     minutes: float = 10.0
     """Length of the scenes of each seed together [min]; the seed decides which scenes. The whole suite is longer than
     ten minutes."""

@@ -20,7 +20,7 @@ def renderer(text):
 
 @pytest.fixture(scope="module")
 def standing():
-    """Somebody 3 m in front of a distorted, converging pair."""
+    """A person 3 m in front of a distorted, converging pair."""
     rig = RIG + "distortion = [-0.15, 0.05, 0.001, -0.001, 0.0]\nright_rotation_deg = [0.5, -1, 0.4]\n"
     return renderer(ROOM + rig + PERSON)
 
@@ -118,8 +118,8 @@ def test_shadow_darkens_the_floor_away_from_the_lamp_only():
     down = (
         "[sensor]\nvignetting = 0\n[rig]\nwidth = 160\nheight = 120\nfocal_px = 60\nat_m = [4, 4, 3.9]\ntilt_deg = 0\n"
     )
-    person, nobody = renderer(lamp + down + PERSON), renderer(lamp + down)
-    frame, empty = person.frame(0), nobody.frame(0)
+    person, empty_room = renderer(lamp + down + PERSON), renderer(lamp + down)
+    frame, empty = person.frame(0), empty_room.frame(0)
     floor = frame.owner == 0
     ratio = frame.left.astype(float).sum(axis=2) / empty.left.astype(float).sum(axis=2)
     # The top of the image looks along +y, away from the lamp behind the person: 0.6 to 1.2 m behind it.
