@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from enum import Enum
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -66,6 +65,7 @@ class Steadiness:
         self._kept: deque[tuple[float, U8]] = deque(maxlen=KEPT)
         self._last: U8 | None = None
         self._before_break: U8 | None = None
+        self._lasting: Bool = np.zeros(_BLOCKS, np.bool_)
         self._moved_s = -math.inf
         self._now_s = 0.0
         self._frame = -1
@@ -109,13 +109,14 @@ class Steadiness:
 
     def _judge(self, now_s: float, thumbnail: U8) -> Steady:
         before, self._before_break = self._before_break, None
-        if before is not None and self._last is not None and not unrelated(before, thumbnail):
+        if before is not None and self._last is not None and not unrelated(before, thumbnail, self._lasting):
             self._last = before  # one damaged frame
         elif before is not None:
             self._restart(now_s, thumbnail)
             return Steady.CUT
-        if self._last is not None and unrelated(self._last, thumbnail) and not moved(self._last, thumbnail):
-            self._before_break = self._last
+        last = self._last
+        if last is not None and unrelated(last, thumbnail, self._lasting) and not moved(last, thumbnail):
+            self._before_break = last
             return Steady.BREAK
         self._look(now_s, thumbnail)
         return Steady.MOVING if now_s - self._moved_s < SETTLED_S else Steady.STILL
@@ -125,6 +126,8 @@ class Steadiness:
         # Half a millisecond of slack: time stamps are rounded.
         if self._kept and now_s - self._kept[-1][0] < INTERVAL_S - 5e-4:
             return
+        if self._kept:
+            self._lasting = alike(self._kept[-1][1], thumbnail)
         kept = [then for _, then in self._kept]
         if any(moved(then, thumbnail) for then in [*kept[:1], *kept[1:][-1:]]):
             self._moved_s = now_s
@@ -135,23 +138,20 @@ class Steadiness:
         self._kept.clear()
         self._kept.append((now_s, thumbnail))
         self._moved_s = -math.inf
+        self._lasting = np.zeros(_BLOCKS, np.bool_)
 
 
-class _Blocks(NamedTuple):
-    """Per block: likeness to before (correlation), and whether there is texture before or after."""
+def unrelated(before: U8, after: U8, lasting: Bool) -> bool:
+    """Whether two thumbnails (120, 160) uint8 have nothing in common, at whatever exposure.
 
-    alike: F64
-    textured: Bool
+    Only blocks tell whose texture lasts: noise in the dark is texture, too, but another one in every frame.
 
-
-def unrelated(before: U8, after: U8) -> bool:
-    """Whether two thumbnails (120, 160) uint8 have nothing in common, at whatever exposure."""
-    if cv2.norm(before, after, cv2.NORM_L1) < SAME_LEVELS * before.size:
+    Args:
+        lasting: (48,) blocks of the view before that showed the same texture an interval apart.
+    """
+    if lasting.mean() < TEXTURED_SHARE or cv2.norm(before, after, cv2.NORM_L1) < SAME_LEVELS * before.size:
         return False
-    blocks = _compared(before, after)
-    if blocks.textured.mean() < TEXTURED_SHARE:
-        return False
-    return float((blocks.alike[blocks.textured] >= ALIKE).mean()) < CUT_SHARE
+    return float(alike(before, after)[lasting].mean()) < CUT_SHARE
 
 
 def moved(before: U8, after: U8) -> bool:
@@ -175,12 +175,13 @@ _COLUMNS, _ROWS = THUMBNAIL[0] // BLOCK_PX, THUMBNAIL[1] // BLOCK_PX
 _BLOCKS = _COLUMNS * _ROWS
 
 
-def _compared(before: U8, after: U8) -> _Blocks:
+def alike(before: U8, after: U8) -> Bool:
+    """(48,) blocks with texture that are the same in two thumbnails (120, 160) uint8, at whatever exposure."""
     a, b = (_by_block(image.astype(np.float64)) for image in (before, after))
     a, b = a - a.mean(axis=1, keepdims=True), b - b.mean(axis=1, keepdims=True)
     deviations = a.std(axis=1), b.std(axis=1)
     scale = np.maximum(deviations[0], 1.0) * np.maximum(deviations[1], 1.0)
-    return _Blocks((a * b).mean(axis=1) / scale, np.maximum(*deviations) >= TEXTURE_LEVELS)
+    return np.asarray(((a * b).mean(axis=1) >= ALIKE * scale) & (np.maximum(*deviations) >= TEXTURE_LEVELS))
 
 
 def _by_block(image: F64) -> F64:

@@ -53,3 +53,11 @@ def test_textured_person_before_a_plain_wall_is_no_moving_camera() -> None:
     for i, frame in enumerate(frames):
         frame[20:110, 4 * i + 10 : 4 * i + 60] = SCENE[20:110, :50]
     assert set(judged(frames)) == {Steady.STILL}
+
+
+def test_large_person_before_a_dark_noisy_wall_is_no_scene_cut() -> None:
+    rng = np.random.default_rng(0)
+    frames = [np.clip(rng.normal(30.0, 6.0, THUMBNAIL[::-1]), 0, 255).astype(np.uint8) for _ in range(12)]
+    for frame in frames[6:]:
+        frame[:, 40:120] = OTHER[:, :80]
+    assert set(judged(frames)) == {Steady.STILL}
