@@ -50,20 +50,23 @@ def with_ring(mask: Bool, n_rows: int, ring: float) -> Bool:
     return wide
 
 
-def counts(mask: Bool, n_rows: int, evidence: U8, cover: U8, ring: float) -> tuple[int, int, int, int]:
-    """Area, free evidence, taken pixels and free evidence in the ring."""
+def counts(mask: Bool, n_rows: int, evidence: U8, cover: U8, hiding: U8, ring: float) -> tuple[int, ...]:
+    """Area, free evidence, taken pixels, free evidence in the ring, and free pixels hidden by the scene."""
     free = np.where(cover > 0, 0, evidence).astype(np.int64)
     outside = with_ring(mask, n_rows, ring) & ~mask
-    return int(mask.sum()), int(free[mask].sum()), int((cover[mask] > 0).sum()), int(free[outside].sum())
+    hidden = mask & (cover == 0) & (evidence == 0) & (hiding > 0)
+    sums = int(mask.sum()), int(free[mask].sum()), int((cover[mask] > 0).sum()), int(free[outside].sum())
+    return (*sums, int(hidden.sum()))
 
 
-def measured(mask: Bool, evidence: U8, motion: U8, cover: U8) -> tuple[int, ...]:
-    """Area, evidence, evidence of this model alone, shared pixels and moving pixels, as ``measure_models``."""
+def measured(mask: Bool, evidence: U8, motion: U8, cover: U8, hiding: U8) -> tuple[int, ...]:
+    """Area, evidence, evidence of this model alone, shared, hidden and moving pixels, as ``measure_models``."""
     return (
         int(mask.sum()),
         int(evidence[mask].sum()),
         int(evidence[mask & (cover == 1)].sum()),
         int((mask & (cover > 1)).sum()),
+        int((mask & (cover == 1) & (evidence == 0) & (hiding > 0)).sum()),
         int((mask & (motion > 0)).sum()),
     )
 

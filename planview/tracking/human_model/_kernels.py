@@ -36,10 +36,12 @@ class Spans(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """Running sums along rows, (H, W + 1): foreground that no model covers, and pixels that one covers."""
+    """Running sums along rows, (H, W + 1): foreground that no model covers, pixels that one covers, and pixels that
+    none covers where the scene hides people."""
 
     rest: I32
     taken: I32
+    hidden: I32
 
 
 class Window(NamedTuple):
@@ -52,12 +54,14 @@ class Window(NamedTuple):
 
 
 class MatchCounts(NamedTuple):
-    """What a model covers: its area, twice its free foreground, pixels taken by others, twice the ring's foreground."""
+    """What a model covers: its area, twice its free foreground, pixels taken by others, twice the ring's foreground,
+    free pixels hidden by the scene."""
 
     area: int
     free: int
     taken: int
     ring: int
+    hidden: int
 
 
 class Weights(NamedTuple):
@@ -140,23 +144,27 @@ def paint(image: U8, spans: Spans, top: int, bottom: int, amount: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def row_prefix(foreground: U8, cover: U8, window: Window, sums: Sums) -> None:
+def row_prefix(foreground: U8, cover: U8, hiding: U8, window: Window, sums: Sums) -> None:
     """Running sums along the rows of a window, from its first column.
 
-    ``foreground`` is 2 where salient, 1 where less salient, 0 where background. ``sums.rest[y, x]`` and
-    ``sums.taken[y, x]`` sum the columns x0 to x - 1.
+    ``foreground`` is 2 where salient, 1 where less salient, 0 where background; ``hiding`` is not 0 where the scene
+    hides people. ``sums.rest[y, x]`` and the others sum the columns x0 to x - 1.
     """
     for y in range(window.y0, window.y1):
-        n_rest, n_taken = 0, 0
+        n_rest, n_taken, n_hidden = 0, 0, 0
         sums.rest[y, window.x0] = 0
         sums.taken[y, window.x0] = 0
+        sums.hidden[y, window.x0] = 0
         for x in range(window.x0, window.x1):
             if cover[y, x] > 0:
                 n_taken += 1
-            else:
+            elif foreground[y, x] > 0:
                 n_rest += foreground[y, x]
+            elif hiding[y, x] > 0:
+                n_hidden += 1
             sums.rest[y, x + 1] = n_rest
             sums.taken[y, x + 1] = n_taken
+            sums.hidden[y, x + 1] = n_hidden
 
 
 @njit(cache=True, nogil=True)
@@ -165,7 +173,7 @@ def span_counts(sums: Sums, spans: Spans, top: int, bottom: int, x0: int, x1: in
 
     The ring continues each row by ``ring`` times the model's mean width on both sides.
     """
-    area, n_rest, n_taken, n_ring = 0, 0, 0, 0
+    area, n_rest, n_taken, n_ring, n_hidden = 0, 0, 0, 0, 0
     for y in range(top, bottom):
         area += max(0, spans.right[y] - spans.left[y])
     margin = int(ring * area / max(1, bottom - top) + 0.5)
@@ -176,8 +184,9 @@ def span_counts(sums: Sums, spans: Spans, top: int, bottom: int, x0: int, x1: in
         inner = sums.rest[y, r] - sums.rest[y, l]
         n_rest += inner
         n_taken += sums.taken[y, r] - sums.taken[y, l]
+        n_hidden += sums.hidden[y, r] - sums.hidden[y, l]
         n_ring += sums.rest[y, min(r + margin, x1)] - sums.rest[y, max(l - margin, x0)] - inner
-    return MatchCounts(area, n_rest, n_taken, n_ring)
+    return MatchCounts(area, n_rest, n_taken, n_ring, n_hidden)
 
 
 @njit(cache=True, nogil=True)
@@ -186,15 +195,16 @@ def matching_score(counts: MatchCounts, reference: float, overlap: float) -> flo
 
     Free foreground raises recall and precision, background lowers precision, pixels of others are overlap, and
     foreground in the ring counts half: it is the part of a person that is wider than the cylinders (our addition).
+    Where the scene hides people, nothing is told either way (our addition).
     """
-    background = counts.area - counts.taken - 0.5 * counts.free
+    background = counts.area - counts.taken - counts.hidden - 0.5 * counts.free
     return (0.5 * counts.free + 0.25 * counts.ring - background - overlap * counts.taken) / reference
 
 
 @njit(cache=True, nogil=True)
 def match_models(
-    foreground: U8, cover: U8, sums: Sums, spans: Spans, people: MapArrays, targets: Predictions, position: F64,
-    sweeps: int, weights: Weights,
+    foreground: U8, cover: U8, hiding: U8, sums: Sums, spans: Spans, people: MapArrays, targets: Predictions,
+    position: F64, sweeps: int, weights: Weights,
 ) -> None:  # fmt: skip
     """Move all models until their joint matching score is highest (coordinate ascent, coarse to fine).
 
@@ -211,7 +221,7 @@ def match_models(
             top, bottom = fill_spans(people, position[t, 0], position[t, 1], targets.scale[t], width, spans)
             paint(cover, spans, top, bottom, -1)
             window = _search_window(spans, top, bottom, position[t], targets, t, weights.ring, width, height)
-            row_prefix(foreground, cover, window, sums)
+            row_prefix(foreground, cover, hiding, window, sums)
             _search(sums, spans, people, targets, t, position[t], window, weights)
             top, bottom = fill_spans(people, position[t, 0], position[t, 1], targets.scale[t], width, spans)
             paint(cover, spans, top, bottom, 1)
@@ -273,11 +283,12 @@ def _search(
 @njit(cache=True, nogil=True)
 def score_candidates(
     sums: Sums, spans: Spans, people: MapArrays, candidates: F64, ring: float, area: I64, free: I64, taken: I64,
-    in_ring: I64,
+    in_ring: I64, hidden: I64,
 ) -> None:  # fmt: skip
-    """``MatchCounts`` of models at (N, 3) foot pixels and scales, filled into four (N,) columns."""
+    """``MatchCounts`` of models at (N, 3) foot pixels and scales, filled into five (N,) columns."""
     width = sums.rest.shape[1] - 1
     for i in range(len(candidates)):
         top, bottom = fill_spans(people, candidates[i, 0], candidates[i, 1], candidates[i, 2], width, spans)
         found = span_counts(sums, spans, top, bottom, 0, width, ring)
         area[i], free[i], taken[i], in_ring[i] = found.area, found.free, found.taken, found.ring
+        hidden[i] = found.hidden

@@ -11,12 +11,14 @@ from planview.tracking.human_model._kernels import MapArrays, Spans, fill_spans
 
 
 class Images(NamedTuple):
-    """One frame: evidence 2 where salient, 1 where less salient; motion not 0; number of models; blob labels."""
+    """One frame: evidence 2 where salient, 1 where less salient; motion not 0; number of models; blob labels; not 0
+    where the scene hides people."""
 
     evidence: U8
     motion: U8
     cover: U8
     labels: I32
+    hiding: U8
 
 
 class Coverage(NamedTuple):
@@ -26,6 +28,7 @@ class Coverage(NamedTuple):
         area: pixels of the model.
         evidence: evidence on it; alone: evidence that no other model covers.
         shared: pixels that another model covers too.
+        hidden: pixels that no other model covers, without evidence, where the scene hides people.
         moving: pixels in motion.
         blob: label of the blob it covers most, 0 for none.
         breadth_px2, breadth_n: sum over model and ring of the foreground's squared distance from the model's middle
@@ -36,6 +39,7 @@ class Coverage(NamedTuple):
     evidence: I64
     alone: I64
     shared: I64
+    hidden: I64
     moving: I64
     blob: I64
     breadth_px2: F64
@@ -87,11 +91,35 @@ def measure_models(
                     votes[label] += 1
                     if best == 0 or votes[label] > votes[best]:
                         best = label
+                elif images.hiding[y, x] > 0 and cover[y, x] == 1:
+                    found.hidden[t] += 1
         found.area[t] = area
         found.blob[t] = best
         for y in range(top, bottom):
             for x in range(left[y], right[y]):
                 votes[images.labels[y, x]] = 0
+
+
+@njit(cache=True, nogil=True)
+def learn_hiding(
+    evidence: U8, cover: U8, spans: Spans, top: int, bottom: int, dt_s: float, memory_s: float, expected_s: F32,
+    shown_s: F32,
+) -> None:  # fmt: skip
+    """Add ``dt_s`` to the times for which only one model covered each pixel, and for which it then was foreground.
+
+    Beyond ``memory_s`` the older times count less.
+    """
+    for y in range(top, bottom):
+        for x in range(spans.left[y], spans.right[y]):
+            if cover[y, x] != 1:
+                continue
+            if expected_s[y, x] >= memory_s:
+                keep = np.float32(1.0 - dt_s / memory_s)
+                expected_s[y, x] *= keep
+                shown_s[y, x] *= keep
+            expected_s[y, x] += dt_s
+            if evidence[y, x] > 0:
+                shown_s[y, x] += dt_s
 
 
 class Axis(NamedTuple):

@@ -60,6 +60,7 @@ class Fitter:
         for group in (active, lost):
             if group:
                 self._fit_group(group, targets, frame)
+        self.scene.settle_hiding()
 
     def start(self, foot_px: F64, scale: float) -> FloorKalman | None:
         """Filter of a new target at a (2,) foot pixel; None where that is not on the floor."""
@@ -86,6 +87,7 @@ class Fitter:
             self._update(target, i, measured, targets, frame)
             target.score = measured.score(i, self.params.match.overlap_weight)
             self._learn_width(target, i, measured)
+            self._learn_hiding(target, i, measured, frame)
             self._learn_colours(target, i, measured, frame)
 
     def _prediction(self, group: Sequence[Target]) -> tuple[F64, F64, F64, I64]:
@@ -127,7 +129,7 @@ class Fitter:
     def _refine(self, target: Target, i: int, measured: Measurement, frame: ModelFrame) -> None:
         """Lay head and foot of a model on the ends of its blob, and learn the person's height, when all of it shows."""
         p, build = self.params.match, target.build
-        clear = target.inside == 1.0 and measured.shared[i] == 0 and measured.precision[i] >= p.min_precision
+        clear = target.inside == 1.0 and measured.hidden[i] == 0 and measured.precision[i] >= p.min_precision
         if target.seat is not None or not clear:
             return
         found = self.scene.extent(frame.evidence, measured.position[i], build.scale)
@@ -152,6 +154,7 @@ class Fitter:
         target.foot_px, target.precision = measured.position[i], precision
         target.inside = self.scene.visibility(target.foot_px)
         self._observe(target, matched, precision)
+        target.weigh(self._dt_s, hidden or target.seat is not None, p.existence)
         if matched and not hidden:
             uncertain = target.stability in ("disappearing", "occlusion")
             noise = self._floor_noise(target.foot_px, target.model_scale)
@@ -190,10 +193,16 @@ class Fitter:
 
     def _learn_width(self, target: Target, i: int, measured: Measurement) -> None:
         n = int(measured.counts.breadth_n[i])
-        if target.stability == "stable" and target.existence.observed and target.shared == 0 and n > 0:
+        if target.stability == "stable" and target.existence.observed and measured.hidden[i] == 0 and n > 0:
             half = 0.5 * self.scene.box_width(target.foot_px) * target.model_scale
             width = SILHOUETTE * math.sqrt(measured.counts.breadth_px2[i] / n) / max(half, 1.0)
             target.build.width += self._gain() * (min(max(width, 1.0), MAX_WIDTH) - target.build.width)
+
+    def _learn_hiding(self, target: Target, i: int, measured: Measurement, frame: ModelFrame) -> None:
+        """A person who walks shows where the scene hides people."""
+        sure = target.existence.confirmed and target.existence.observed and target.motion == "moving"
+        if sure and target.seat is None and float(measured.precision[i]) >= self.params.match.min_precision:
+            self.scene.learn_hiding(frame.evidence, target.foot_px, target.model_scale, self._dt_s)
 
     def _learn_colours(self, target: Target, i: int, measured: Measurement, frame: ModelFrame) -> None:
         """Colours of a person who is clear of others."""

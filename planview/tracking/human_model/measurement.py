@@ -10,6 +10,10 @@ from calib.types import F64
 from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model import _measure_kernels as measuring
 
+MIN_VISIBLE = 0.25
+"""Part of a model that must be visible for its foreground fraction to be taken at its word (our choice): a head and
+shoulders."""
+
 
 class Measurement(NamedTuple):
     """What the placed models cover, one row per target.
@@ -39,8 +43,17 @@ class Measurement(NamedTuple):
 
     @property
     def precision(self) -> F64:
-        """Foreground fraction of the part that is this model's alone."""
-        return 0.5 * self.counts.alone / np.maximum(1.0, self.area - self.counts.shared)
+        """Foreground fraction of the part that is this model's alone and not hidden by the scene.
+
+        A sliver beside what hides the rest tells as little as its share of the model.
+        """
+        visible = self.area - self.counts.shared - self.counts.hidden
+        return 0.5 * self.counts.alone / np.maximum(MIN_VISIBLE * self.area, visible)
+
+    @property
+    def hidden(self) -> F64:
+        """Fraction of the model where other models or the scene hide what there is."""
+        return (self.counts.shared + self.counts.hidden) / self.area
 
     @property
     def moving(self) -> F64:
@@ -50,7 +63,8 @@ class Measurement(NamedTuple):
     def score(self, i: int, overlap_weight: float) -> float:
         """M of model i, in its own areas (``_kernels.matching_score``, without a ring)."""
         taken = int(self.counts.shared[i])
-        counts = kernels.MatchCounts(int(self.counts.area[i]), int(self.counts.alone[i]), taken, 0)
+        hidden = int(self.counts.hidden[i])
+        counts = kernels.MatchCounts(int(self.counts.area[i]), int(self.counts.alone[i]), taken, 0, hidden)
         return float(kernels.matching_score(counts, float(self.area[i]), overlap_weight))
 
     def discard(self, i: int) -> None:

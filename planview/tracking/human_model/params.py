@@ -92,14 +92,23 @@ class NewTargetParams(Params):
     """Motion salience: distance walked before a target is confirmed [m]. Our choice: a torso's width."""
 
 
+class ExistenceParams(Params):
+    """Evidence that a person exists, in seconds: it grows while the model has foreground of its own, and is used up
+    while it should have some and has none (our choice, in place of limits for tentative and for confirmed people)."""
+
+    trust: float = Field(default=1.0, gt=0, le=10)
+    """Evidence gained per second of observation [1]. Our choice: a person may be missing for as long as observed."""
+    patience_s: float = Field(default=3.0, gt=0, le=60)
+    """Largest evidence [s]: for so long a fully visible person without blob is predicted. Our choice: passing behind a
+    car or a column."""
+
+
 class PruneParams(Params):
     """Merging, losing, reacquiring and pruning (section 4)."""
 
     merge_alone: float = Field(default=0.2, ge=0, lt=1)
     """Foreground that only this model covers, as a fraction of its area, below which the target adds nothing to the
     matching score. Our choice: a head, an arm or noise."""
-    patience_s: float = Field(default=3.0, gt=0, le=60)
-    """How long a fully visible target without blob is predicted [s]. Our choice: passing behind a car or a column."""
     border_visible: float = Field(default=0.6, gt=0, le=1)
     """Visible fraction when last observed below which an unobserved target has left the view. Our choice."""
     gone_visible: float = Field(default=0.25, ge=0, lt=1)
@@ -141,6 +150,8 @@ class HumanModelParams(Params):
     """Sitting down and standing up."""
     spawn: NewTargetParams = NewTargetParams()
     """New targets."""
+    existence: ExistenceParams = ExistenceParams()
+    """Evidence of existence."""
     prune: PruneParams = PruneParams()
     """Merging, reacquiring and pruning."""
     identity: IdentityParams = IdentityParams()

@@ -99,7 +99,8 @@ class Posture:
         seated one is then tried where the person stood before that. What others hide of a person is no sign of
         sitting.
         """
-        if not target.existence.confirmed or (target.seat is None and target.shared > MAX_SHARED):
+        who = target.existence
+        if not who.confirmed or (target.seat is None and (not who.observed or target.shared > MAX_SHARED)):
             return None
         walks = target.motion == "moving" and target.seat is None
         place = self._stood_at(target) if walks else foot if target.matches % JUDGE_EVERY == 0 else None

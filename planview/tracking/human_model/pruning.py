@@ -51,8 +51,6 @@ def prune_reason(target: Target, params: HumanModelParams, life: LifeCycle) -> s
     if not who.confirmed:
         if life.age_s(who) > params.settle_s:
             return "never walked"
-        if not who.observed:
-            return "no blob before it was confirmed"
         if target.matches >= MIN_MATCHES and target.moving_fraction < 0.5 * params.states.internal_motion:
             return "does not move"
     # A person on a seat has stood before, as no chair does.
@@ -62,8 +60,7 @@ def prune_reason(target: Target, params: HumanModelParams, life: LifeCycle) -> s
         return "stationary: a thing"
     if target.inside < prune.gone_visible:
         return "left the view"
-    leaving = target.inside < prune.border_visible
-    if not who.observed and (leaving or life.unobserved_s(who) > prune.patience_s * target.inside):
+    if not who.observed and (target.inside < prune.border_visible or target.support_s <= 0.0):
         return f"no blob for {life.unobserved_s(who):.1f} s"
     return ""
 

@@ -29,6 +29,14 @@ EXTENT_BINS = 60
 SHIFT = 0.05
 """How far the foot may move when the posture changes, as a fraction of the height (our choice): further, and a person
 whose legs are hidden would seem to sit, higher up."""
+CORE = 0.8
+"""Part of a model, about its middle, that a person fills (our choice)."""
+HIDING_S = 0.5
+"""Time for which people must have been expected at a pixel before it can hide them [s] (our choice)."""
+HIDING_SHARE = 0.15
+"""Share of that time in which a pixel that hides people may be foreground (our choice: noise)."""
+HIDING_MEMORY_S = 10.0
+"""Time of people at a pixel after which older ones count less [s] (our choice): things are moved."""
 COLOUR_PARTS = 2
 """Parts of the body (upper, lower) with a colour histogram each."""
 COLOUR_LEVELS = 6
@@ -43,6 +51,7 @@ class CandidateCounts(NamedTuple):
     free: I64
     taken: I64
     ring: I64
+    hidden: I64
 
 
 class Extent(NamedTuple):
@@ -68,7 +77,10 @@ class ModelScene:
         width, height = model_map.camera.size
         self.cover = np.zeros((height, width), np.uint8)
         self.claimed = np.zeros((height, width), np.uint8)
-        self._sums = kernels.Sums(np.zeros((height, width + 1), np.int32), np.zeros((height, width + 1), np.int32))
+        self.hiding = np.zeros((height, width), np.uint8)
+        """(H, W) uint8, not 0 where the scene hides people: none of their foreground is expected there."""
+        self._nowhere = np.zeros((height, width), np.uint8)
+        self._sums = kernels.Sums(*np.zeros((3, height, width + 1), np.int32))
         self._spans = kernels.Spans(np.zeros(height, np.int32), np.zeros(height, np.int32))
         self._people = kernels.MapArrays(
             np.ascontiguousarray(model_map.index),
@@ -77,6 +89,7 @@ class ModelScene:
             np.ascontiguousarray(model_map.foot_px),
             np.ascontiguousarray(model_map.hull_px),
         )
+        self._expected_s, self._shown_s = np.zeros((2, height, width), np.float32)
         self.map_boxes = model_map.boxes()
         low = np.maximum(self.map_boxes[:, :2], 0)
         high = np.minimum(self.map_boxes[:, :2] + self.map_boxes[:, 2:], (width, height))
@@ -102,16 +115,17 @@ class ModelScene:
         targets = kernels.Predictions(predicted, scale, information, radius, order)
         weights = kernels.Weights(p.ring, p.overlap_weight, p.prior_weight)
         kernels.match_models(
-            foreground, self.cover, self._sums, self._spans, self._people, targets, position, SWEEPS, weights
-        )
+            foreground, self.cover, self.hiding, self._sums, self._spans, self._people, targets, position, SWEEPS,
+            weights,
+        )  # fmt: skip
         return position
 
     def measure(self, frame: ModelFrame, position: F64, scale: F64) -> Measurement:
         """What the models at (N, 2) foot pixels cover; also marks ``claimed``, which ``clear`` resets."""
         n, ring = len(scale), self.params.ring
-        area, evidence, alone, shared, moving, blob, breadth_n = np.zeros((7, n), np.int64)
-        counts = measuring.Coverage(area, evidence, alone, shared, moving, blob, np.zeros(n), breadth_n)
-        images = measuring.Images(frame.evidence, frame.motion, self.cover, frame.blobs.labels)
+        area, evidence, alone, shared, hidden, moving, blob, breadth_n = np.zeros((8, n), np.int64)
+        counts = measuring.Coverage(area, evidence, alone, shared, hidden, moving, blob, np.zeros(n), breadth_n)
+        images = measuring.Images(frame.evidence, frame.motion, self.cover, frame.blobs.labels, self.hiding)
         votes = np.zeros(len(frame.blobs), np.int64)
         measuring.measure_models(
             images, self._spans, self._people, position, scale, ring, CLAIMED_RING * ring, self.claimed, votes, counts
@@ -123,14 +137,20 @@ class ModelScene:
         self.cover[:] = 0
         self.claimed[:] = 0
 
+    def reset(self) -> None:
+        """No models placed, nothing learned."""
+        self.clear()
+        for learned in (self._expected_s, self._shown_s, self.hiding):
+            learned[:] = 0
+
     def prepare_candidates(self, evidence: U8, taken: U8) -> None:
-        """Count unclaimed evidence once, before ``score``."""
+        """Count unclaimed evidence once, before ``score``; a new person is expected to show wherever it is."""
         height, width = evidence.shape
-        kernels.row_prefix(evidence, taken, kernels.Window(0, width, 0, height), self._sums)
+        kernels.row_prefix(evidence, taken, self._nowhere, kernels.Window(0, width, 0, height), self._sums)
 
     def score(self, candidates: F64) -> CandidateCounts:
         """Counts of models at (N, 3) foot pixels and scales, after ``prepare_candidates``."""
-        counts = CandidateCounts(*np.zeros((4, len(candidates)), np.int64))
+        counts = CandidateCounts(*np.zeros((5, len(candidates)), np.int64))
         kernels.score_candidates(self._sums, self._spans, self._people, candidates, self.params.ring, *counts)
         return counts
 
@@ -149,7 +169,7 @@ class ModelScene:
         window = 2.0 * self._longest(position) * max(scale, reference)
         height, width = evidence.shape
         top, bottom = max(0, int(position[1] - window)), min(height, int(position[1] + window) + 1)
-        kernels.row_prefix(evidence, self.cover, kernels.Window(0, width, top, bottom), self._sums)
+        kernels.row_prefix(evidence, self.cover, self.hiding, kernels.Window(0, width, top, bottom), self._sums)
         area = max(1, int(self.score(np.array([[*position, reference]])).area[0]))
         gains = self.matching_scores(self.score(near), area)
         best = int(np.argmax(gains))
@@ -169,6 +189,19 @@ class ModelScene:
         (left, top), (right, bottom) = np.floor(hull.min(axis=0)), np.ceil(hull.max(axis=0)) + 1
         rows, columns = np.clip([top, bottom], 0, height).astype(int), np.clip([left, right], 0, width).astype(int)
         return slice(*rows), slice(*columns)
+
+    def learn_hiding(self, evidence: U8, position: F64, scale: float, dt_s: float) -> None:
+        """Note where the core of a person's model shows foreground and where it does not, after ``match``."""
+        core = self.below(position, -0.5 * (1.0 - CORE) * scale)
+        top, bottom = self._fill(core, CORE * scale)
+        measuring.learn_hiding(
+            evidence, self.cover, self._spans, top, bottom, dt_s, HIDING_MEMORY_S, self._expected_s, self._shown_s
+        )
+
+    def settle_hiding(self) -> None:
+        """Where people would have been expected to show for long enough and have not, the scene hides them."""
+        hides = (self._expected_s >= HIDING_S) & (self._shown_s < HIDING_SHARE * self._expected_s)
+        self.hiding[:] = hides
 
     def visibility(self, position: F64) -> float:
         """Fraction of the model at a (2,) foot pixel that is inside the image."""

@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from calib.types import F64
-from planview.tracking.human_model.params import StabilityParams
+from planview.tracking.human_model.params import ExistenceParams, StabilityParams
 from planview.tracking.human_model.seat import Seat
 from planview.tracking.kalman import FloorKalman
 from planview.tracking.lifecycle import Existence
@@ -68,6 +68,7 @@ class Target:
             since when without a break, NaN if not now.
         shared: fraction of the model that other models cover too.
         matches: frames with a blob.
+        support_s: evidence of existence: for so long the person is still believed in without any [s].
         score: matching score M of the last frame.
         precision: foreground fraction of the model's own part in the last frame.
     """
@@ -87,6 +88,7 @@ class Target:
     covered_since_s: float = math.nan
     shared: float = 0.0
     matches: int = 1
+    support_s: float = 0.0
     score: float = 0.0
     precision: float = 1.0
 
@@ -110,8 +112,21 @@ class Target:
         self.trail.append(Sample(now_s, self.kalman.x_m, self.kalman.y_m, moving, visible))
         while len(self.trail) > 2 and self.trail[1].time_s <= now_s - window_s:
             self.trail.popleft()
-        away = float(np.hypot(*(self.xy_m - self.build.origin_m)))
-        self.build.travel_m = max(self.build.travel_m, away)
+        if self.existence.observed:
+            away = float(np.hypot(*(self.xy_m - self.build.origin_m)))
+            self.build.travel_m = max(self.build.travel_m, away)
+
+    def weigh(self, dt_s: float, hidden: bool, params: ExistenceParams) -> None:
+        """Weigh what the last ``dt_s`` showed for the person's existence: own foreground, none, or nothing either way.
+
+        A person whom others hide cannot show any; one who is partly outside the image may show little.
+        """
+        if hidden:
+            return
+        if self.existence.observed:
+            self.support_s = min(params.patience_s, self.support_s + params.trust * dt_s)
+        else:
+            self.support_s -= dt_s / max(self.inside, 1e-3)
 
     @property
     def moving_fraction(self) -> float:

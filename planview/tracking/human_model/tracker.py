@@ -63,7 +63,7 @@ class HumanModelTracker:
         self._boxes: dict[int, tuple[float, float, float, float]] = {}
         self._life.reset()
         self._identity.reset()
-        self.scene.clear()
+        self.scene.reset()
         self._still_s = np.zeros(self.camera.size[::-1], np.float32)
 
     @property

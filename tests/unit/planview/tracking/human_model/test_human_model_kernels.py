@@ -27,6 +27,15 @@ def _scene() -> ModelScene:
     return ModelScene(MAP, HumanMatchParams(ring=RING))
 
 
+def _spans() -> kernels.Spans:
+    return kernels.Spans(np.zeros(72, np.int32), np.zeros(72, np.int32))
+
+
+def _map_arrays() -> kernels.MapArrays:
+    nodes = np.ascontiguousarray(MAP.index), *MAP.origin_px, MAP.params.step_px
+    return kernels.MapArrays(*nodes, np.ascontiguousarray(MAP.foot_px), np.ascontiguousarray(MAP.hull_px))
+
+
 def _noise(seed: int, high: int) -> np.ndarray:
     return np.random.default_rng(seed).integers(0, high, (72, 96), dtype=np.uint8)
 
@@ -42,12 +51,13 @@ def test_painted_model_is_the_polygon(foot: tuple[float, float, float]) -> None:
 @settings(max_examples=40, deadline=None)
 @given(feet, st.integers(0, 99))
 def test_candidate_counts_equal_masks(foot: tuple[float, float, float], seed: int) -> None:
-    evidence, cover = _noise(seed, 3), _noise(seed + 1, 2)
-    scene = _scene()
-    scene.prepare_candidates(evidence, cover)
+    evidence, cover, hiding = _noise(seed, 3), _noise(seed + 1, 2), _noise(seed + 2, 2)
+    sums = kernels.Sums(*np.zeros((3, 72, 97), np.int32))
+    kernels.row_prefix(evidence, cover, hiding, kernels.Window(0, 96, 0, 72), sums)
     mask = reference.model_mask(MAP, *foot)
-    counts = tuple(int(column[0]) for column in scene.score(np.array([foot])))
-    assert counts == reference.counts(mask, reference.model_rows(MAP, *foot), evidence, cover, RING)
+    found = np.zeros((5, 1), np.int64)
+    kernels.score_candidates(sums, _spans(), _map_arrays(), np.array([foot]), RING, *found)
+    assert tuple(found[:, 0]) == reference.counts(mask, reference.model_rows(MAP, *foot), evidence, cover, hiding, RING)
 
 
 @settings(max_examples=25, deadline=None)
@@ -56,13 +66,16 @@ def test_measurement_equals_masks(models: list[tuple[float, float, float]], seed
     evidence, motion = _noise(seed, 3), _noise(seed + 1, 2)
     scene, at = _scene(), np.array(models)
     scene.clear()
+    scene.hiding[:] = _noise(seed + 2, 2)
     for u, v, scale in models:
         scene.paint(scene.cover, np.array([u, v]), scale, 1)
     found = scene.measure(ModelFrame(0.0, None, evidence, motion, find_blobs(evidence)), at[:, :2], at[:, 2]).counts
     masks = [reference.model_mask(MAP, *m) for m in models]
     for i, mask in enumerate(masks):
-        counted = (found.area[i], found.evidence[i], found.alone[i], found.shared[i], found.moving[i])
-        assert counted == reference.measured(mask, evidence, motion, scene.cover)
+        counted = tuple(
+            c[i] for c in (found.area, found.evidence, found.alone, found.shared, found.hidden, found.moving)
+        )
+        assert counted == reference.measured(mask, evidence, motion, scene.cover, scene.hiding)
     wide = [reference.with_ring(k, reference.model_rows(MAP, *m), RING / 2) for k, m in zip(masks, models, strict=True)]
     claimed = np.any(wide, axis=0)
     np.testing.assert_array_equal(scene.claimed > 0, claimed)
@@ -98,8 +111,15 @@ def test_body_extent_ends_where_the_body_does() -> None:
 
 def test_matching_score_counts_free_foreground_twice_over_background() -> None:
     # 100 px: 60 free foreground (evidence 120), 10 taken, so 30 background; 8 foreground in the ring (evidence 16).
-    assert kernels.matching_score(kernels.MatchCounts(100, 120, 10, 16), 100.0, 0.3) == pytest.approx(
+    assert kernels.matching_score(kernels.MatchCounts(100, 120, 10, 16, 0), 100.0, 0.3) == pytest.approx(
         (60 + 4 - 30 - 3) / 100
+    )
+
+
+def test_matching_score_counts_what_the_scene_hides_as_neither() -> None:
+    # As above, but 20 of the 30 pixels without foreground are hidden.
+    assert kernels.matching_score(kernels.MatchCounts(100, 120, 10, 16, 20), 100.0, 0.3) == pytest.approx(
+        (60 + 4 - 10 - 3) / 100
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from planview.tracking.human_model.params import HumanModelParams, StabilityParams
+from planview.tracking.human_model.params import ExistenceParams, HumanModelParams, StabilityParams
 from planview.tracking.human_model.pruning import prune_reason, reacquirable, redundant
 from planview.tracking.human_model.seat import Seat
 from planview.tracking.human_model.target import Build, Target
@@ -60,7 +60,7 @@ def test_stability_state(visible: Iterable[float], shared: float, state: str) ->
         (_target(still_since_s=0.0), 20.0, "stationary: a thing"),
         (_target(inside=0.2), 1.0, "left the view"),
         (_target(observed=False, inside=0.5), 0.1, "no blob for 0.1 s"),
-        (_target(observed=False), 2.0, ""),
+        (_target(observed=False, support_s=1.0), 2.0, ""),
         (_target(observed=False), 3.5, "no blob for 3.5 s"),
     ],
 )
@@ -68,6 +68,32 @@ def test_pruning_depends_on_visibility(target: Target, now_s: float, reason: str
     life = LifeCycle()
     life.begin(now_s)
     assert prune_reason(_trail(target, 0.0, 0.1, [1.0]), PARAMS, life) == reason
+
+
+def test_support_grows_with_observation_up_to_the_patience() -> None:
+    target, params = _target(), ExistenceParams(trust=0.5, patience_s=3.0)
+    target.weigh(2.0, hidden=False, params=params)
+    assert target.support_s == 1.0
+    target.weigh(10.0, hidden=False, params=params)
+    assert target.support_s == 3.0
+
+
+def test_support_is_used_up_faster_by_a_person_half_outside_the_image() -> None:
+    whole, half = _target(observed=False, support_s=3.0), _target(observed=False, support_s=3.0, inside=0.5)
+    for target in (whole, half):
+        target.weigh(1.0, hidden=False, params=ExistenceParams())
+    assert (whole.support_s, half.support_s) == (2.0, 1.0)
+
+
+def test_support_stays_while_others_hide_a_person() -> None:
+    target = _target(support_s=1.5)
+    target.weigh(1.0, hidden=True, params=ExistenceParams())
+    assert target.support_s == 1.5
+
+
+def test_travel_counts_only_while_observed() -> None:
+    target = _trail(_target(observed=False), 2.0, 0.1, [1.0] * 10)
+    assert target.build.travel_m == 0.0
 
 
 @pytest.mark.parametrize(("likeness", "found"), [(0.5, True), (0.0, False), (math.nan, True)])

@@ -138,6 +138,18 @@ def test_id_survives_a_column_in_front() -> None:
     assert kinds.count("reacquired") == 1
 
 
+def test_place_behind_a_sign_is_kept_once_the_sign_is_known() -> None:
+    """People walk behind a sign that hides the right half of whoever stops beside it."""
+    sign = slice(80, 90)
+    world, tracker = World(), HumanModelTracker(PARAMS, CAMERA, MAP)
+    for k in range(16 * FPS):
+        t = k / FPS
+        x = -2.5 + 1.0 * (t % 5.0) if t < 10 else min(0.0, -2.5 + 1.0 * (t - 10.0))
+        tracker.update(world.observe(k, [(x, 6.0, RED)], hidden=sign))
+    (target,) = tracker.targets
+    assert abs(target.kalman.x_m) < 0.1
+
+
 def test_foreground_that_appears_and_stays_is_no_person() -> None:
     tracker, states, _ = _run(lambda t: [(0.0, 6.0, RED)] if t >= 0.5 else [], 5.0)
     assert not any(_confirmed(frame) for frame in states)
