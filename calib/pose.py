@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import overload
 
@@ -64,6 +65,11 @@ class SE3:
         from scipy.spatial.transform import Rotation
 
         return np.asarray(Rotation.from_matrix(self.rotation).as_rotvec(), dtype=np.float64)
+
+    @property
+    def angle_rad(self) -> float:
+        """Angle of the rotation, 0 to pi: the Frobenius norm of R - I is 2 sqrt(2) sin(angle / 2)."""
+        return 2.0 * math.asin(min(1.0, float(np.linalg.norm(self.rotation - np.eye(3))) / math.sqrt(8.0)))
 
     @property
     def matrix(self) -> F64:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import cv2
@@ -13,6 +14,8 @@ from pydantic import Field
 from calib.params import Params
 from calib.types import F32, F64, U8, AnyArray, Bool
 
+THREADS = 2
+"""Frames that are measured at a time."""
 _PATCH = 7
 """Half side of a matched patch [px]."""
 _SIMILARITY_MIN = 0.9
@@ -86,7 +89,8 @@ def measure_vertical(
         disparity_max_px: largest disparity that can occur [px].
     """
     params = params or VerticalParams()
-    found = [match_corners(left, right, disparity_max_px, params) for left, right in pairs]
+    with ThreadPoolExecutor(THREADS) as pool:  # correlation releases Python's lock
+        found = list(pool.map(lambda pair: match_corners(pair[0], pair[1], disparity_max_px, params), pairs))
     matches = np.concatenate(found) if found else np.empty((0, 4))
     if len(matches) == 0:
         return VerticalFit()

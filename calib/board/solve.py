@@ -231,7 +231,7 @@ def _checked_rig(fit: RigFit, std: dict[str, float], size: tuple[int, int], sour
     for side in SIDES:
         _refuse_deviation(side, getattr(fit.rig, side).fx, std[f"{side} fx"], source)
     rig = replace(fit.rig, source=source)
-    turn = math.degrees(float(np.linalg.norm(rig.right_SE3_left.rotvec)))
+    turn = math.degrees(rig.right_SE3_left.angle_rad)
     if turn > MAX_TURN_DEG:
         raise InputError(f"{source}: expected cameras that look the same way, found {turn:.0f} degrees between them")
     if not MIN_BASELINE_M <= rig.baseline_m <= MAX_BASELINE_M:

@@ -148,7 +148,7 @@ def refuse_strange_camera(one: Camera, side: str) -> None:
 
 
 def _refuse_turned(rig: StereoRig) -> None:
-    turn = math.degrees(float(np.linalg.norm(rig.right_SE3_left.rotvec)))
+    turn = math.degrees(rig.right_SE3_left.angle_rad)
     if turn > MAX_TURN_DEG:
         raise ValueError(f"expected cameras that look the same way, found {turn:.0f} degrees between them")
 

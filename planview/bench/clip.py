@@ -31,13 +31,13 @@ class Clip:
 
     def __init__(
         self,
-        path: Path | None,
+        source: Path | Recording | None,
         n_frames: int,
         width_px: int = 640,
-        frames: list[StereoFrame] | None = None,
+        frames: Sequence[StereoFrame] | None = None,
         overrides: Sequence[str] = (),
     ) -> None:
-        """Open a recording (the committed clip when None) and set the engine up on images of ``width_px``.
+        """Open a recording (the committed clip when None), or take an open one, and set the engine up for ``width_px``.
 
         Args:
             frames: its decoded frames where another clip has them already.
@@ -45,18 +45,18 @@ class Clip:
         Raises:
             InputError: no such recording, or too few frames.
         """
-        path = path or DEMO
-        if not path.exists():
-            raise InputError(f"{path}: expected a recording, found nothing; name one with --recording")
-        self.recording: Recording = open_recording(path)
+        source = source or DEMO
+        if isinstance(source, Path) and not source.exists():
+            raise InputError(f"{source}: expected a recording, found nothing; name one with --recording")
+        self.recording: Recording = open_recording(source) if isinstance(source, Path) else source
         rectify = {"working_px": width_px}
         sized = Config.model_validate({"rectify": rectify, "analysis": {"width_px": min(width_px, 400)}})
         self.config = load_config(overrides=overrides, base=sized)
         self.setup = set_up(self.recording, self.config)
         self.pipeline = Pipeline(self.recording, self.setup, self.config)
-        self.frames = frames or list(islice(self.recording, n_frames))
+        self.frames: Sequence[StereoFrame] = frames or list(islice(self.recording, n_frames))
         if len(self.frames) < 2:
-            raise WorkError(f"{path}: expected at least 2 frames, found {len(self.frames)}")
+            raise WorkError(f"{self.recording.path}: expected at least 2 frames, found {len(self.frames)}")
 
     def looped(self) -> Generator[FrameResult, None, None]:
         """The engine's results for ever: the recording starts again when it ends."""

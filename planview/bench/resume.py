@@ -150,7 +150,7 @@ def _command(words: list[str], said: Path, moment: Moment | None) -> None:
     """``python -m planview`` in this process, which kills itself at the moment."""
     with said.open("wb") as file:
         os.dup2(file.fileno(), 2)
-    mock.patch("planview.commands.run.write_report").start()  # the page takes longer than a short run
+    mock.patch("planview.runs.report.page.write_report").start()  # the page takes longer than a short run
     if moment is not None:
         _arm(moment)
     sys.argv = ["planview", *words]

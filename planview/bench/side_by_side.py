@@ -82,8 +82,8 @@ def rivals_of(clip: Clip) -> dict[str, Callable[..., object]]:
     }
 
 
-def take_turns(clip: Clip, rivals: Mapping[str, Callable[..., object]]) -> Turns:
-    """The engine over a clip's decoded frames, and the rivals on every TURN-th of these."""
+def take_turns(clip: Clip, rivals: Mapping[str, Callable[..., object]], settled: int = SETTLED) -> Turns:
+    """The engine over a clip's decoded frames, and after ``settled`` of them the rivals on every TURN-th."""
     engine = clip.pipeline
     engine.reset()
     spent: list[float] = []
@@ -95,7 +95,7 @@ def take_turns(clip: Clip, rivals: Mapping[str, Callable[..., object]]) -> Turns
         spent.append(1e3 * (time.perf_counter() - start))
         results.append((people_in(result), result.stages_ms, result.matched_share))
         for name, rival in rivals.items():
-            if n >= min(SETTLED, len(clip.frames) // 2) and (n % TURN == 0 or not theirs[name]):
+            if n >= min(settled, len(clip.frames) // 2) and (n % TURN == 0 or not theirs[name]):
                 theirs[name].append(seconds(rival, frame.left, frame.right) * 1e3)
             elif theirs[name]:
                 theirs[name].append(theirs[name][-1])

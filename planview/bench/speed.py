@@ -16,7 +16,11 @@ import numpy as np
 
 from calib.types import F64
 from planview.bench.clip import Clip
+from planview.bench.curves import FRAMES as CURVE_FRAMES
+from planview.bench.curves import curves
 from planview.bench.ellipse_speed import ellipse_to_mog2
+from planview.bench.near_people import FRAMES as NEAR_FRAMES
+from planview.bench.near_people import near_recording
 from planview.bench.one_core import one_core
 from planview.bench.side_by_side import (
     PEOPLE,
@@ -30,22 +34,34 @@ from planview.bench.side_by_side import (
     take_turns,
 )
 from planview.bench.single_speed import human_model_to_mog2
+from planview.bench.start import start_to_first_frame
 from planview.bench.yardstick import Yardstick
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
 from planview.pipeline.engine import STAGES
+from planview.synthetic.committed import real_recordings
 from stereo.gate import SAMPLE
 
-PARTS = ("engine", "foreground", "after-disparity", "single")
+PARTS = ("engine", "foreground", "after-disparity", "single", "start", "worst-case", "full-resolution", "curves")
 """What is measured, in order."""
+USUAL = tuple(part for part in PARTS if part != "curves")
+"""What is measured when nothing is named: the curves take some minutes more."""
+OVERHEAD_FRAMES = 60
+"""Of the real overhead pair, after SETTLED."""
+FULL = ("rectify.working_px=0", "analysis.width_px=1280")
 LIMITS = {
     "engine_to_yardstick_grey": 0.5,
     "engine_to_yardstick_colour": 0.5,
+    "overhead": 0.08,
     "foreground_to_mog2": 0.7,
     "after_disparity_to_sgbm": 0.3,
     "one_more_person": 0.04,
     "human_model_to_mog2": 4.0,
     "ellipse_particle_to_mog2": 4.0,
+    "start_second": 0.4,
+    "worst_case": 1.05,
+    "full_resolution": 0.35,
+    "fifty_over_four_people": 3.0,
 }
 """What each ratio must not exceed; those of the engine for four people at 640x480."""
 
@@ -76,7 +92,7 @@ def measure(
     recording: Path | None,
     n_frames: int,
     progress: Callable[[str], None] = lambda _: None,
-    parts: Sequence[str] = PARTS,
+    parts: Sequence[str] = USUAL,
     overrides: Sequence[str] = (),
 ) -> Speed:
     """Measure everything on one recording.
@@ -111,7 +127,45 @@ def measure(
             with one_core():
                 speed.ratios[f"{name}_to_mog2"], details = ratio(n_frames)
             speed.details |= {key: round(value, 3) for key, value in details.items()}
+    if "start" in parts:
+        progress("start of planview run to its first frame beside 100 frames of the yardstick")
+        for kind, values in start_to_first_frame(clip.recording, clip.frames).items():
+            speed.add(f"start_{kind}", values)
+    if "worst-case" in parts:
+        progress("eight people near the camera beside the yardstick")
+        worst_case(speed, progress)
+    if "full-resolution" in parts:
+        full_resolution(speed, progress)
+    if "curves" in parts:
+        for name, values in curves(Clip(recording, CURVE_FRAMES), progress):
+            speed.add(name, values)
+        speed.ratios["fifty_over_four_people"] = round(speed.ratios["people_50"] / speed.ratios["people_4"], 3)
     return speed
+
+
+def worst_case(speed: Speed, progress: Callable[[str], None]) -> None:
+    """Engine over the yardstick in grey on one core, with eight people who fill the view (a rendered scene)."""
+    clip = Clip(near_recording(progress), NEAR_FRAMES)
+    with one_core():
+        turns = take_turns(clip, {"yardstick": Yardstick(clip.recording.rig, grey=True)}, NEAR_FRAMES - 60)
+    ratios, near = turns.engine_ms / turns.rivals_ms["yardstick"], turns.people >= np.quantile(turns.people, 0.5)
+    speed.add("worst_case", np.asarray(ratios[near]))
+    speed.details["worst_case_people"] = _median(turns.people[near])
+    speed.details["worst_case_matched_share"] = _median(turns.matched[near])
+
+
+def full_resolution(speed: Speed, progress: Callable[[str], None]) -> None:
+    """Engine over the yardstick in grey on one core on the real overhead pair, at half and at full resolution."""
+    recording = real_recordings() / "overhead-stereo"
+    if not recording.is_dir():
+        progress(f"{recording}: not there, so that full resolution is not measured (set PLANVIEW_TEST_DATA)")
+        return
+    for name, overrides in (("overhead", ()), ("full_resolution", FULL)):
+        progress(f"real overhead pair: {name.replace('_', ' ')}")
+        clip = Clip(recording, SETTLED + OVERHEAD_FRAMES, overrides=overrides)
+        with one_core():
+            turns = take_turns(clip, {"yardstick": Yardstick(clip.recording.rig, grey=True)})
+        speed.add(name, turns.ratios("yardstick"))
 
 
 def engine_to_yardstick(clip: Clip, cores: str, speed: Speed) -> None:

@@ -64,7 +64,7 @@ def write_report(result: BoardCalibration, images: Path, path: Path) -> Path:
 
 
 def _figures(result: BoardCalibration) -> list[tuple[str, str]]:
-    turn = math.degrees(float(np.linalg.norm(result.rig.right_SE3_left.rotvec)))
+    turn = math.degrees(result.rig.right_SE3_left.angle_rad)
     return [
         ("stereo rms", f"{result.fit.rms_px:.3f} px"),
         ("rows after rectification, rms", f"{result.row_rms_px:.3f} px"),

@@ -23,6 +23,7 @@ from planview.pipeline.engine import Engine
 from planview.pipeline.factory import TrackerName, base_config, open_engine
 from planview.pipeline.kept_setup import KeptSetup
 from planview.runs.checkpoint.file import Checkpoint
+from planview.runs.compiling import compile_notice
 from planview.runs.console import PlainConsole
 from planview.runs.folder import check_folder, prepare_folder
 from planview.runs.info import RunInfo
@@ -30,8 +31,6 @@ from planview.runs.lock import folder_lock
 from planview.runs.log import RunLog
 from planview.runs.pace import Pace
 from planview.runs.progress import FrameProgress, summary
-from planview.runs.refine import refine_run
-from planview.runs.report.page import write_report
 from planview.runs.resume import checkpoint_of, is_finished
 from planview.runs.run import RunOptions, run_identity
 from planview.runs.run import run as run_engine
@@ -116,12 +115,22 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
     options = options or TrackingOptions()
     _refuse(options)
     settings = load_config(options.config, _settings(options), base_config(recording))
-    source = open_options(options.calibration, options.fps, options.topics)
     check_folder(out, options.overwrite or options.resume, recording)
     console = PlainConsole(stderr=True)
     if options.resume and is_finished(out):
         console.print(f"{out}: the run is finished; nothing is left to resume")
         return
+    with compile_notice(console):
+        info = _opened_and_tracked(recording, out, options, settings, console)
+    summary(console, info, out)
+    if options.json_output:
+        print(info.model_dump_json())
+
+
+def _opened_and_tracked(
+    recording: Path, out: Path, options: TrackingOptions, settings: Config, console: Console
+) -> RunInfo:
+    source = open_options(options.calibration, options.fps, options.topics)
     with console.status("opening the recording, aligning rows, finding the floor"):
         kept = None if options.fresh or options.strict else kept_setup(recording, settings, options)
         engine = open_engine(recording, options.tracker, settings, options.camera, source, kept=kept)
@@ -131,10 +140,7 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
     with folder_lock(out) as stale:
         if stale:
             console.print(stale)
-        info = _track(engine, out, options, analytics, console)
-    summary(console, info, out)
-    if options.json_output:
-        print(info.model_dump_json())
+        return _track(engine, out, options, analytics, console)
 
 
 def _refuse(options: TrackingOptions) -> None:
@@ -191,8 +197,12 @@ def _track(
     n_frames = min(options.frames or announced, announced) if announced else options.frames or None
     with FrameProgress(console, n_frames) as progress:
         info = run_engine(engine, out, how, logs, progress, checkpoint)
+    from planview.runs.report.page import write_report
+
     write_report(out)
     if options.refine:
+        from planview.runs.refine import refine_run
+
         info = refine_run(out).info
     return info
 

@@ -108,7 +108,7 @@ def mirror_ratio(rectifier: Rectifier, matches: F64) -> float:
     have the same translation axis and the inverse rotation, and pass for a calibration with a low reprojection error.
     """
     pose = rectifier.rig.right_SE3_left
-    turn = math.degrees(float(np.linalg.norm(pose.rotvec)))
+    turn = math.degrees(pose.angle_rad)
     if len(matches) < MIN_MATCHES or turn < MIN_TURN_DEG:
         return math.nan
     left, right = _recorded_rays(rectifier, matches)

@@ -14,9 +14,10 @@ from rich.table import Table
 from calib.errors import InputError
 from calib.files import write_whole
 from planview.bench.commands.options import JsonFlag
-from planview.bench.speed import LIMITS, PARTS, Speed, measure
+from planview.bench.curve_plot import write_plot
+from planview.bench.speed import LIMITS, USUAL, Speed, measure
 
-Part = Literal["engine", "foreground", "after-disparity", "single"]
+Part = Literal["engine", "foreground", "after-disparity", "single", "start", "worst-case", "full-resolution", "curves"]
 
 
 def bench_speed(
@@ -26,6 +27,8 @@ def bench_speed(
     part: list[Part] | None = None,
     set_: Annotated[list[str] | None, Parameter(name="--set")] = None,
     out: Path | None = None,
+    plot: Path | None = None,
+    memory: Path | None = None,
     against: Path | None = None,
     json_output: JsonFlag = False,
 ) -> None:
@@ -46,11 +49,18 @@ def bench_speed(
     frames
         Medians over so many frames, after 100 in which the background is learned.
     part
-        Measure only this; repeat for more: engine, foreground, after-disparity, single (one camera beside MOG2).
+        Measure only this; repeat for more: engine, foreground, after-disparity, single (one camera beside MOG2),
+        start (of planview run to its first frame, over 100 frames of the yardstick in colour on all cores), worst-case
+        (eight people near the camera, rendered once), full-resolution (the real overhead pair of the shared
+        recordings), curves (pixels, disparities, frame rate, people; one core). All but the curves when not given.
     set_
         Set one parameter of the engine, like analysis.width_px=1280; repeat for more.
     out
         Keep the figures in this JSON file.
+    plot
+        Draw the curves to this SVG or PNG file.
+    memory
+        Figures of planview bench memory --json, whose course is drawn too.
     against
         Compare with the figures kept in this file: a ratio differs when its quartiles lie apart.
     json_output
@@ -60,9 +70,11 @@ def bench_speed(
         raise InputError(f"--frames: expected at least 10, found {frames}")
     before = _kept(against) if against else None
     messages = Console(stderr=True, markup=False)
-    speed = measure(recording, frames, lambda text: messages.print(text, highlight=False), part or PARTS, set_ or [])
+    speed = measure(recording, frames, lambda text: messages.print(text, highlight=False), part or USUAL, set_ or [])
     if out is not None:
         write_whole(out, json.dumps(asdict(speed), indent=2) + "\n")
+    if plot is not None:
+        write_plot(plot, speed.ratios, speed.quartiles, _course(memory))
     if json_output:
         print(json.dumps(asdict(speed), indent=2))
         return
@@ -76,6 +88,16 @@ def _kept(path: Path) -> Speed:
         return Speed(**json.loads(path.read_text()))
     except (OSError, ValueError, TypeError) as error:
         raise InputError(f"{path}: expected figures that --out kept, found {error}") from error
+
+
+def _course(path: Path | None) -> list[tuple[int, float]]:
+    """Frames and megabytes of a kept figure of memory."""
+    if path is None:
+        return []
+    try:
+        return [(int(frame), float(megabytes)) for frame, megabytes in json.loads(path.read_text())["course"]]
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise InputError(f"{path}: expected figures of planview bench memory --json, found {error}") from error
 
 
 def print_changes(speed: Speed, before: Speed, console: Console) -> None:

@@ -13,6 +13,8 @@ from cyclopts import Parameter
 from planview.bench.accuracy import cache_folder
 from planview.pipeline.config import Config, load_config
 
+Flag = Annotated[bool, Parameter(negative="")]
+"""A switch that is off without its option."""
 JsonFlag = Annotated[bool, Parameter(name="--json", negative="")]
 """The switch --json: one JSON object on standard output."""
 

@@ -18,7 +18,7 @@ from planview.drawing.plan import PlanBounds, bounds_of
 from planview.maps.view import StereoView
 from planview.pipeline.engine import Engine, FrameResult
 from planview.runs.rerun.blueprint import blueprint, other_heads, shown_floor
-from planview.runs.rerun.parts import RrdParts
+from planview.runs.rerun.parts import JOINED_BYTES_MAX, RrdParts
 from planview.runs.rerun.scene import StaticScene, map_image, metre_grid
 from planview.runs.rerun.series import SeriesBlocks
 from planview.runs.rerun.shapes import (
@@ -44,6 +44,8 @@ FLUSH_FRAMES = 100
 """So many frames may wait for rerun's thread: on a busy machine they would pile up in memory."""
 PART_FRAMES = 500
 """Frames of a part of the recording (our choice: some 40 MB)."""
+DOUBLED_MAX = 12
+"""Images become rarer so many times at most: of an hour at 15 Hz a dozen are left of those (our choice)."""
 FREE_BYTES_MIN = 64 * 2**20
 """Free disk space for the next frames [bytes]: rerun writes in a thread of its own, which hangs on a full disk."""
 
@@ -55,7 +57,8 @@ class RerunLog:
         engine: whose frames will come.
         path: the file to write.
         position: of ``mark``, to go on from there; what was written after it is dropped.
-        every: images, clouds and maps of every n-th frame only; people, decisions and curves of all.
+        every: images, clouds and maps of every n-th frame only; people, decisions and curves of all. It doubles
+            whenever half of the room that was left of JOINED_BYTES_MAX is used, so that a run of any length is bounded.
     Raises:
         InputError: what was written up to the position is not there any more.
         WorkError: too little free disk space.
@@ -64,7 +67,8 @@ class RerunLog:
     def __init__(self, engine: Engine, path: Path, position: Mapping[str, int] | None = None, every: int = 1) -> None:
         self._engine, self._path, self._parts = engine, path, RrdParts(path, position)
         self._check_room()
-        self._stereo, self._every = engine.stereo, every
+        self._stereo, self._asked_every = engine.stereo, every
+        self._every = self._thinned()
         self._trails: dict[int, deque[tuple[float, float, float]]] = {}  # time [s], x and y [m]
         self._bounds: PlanBounds | None = None
         self._shown: set[str] = set()
@@ -86,7 +90,13 @@ class RerunLog:
         self._series.flush(self._stream)
         self._stream.disconnect()
         self._parts.turn()
+        self._every = self._thinned()
         self._stream, self._frames_in_part = self._new_stream(), 0
+
+    def _thinned(self) -> int:
+        """Of every so many frames the images are logged now."""
+        left = 1.0 - self._parts.bytes_before() / JOINED_BYTES_MAX
+        return self._asked_every << math.floor(-math.log2(max(left, 2.0**-DOUBLED_MAX)))
 
     def mark(self) -> dict[str, int]:
         """See ``RunLog``."""

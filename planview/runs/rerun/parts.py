@@ -51,6 +51,10 @@ class RrdParts:
         sync(self.open_path)
         return {"parts": self._count, "bytes": self.open_path.stat().st_size}
 
+    def bytes_before(self) -> int:
+        """Size of the parts that are complete [bytes]."""
+        return sum(self._part(n).stat().st_size for n in range(1, self._count))
+
     def _cut_off(self, position: Mapping[str, int]) -> int:
         """Drop what was written after a position; returns the number of parts left."""
         last = position["parts"]

@@ -1,0 +1,92 @@
+"""How the engine's time grows: with pixels, disparities, time between frames, and people."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from calib.types import F64
+from planview.bench.clip import Clip
+from planview.bench.crowd import EMPTY, SIZE, Crowd, crowd_pipeline, crowd_rig
+from planview.bench.one_core import one_core
+from planview.bench.scaled import ScaledFrames, ScaledRecording
+from planview.bench.side_by_side import SETTLED, people_in, seconds, take_turns
+from planview.bench.yardstick import Yardstick
+
+SIZES = ((320, 240), (480, 360), (640, 480), (960, 720), (1280, 960))
+"""Of the images [px]; the last has a fifth more pixels than 1280x800."""
+DISPARITIES = (32, 48, 64, 96, 128)
+STEPS = (1, 2, 3, 5)
+"""Every n-th frame: 15, 7.5, 5 and 3 Hz."""
+PEOPLE = (0, 1, 2, 4, 8, 16, 32, 50)
+FRAMES = 240
+"""Of the committed clip: the first 100 settle, in the last four people walk."""
+CROWD_SETTLED, CROWD_FRAMES = EMPTY + 60, EMPTY + 110
+"""Frames of a crowd before anything is timed, and in all."""
+
+
+class Point(NamedTuple):
+    """A figure of a curve: its name, and the ratios measured frame by frame."""
+
+    name: str
+    ratios: F64
+
+
+def curves(clip: Clip, progress: Callable[[str], None] = lambda _: None) -> Iterator[Point]:
+    """All curves on one core, point by point.
+
+    The whole engine on the committed clip over the yardstick in grey at that size: images of several sizes, with the
+    engine's usual working size (``pixels``) and with none (``full_pixels``); disparities searched before the floor is
+    known; frame rates. Everything after the disparity over the yardstick's SGBM at 320x240: people.
+
+    Args:
+        clip: the committed one, with FRAMES frames.
+    """
+    with one_core():
+        for size in SIZES:
+            progress("pixels: {}x{}".format(*size))
+            yield Point("pixels_{}x{}".format(*size), _engine_over_yardstick(clip, size))
+            if size[0] > 640:
+                full = ("rectify.working_px=0",)
+                yield Point("full_pixels_{}x{}".format(*size), _engine_over_yardstick(clip, size, full))
+        geometry = clip.setup.rectifier.geometry
+        for count in DISPARITIES:
+            progress(f"disparities: {count}")
+            nearest = (f"range.nearest_m={geometry.disparity_metre / (count - 2):.3f}", "range.reach_m=5.0")
+            yield Point(f"disparities_{count}", _engine_over_yardstick(clip, SIZES[2], nearest))
+        for step in STEPS:
+            progress(f"frame rate: every {step}. frame")
+            yield Point(f"rate_{clip.recording.fps / step:g}_hz", _engine_over_yardstick(clip, SIZES[2], every=step))
+        yield from people_curve(progress)
+
+
+def _engine_over_yardstick(clip: Clip, size: tuple[int, int], overrides: Sequence[str] = (), every: int = 1) -> F64:
+    world = clip.setup.floor.world_SE3_left
+    frames = ScaledFrames(clip.frames[:FRAMES], size, every)
+    recording = ScaledRecording(clip.recording, frames, size, world)
+    scaled = Clip(recording, 0, width_px=min(640, size[0]), frames=frames, overrides=overrides)
+    turns = take_turns(scaled, {"yardstick": Yardstick(recording.rig, grey=True)}, SETTLED // every)
+    return turns.ratios("yardstick")
+
+
+def people_curve(progress: Callable[[str], None] = lambda _: None) -> Iterator[Point]:
+    """Foreground, maps and tracker over the yardstick's SGBM at 320x240, by people in view."""
+    pipeline = crowd_pipeline()
+    yardstick = Yardstick(crowd_rig(), grey=True)
+    noise = np.random.default_rng(0).integers(0, 255, (SIZE[1], SIZE[0] + 16), dtype=np.uint8)
+    texture = np.asarray(cv2.GaussianBlur(noise, (0, 0), 2.0))
+    pair = [np.ascontiguousarray(texture[:, shift : shift + SIZE[0]]) for shift in (0, 10)]
+    for people in PEOPLE:
+        pipeline.reset()
+        ours, theirs, tracked = [], [], []
+        for frame in Crowd(pipeline, people).frames(CROWD_FRAMES):
+            result = pipeline.track(frame)
+            ours.append(1e-3 * sum(result.stages_ms[stage] for stage in ("foreground", "maps", "track")))
+            theirs.append(seconds(yardstick.match, pair))
+            tracked.append(people_in(result))
+        progress(f"people: {people}, of whom {np.median(tracked[CROWD_SETTLED:]):.0f} are tracked")
+        ratios = np.array(ours[CROWD_SETTLED:]) / float(np.median(theirs))
+        yield Point(f"people_{people}", ratios)
