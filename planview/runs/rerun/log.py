@@ -18,7 +18,7 @@ from planview.drawing.plan import PlanBounds, bounds_of
 from planview.maps.view import StereoView
 from planview.pipeline.engine import Engine, FrameResult
 from planview.runs.rerun.blueprint import blueprint, other_heads, shown_floor
-from planview.runs.rerun.parts import JOINED_BYTES_MAX, RrdParts
+from planview.runs.rerun.parts import RrdParts, rarer
 from planview.runs.rerun.scene import StaticScene, map_image, metre_grid
 from planview.runs.rerun.series import SeriesBlocks
 from planview.runs.rerun.shapes import (
@@ -44,8 +44,6 @@ FLUSH_FRAMES = 100
 """So many frames may wait for rerun's thread: on a busy machine they would pile up in memory."""
 PART_FRAMES = 500
 """Frames of a part of the recording (our choice: some 40 MB)."""
-DOUBLED_MAX = 12
-"""Images become rarer so many times at most: of an hour at 15 Hz a dozen are left of those (our choice)."""
 FREE_BYTES_MIN = 64 * 2**20
 """Free disk space for the next frames [bytes]: rerun writes in a thread of its own, which hangs on a full disk."""
 
@@ -95,8 +93,7 @@ class RerunLog:
 
     def _thinned(self) -> int:
         """Of every so many frames the images are logged now."""
-        left = 1.0 - self._parts.bytes_before() / JOINED_BYTES_MAX
-        return self._asked_every << math.floor(-math.log2(max(left, 2.0**-DOUBLED_MAX)))
+        return self._asked_every * rarer(self._parts.bytes_before())
 
     def mark(self) -> dict[str, int]:
         """See ``RunLog``."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sysconfig
@@ -14,6 +15,9 @@ from calib.text import reason
 
 JOINED_BYTES_MAX = 2 * 2**30
 """Parts that are larger together stay apart: rerun joins in memory (our choice)."""
+
+DOUBLED_MAX = 12
+"""Images become rarer so many times at most: every 4096th is one in five minutes at 15 Hz (our choice)."""
 
 
 class RrdParts:
@@ -94,6 +98,17 @@ class RrdParts:
 
     def _part(self, number: int) -> Path:
         return self._path.with_name(f"{self._path.stem}-{number}{self._path.suffix}")
+
+
+def rarer(written: int, room: int = JOINED_BYTES_MAX) -> int:
+    """Of how many frames' images one is still written: twice as many for every half of the room left that is used.
+
+    Args:
+        written: size of the parts so far [bytes].
+        room: that they shall keep [bytes].
+    """
+    left = 1.0 - written / room
+    return 1 << math.floor(-math.log2(max(left, 2.0**-DOUBLED_MAX)))
 
 
 def _merge(parts: list[Path], target: Path) -> None:
