@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
 
 import cv2
 import numpy as np
@@ -18,6 +19,8 @@ from planview.tracking.human_model.tracker import HumanModelTracker
 
 CAMERA = GroundCamera(320, 240, 260.0, 3.5, math.radians(60))
 """320x240 as in Zhang et al. 2008, section 5; its view covers the floor from 2 to 10 m."""
+LARGE = GroundCamera(640, 480, 520.0, 3.5, math.radians(60))
+"""The same view in four times the pixels."""
 PEOPLE = 5
 FPS = 15.0
 SETTLED = 60
@@ -30,34 +33,43 @@ def human_model_to_mog2(n_frames: int = 200) -> tuple[float, dict[str, float]]:
     Args:
         n_frames: medians over so many frames.
     """
-    video = PaintedVideo(walking_people, SETTLED + n_frames, CAMERA.size, FPS)
-    engine = SingleCameraPipeline(video, HumanModelTracker(HumanModelParams(), CAMERA), camera=CAMERA)
-    return beside_mog2(engine, SETTLED, "human_model")
+    return _beside_mog2(n_frames, CAMERA, PEOPLE, "human_model")
 
 
-def walking_people(n_frames: int) -> Iterator[U8]:
-    """(240, 320, 3) uint8 frames of people of the model's shape who cross the view; no person in the first 10."""
+def eight_human_models_to_mog2(n_frames: int = 200) -> tuple[float, dict[str, float]]:
+    """As ``human_model_to_mog2``, of eight people at 640x480."""
+    return _beside_mog2(n_frames, LARGE, 8, "human_model_eight")
+
+
+def _beside_mog2(n_frames: int, camera: GroundCamera, people: int, name: str) -> tuple[float, dict[str, float]]:
+    video = PaintedVideo(partial(walking_people, camera, people), SETTLED + n_frames, camera.size, FPS)
+    engine = SingleCameraPipeline(video, HumanModelTracker(HumanModelParams(), camera), camera=camera)
+    return beside_mog2(engine, SETTLED, name)
+
+
+def walking_people(camera: GroundCamera, people: int, n_frames: int) -> Iterator[U8]:
+    """(H, W, 3) uint8 frames of people of the model's shape who cross the view; no person in the first 10."""
     rng = np.random.default_rng(5)
-    width, height = CAMERA.size
+    width, height = camera.size
     texture = cv2.GaussianBlur(rng.uniform(40, 215, (height, width, 3)), (7, 7), 2)
     noise = rng.normal(0, 2.5, (4, height, width, 3))
-    clothes = rng.uniform(0, 255, (PEOPLE, 2, 3))
-    far = np.linspace(7.5, 3.5, PEOPLE)
+    clothes = rng.uniform(0, 255, (people, 2, 3))
+    far = np.linspace(7.5, 3.5, people)
     reach = 0.55 * far
-    speed = rng.uniform(0.8, 1.4, PEOPLE) * np.where(np.arange(PEOPLE) % 2, 1, -1)
+    speed = rng.uniform(0.8, 1.4, people) * np.where(np.arange(people) % 2, 1, -1)
     start = rng.uniform(-reach, reach)
     for i in range(n_frames):
         frame = texture + noise[i % 4]
-        for k in range(PEOPLE if i >= 10 else 0):
+        for k in range(people if i >= 10 else 0):
             # To and fro between the two sides.
             x = abs((start[k] + reach[k] + speed[k] * i / FPS) % (4 * reach[k]) - 2 * reach[k]) - reach[k]
-            _paint(frame, x, float(far[k]), clothes[k])
+            _paint(frame, camera, x, float(far[k]), clothes[k])
         yield np.clip(frame, 0, 255).astype(np.uint8)
 
 
-def _paint(frame: np.ndarray, x_m: float, y_m: float, clothes: np.ndarray) -> None:
+def _paint(frame: np.ndarray, camera: GroundCamera, x_m: float, y_m: float, clothes: np.ndarray) -> None:
     """The model's outline, in one colour above the hip and another below."""
-    hull = np.round(HumanModel().hull(CAMERA, x_m, y_m)).astype(np.int32)
+    hull = np.round(HumanModel().hull(camera, x_m, y_m)).astype(np.int32)
     hip = int(np.mean(hull[:, 1]))
     body = np.zeros(frame.shape[:2], np.uint8)
     cv2.fillPoly(body, [hull], 1)

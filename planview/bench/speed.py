@@ -33,7 +33,7 @@ from planview.bench.side_by_side import (
     seconds,
     take_turns,
 )
-from planview.bench.single_speed import human_model_to_mog2
+from planview.bench.single_speed import eight_human_models_to_mog2, human_model_to_mog2
 from planview.bench.start import start_to_first_frame
 from planview.bench.yardstick import Yardstick
 from planview.foreground.mixture import Foreground
@@ -49,6 +49,12 @@ USUAL = tuple(part for part in PARTS if part != "curves")
 OVERHEAD_FRAMES = 60
 """Of the real overhead pair, after SETTLED."""
 FULL = ("rectify.working_px=0", "analysis.width_px=1280")
+SINGLE = {
+    "human_model": human_model_to_mog2,
+    "human_model_eight": eight_human_models_to_mog2,
+    "ellipse_particle": ellipse_to_mog2,
+}
+"""Trackers of one camera: five people at 320x240, eight at 640x480, eight at 480x360."""
 LIMITS = {
     "engine_to_yardstick_grey": 0.5,
     "engine_to_yardstick_colour": 0.5,
@@ -122,7 +128,7 @@ def measure(
         progress("everything after disparity at 320x240 beside SGBM")
         after_disparity_to_sgbm(Clip(recording, 0, width_px=320, frames=clip.frames), speed)
     if "single" in parts:
-        for name, ratio in (("human_model", human_model_to_mog2), ("ellipse_particle", ellipse_to_mog2)):
+        for name, ratio in SINGLE.items():
             progress(f"{name.replace('_', '-')} tracker beside MOG2 on one core")
             with one_core():
                 speed.ratios[f"{name}_to_mog2"], details = ratio(n_frames)
