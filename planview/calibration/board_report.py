@@ -18,6 +18,7 @@ from calib.files import write_whole
 from calib.images import as_colour, encode_image
 from calib.types import F64, U8
 from planview.calibration.board_images import BoardImages
+from planview.drawing.page import page_of
 from stereo.rectify import Rectifier, RectifyParams
 
 if TYPE_CHECKING:
@@ -40,11 +41,10 @@ def write_report(result: BoardCalibration, images: Path, path: Path) -> Path:
     Returns:
         The path.
     """
-    from jinja2 import Environment, PackageLoader
-
-    environment = Environment(loader=PackageLoader("planview.calibration", ""), autoescape=True)
     name, picture = _rectified_pair(result, images)
-    page = environment.get_template("board_report.html.j2").render(
+    page = page_of(
+        "planview.calibration",
+        "board_report.html.j2",
         source=images.name or str(images),
         board=result.board.name,
         size=f"{result.rig.left.width}x{result.rig.left.height}",

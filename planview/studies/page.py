@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from planview.drawing.page import page_of
 from planview.studies import plots
 from planview.studies.figures import FIGURES, FigureName
 from planview.studies.ranking import DRAWS, LEVEL, Estimate, Ranked
@@ -23,13 +24,11 @@ RECORDINGS_MAX = 40
 
 def study_page(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked], out: Path) -> str:
     """The page as text; it makes no outside requests."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    loader = PackageLoader("planview.studies", ".")
-    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
     failed = [run for run in runs if run.error]
     columns = [name for name in FIGURES if any(name in row.figures for row in ranking)]
-    return environment.get_template("study.html.j2").render(
+    return page_of(
+        "planview.studies",
+        "study.html.j2",
         name=out.name,
         study=study,
         objective=FIGURES[study.objective],

@@ -9,10 +9,11 @@ from typing import Any, NamedTuple
 
 from pydantic import JsonValue
 
+from planview.drawing.page import page_of
 from planview.evaluation.significant import SignificantError
 from planview.runs.info import write_result
 from planview.runs.report import floor_plots
-from planview.runs.report.page import figure_text, flat_settings, page_of, picture, words_of
+from planview.runs.report.page import figure_text, flat_settings, picture, words_of
 from planview.runs.report.scores import errors_of, scores_of
 from planview.runs.report.timelines import TimelineRow, timelines
 from planview.runs.scene.results import RunResults, read_results
@@ -80,6 +81,7 @@ def write_comparison(folders: Sequence[Path], path: Path, truth: Path | None = N
     runs = [_run(name, read_results(folder, truth)) for name, folder in zip(_names(folders), folders, strict=True)]
     errors = shared_errors([run.errors for run in runs], runs[0].results.clock.frame_s)
     page = page_of(
+        "planview.runs.report",
         "compare.html.j2",
         names=[run.name for run in runs],
         settings=_settings(runs),

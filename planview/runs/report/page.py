@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import JsonValue
 
 from planview.drawing.colours import ERRORS, as_hex, person_hex
+from planview.drawing.page import page_of
 from planview.pipeline.info import CameraInfo
 from planview.runs.info import RunInfo, write_result
 from planview.runs.report import floor_plots, plots
@@ -87,21 +88,13 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: 
     return path
 
 
-def page_of(template: str, **values: Any) -> str:
-    """A template of this room filled in; everything is escaped."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    loader = PackageLoader("planview.runs.report", ".")
-    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
-    return environment.get_template(template).render(**values)
-
-
 def _render(results: RunResults, evaluation: dict[str, Any]) -> str:
     info, errors = results.info, errors_of(evaluation)
     ids = np.unique(results.tracks.track_id[results.tracks.state == "confirmed"])
     ledgers = read_ledger(results.folder / "decisions.csv", set(ids[:PEOPLE_MAX].tolist()))
     people = people_rows(results.tracks, results.clock, ids[:PEOPLE_MAX])
     return page_of(
+        "planview.runs.report",
         "report.html.j2",
         name=run_name(results),
         info=info,
@@ -137,6 +130,10 @@ def _tiles(results: RunResults, evaluation: dict[str, Any], n_people: int) -> li
         tiles.append(NamedFigure("frames skipped", f"{info.frames_skipped}"))
         if info.elapsed_s > 0:
             tiles.append(NamedFigure("frames per second", f"{info.frames_read / info.elapsed_s:.1f}"))
+    if info.pace is not None and info.pace.latency_median_ms is not None:
+        tiles.append(NamedFigure("frames dropped", f"{info.pace.frames_dropped}"))
+        tiles.append(NamedFigure("latency, median", f"{info.pace.latency_median_ms:.0f} ms"))
+        tiles.append(NamedFigure("latency, 99 % within", f"{info.pace.latency_99_ms:.0f} ms"))
     if info.floor is not None:
         tiles.append(NamedFigure("camera height", f"{info.floor.height_m:.2f} m"))
     total = (evaluation.get("significant_errors") or {}).get("total")

@@ -12,7 +12,7 @@ from calib.errors import InputError, WorkError
 from planview.cli import main
 from planview.pipeline.config import Config
 from planview.pipeline.info import CameraInfo, FloorInfo
-from planview.runs.info import RunInfo, SkippedFrame, read_run_info, write_run_info
+from planview.runs.info import PaceInfo, RunInfo, SkippedFrame, read_run_info, write_run_info
 from planview.runs.report.floor_plots import heat_map
 from planview.runs.report.page import changed_settings, write_report
 from planview.runs.tables import DECISION_COLUMNS
@@ -171,3 +171,12 @@ def test_run_info_survives_writing_and_reading(tmp_path: Path) -> None:
     assert read_run_info(tmp_path / "run.json") == full_info()
     assert json.loads((tmp_path / "run.json").read_text())["frames_read"] == 40
     assert [path.name for path in tmp_path.iterdir()] == ["run.json"]
+
+
+def test_latency_of_a_run_in_real_time_is_on_the_page(tmp_path: Path) -> None:
+    write_tracks(tmp_path)
+    pace = PaceInfo(frames_dropped=3, latency_median_ms=35.2, latency_95_ms=50.0, latency_99_ms=61.6)
+    write_run_info(full_info().model_copy(update={"pace": pace}), tmp_path / "run.json")
+    page = write_report(tmp_path).read_text()
+    assert "<b>3</b>frames dropped" in page
+    assert "<b>62 ms</b>latency, 99 % within" in page
