@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import cv2
@@ -38,32 +38,43 @@ class Point(NamedTuple):
     ratios: F64
 
 
-def curves(clip: Clip, progress: Callable[[str], None] = lambda _: None) -> Iterator[Point]:
-    """All curves on one core, point by point.
+Progress = Callable[[str], None]
 
-    The whole engine on the committed clip over the yardstick in grey at that size: images of several sizes, with the
-    engine's usual working size (``pixels``) and with none (``full_pixels``); disparities searched before the floor is
-    known; frame rates. Everything after the disparity over the yardstick's SGBM at 320x240: people.
+
+def curve(name: str, clip: Clip, progress: Progress = lambda _: None) -> Iterator[Point]:
+    """One of CURVES on one core, point by point.
 
     Args:
         clip: the committed one, with FRAMES frames.
     """
     with one_core():
-        for size in SIZES:
-            progress("pixels: {}x{}".format(*size))
-            yield Point("pixels_{}x{}".format(*size), _engine_over_yardstick(clip, size))
-            if size[0] > 640:
-                full = ("rectify.working_px=0",)
-                yield Point("full_pixels_{}x{}".format(*size), _engine_over_yardstick(clip, size, full))
-        geometry = clip.setup.rectifier.geometry
-        for count in DISPARITIES:
-            progress(f"disparities: {count}")
-            nearest = (f"range.nearest_m={geometry.disparity_metre / (count - 2):.3f}", "range.reach_m=5.0")
-            yield Point(f"disparities_{count}", _engine_over_yardstick(clip, VGA, nearest))
-        for step in STEPS:
-            progress(f"frame rate: every {step}. frame")
-            yield Point(f"rate_{clip.recording.fps / step:g}_hz", _engine_over_yardstick(clip, VGA, every=step))
-        yield from people_curve(progress)
+        yield from CURVES[name](clip, progress)
+
+
+def pixels_curve(clip: Clip, progress: Progress) -> Iterator[Point]:
+    """Whole engine over the yardstick in grey at several sizes, with the usual working size and with none."""
+    for size in SIZES:
+        progress("pixels: {}x{}".format(*size))
+        yield Point("pixels_{}x{}".format(*size), _engine_over_yardstick(clip, size))
+        if size[0] > VGA[0]:
+            full = ("rectify.working_px=0",)
+            yield Point("full_pixels_{}x{}".format(*size), _engine_over_yardstick(clip, size, full))
+
+
+def disparities_curve(clip: Clip, progress: Progress) -> Iterator[Point]:
+    """Whole engine over the yardstick in grey, by the disparities that are searched at most."""
+    for count in DISPARITIES:
+        progress(f"disparities: {count}")
+        nearest = clip.setup.rectifier.geometry.disparity_metre / (count - 2)
+        overrides = (f"range.nearest_m={nearest:.3f}", "range.reach_m=5.0")
+        yield Point(f"disparities_{count}", _engine_over_yardstick(clip, VGA, overrides))
+
+
+def rate_curve(clip: Clip, progress: Progress) -> Iterator[Point]:
+    """Whole engine over the yardstick in grey, by frame rate."""
+    for step in STEPS:
+        progress(f"frame rate: every {step}. frame")
+        yield Point(f"rate_{clip.recording.fps / step:g}_hz", _engine_over_yardstick(clip, VGA, every=step))
 
 
 def _engine_over_yardstick(
@@ -77,7 +88,7 @@ def _engine_over_yardstick(
     return turns.ratios("yardstick")
 
 
-def people_curve(progress: Callable[[str], None] = lambda _: None) -> Iterator[Point]:
+def people_curve(clip: Clip, progress: Progress) -> Iterator[Point]:
     """Foreground, maps and tracker over the yardstick's SGBM at 320x240, by people in view."""
     pipeline = crowd_pipeline()
     yardstick = Yardstick(crowd_rig(), grey=True)
@@ -95,3 +106,12 @@ def people_curve(progress: Callable[[str], None] = lambda _: None) -> Iterator[P
         progress(f"people: {people}, of whom {np.median(tracked[CROWD_SETTLED:]):.0f} are tracked")
         ratios = np.array(ours[CROWD_SETTLED:]) / float(np.median(theirs))
         yield Point(f"people_{people}", ratios)
+
+
+CURVES: Mapping[str, Callable[[Clip, Progress], Iterator[Point]]] = {
+    "pixels": pixels_curve,
+    "disparities": disparities_curve,
+    "rate": rate_curve,
+    "people": people_curve,
+}
+"""By the name of their part of the bench."""

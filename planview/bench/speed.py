@@ -16,8 +16,8 @@ import numpy as np
 
 from calib.types import F64
 from planview.bench.clip import Clip
+from planview.bench.curves import CURVES, curve
 from planview.bench.curves import FRAMES as CURVE_FRAMES
-from planview.bench.curves import curves
 from planview.bench.ellipse_speed import ellipse_to_mog2
 from planview.bench.near_people import FRAMES as NEAR_FRAMES
 from planview.bench.near_people import near_recording
@@ -42,9 +42,9 @@ from planview.pipeline.engine import STAGES
 from planview.synthetic.committed import real_recordings
 from stereo.gate import SAMPLE
 
-PARTS = ("engine", "foreground", "after-disparity", "single", "start", "worst-case", "full-resolution", "curves")
+PARTS = ("engine", "foreground", "after-disparity", "single", "start", "worst-case", "full-resolution", *CURVES)
 """What is measured, in order."""
-USUAL = tuple(part for part in PARTS if part != "curves")
+USUAL = tuple(part for part in PARTS if part not in CURVES)
 """What is measured when nothing is named: the curves take some minutes more."""
 OVERHEAD_FRAMES = 60
 """Of the real overhead pair, after SETTLED."""
@@ -114,7 +114,8 @@ def measure(
     """
     speed = Speed()
     progress("opening the recording")
-    clip = Clip(recording, SETTLED + n_frames, overrides=overrides)
+    needed = max(SETTLED + n_frames, CURVE_FRAMES if CURVES.keys() & set(parts) else 0)
+    clip = Clip(recording, needed, overrides=overrides)
     speed.details["recording"] = str(clip.recording.path)
     speed.details["image"] = "{}x{}".format(*clip.recording.rig.left.size)
     if "engine" in parts:
@@ -142,9 +143,10 @@ def measure(
         worst_case(speed, progress)
     if "full-resolution" in parts:
         full_resolution(speed, progress)
-    if "curves" in parts:
-        for name, values in curves(Clip(recording, CURVE_FRAMES), progress):
+    for part in [part for part in CURVES if part in parts]:
+        for name, values in curve(part, clip, progress):
             speed.add(name, values)
+    if "people" in parts:
         speed.ratios["fifty_over_four_people"] = round(speed.ratios["people_50"] / speed.ratios["people_4"], 3)
     return speed
 

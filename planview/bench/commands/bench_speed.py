@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -15,9 +16,23 @@ from calib.errors import InputError
 from calib.files import write_whole
 from planview.bench.commands.options import JsonFlag
 from planview.bench.curve_plot import write_plot
+from planview.bench.curves import CURVES
 from planview.bench.speed import LIMITS, USUAL, Speed, measure
 
-Part = Literal["engine", "foreground", "after-disparity", "single", "start", "worst-case", "full-resolution", "curves"]
+Part = Literal[
+    "engine",
+    "foreground",
+    "after-disparity",
+    "single",
+    "start",
+    "worst-case",
+    "full-resolution",
+    "curves",
+    "pixels",
+    "disparities",
+    "rate",
+    "people",
+]
 
 
 def bench_speed(
@@ -52,11 +67,12 @@ def bench_speed(
         Measure only this; repeat for more: engine, foreground, after-disparity, single (one camera beside MOG2),
         start (of planview run to its first frame, over 100 frames of the yardstick in colour on all cores), worst-case
         (eight people near the camera, rendered once), full-resolution (the real overhead pair of the shared
-        recordings), curves (pixels, disparities, frame rate, people; one core). All but the curves when not given.
+        recordings), curves (pixels, disparities, rate, people: each can be named; one core). All but the curves
+        when not given.
     set_
         Set one parameter of the engine, like analysis.width_px=1280; repeat for more.
     out
-        Keep the figures in this JSON file.
+        Keep the figures in this JSON file, beside those of other parts that it holds.
     plot
         Draw the curves to this SVG or PNG file.
     memory
@@ -70,8 +86,9 @@ def bench_speed(
         raise InputError(f"--frames: expected at least 10, found {frames}")
     before = _kept(against) if against else None
     messages = Console(stderr=True, markup=False)
-    speed = measure(recording, frames, lambda text: messages.print(text, highlight=False), part or USUAL, set_ or [])
+    speed = measure(recording, frames, lambda text: messages.print(text, highlight=False), _parts(part), set_ or [])
     if out is not None:
+        speed = merged(_kept(out), speed) if out.is_file() else speed
         write_whole(out, json.dumps(asdict(speed), indent=2) + "\n")
     if plot is not None:
         write_plot(plot, speed.ratios, speed.quartiles, _course(memory))
@@ -88,6 +105,16 @@ def _kept(path: Path) -> Speed:
         return Speed(**json.loads(path.read_text()))
     except (OSError, ValueError, TypeError) as error:
         raise InputError(f"{path}: expected figures that --out kept, found {error}") from error
+
+
+def _parts(asked: Sequence[Part] | None) -> Sequence[str]:
+    named = [name for part in asked or USUAL for name in (CURVES if part == "curves" else (part,))]
+    return list(dict.fromkeys(named))
+
+
+def merged(before: Speed, now: Speed) -> Speed:
+    """What was measured now, and of before what was not measured again."""
+    return Speed(*({**asdict(before)[part.name], **asdict(now)[part.name]} for part in fields(Speed)))
 
 
 def _course(path: Path | None) -> list[tuple[int, float]]:

@@ -13,7 +13,7 @@ from toy_stereo import toy_rig
 from calib.errors import InputError
 from planview.bench.clip import Clip
 from planview.bench.commands.bench_memory import bench_memory
-from planview.bench.commands.bench_speed import bench_speed, print_changes, print_speed
+from planview.bench.commands.bench_speed import bench_speed, merged, print_changes, print_speed
 from planview.bench.memory import resident_mb
 from planview.bench.one_core import one_core
 from planview.bench.side_by_side import counted
@@ -79,3 +79,9 @@ def test_frames_with_four_people_count_where_there_are_enough() -> None:
     people = np.array([1] * 20 + [4] * 12)
     assert counted(people).sum() == 12
     assert counted(people[:25]).sum() == 25
+
+
+def test_figures_of_other_parts_are_kept() -> None:
+    before = Speed(ratios={"engine": 1.0, "start": 2.0}, quartiles={"engine": (0.9, 1.1)})
+    after = merged(before, Speed(ratios={"start": 1.5}))
+    assert after == Speed(ratios={"engine": 1.0, "start": 1.5}, quartiles={"engine": (0.9, 1.1)})
