@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import cv2
@@ -31,6 +31,10 @@ CROWD_SETTLED, CROWD_FRAMES = EMPTY + 60, EMPTY + 110
 """Frames of a crowd before anything is timed, and in all."""
 
 
+CURVES = ("pixels", "disparities", "rate", "people")
+"""By the names of their parts of the bench."""
+
+
 class Point(NamedTuple):
     """A figure of a curve: its name, and the ratios measured frame by frame."""
 
@@ -41,14 +45,16 @@ class Point(NamedTuple):
 Progress = Callable[[str], None]
 
 
-def curve(name: str, clip: Clip, progress: Progress = lambda _: None) -> Iterator[Point]:
-    """One of CURVES on one core, point by point.
+def engine_curve(name: str, clip: Clip, progress: Progress) -> Iterator[Point]:
+    """A curve of the whole engine on one core, point by point.
 
     Args:
+        name: of CURVES, but not people.
         clip: the committed one, with FRAMES frames.
     """
+    curves = {"pixels": pixels_curve, "disparities": disparities_curve, "rate": rate_curve}
     with one_core():
-        yield from CURVES[name](clip, progress)
+        yield from curves[name](clip, progress)
 
 
 def pixels_curve(clip: Clip, progress: Progress) -> Iterator[Point]:
@@ -88,8 +94,13 @@ def _engine_over_yardstick(
     return turns.ratios("yardstick")
 
 
-def people_curve(clip: Clip, progress: Progress) -> Iterator[Point]:
-    """Foreground, maps and tracker over the yardstick's SGBM at 320x240, by people in view."""
+def people_curve(progress: Progress) -> Iterator[Point]:
+    """Foreground, maps and tracker over the yardstick's SGBM at 320x240 on one core, by people in view."""
+    with one_core():
+        yield from _people_curve(progress)
+
+
+def _people_curve(progress: Progress) -> Iterator[Point]:
     pipeline = crowd_pipeline()
     yardstick = Yardstick(crowd_rig(), grey=True)
     noise = np.random.default_rng(0).integers(0, 255, (SIZE[1], SIZE[0] + 16), dtype=np.uint8)
@@ -106,12 +117,3 @@ def people_curve(clip: Clip, progress: Progress) -> Iterator[Point]:
         progress(f"people: {people}, of whom {np.median(tracked[CROWD_SETTLED:]):.0f} are tracked")
         ratios = np.array(ours[CROWD_SETTLED:]) / float(np.median(theirs))
         yield Point(f"people_{people}", ratios)
-
-
-CURVES: Mapping[str, Callable[[Clip, Progress], Iterator[Point]]] = {
-    "pixels": pixels_curve,
-    "disparities": disparities_curve,
-    "rate": rate_curve,
-    "people": people_curve,
-}
-"""By the name of their part of the bench."""

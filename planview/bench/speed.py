@@ -6,9 +6,10 @@ its own; ``measure`` collects them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import cv2
@@ -16,7 +17,7 @@ import numpy as np
 
 from calib.types import F64
 from planview.bench.clip import Clip
-from planview.bench.curves import CURVES, curve
+from planview.bench.curves import CURVES, Progress, engine_curve, people_curve
 from planview.bench.curves import FRAMES as CURVE_FRAMES
 from planview.bench.ellipse_speed import ellipse_to_mog2
 from planview.bench.near_people import FRAMES as NEAR_FRAMES
@@ -39,7 +40,7 @@ from planview.bench.yardstick import Yardstick
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
 from planview.pipeline.engine import STAGES
-from planview.synthetic.committed import real_recordings
+from planview.synthetic.committed import DEMO, real_recordings
 from stereo.gate import SAMPLE
 
 PARTS = ("engine", "foreground", "after-disparity", "single", "start", "worst-case", "full-resolution", *CURVES)
@@ -94,10 +95,84 @@ class Speed:
         self.ratios[name], self.quartiles[name] = figure.median, (figure.low, figure.high)
 
 
+class Bench:
+    """One measurement: what is measured on, and the figures so far.
+
+    Attributes:
+        speed: the figures.
+        clip: the recording and the engine on it, made when a part first needs it.
+    """
+
+    def __init__(
+        self, recording: Path | None, n_frames: int, progress: Progress, needed: int, overrides: Sequence[str]
+    ) -> None:
+        self._recording, self.n_frames, self.progress = recording, n_frames, progress
+        self._needed, self._overrides = needed, overrides
+        self.speed = Speed(details={"recording": str(recording or DEMO)})
+
+    @cached_property
+    def clip(self) -> Clip:
+        """See the class."""
+        self.progress("opening the recording")
+        clip = Clip(self._recording, self._needed, overrides=self._overrides)
+        self.speed.details["image"] = "{}x{}".format(*clip.recording.rig.left.size)
+        return clip
+
+    def engine(self) -> None:
+        """Whole engine."""
+        for cores in ("one_core", "all_cores"):
+            self.progress(f"whole engine beside remap and SGBM on {cores.replace('_', ' ')}")
+            engine_to_yardstick(self.clip, cores, self.speed)
+
+    def foreground(self) -> None:
+        """Foreground alone."""
+        self.progress("foreground beside MOG2")
+        foreground_to_mog2(self.clip, self.speed)
+
+    def after_disparity(self) -> None:
+        """What comes after the disparity."""
+        self.progress("everything after disparity at 320x240 beside SGBM")
+        small = Clip(self._recording, 0, width_px=320, frames=self.clip.frames)
+        after_disparity_to_sgbm(small, self.speed)
+
+    def single(self) -> None:
+        """Trackers of one camera."""
+        for name, ratio in SINGLE.items():
+            self.progress(f"{name.replace('_', '-')} tracker beside MOG2 on one core")
+            with one_core():
+                self.speed.ratios[f"{name}_to_mog2"], details = ratio(self.n_frames)
+            self.speed.details |= {key: round(value, 3) for key, value in details.items()}
+
+    def start(self) -> None:
+        """Start of a run."""
+        clip = self.clip
+        self.progress("start of planview run to its first frame beside 100 frames of the yardstick")
+        for kind, values in start_to_first_frame(clip.recording, clip.frames).items():
+            self.speed.add(f"start_{kind}", values)
+
+    def worst_case(self) -> None:
+        """A view full of people."""
+        self.progress("eight people near the camera beside the yardstick")
+        worst_case(self.speed, self.progress)
+
+    def full_resolution(self) -> None:
+        """A large image at half and at full size."""
+        full_resolution(self.speed, self.progress)
+
+    def curve(self, name: str) -> None:
+        """One curve."""
+        points = people_curve(self.progress) if name == "people" else engine_curve(name, self.clip, self.progress)
+        for point, values in points:
+            self.speed.add(point, values)
+        if name == "people":
+            ratios = self.speed.ratios
+            ratios["fifty_over_four_people"] = round(ratios["people_50"] / ratios["people_4"], 3)
+
+
 def measure(
     recording: Path | None,
     n_frames: int,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = lambda _: None,
     parts: Sequence[str] = USUAL,
     overrides: Sequence[str] = (),
 ) -> Speed:
@@ -112,46 +187,17 @@ def measure(
     Raises:
         InputError: no such recording.
     """
-    speed = Speed()
-    progress("opening the recording")
-    needed = max(SETTLED + n_frames, CURVE_FRAMES if CURVES.keys() & set(parts) else 0)
-    clip = Clip(recording, needed, overrides=overrides)
-    speed.details["recording"] = str(clip.recording.path)
-    speed.details["image"] = "{}x{}".format(*clip.recording.rig.left.size)
-    if "engine" in parts:
-        for cores in ("one_core", "all_cores"):
-            progress(f"whole engine beside remap and SGBM on {cores.replace('_', ' ')}")
-            engine_to_yardstick(clip, cores, speed)
-    if "foreground" in parts:
-        progress("foreground beside MOG2")
-        foreground_to_mog2(clip, speed)
-    if "after-disparity" in parts:
-        progress("everything after disparity at 320x240 beside SGBM")
-        after_disparity_to_sgbm(Clip(recording, 0, width_px=320, frames=clip.frames), speed)
-    if "single" in parts:
-        for name, ratio in SINGLE.items():
-            progress(f"{name.replace('_', '-')} tracker beside MOG2 on one core")
-            with one_core():
-                speed.ratios[f"{name}_to_mog2"], details = ratio(n_frames)
-            speed.details |= {key: round(value, 3) for key, value in details.items()}
-    if "start" in parts:
-        progress("start of planview run to its first frame beside 100 frames of the yardstick")
-        for kind, values in start_to_first_frame(clip.recording, clip.frames).items():
-            speed.add(f"start_{kind}", values)
-    if "worst-case" in parts:
-        progress("eight people near the camera beside the yardstick")
-        worst_case(speed, progress)
-    if "full-resolution" in parts:
-        full_resolution(speed, progress)
-    for part in [part for part in CURVES if part in parts]:
-        for name, values in curve(part, clip, progress):
-            speed.add(name, values)
-    if "people" in parts:
-        speed.ratios["fifty_over_four_people"] = round(speed.ratios["people_50"] / speed.ratios["people_4"], 3)
-    return speed
+    needed = max(SETTLED + n_frames, CURVE_FRAMES if set(CURVES) & set(parts) else 0)
+    bench = Bench(recording, n_frames, progress, needed, overrides)
+    for part in PARTS:
+        if part in parts and part in CURVES:
+            bench.curve(part)
+        elif part in parts:
+            getattr(bench, part.replace("-", "_"))()
+    return bench.speed
 
 
-def worst_case(speed: Speed, progress: Callable[[str], None]) -> None:
+def worst_case(speed: Speed, progress: Progress) -> None:
     """Engine over the yardstick in grey on one core, with eight people who fill the view (a rendered scene)."""
     clip = Clip(near_recording(progress), NEAR_FRAMES)
     with one_core():
@@ -162,7 +208,7 @@ def worst_case(speed: Speed, progress: Callable[[str], None]) -> None:
     speed.details["worst_case_matched_share"] = _median(turns.matched[near])
 
 
-def full_resolution(speed: Speed, progress: Callable[[str], None]) -> None:
+def full_resolution(speed: Speed, progress: Progress) -> None:
     """Engine over the yardstick in grey on one core on the real overhead pair, at half and at full resolution."""
     recording = real_recordings() / "overhead-stereo"
     if not recording.is_dir():

@@ -140,7 +140,7 @@ def print_changes(speed: Speed, before: Speed, console: Console) -> None:
 
 def print_speed(speed: Speed, console: Console) -> None:
     """The times of the stages, then the ratios beside what they must keep."""
-    stages = Table(title=f"{speed.details['recording']}, {speed.details['image']}: median times")
+    stages = Table(title=f"{speed.details['recording']}, {speed.details.get('image', '')}: median times")
     stages.add_column("stage")
     stages.add_column("ms", justify="right")
     for name, value in speed.stages_ms.items():
