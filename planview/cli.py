@@ -45,6 +45,7 @@ BENCH = {
     "memory": "Watch the memory of a long run.",
     "calibration": "Score board, floor and human calibration against known truth.",
     "counting": "Score counts and occupancy on rendered and real recordings.",
+    "foreground": "Share of wrong foreground pixels beside OpenCV, by condition.",
     "pets": "Score the single-camera trackers on PETS S2-L1 view 1.",
     "resume": "Kill runs at random moments, resume them, and compare their results.",
     "tables": "Time count, evaluate and report of a run of many rows.",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -44,6 +44,7 @@ class ViewScore:
         crossings: of the line through the middle.
         found, there: people with a confirmed track, people who showed.
         wrong_frames: share of frames with another number of people than show.
+        occupancy: share of frames with the true number of people in the middle of the view.
     """
 
     view: str
@@ -53,6 +54,7 @@ class ViewScore:
     found: int
     there: int
     wrong_frames: float
+    occupancy: float
 
     @property
     def strict(self) -> float:
@@ -79,15 +81,15 @@ def view_names(names: Sequence[str] = ()) -> list[str]:
     return list(names) or known
 
 
-def drawn_view(name: str, seed: int) -> DrawnView:
-    """The view of a seed.
+def drawn_view(name: str, seed: int, changes: Mapping[str, Mapping[str, Any]] | None = None) -> DrawnView:
+    """The view of a seed, with some values changed (see ``draw_view``).
 
     Raises:
         InputError: unreadable, or a value out of its range.
     """
     path = VIEWS / f"{name}.toml"
     try:
-        return draw_view(parse_toml(read_text(path, "a view in TOML")), seed, name)
+        return draw_view(parse_toml(read_text(path, "a view in TOML")), seed, name, changes)
     except ValidationError as error:
         raise InputError(f"{path}: {first_problem(error)}") from error
 
@@ -108,15 +110,27 @@ def score_drawn_view(
     for result in engine:
         collector.add(result.frame, result.timestamp_s, result.tracks)
     tracks, truth = collector.trajectories(), full_truth(recording / "truth.csv")
-    wire = {"name": "line", "from_px": list(view.wire_px[0]), "to_px": list(view.wire_px[1])}
     size = view.scene.mount.width, view.scene.mount.height
-    rules = parse_rules({"tripwire": [wire]}, RulePlane(getattr(engine, "camera", None), size), "line")
+    rules = parse_rules(_rules_of(view, size), RulePlane(getattr(engine, "camera", None), size), "line")
     clock, n = Clock(tracks, view.scene.fps), options.frames or view.scene.n_frames
     true = count_truth(truth, rules, clock, n_frames=n)
-    crossings = score_counts(true, count_tracks(tracks, rules, clock=clock, n_frames=n), WINDOW_S).crossings["line"]
+    scores = score_counts(true, count_tracks(tracks, rules, clock=clock, n_frames=n), WINDOW_S)
+    right = sum(g.frames * (g.right_percent or 0.0) for g in scores.occupancy["middle"]) / 100
+    occupancy = right / max(1, sum(g.frames for g in scores.occupancy["middle"]))
     found = len(np.unique(tracks.track_id[tracks.state == "confirmed"]))
     there = len(np.unique(truth.track_id[truth.visible >= VISIBLE_MIN]))
-    return ViewScore(name, seed, tracker, crossings, found, there, count_frames(name, tracks, truth, n).error)
+    wrong = count_frames(name, tracks, truth, n).error
+    return ViewScore(name, seed, tracker, scores.crossings["line"], found, there, wrong, occupancy)
+
+
+def _rules_of(view: DrawnView, size: tuple[int, int]) -> dict[str, Any]:
+    """The line of a view, and a zone in its middle: three quarters of its width and height, where feet are."""
+    left, top, right, bottom = size[0] / 8, size[1] / 4, 7 * size[0] / 8, size[1] - 1.0
+    zone = {"name": "middle", "polygon_px": [[left, top], [right, top], [right, bottom], [left, bottom]]}
+    return {
+        "tripwire": [{"name": "line", "from_px": list(view.wire_px[0]), "to_px": list(view.wire_px[1])}],
+        "zone": [zone],
+    }
 
 
 def full_truth(path: Path) -> Trajectories:

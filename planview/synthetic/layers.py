@@ -111,12 +111,7 @@ class ViewRenderer:
         """The frame at a time [s]."""
         moving = Tracer(join([a.mesh for a in actors]) if actors else None)
         linear = self._lit_room(t, moving)
-        depth, owner = self._depth.copy(), np.zeros(len(self._depth), np.int32)
-        found = [self._cast_actor(actor) for actor in actors]
-        for k, (index, hits) in enumerate(found):
-            nearer = np.flatnonzero(hits.depth < depth[index])
-            depth[index[nearer]] = hits.depth[nearer]
-            owner[index[nearer]] = k + 1
+        depth, owner, found = self._composited(actors)
         for k, (index, hits) in enumerate(found):
             mine = np.flatnonzero(owner[index] == k + 1)
             if len(mine):
@@ -127,6 +122,20 @@ class ViewRenderer:
         alone = [int(hits.found.sum()) for _, hits in found]
         boxes = [self._box(index[hits.found]) for index, hits in found]
         return Layer(linear.reshape(*shape, 3), depth.reshape(shape), owner.reshape(shape), alone, boxes)
+
+    def owner(self, actors: list[Actor]) -> I32:
+        """(H, W) int32 ``Layer.owner`` of a frame, without its light."""
+        return self._composited(actors)[1].reshape(self._view.height, self._view.width)
+
+    def _composited(self, actors: list[Actor]) -> tuple[F32, I32, list[tuple[I64, Hits]]]:
+        """(N,) depth and owner of every pixel, and where each actor may be with its hits there."""
+        depth, owner = self._depth.copy(), np.zeros(len(self._depth), np.int32)
+        found = [self._cast_actor(actor) for actor in actors]
+        for k, (index, hits) in enumerate(found):
+            nearer = np.flatnonzero(hits.depth < depth[index])
+            depth[index[nearer]] = hits.depth[nearer]
+            owner[index[nearer]] = k + 1
+        return depth, owner, found
 
     def _lit_room(self, t: float, moving: Tracer) -> F32:
         lamps = self._scene.lights.lamps

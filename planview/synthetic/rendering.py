@@ -11,8 +11,8 @@ import numpy as np
 from calib.ground_camera import GroundCamera
 from calib.pose import SE3
 from calib.rig import StereoRig
-from calib.types import F32, U8
-from planview.synthetic.actors import Cast, furniture_at, place_mesh
+from calib.types import F32, I32, U8
+from planview.synthetic.actors import Actor, Cast, furniture_at, place_mesh
 from planview.synthetic.furniture import furniture_mesh
 from planview.synthetic.layers import ViewRenderer
 from planview.synthetic.placing import ground_camera, mount_pose, rectified_world, stereo_rig
@@ -42,7 +42,7 @@ class RenderedFrame:
     left: U8
     right: U8 | None
     depth: F32
-    owner: np.ndarray[tuple[int, ...], np.dtype[np.int32]]
+    owner: I32
     truth: tuple[TruthRow, ...]
 
 
@@ -124,13 +124,17 @@ class SceneRenderer:
         layers = [r.render(actors, t) for r in self._renderers]
         linear = self._exposed([layer.linear for layer in layers], t)
         images = [s(light, index, t) for s, light in zip(self._sensors, linear, strict=True)]
-        people = np.array([0, *(a.person or -1 for a in actors)], np.int32)
         rows = [
             truth_row(a, k, layers[0], self._views_of[0], self.world_SE3_room) for k, a in enumerate(actors) if a.person
         ]
         truth = tuple(row for row in rows if row is not None)
         right = images[1] if len(images) > 1 else None
-        return RenderedFrame(index, time_s, images[0], right, layers[0].depth, people[layers[0].owner], truth)
+        return RenderedFrame(index, time_s, images[0], right, layers[0].depth, _owners(actors)[layers[0].owner], truth)
+
+    def owner(self, index: int) -> I32:
+        """(H, W) int32, ``RenderedFrame.owner`` of frame ``index`` without rendering its light."""
+        actors = self._cast.at(self._start_s + index / self.scene.fps)
+        return _owners(actors)[self._renderers[0].owner(actors)]
 
     def _exposed(self, middle: list[F32], t: float) -> list[F32]:
         """Light over the time of the exposure: the mean of its beginning, middle and end."""
@@ -140,3 +144,8 @@ class SceneRenderer:
         ends = [self._cast.at(max(0.0, t + shift * shutter)) for shift in (-0.5, 0.5)]
         moments = [[r.render(actors, t).linear for r in self._renderers] for actors in ends]
         return [np.asarray((a + b + c) / np.float32(3)) for a, b, c in zip(middle, *moments, strict=True)]
+
+
+def _owners(actors: list[Actor]) -> I32:
+    """(A + 1,) owner of the pixels of the room and of each actor."""
+    return np.array([0, *(a.person or -1 for a in actors)], np.int32)

@@ -45,14 +45,21 @@ class DrawnView:
     wire_px: tuple[Pair, Pair]
 
 
-def draw_view(table: Mapping[str, Any], seed: int, name: str) -> DrawnView:
+def draw_view(
+    table: Mapping[str, Any], seed: int, name: str, changes: Mapping[str, Mapping[str, Any]] | None = None
+) -> DrawnView:
     """The view of a seed; the same table, seed and name give the same view.
 
+    Args:
+        changes: values by section and key that take the place of those drawn, e.g. ``{"room": {"gloss": 0.2}}``.
     Raises:
         pydantic.ValidationError: the table is no view, or a value is out of its range.
     """
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
-    return _Composer(ViewTable.model_validate(resolved(table, rng)), rng).drawn()
+    values = dict(resolved(table, rng))
+    for section, others in (changes or {}).items():
+        values[section] = {**values.get(section, {}), **others}
+    return _Composer(ViewTable.model_validate(values), rng).drawn()
 
 
 class _Composer:

@@ -116,22 +116,25 @@ def _bench_views(options: CountingOptions) -> None:
 
 def print_views(scores: Sequence[ViewScore], console: Console) -> None:
     """A row per view and tracker, and each tracker's mean and worst."""
-    shown = _table("view, seed", "tracker", "true", "found", "strict %", "people", "there", "wrong frames %")
+    shown = _table(
+        "view, seed", "tracker", "true", "found", "strict %", "people", "there", "wrong frames %", "occupancy %"
+    )
     for s in scores:
         c = s.crossings
         shown.add_row(
             f"{s.view} {s.seed}", s.tracker, f"{c.true_left_to_right}+{c.true_right_to_left}",
             f"{c.found_left_to_right}+{c.found_right_to_left}", _number(s.strict, 100), str(s.found), str(s.there),
-            _number(s.wrong_frames, 100),
+            _number(s.wrong_frames, 100), _number(s.occupancy, 100),
         )  # fmt: skip
     console.print(shown)
     for tracker in get_args(ViewTracker):
         mine = [s for s in scores if s.tracker == tracker]
         strict, found, there = [s.strict for s in mine], sum(s.found for s in mine), sum(s.there for s in mine)
-        mean = sum(strict) / len(strict)
+        mean, occupied = sum(strict) / len(strict), sum(s.occupancy for s in mine) / len(mine)
         console.print(
             f"{tracker}: crossings strict {100 * mean:.1f} % on average, {100 * min(strict):.1f} % on the worst; "
-            f"{found} people counted, {there} were there",
+            f"{found} people counted, {there} were there; number of people in the middle of the view right in "
+            f"{100 * occupied:.1f} % of the frames",
             highlight=False,
         )
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
@@ -53,4 +55,4 @@ def regridded(prior: SizePrior, before: PlaneView, after: PlaneView) -> SizePrio
     ratio = before.scale / after.scale
     shift = (after.origin[1] - before.origin[1]) / before.scale
     level = ratio * (prior.half_length_0 + prior.half_length_slope * shift)
-    return SizePrior(level, prior.half_length_slope, prior.aspect, ratio * prior.half_length_min)
+    return replace(prior, half_length_0=level, half_length_min=ratio * prior.half_length_min)

@@ -35,6 +35,10 @@ UPRIGHT = PlaneModel(
 """People in an image: walkers lean by 5 or 6 degrees, at most three deviations, and hide one another. An ellipse that
 is proposed has the expected size and lies on a coarse grid; fitted, it gains more of a person who is smaller or
 strides. Our choice."""
+FROM_ABOVE = UPRIGHT._replace(
+    angle_spread=math.radians(45.0), angle_limit=math.radians(90.0), angle_walk=math.radians(30.0), proposal=1.0
+)
+"""People seen from straight above point anywhere, as they do on the floor."""
 FOREGROUND_PX = 2
 """Pixels of foreground per cell that are enough: cells average them anyway. Our choice."""
 FLOODED = 0.5
@@ -57,7 +61,6 @@ class ImagePlane:
         self._params = params
         self._camera = camera
         self.foreground_columns: int | None = FOREGROUND_PX * params.columns
-        self.model = UPRIGHT._replace(outside_weight=params.outside_weight)
         self.reset()
 
     def reset(self) -> None:
@@ -65,6 +68,12 @@ class ImagePlane:
         self._outlines: Sequence[F32] = ()
         self._size: tuple[int, int] | None = None
         self._sized: tuple[PlaneView, SizeBelief] | None = None
+
+    @property
+    def model(self) -> PlaneModel:
+        """What is known of ellipses now: upright until the size learned has none."""
+        above = self._sized is not None and self._sized[1].prior.any_direction
+        return (FROM_ABOVE if above else UPRIGHT)._replace(outside_weight=self._params.outside_weight)
 
     def __call__(self, observation: Observation) -> PlaneView | None:
         """Learn the size of people from a frame; the frame's cells, None when it has no foreground to work on.

@@ -45,6 +45,10 @@ class Objects:
         self.evidence: list[ExistenceEvidence] = []
         self.states: F64 = np.zeros((0, 7))
 
+    def aim(self, plane: PlaneModel) -> None:
+        """Take over what is known of directions now."""
+        self._filter.plane = plane
+
     def __len__(self) -> int:
         return len(self.evidence)
 

@@ -45,11 +45,12 @@ class ParticleFilter:
 
     Attributes:
         particles: (P, N, 7) float64, the N objects' states in each particle.
+        plane: what is known of directions now.
     """
 
     def __init__(self, params: ParticleFilterParams, plane: PlaneModel, rng: np.random.Generator) -> None:
         self._params = params
-        self._plane = plane
+        self.plane = plane
         self._rng = rng
         self._surprise = np.zeros((params.particles, 0))
         self.particles: F64 = np.zeros((params.particles, 0, STATE))
@@ -75,7 +76,7 @@ class ParticleFilter:
         mean[ANGLE] = ellipse[4]
         speed = p.spawn_speed_mps * cells_per_m * (1.0 if velocity is None else 0.5)
         place = 0.1 * ellipse[3]
-        angle = self._plane.angle_walk / 2
+        angle = self.plane.angle_walk / 2
         deviation = np.array([place, place, speed, speed, p.shape_spread / 2, p.shape_spread / 2, angle])
         self.particles[:, n] = mean + deviation * self._rng.standard_normal((p.particles, STATE))
 
@@ -100,7 +101,7 @@ class ParticleFilter:
         push = p.acceleration_mps2 * cells_per_m * dt_s
         pull = np.hypot(0.5 * push * dt_s, JITTER_M * cells_per_m)
         keep = math.exp(-dt_s / SHAPE_TIME_S)
-        spread = np.array([p.shape_spread, p.shape_spread, self._plane.angle_walk])
+        spread = np.array([p.shape_spread, p.shape_spread, self.plane.angle_walk])
         fresh = math.sqrt(1.0 - keep * keep) * spread
         kernels.propagate(self.particles, noise, Transition(dt_s, pull, push, keep, fresh), self._surprise)
 
@@ -122,7 +123,7 @@ class ParticleFilter:
         kernels.union_overlap(self.particles, members, measured, measured, prior.law, out)
         missed = float(measured[:, -1].sum()) - out[:, COVERED]
         sigma = self._params.overlap_deviation * area * math.sqrt(len(members))
-        return np.asarray(-0.5 * (missed**2 + self._plane.outside_weight * out[:, OUTSIDE] ** 2) / sigma**2)
+        return np.asarray(-0.5 * (missed**2 + self.plane.outside_weight * out[:, OUTSIDE] ** 2) / sigma**2)
 
     def apart(self, members: I64, distance: float) -> F64:
         """Logarithm of the likelihood that bodies stand where a group's centres are: no body stands inside another.
@@ -171,7 +172,7 @@ class ParticleFilter:
             left, allowed = _prefix(target & (1 - others)), _prefix(target | others)
             kernels.union_overlap(self.particles, alone, left, allowed, prior.law, out)
             missed = out[:, COVERED].max() - out[:, COVERED]
-            log_likelihood = -0.5 * (missed**2 + self._plane.outside_weight * out[:, OUTSIDE] ** 2) / sigma**2
+            log_likelihood = -0.5 * (missed**2 + self.plane.outside_weight * out[:, OUTSIDE] ** 2) / sigma**2
             favour += log_likelihood[self.resample(alone, log_likelihood)]
         return favour
 

@@ -63,13 +63,15 @@ class TrackingPlane(Protocol):
 
     Attributes:
         name: of the plane.
-        model: what it says about ellipses.
         foreground_columns: columns of foreground that are enough, None for all.
     """
 
     name: Literal["image", "floor"]
-    model: PlaneModel
     foreground_columns: int | None
+
+    @property
+    def model(self) -> PlaneModel:
+        """What is known of ellipses now."""
 
     def reset(self) -> None:
         """Forget everything."""

@@ -9,8 +9,9 @@ import numpy as np
 from calib.types import F32, F64, Bool
 from planview.foreground.blobs import find_blobs
 
-ROW, LENGTH, WIDTH, AREA, CUT = range(5)
-"""Columns of a region: row of the centre of its box, height, width and area [cells], 1 where the border cuts it."""
+ROW, LENGTH, WIDTH, AREA, CUT, MAJOR, MINOR, LEAN = range(8)
+"""Columns of a region: row of the centre of its box, height, width and area [cells], 1 where the border cuts it; axes
+of the ellipse with its second moments [cells], and cosine of twice the long one's angle from the rows' direction."""
 AREA_MIN = 12
 """Smaller regions are specks [cells]. Our choice."""
 THINNEST = 0.2 * 0.75 * math.pi / 4
@@ -33,46 +34,53 @@ class RegionPairs:
         self._before: F64 = np.zeros((0, 4))
 
     def update(self, mask: F32, moving: Bool | None) -> F64:
-        """(N, 5) float64 regions, columns ``ROW`` to ``CUT``.
+        """(N, 8) float64 regions, columns ``ROW`` to ``LEAN``.
 
         Args:
             mask: (R, C) float32 foreground share of each cell.
             moving: (R, C) cells that move; None where that is not known.
         """
-        boxes, areas, moved = regions(mask, moving)
+        boxes, sums, moved = regions(mask, moving)
         together = _paired(boxes, self._before) & moved
         self._before = boxes
-        boxes, areas = boxes[together], areas[together]
+        boxes, sums = boxes[together], sums[together]
+        areas = sums[:, 0]
         n_rows, n_cols = mask.shape
         left, top, width, height = boxes.T
         sides = left <= 0, left + width >= n_cols
         cut = sides[0] | sides[1] | (top <= 0) | (top + height >= n_rows)
-        samples = np.column_stack([top + (height - 1) / 2, height, width, areas, cut])
+        samples = np.column_stack([top + (height - 1) / 2, height, width, areas, cut, axes_of(sums)])
         # What reaches from side to side is a change of light.
         fits = ~(sides[0] & sides[1]) & (areas >= AREA_MIN) & (areas >= THINNEST * height**2)
         return np.asarray(samples[fits])
 
 
 def regions(mask: F32, moving: Bool | None) -> tuple[F64, F64, Bool]:
-    """Boxes (N, 4) left, top, width, height, areas (N,), and which move, of regions that are joined where near."""
+    """Boxes (N, 4) left, top, width, height, sums (N, 6), and which move, of regions that are joined where near.
+
+    The sums are over cells: their number, x, y, x^2, x y, y^2.
+    """
     blobs = find_blobs((mask >= 0.5).astype(np.uint8))
-    boxes, areas = blobs.box_px[1:].astype(np.float64), blobs.area_px[1:].astype(np.float64)
-    shares = np.ones(len(areas))
+    boxes, count = blobs.box_px[1:].astype(np.float64), len(blobs)
+    rows, cols = (v.astype(np.float64) for v in np.nonzero(blobs.labels))
+    which = blobs.labels[blobs.labels > 0]
+    terms = np.ones(len(which)), cols, rows, cols * cols, cols * rows, rows * rows
+    sums: F64 = np.column_stack([np.bincount(which, term, minlength=count)[1:] for term in terms]).astype(np.float64)
+    moved = sums[:, 0]
     if moving is not None:
-        shares = np.bincount(blobs.labels[moving], minlength=len(blobs))[1:] / np.maximum(areas, 1)
-    moved = shares * areas
-    kept = areas >= AREA_MIN / 3
-    boxes, areas, moved = joined(boxes[kept], areas[kept], moved[kept])
-    return boxes, areas, np.asarray(moved >= MOVING * areas)
+        moved = np.bincount(blobs.labels[moving], minlength=count)[1:].astype(np.float64)
+    kept = sums[:, 0] >= AREA_MIN / 3
+    boxes, sums, moved = joined(boxes[kept], sums[kept], moved[kept])
+    return boxes, sums, np.asarray(moved >= MOVING * sums[:, 0])
 
 
-def joined(boxes: F64, areas: F64, moved: F64) -> tuple[F64, F64, F64]:
-    """Regions with those near a larger one added to it: its box grows, areas and moving areas add up."""
-    order = np.argsort(-areas, kind="stable")
-    boxes, areas, moved = boxes[order].copy(), areas[order].copy(), moved[order].copy()
-    free = np.ones(len(areas), np.bool_)
+def joined(boxes: F64, sums: F64, moved: F64) -> tuple[F64, F64, F64]:
+    """Regions with those near a larger one added to it: its box grows, sums and moving areas add up."""
+    order = np.argsort(-sums[:, 0], kind="stable")
+    boxes, sums, moved = boxes[order].copy(), sums[order].copy(), moved[order].copy()
+    free = np.ones(len(sums), np.bool_)
     kept = []
-    for k in range(len(areas)):
+    for k in range(len(sums)):
         if not free[k]:
             continue
         free[k] = False
@@ -84,10 +92,21 @@ def joined(boxes: F64, areas: F64, moved: F64) -> tuple[F64, F64, F64]:
             members = np.concatenate([boxes[k : k + 1], boxes[near]])
             low, high = members[:, :2].min(axis=0), (members[:, :2] + members[:, 2:]).max(axis=0)
             boxes[k] = *low, *(high - low)
-            areas[k] += areas[near].sum()
+            sums[k] += sums[near].sum(axis=0)
             moved[k] += moved[near].sum()
         kept.append(k)
-    return boxes[kept], areas[kept], moved[kept]
+    return boxes[kept], sums[kept], moved[kept]
+
+
+def axes_of(sums: F64) -> F64:
+    """(N, 3) columns ``MAJOR``, ``MINOR``, ``LEAN`` of regions with sums (N, 6) over their cells."""
+    x, y, xx, xy, yy = (sums[:, 1:] / sums[:, :1]).T
+    # A cell is a square of its own: its second moments are 1/12.
+    xx, xy, yy = xx - x * x + 1 / 12, xy - x * y, yy - y * y + 1 / 12
+    half = np.hypot((yy - xx) / 2, xy)
+    mean = (xx + yy) / 2
+    lean = (yy - xx) / 2 / np.maximum(half, 1e-9)
+    return np.column_stack([4 * np.sqrt(mean + half), 4 * np.sqrt(np.maximum(mean - half, 1 / 12)), lean])
 
 
 def _gap(box: F64, others: F64) -> F64:

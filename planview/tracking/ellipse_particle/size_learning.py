@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.types import F32, F64, I64, Bool
 from planview.tracking.ellipse_particle.fit.prior import SizePrior
-from planview.tracking.ellipse_particle.regions import AREA, CUT, LENGTH, ROW, WIDTH, RegionPairs
+from planview.tracking.ellipse_particle.regions import AREA, CUT, LEAN, LENGTH, MAJOR, MINOR, ROW, WIDTH, RegionPairs
 
 FIRST_WHOLE = 4
 """Whole regions needed before a size is used. Our choice: one person in four frames, or two in two."""
@@ -50,6 +50,15 @@ the pieces that fall off, however many; less than 1, since a change of light may
 choice."""
 CUT_OFTEN = 0.25
 """Share of people cut by the border above which width is learned from the others alone. Our choice."""
+UPRIGHT_MIN = 0.4
+"""Mean of the cosine of twice the angle of regions below which people are seen from above: walkers lean by 6 degrees
+and stride, which leaves 0.9; a quarter of regions that lie across, pairs side by side, leaves 0.5. Our choice."""
+NEAR = 1 / 3
+"""Share of the image's height above which people under a camera straight above are so near to it that they reach
+outwards in all directions, over twice as long as wide. Farther ones are compact, and upright ellipses tell groups side
+by side from them. Our choice."""
+FIRST_ABOVE = 12
+"""Whole regions from which their directions tell. Our choice: a person in a dozen frames."""
 AGREE = 1.5
 """Deviations within which a region is taken for one person."""
 
@@ -82,7 +91,7 @@ class SizeLearner:
     def __init__(self, learn_s: float) -> None:
         self._learn_s = learn_s
         self._pairs = RegionPairs()
-        self._samples: F64 = np.zeros((0, 5))
+        self._samples: F64 = np.zeros((0, 8))
         self._frames = 0
         self._stride = 1
         self._taken = 0
@@ -121,7 +130,14 @@ class SizeLearner:
         return whole >= FIRST_WHOLE or len(self._samples) >= FIRST_CUT
 
     def _fit(self, n_rows: int) -> SizeBelief | None:
-        samples = alone(self._samples)
+        if from_above(self._samples):
+            belief = self._fitted(as_discs(alone(self._samples, MAJOR, MINOR)), n_rows)
+            if belief is not None and belief.prior.half_length(n_rows / 2) > NEAR / 2 * n_rows:
+                aspect = float(np.median(self._samples[:, MINOR] / self._samples[:, MAJOR]))
+                return belief._replace(prior=lengthened(belief.prior, aspect))
+        return self._fitted(alone(self._samples), n_rows)
+
+    def _fitted(self, samples: F64, n_rows: int) -> SizeBelief | None:
         row, length, cut = samples[:, ROW], samples[:, LENGTH], samples[:, CUT] > 0
         weight = weights(samples)
         levels, slopes = lines(row, length, n_rows)
@@ -137,11 +153,41 @@ class SizeLearner:
         # Where the border cuts many, what it leaves of them, legs from above, is thinner than people are.
         uncut = inliers & ~cut
         sized = samples[uncut if uncut.any() and cut[inliers].mean() > CUT_OFTEN else inliers]
-        aspect = np.median(sized[:, AREA] / (FILLED * math.pi / 4 * sized[:, LENGTH] ** 2))
+        aspect = float(np.median(sized[:, AREA] / (FILLED * math.pi / 4 * sized[:, LENGTH] ** 2)))
         least = max(1.0, 0.4 * float(np.percentile(y, 5)))
         prior = SizePrior(level / 2, slope / 2, float(np.clip(aspect, NARROWEST, BROADEST)), least)
         agreeing = inliers | (cut & (away < AGREE))
         return SizeBelief(prior, float(weight[agreeing].sum() / weight.sum()))
+
+
+def from_above(samples: F64) -> bool:
+    """Whether people point anywhere, as seen from straight above, rather than up and down the image.
+
+    Whole regions count by their elongation: the mean of the cosine of twice their angle is 1 where all are upright.
+    """
+    whole = samples[samples[:, CUT] == 0]
+    if len(whole) < FIRST_ABOVE:
+        return False
+    long = whole[:, AREA] ** AREA_POWER * (1.0 - whole[:, MINOR] / whole[:, MAJOR])
+    return float(np.average(whole[:, LEAN], weights=long)) < UPRIGHT_MIN
+
+
+def as_discs(samples: F64) -> F64:
+    """The samples with the diameter of a disc of their area for height and width.
+
+    From straight above a region's length says little, since a body reaches outwards from the point below the camera and
+    two people side by side are as long; but two people have twice the area.
+    """
+    out = samples.copy()
+    out[:, [LENGTH, WIDTH]] = 2 * np.sqrt(samples[:, AREA, None] / (FILLED * math.pi))
+    return out
+
+
+def lengthened(disc: SizePrior, aspect: float) -> SizePrior:
+    """Ellipses of an aspect that point anywhere and have the area of discs."""
+    k = 1 / math.sqrt(aspect)
+    lengths = k * disc.half_length_0, k * disc.half_length_slope
+    return SizePrior(*lengths, aspect, k * disc.half_length_min, any_direction=True)
 
 
 def lines(row: F64, length: F64, n_rows: int) -> tuple[F64, F64]:
@@ -201,9 +247,13 @@ def weights(samples: F64) -> F64:
     return np.asarray(samples[:, AREA] ** AREA_POWER / np.sqrt(repeated))
 
 
-def alone(samples: F64) -> F64:
-    """The samples that are not much wider for their length than most: groups side by side are left out."""
-    ratio = samples[:, WIDTH] / samples[:, LENGTH]
+def alone(samples: F64, across: int = WIDTH, along: int = LENGTH) -> F64:
+    """The samples that are not much wider for their length than most: groups side by side are left out.
+
+    Args:
+        across, along: columns that are compared; from above, where a group lies in any direction, its axes.
+    """
+    ratio = samples[:, across] / samples[:, along]
     whole = ratio[samples[:, CUT] == 0]
     limit = WIDEST * np.percentile(whole if len(whole) else ratio, 30)
     return np.asarray(samples[(ratio <= limit) | (samples[:, CUT] > 0)])

@@ -93,6 +93,7 @@ class EllipseParticleTracker:
         if self._prior is None:
             self._unsized = [*self._unsized, (dt, observation)][-REPLAYED:]
             return ()
+        self._objects.aim(self._plane.model)
         if before is None:
             self._replay(self._prior)
         else:

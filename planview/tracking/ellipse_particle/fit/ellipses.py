@@ -76,10 +76,11 @@ def fit_ellipses(mask: F32, prior: SizePrior, params: EllipseFitParams, plane: P
     if mask.ndim != 2 or mask.dtype != np.float32:
         raise ValueError(f"expected a (R, C) float32 mask, got {mask.shape} {mask.dtype}")
     score = mask - np.float32(params.background_weight) * (1 - mask)
-    lengths = prior.half_lengths(np.arange(mask.shape[0], dtype=np.float64))
-    stride = max(1, round(0.4 * prior.aspect * float(np.median(lengths))))
+    start = prior.rounded() if prior.any_direction else prior
+    lengths = start.half_lengths(np.arange(mask.shape[0], dtype=np.float64))
+    stride = max(1, round(0.4 * start.aspect * float(np.median(lengths))))
     accept = plane.proposal * params.min_gain
-    found = cover(score, lengths, prior.aspect, stride, accept, MAX_ELLIPSES)
+    found = cover(score, lengths, start.aspect, stride, accept, MAX_ELLIPSES)
     if not len(found):
         return found
     _expect_and_maximise(mask, found, prior, params, plane)
@@ -103,8 +104,9 @@ def _expect_and_maximise(
     rows, cols = np.nonzero(mask)
     points = np.column_stack([cols, rows, mask[rows, cols]]).astype(np.float64)
     stray = STRAY / (math.pi * prior.half_length(mask.shape[0] / 2) ** 2 * prior.aspect)
+    law = (prior.rounded() if prior.any_direction else prior).law
     for _ in range(EM_STEPS):
-        em_step(points, ellipses, prior.law, PRIOR_MASS, stray, plane.angle_limit < math.pi / 4)
+        em_step(points, ellipses, law, PRIOR_MASS, stray, plane.angle_limit < math.pi / 4)
     a0 = prior.half_lengths(ellipses[:, 1])
     b0 = a0 * prior.aspect
     ellipses[:, 2] = np.clip(ellipses[:, 2], a0 / SIZE_LIMIT, a0 * SIZE_LIMIT)

@@ -40,6 +40,7 @@ class SizePrior:
         aspect: width / length.
         half_length_min: half length below which nothing is expected, however far away [cells]; a line must not run on
             to objects of no size at the horizon.
+        any_direction: length axes point anywhere, as those of people seen from straight above; else they are upright.
     Raises:
         ValueError: aspect not positive.
     """
@@ -48,6 +49,7 @@ class SizePrior:
     half_length_slope: float
     aspect: float
     half_length_min: float = 1.0
+    any_direction: bool = False
 
     def __post_init__(self) -> None:
         values = tuple(self.law)
@@ -59,6 +61,12 @@ class SizePrior:
         return SizeLaw(
             float(self.half_length_0), float(self.half_length_slope), float(self.half_length_min), float(self.aspect)
         )
+
+    def rounded(self) -> SizePrior:
+        """Circles of the same areas, for objects whose direction is not known yet."""
+        radius = math.sqrt(self.aspect)
+        level, slope, least = self.half_length_0, self.half_length_slope, self.half_length_min
+        return SizePrior(radius * level, radius * slope, 1.0, radius * least, self.any_direction)
 
     def half_length(self, row: float) -> float:
         """Half length in cells of an object centred in a row."""

@@ -10,7 +10,7 @@ from planview.bench.views import ViewScore, drawn_view, full_truth, view_names
 
 
 def score(true, found):
-    return ViewScore("mall", 0, "ellipse-particle", crossing_scores(true, found, 2.0), 0, 0, 0.0)
+    return ViewScore("mall", 0, "ellipse-particle", crossing_scores(true, found, 2.0), 0, 0, 0.0, 1.0)
 
 
 def test_view_that_nobody_crosses_is_right_when_nobody_is_counted():

@@ -37,6 +37,12 @@ def test_line_of_a_view_lies_in_the_image_and_everybody_has_time_to_pass_it(path
         assert all(p.enter_s < view.scene.duration_s - 3 for p in view.scene.people)
 
 
+def test_changes_take_the_place_of_what_a_seed_draws():
+    given = {"description": "", "camera": {"tilt_deg": 75, "person_share": 0.5}, "walks": {"people": 1}}
+    view = draw_view(given, 0, "one", {"room": {"gloss": 0.25}})
+    assert view.scene.room.floor.gloss == 0.25
+
+
 def test_person_in_the_middle_of_a_view_is_as_large_as_drawn():
     given = {"description": "", "camera": {"tilt_deg": 75, "person_share": 0.5}, "walks": {"people": 1}}
     mount = draw_view(given, 0, "one").scene.camera

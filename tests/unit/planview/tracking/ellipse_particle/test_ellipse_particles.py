@@ -222,7 +222,15 @@ def test_regions_say_which_of_them_the_border_cuts():
     mask = np.zeros((50, 50), dtype=np.float32)
     mask[10:30, 20:28] = 1
     mask[0:20, 40:45] = 1
-    np.testing.assert_array_equal(pairs_of(mask, mask), [[19.5, 20, 8, 160, 0], [9.5, 20, 5, 100, 1]])
+    np.testing.assert_array_equal(pairs_of(mask, mask)[:, :5], [[19.5, 20, 8, 160, 0], [9.5, 20, 5, 100, 1]])
+
+
+def test_axes_of_a_region_are_those_of_the_ellipse_with_its_second_moments():
+    # A bar of n cells has the variance n^2 / 12, the ellipse of length L has L^2 / 16: L = n sqrt(4 / 3).
+    mask = np.zeros((50, 50), dtype=np.float32)
+    mask[20:26, 10:30] = 1
+    major, minor, lean = pairs_of(mask, mask)[0, 5:]
+    assert (major, minor, lean) == pytest.approx((20 * math.sqrt(4 / 3), 6 * math.sqrt(4 / 3), -1.0))
 
 
 def test_region_that_was_not_there_before_does_not_count():
@@ -235,7 +243,7 @@ def test_regions_nearer_than_a_tenth_of_their_height_are_one():
     mask = np.zeros((60, 50), dtype=np.float32)
     mask[10:30, 20:28] = 1
     mask[32:50, 20:28] = 1
-    np.testing.assert_array_equal(pairs_of(mask, mask), [[29.5, 40, 8, 304, 0]])
+    np.testing.assert_array_equal(pairs_of(mask, mask)[:, :5], [[29.5, 40, 8, 304, 0]])
 
 
 def test_line_through_two_points_and_its_flat_twin():
@@ -247,4 +255,4 @@ def test_poles_are_too_thin_to_teach_a_size():
     mask = np.zeros((60, 80), np.float32)
     mask[10:30, 10:12] = 1  # 20 long, 2 wide: a tenth
     mask[20:40, 40:47] = 1  # 20 long, 7 wide: a person
-    np.testing.assert_array_equal(pairs_of(mask, mask), [[29.5, 20, 7, 140, 0]])
+    np.testing.assert_array_equal(pairs_of(mask, mask)[:, :5], [[29.5, 20, 7, 140, 0]])

@@ -162,6 +162,35 @@ def test_person_whom_the_border_always_cuts_is_one_person():
     assert 2 * belief.prior.half_length(55) == pytest.approx(90, rel=0.1)
 
 
+def belief_of_walkers(angles_deg: np.ndarray, half_length: float) -> SizePrior:
+    """One walker after another across a grid of 120 x 160 cells, each at an angle of its own."""
+    learner, frame = SizeLearner(60.0), 0
+    for angle in np.radians(angles_deg):
+        for step in range(6):
+            ellipse = np.array([[60.0 + 6 * step, 60, half_length, 0.5 * half_length, angle]])
+            learner.update(paint_union(ellipse, (120, 160)).astype(np.float32), frame / 10)
+            frame += 1
+    assert learner.belief is not None
+    return learner.belief.prior
+
+
+def test_large_people_who_lie_in_all_directions_are_seen_from_above():
+    prior = belief_of_walkers(np.arange(0.0, 180.0, 22.5), 38.0)
+    assert prior.any_direction
+    assert prior.half_length(60) == pytest.approx(38, rel=0.2)
+    assert prior.aspect == pytest.approx(0.5, rel=0.2)
+
+
+@pytest.mark.parametrize(("angles_deg", "half_length"), [(np.zeros(8), 38.0), (np.arange(0.0, 180.0, 22.5), 12.0)])
+def test_upright_or_small_people_are_upright_ellipses(angles_deg, half_length):
+    assert not belief_of_walkers(angles_deg, half_length).any_direction
+
+
+def test_circles_have_the_area_of_their_ellipses():
+    prior = SizePrior(20.0, 0.1, 0.25)
+    assert prior.rounded().half_length(50) ** 2 == pytest.approx(0.25 * prior.half_length(50) ** 2)
+
+
 def test_what_does_not_move_teaches_no_size():
     learner, mask = SizeLearner(60.0), painted(WHOLE)
     for frame in range(20):
