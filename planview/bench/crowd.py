@@ -29,7 +29,7 @@ FPS = 15.0
 FOCAL_PX, BASELINE_M = 200.0, 0.5
 HEIGHT_M, TILT_DEG = 9.0, 20.0
 """The camera hangs so high that 50 people fit into its view, and leans so little that they hide one another little."""
-EMPTY = 40
+EMPTY = 30
 """Frames before anyone is there: the background is learned."""
 ROWS, SPACING_M = 5, 1.5
 """People keep to places of a grid, so that all stay tracked (our choice)."""
