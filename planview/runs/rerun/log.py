@@ -71,25 +71,25 @@ class RerunLog:
         self._bounds: PlanBounds | None = None
         self._shown: set[str] = set()
         self._coloured: set[int] = set()
-        self._stream, self._frames_in_part = self._new_stream(), 0
+        # All parts are one recording, since they share its id; the viewer keeps a layout per name of application.
+        application = "planview" if self._stereo else "planview-single"
+        self._stream = rr.RecordingStream(application, recording_id=f"planview-{path.parent.name}")
+        self._frames_in_part = 0
+        self._write_to(self._parts.open_path)
         self._series = SeriesBlocks()
         self._scene = StaticScene(engine.stereo) if engine.stereo else None
         self._log_static()
 
-    def _new_stream(self) -> rr.RecordingStream:
-        """All parts are one recording, since they share its id; the viewer keeps a layout per name of application."""
-        application = "planview" if self._stereo else "planview-single"
-        stream = rr.RecordingStream(application, recording_id=f"planview-{self._path.parent.name}")
-        stream.save(str(self._parts.open_path), default_blueprint=blueprint(self._engine, self._bounds))
-        return stream
+    def _write_to(self, path: Path) -> None:
+        """Close the file written so far and begin another: a new stream for each would keep 2 MB for good."""
+        self._stream.save(str(path), default_blueprint=blueprint(self._engine, self._bounds))
 
     def _next_part(self) -> None:
         """rerun keeps a table of all that it has written of a file: files of bounded length bound its memory."""
         self._series.flush(self._stream)
-        self._stream.disconnect()
-        self._parts.turn()
-        self._every = self._thinned()
-        self._stream, self._frames_in_part = self._new_stream(), 0
+        self._stream.flush()
+        self._parts.turn(self._write_to)
+        self._every, self._frames_in_part = self._thinned(), 0
 
     def _thinned(self) -> int:
         """Of every so many frames the images are logged now."""

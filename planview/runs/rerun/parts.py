@@ -6,7 +6,7 @@ import math
 import os
 import subprocess
 import sysconfig
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from calib.errors import InputError, WorkError
@@ -45,10 +45,16 @@ class RrdParts:
         """The part being written."""
         return self._part(self._count)
 
-    def turn(self) -> None:
-        """The part being written is complete; the next one begins."""
-        sync(self.open_path)
+    def turn(self, write_to: Callable[[Path], None]) -> None:
+        """The part being written is complete; the next one begins.
+
+        Args:
+            write_to: closes the one and opens the other.
+        """
+        done = self.open_path
         self._count += 1
+        write_to(self.open_path)
+        sync(done)
 
     def position(self) -> dict[str, int]:
         """Where the recording stands; everything up to there is brought to the disk."""

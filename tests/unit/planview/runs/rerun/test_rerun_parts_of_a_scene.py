@@ -33,7 +33,7 @@ def test_parts_follow_one_another_and_are_found_in_order(tmp_path: Path) -> None
     parts = RrdParts(tmp_path / "run.rrd")
     for _ in range(11):
         parts.open_path.write_bytes(b"part")
-        parts.turn()
+        parts.turn(lambda path: None)
     assert [path.name for path in recorded_parts(tmp_path)][-2:] == ["run-10.rrd", "run-11.rrd"]
     (tmp_path / "run.rrd").write_bytes(b"whole")
     assert [path.name for path in recorded_parts(tmp_path)] == ["run.rrd"]
