@@ -6,20 +6,26 @@ from calib.types import F32, F64, I64, U8, Bool
 from planview.tracking.human_model.model_map import HumanModelMap
 
 
-def model_mask(model_map: HumanModelMap, u: float, v: float, scale: float) -> Bool:
-    """(H, W) pixels of the model with its foot at (u, v): per row, the columns between the polygon's borders."""
-    width, height = model_map.camera.size
-    mask = np.zeros((height, width), dtype=np.bool_)
+def _entry(model_map: HumanModelMap, u: float, v: float) -> int:
+    """Entry of the node nearest to a foot pixel, of two equally near ones the later; -1 where no person is possible."""
     col, row = (
         int(np.floor((p - o) / model_map.params.step_px + 0.5))
         for p, o in zip((u, v), model_map.origin_px, strict=True)
     )
-    if not (0 <= row < model_map.index.shape[0] and 0 <= col < model_map.index.shape[1]):
-        return mask
-    entry = model_map.index[row, col]
+    inside = 0 <= row < model_map.index.shape[0] and 0 <= col < model_map.index.shape[1]
+    return int(model_map.index[row, col]) if inside else -1
+
+
+def model_mask(model_map: HumanModelMap, u: float, v: float, scale: float) -> Bool:
+    """(H, W) pixels of the model with its foot at (u, v): per row, the columns between the polygon's borders."""
+    width, height = model_map.camera.size
+    mask = np.zeros((height, width), dtype=np.bool_)
+    entry = _entry(model_map, u, v)
     if entry < 0:
         return mask
-    polygon = scale * (model_map.hull_px[entry].astype(np.float64) - model_map.foot_px[entry]) + (u, v)
+    # In the order of the kernel, since rows are rounded.
+    moved = np.array([u, v]) - scale * model_map.foot_px[entry].astype(np.float64)
+    polygon = scale * model_map.hull_px[entry].astype(np.float64) + moved
     after = np.roll(polygon, -1, axis=0)
     for y in range(height):
         crosses = (np.minimum(polygon[:, 1], after[:, 1]) <= y) & (y <= np.maximum(polygon[:, 1], after[:, 1]))
@@ -35,8 +41,11 @@ def model_mask(model_map: HumanModelMap, u: float, v: float, scale: float) -> Bo
 
 def model_rows(model_map: HumanModelMap, u: float, v: float, scale: float) -> int:
     """Rows of the image that the model's polygon reaches, inside or to the left or right of the image."""
-    entry = int(model_map.entry_at((u, v)))
-    y = scale * (model_map.hull_px[entry, :, 1].astype(np.float64) - model_map.foot_px[entry, 1]) + v
+    entry = _entry(model_map, u, v)
+    if entry < 0:
+        return 0
+    moved = v - scale * float(model_map.foot_px[entry, 1])
+    y = scale * model_map.hull_px[entry, :, 1].astype(np.float64) + moved
     return max(0, min(model_map.camera.height, int(np.floor(y.max())) + 1) - max(0, int(np.ceil(y.min()))))
 
 

@@ -6,9 +6,15 @@ A model is rasterised as row spans ``left[y] <= x < right[y]`` for ``top <= y < 
 import math
 from typing import NamedTuple
 
+import numpy as np
 from numba import njit
 
 from calib.types import F32, F64, I32, I64, U8
+
+TAKEN_BIT, HIDDEN_BIT = 20, 40
+"""Three running sums share an int64, since they are always read together: their differences along a row do not borrow
+from one another. Rows are shorter than 2^19 pixels."""
+LOW_BITS = (1 << TAKEN_BIT) - 1
 
 
 class MapArrays(NamedTuple):
@@ -33,15 +39,6 @@ class Spans(NamedTuple):
 
     left: I32
     right: I32
-
-
-class Sums(NamedTuple):
-    """Running sums along rows, (H, W + 1): foreground that no model covers, pixels that one covers, and pixels that
-    none covers where the scene hides people."""
-
-    rest: I32
-    taken: I32
-    hidden: I32
 
 
 class Window(NamedTuple):
@@ -108,8 +105,9 @@ def fill_spans(people: MapArrays, u: float, v: float, scale: float, width: int, 
     entry = people.entries[row, col]
     shape = people.hull[entry]
     du, dv = u - scale * people.foot[entry, 0], v - scale * people.foot[entry, 1]
+    n = shape.shape[0]
     low, high = shape[0, 1], shape[0, 1]
-    for k in range(1, shape.shape[0]):
+    for k in range(n):
         low = min(low, shape[k, 1])
         high = max(high, shape[k, 1])
     top = max(0, math.ceil(scale * low + dv))
@@ -119,7 +117,6 @@ def fill_spans(people: MapArrays, u: float, v: float, scale: float, width: int, 
     for y in range(top, bottom):
         left[y] = width
         right[y] = 0
-    n = shape.shape[0]
     for k in range(n):
         after = k + 1 if k + 1 < n else 0
         x0, y0 = scale * shape[k, 0] + du, scale * shape[k, 1] + dv
@@ -144,31 +141,31 @@ def paint(image: U8, spans: Spans, top: int, bottom: int, amount: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def row_prefix(foreground: U8, cover: U8, hiding: U8, window: Window, sums: Sums) -> None:
-    """Running sums along the rows of a window, from its first column.
+def row_prefix(foreground: U8, cover: U8, hiding: U8, window: Window, sums: I64) -> int:
+    """Running sums along the rows of a window, from its first column; returns how many pixels models cover there.
 
     ``foreground`` is 2 where salient, 1 where less salient, 0 where background; ``hiding`` is not 0 where the scene
-    hides people. ``sums.rest[y, x]`` and the others sum the columns x0 to x - 1.
+    hides people. ``sums[y, x]`` (H, W + 1) sums the columns x0 to x - 1: in its low bits the foreground that no model
+    covers, from ``TAKEN_BIT`` pixels that one covers, from ``HIDDEN_BIT`` the others that the scene hides.
     """
+    n_taken = 0
     for y in range(window.y0, window.y1):
-        n_rest, n_taken, n_hidden = 0, 0, 0
-        sums.rest[y, window.x0] = 0
-        sums.taken[y, window.x0] = 0
-        sums.hidden[y, window.x0] = 0
+        total = 0
+        sums[y, window.x0] = 0
         for x in range(window.x0, window.x1):
             if cover[y, x] > 0:
-                n_taken += 1
+                total += 1 << TAKEN_BIT
             elif foreground[y, x] > 0:
-                n_rest += foreground[y, x]
+                total += foreground[y, x]
             elif hiding[y, x] > 0:
-                n_hidden += 1
-            sums.rest[y, x + 1] = n_rest
-            sums.taken[y, x + 1] = n_taken
-            sums.hidden[y, x + 1] = n_hidden
+                total += 1 << HIDDEN_BIT
+            sums[y, x + 1] = total
+        n_taken += (total >> TAKEN_BIT) & LOW_BITS
+    return n_taken
 
 
 @njit(cache=True, nogil=True)
-def span_counts(sums: Sums, spans: Spans, top: int, bottom: int, x0: int, x1: int, ring: float) -> MatchCounts:
+def span_counts(sums: I64, spans: Spans, top: int, bottom: int, x0: int, x1: int, ring: float) -> MatchCounts:
     """What a model covers within columns x0 to x1.
 
     The ring continues each row by ``ring`` times the model's mean width on both sides.
@@ -181,11 +178,12 @@ def span_counts(sums: Sums, spans: Spans, top: int, bottom: int, x0: int, x1: in
         l, r = max(spans.left[y], x0), min(spans.right[y], x1)  # noqa: E741
         if l >= r:
             continue
-        inner = sums.rest[y, r] - sums.rest[y, l]
+        within = sums[y, r] - sums[y, l]
+        inner = within & LOW_BITS
         n_rest += inner
-        n_taken += sums.taken[y, r] - sums.taken[y, l]
-        n_hidden += sums.hidden[y, r] - sums.hidden[y, l]
-        n_ring += sums.rest[y, min(r + margin, x1)] - sums.rest[y, max(l - margin, x0)] - inner
+        n_taken += (within >> TAKEN_BIT) & LOW_BITS
+        n_hidden += within >> HIDDEN_BIT
+        n_ring += ((sums[y, min(r + margin, x1)] - sums[y, max(l - margin, x0)]) & LOW_BITS) - inner
     return MatchCounts(area, n_rest, n_taken, n_ring, n_hidden)
 
 
@@ -203,7 +201,7 @@ def matching_score(counts: MatchCounts, reference: float, overlap: float) -> flo
 
 @njit(cache=True, nogil=True)
 def match_models(
-    foreground: U8, cover: U8, hiding: U8, sums: Sums, spans: Spans, people: MapArrays, targets: Predictions,
+    foreground: U8, cover: U8, hiding: U8, sums: I64, spans: Spans, people: MapArrays, targets: Predictions,
     position: F64, sweeps: int, weights: Weights,
 ) -> None:  # fmt: skip
     """Move all models until their joint matching score is highest (coordinate ascent, coarse to fine).
@@ -212,17 +210,20 @@ def match_models(
     stay where they are.
     """
     height, width = foreground.shape
+    alone = np.zeros(len(targets.scale), np.bool_)
     for t in range(len(targets.scale)):
         position[t, 0], position[t, 1] = targets.foot[t, 0], targets.foot[t, 1]
         top, bottom = fill_spans(people, position[t, 0], position[t, 1], targets.scale[t], width, spans)
         paint(cover, spans, top, bottom, 1)
-    for _ in range(sweeps):
+    for sweep in range(sweeps):
         for t in targets.order:
             top, bottom = fill_spans(people, position[t, 0], position[t, 1], targets.scale[t], width, spans)
             paint(cover, spans, top, bottom, -1)
             window = _search_window(spans, top, bottom, position[t], targets, t, weights.ring, width, height)
-            row_prefix(foreground, cover, hiding, window, sums)
-            _search(sums, spans, people, targets, t, position[t], window, weights)
+            was_alone, alone[t] = alone[t], row_prefix(foreground, cover, hiding, window, sums) == 0
+            # Away from all others, another sweep finds the same place.
+            if sweep == 0 or not (was_alone and alone[t]):
+                _search(sums, spans, people, targets, t, position[t], window, weights)
             top, bottom = fill_spans(people, position[t, 0], position[t, 1], targets.scale[t], width, spans)
             paint(cover, spans, top, bottom, 1)
 
@@ -245,11 +246,11 @@ def _search_window(
 
 @njit(cache=True, nogil=True)
 def _search(
-    sums: Sums, spans: Spans, people: MapArrays, targets: Predictions, t: int, position: F64, window: Window,
+    sums: I64, spans: Spans, people: MapArrays, targets: Predictions, t: int, position: F64, window: Window,
     weights: Weights,
 ) -> None:  # fmt: skip
     """Best position of target t around its prediction: a 7x7 grid, then halved steps down to half a pixel."""
-    width = sums.rest.shape[1] - 1
+    width = sums.shape[1] - 1
     predicted, radius, scale = targets.foot[t], targets.radius[t], targets.scale[t]
     inform = targets.information[t]
     top, bottom = fill_spans(people, predicted[0], predicted[1], scale, width, spans)
@@ -262,6 +263,8 @@ def _search(
     while True:
         for i in range(-reach, reach + 1):
             for j in range(-reach, reach + 1):
+                if reach == 1 and i == 0 and j == 0:
+                    continue
                 u, v = centre_u + i * du, centre_v + j * dv
                 top, bottom = fill_spans(people, u, v, scale, width, spans)
                 top, bottom = max(top, window.y0), min(bottom, window.y1)
@@ -282,11 +285,11 @@ def _search(
 
 @njit(cache=True, nogil=True)
 def score_candidates(
-    sums: Sums, spans: Spans, people: MapArrays, candidates: F64, ring: float, area: I64, free: I64, taken: I64,
+    sums: I64, spans: Spans, people: MapArrays, candidates: F64, ring: float, area: I64, free: I64, taken: I64,
     in_ring: I64, hidden: I64,
 ) -> None:  # fmt: skip
     """``MatchCounts`` of models at (N, 3) foot pixels and scales, filled into five (N,) columns."""
-    width = sums.rest.shape[1] - 1
+    width = sums.shape[1] - 1
     for i in range(len(candidates)):
         top, bottom = fill_spans(people, candidates[i, 0], candidates[i, 1], candidates[i, 2], width, spans)
         found = span_counts(sums, spans, top, bottom, 0, width, ring)

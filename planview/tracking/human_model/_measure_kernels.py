@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from calib.types import F32, F64, I32, I64, U8
+from calib.types import F32, F64, I32, I64, U8, Bool
 from planview.tracking.human_model._kernels import MapArrays, Spans, fill_spans
 
 
@@ -19,6 +19,15 @@ class Images(NamedTuple):
     cover: U8
     labels: I32
     hiding: U8
+
+
+class HidingLimits(NamedTuple):
+    """Where the scene hides people: a model was there for ``expected_s`` [s] and showed for less than the share
+    ``shown`` of it [1]; ``memory_s`` is the time after which older ones count less [s]."""
+
+    expected_s: float
+    shown: float
+    memory_s: float
 
 
 class Coverage(NamedTuple):
@@ -102,24 +111,46 @@ def measure_models(
 
 @njit(cache=True, nogil=True)
 def learn_hiding(
-    evidence: U8, cover: U8, spans: Spans, top: int, bottom: int, dt_s: float, memory_s: float, expected_s: F32,
-    shown_s: F32,
+    evidence: U8, cover: U8, spans: Spans, top: int, bottom: int, dt_s: float, limits: HidingLimits, expected_s: F32,
+    shown_s: F32, hiding: U8,
 ) -> None:  # fmt: skip
     """Add ``dt_s`` to the times for which only one model covered each pixel, and for which it then was foreground.
 
-    Beyond ``memory_s`` the older times count less.
+    ``hiding`` becomes 1 where that was too seldom, else 0. Beyond ``limits.memory_s`` the older times count less.
     """
     for y in range(top, bottom):
         for x in range(spans.left[y], spans.right[y]):
             if cover[y, x] != 1:
                 continue
-            if expected_s[y, x] >= memory_s:
-                keep = np.float32(1.0 - dt_s / memory_s)
+            if expected_s[y, x] >= limits.memory_s:
+                keep = np.float32(1.0 - dt_s / limits.memory_s)
                 expected_s[y, x] *= keep
                 shown_s[y, x] *= keep
             expected_s[y, x] += dt_s
             if evidence[y, x] > 0:
                 shown_s[y, x] += dt_s
+            long = expected_s[y, x] >= limits.expected_s
+            hiding[y, x] = long and shown_s[y, x] < limits.shown * expected_s[y, x]
+
+
+@njit(cache=True, nogil=True)
+def watch_still(
+    images: Images, claimed: U8, claimed_blob: Bool, dt_s: float, still_s: F32
+) -> None:  # fmt: skip
+    """Time for which each pixel has been foreground without motion, in no claimed pixel nor blob; others become 0."""
+    height, width = still_s.shape
+    for y in range(height):
+        for x in range(width):
+            label = images.labels[y, x]
+            if claimed[y, x] > 0:
+                claimed_blob[label] = True
+    for y in range(height):
+        for x in range(width):
+            still = images.evidence[y, x] > 1 and images.motion[y, x] == 0 and claimed[y, x] == 0
+            if still and not claimed_blob[images.labels[y, x]]:
+                still_s[y, x] += np.float32(dt_s)
+            else:
+                still_s[y, x] = np.float32(0.0)
 
 
 class Axis(NamedTuple):

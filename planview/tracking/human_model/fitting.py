@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,14 @@ SILHOUETTE = 2.45
 """Half width over the standard deviation of a silhouette's columns: they fall off about like a triangle, sqrt(6)."""
 MAX_WIDTH = 2.0
 """Largest width learned of a person, over the model's (our choice): an umbrella or a pram is no part of the body."""
+
+
+class _Place(NamedTuple):
+    """Floor point [m] of a measured foot pixel."""
+
+    x_m: float
+    y_m: float
+    noise: PositionNoise
 
 
 class Fitter:
@@ -60,14 +69,14 @@ class Fitter:
         for group in (active, lost):
             if group:
                 self._fit_group(group, targets, frame)
-        self.scene.settle_hiding()
 
     def start(self, foot_px: F64, scale: float) -> FloorKalman | None:
         """Filter of a new target at a (2,) foot pixel; None where that is not on the floor."""
         x, y = (float(v) for v in self.camera.back_project(foot_px))
         if not (math.isfinite(x) and math.isfinite(y)):
             return None
-        return FloorKalman.measured(x, y, self._floor_noise(foot_px, scale), SPEED_STD_MPS)
+        (place,) = self._places(foot_px[None], np.array([scale]))
+        return FloorKalman.measured(x, y, place.noise, SPEED_STD_MPS)
 
     def appearance(self, foot_px: F64, scale: float, frame: ModelFrame) -> Appearance | None:
         """Colours of what only the model at a (2,) foot pixel covers; None without colour images."""
@@ -84,7 +93,11 @@ class Fitter:
             if not target.existence.observed and self._is_other(target, position[i], frame):
                 measured.discard(i)
             self._refine(target, i, measured, frame)
-            self._update(target, i, measured, targets, frame)
+        places = self._places(position, np.array([t.model_scale for t in group]))
+        for i, target in enumerate(group):
+            self._update(target, i, measured, places[i], frame)
+            self._posture.watch(target, targets, frame)
+            self._remember(target, i, measured, frame)
             target.score = measured.score(i, self.params.match.overlap_weight)
             self._learn_width(target, i, measured)
             self._learn_hiding(target, i, measured, frame)
@@ -109,13 +122,14 @@ class Fitter:
         height = np.linalg.norm(self.scene.map_boxes[entry, 2:], axis=1)
         return np.asarray(1.0 + self.params.match.position_noise * height * scale)
 
-    def _floor_noise(self, foot: F64, scale: float) -> PositionNoise:
-        """Covariance of the floor point of a measured (2,) foot pixel."""
-        noise = float(self._pixel_noise(foot[None], np.array([scale]))[0])
-        _, jacobian = foot_pixels(self.camera, self.camera.back_project(foot)[None])
-        inverse = np.linalg.inv(jacobian[0])
-        covariance = noise**2 * inverse @ inverse.T
-        return PositionNoise(float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1]))
+    def _places(self, foot: F64, scale: F64) -> list[_Place]:
+        """Floor points of measured (N, 2) foot pixels of people of (N,) scales."""
+        xy = np.asarray(self.camera.back_project(foot))
+        inverse = np.linalg.inv(foot_pixels(self.camera, xy)[1])
+        noise = self._pixel_noise(foot, scale)
+        covariance = noise[:, None, None] ** 2 * inverse @ inverse.transpose(0, 2, 1)
+        rows = zip(xy.tolist(), covariance.tolist(), strict=True)
+        return [_Place(x, y, PositionNoise(xx, cross, yy)) for (x, y), ((xx, cross), (_, yy)) in rows]
 
     def _is_other(self, target: Target, position: F64, frame: ModelFrame) -> bool:
         """Whether what a target unobserved for a while could take has another person's colours."""
@@ -141,9 +155,7 @@ class Fitter:
             scale = build.scale * (1.0 + self._gain() * (found.height - 1.0))
             build.scale = float(np.clip(scale, 1.0 - spread, 1.0 + spread))
 
-    def _update(
-        self, target: Target, i: int, measured: Measurement, targets: Sequence[Target], frame: ModelFrame
-    ) -> None:
+    def _update(self, target: Target, i: int, measured: Measurement, place: _Place, frame: ModelFrame) -> None:
         p, precision = self.params, float(measured.precision[i])
         was_observed = target.existence.observed
         target.shared = float(measured.shared[i])
@@ -157,14 +169,16 @@ class Fitter:
         target.weigh(self._dt_s, hidden or target.seat is not None, p.existence)
         if matched and not hidden:
             uncertain = target.stability in ("disappearing", "occlusion")
-            noise = self._floor_noise(target.foot_px, target.model_scale)
-            x, y = (float(v) for v in self.camera.back_project(target.foot_px))
-            target.kalman = target.kalman.corrected(x, y, noise.scaled(p.states.uncertain_noise if uncertain else 1.0))
+            noise = place.noise.scaled(p.states.uncertain_noise if uncertain else 1.0)
+            target.kalman = target.kalman.corrected(place.x_m, place.y_m, noise)
         else:
             target.foot_px = self.camera.project(np.append(target.xy_m, 0.0))
-        self._posture.watch(target, targets, frame)
-        visible = target.inside * (1.0 if hidden else precision)
-        target.remember(frame.now_s, float(measured.moving[i]), visible, p.states.window_s)
+        target.hidden = hidden
+
+    def _remember(self, target: Target, i: int, measured: Measurement, frame: ModelFrame) -> None:
+        """The recent past and the states that follow from it."""
+        visible = target.inside * (1.0 if target.hidden else target.precision)
+        target.remember(frame.now_s, float(measured.moving[i]), visible, self.params.states.window_s)
         self._advance_states(target, float(measured.alone[i]), frame.now_s)
 
     def _observe(self, target: Target, matched: bool, precision: float) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -15,7 +16,8 @@ MIN_VISIBLE = 0.25
 shoulders."""
 
 
-class Measurement(NamedTuple):
+@dataclass(eq=False)
+class Measurement:
     """What the placed models cover, one row per target.
 
     Attributes:
@@ -26,22 +28,22 @@ class Measurement(NamedTuple):
     position: F64
     counts: measuring.Coverage
 
-    @property
+    @cached_property
     def area(self) -> F64:
         """Pixels of the model, at least 1."""
         return np.maximum(1, self.counts.area).astype(np.float64)
 
-    @property
+    @cached_property
     def shared(self) -> F64:
         """Fraction of the model that other models cover too."""
         return self.counts.shared / self.area
 
-    @property
+    @cached_property
     def alone(self) -> F64:
         """Fraction of the model that is foreground no other model covers."""
         return 0.5 * self.counts.alone / self.area
 
-    @property
+    @cached_property
     def precision(self) -> F64:
         """Foreground fraction of the part that is this model's alone and not hidden by the scene.
 
@@ -50,12 +52,12 @@ class Measurement(NamedTuple):
         visible = self.area - self.counts.shared - self.counts.hidden
         return 0.5 * self.counts.alone / np.maximum(MIN_VISIBLE * self.area, visible)
 
-    @property
+    @cached_property
     def hidden(self) -> F64:
         """Fraction of the model where other models or the scene hide what there is."""
         return (self.counts.shared + self.counts.hidden) / self.area
 
-    @property
+    @cached_property
     def moving(self) -> F64:
         """Moving fraction of the model."""
         return self.counts.moving / self.area
@@ -69,6 +71,9 @@ class Measurement(NamedTuple):
 
     def discard(self, i: int) -> None:
         """Take what model i covers for another person's."""
+        # The fractions are computed from the counts once.
+        for name in ("shared", "alone", "precision", "hidden", "moving"):
+            self.__dict__.pop(name, None)
         for column in self.counts:
             if column is not self.counts.area:
                 column[i] = 0

@@ -31,12 +31,8 @@ SHIFT = 0.05
 whose legs are hidden would seem to sit, higher up."""
 CORE = 0.8
 """Part of a model, about its middle, that a person fills (our choice)."""
-HIDING_S = 0.5
-"""Time for which people must have been expected at a pixel before it can hide them [s] (our choice)."""
-HIDING_SHARE = 0.15
-"""Share of that time in which a pixel that hides people may be foreground (our choice: noise)."""
-HIDING_MEMORY_S = 10.0
-"""Time of people at a pixel after which older ones count less [s] (our choice): things are moved."""
+HIDING = measuring.HidingLimits(expected_s=0.5, shown=0.15, memory_s=10.0)
+"""Our choice: two people have walked there, or one slowly; noise is foreground too; things are moved."""
 COLOUR_PARTS = 2
 """Parts of the body (upper, lower) with a colour histogram each."""
 COLOUR_LEVELS = 6
@@ -80,7 +76,7 @@ class ModelScene:
         self.hiding = np.zeros((height, width), np.uint8)
         """(H, W) uint8, not 0 where the scene hides people: none of their foreground is expected there."""
         self._nowhere = np.zeros((height, width), np.uint8)
-        self._sums = kernels.Sums(*np.zeros((3, height, width + 1), np.int32))
+        self._sums = np.zeros((height, width + 1), np.int64)
         self._spans = kernels.Spans(np.zeros(height, np.int32), np.zeros(height, np.int32))
         self._people = kernels.MapArrays(
             np.ascontiguousarray(model_map.index),
@@ -195,13 +191,16 @@ class ModelScene:
         core = self.below(position, -0.5 * (1.0 - CORE) * scale)
         top, bottom = self._fill(core, CORE * scale)
         measuring.learn_hiding(
-            evidence, self.cover, self._spans, top, bottom, dt_s, HIDING_MEMORY_S, self._expected_s, self._shown_s
+            evidence, self.cover, self._spans, top, bottom, dt_s, HIDING, self._expected_s, self._shown_s, self.hiding
         )
 
-    def settle_hiding(self) -> None:
-        """Where people would have been expected to show for long enough and have not, the scene hides them."""
-        hides = (self._expected_s >= HIDING_S) & (self._shown_s < HIDING_SHARE * self._expected_s)
-        self.hiding[:] = hides
+    def watch_still(self, frame: ModelFrame, dt_s: float, still_s: F32) -> None:
+        """Update (H, W) times [s] for which unclaimed foreground has been without motion.
+
+        What hangs together with a person may be the person's: arms on a table, a back wider than the model.
+        """
+        images = measuring.Images(frame.evidence, frame.motion, self.cover, frame.blobs.labels, self.hiding)
+        measuring.watch_still(images, self.claimed, np.zeros(len(frame.blobs), np.bool_), dt_s, still_s)
 
     def visibility(self, position: F64) -> float:
         """Fraction of the model at a (2,) foot pixel that is inside the image."""

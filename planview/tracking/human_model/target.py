@@ -67,6 +67,7 @@ class Target:
         still_since_s, moving_since_s, covered_since_s: stationary, moving, covered by others:
             since when without a break, NaN if not now.
         shared: fraction of the model that other models cover too.
+        hidden: whether too little of it is left for foreground of its own to be asked for.
         matches: frames with a blob.
         support_s: evidence of existence: for so long the person is still believed in without any [s].
         score: matching score M of the last frame.
@@ -87,6 +88,7 @@ class Target:
     moving_since_s: float = math.nan
     covered_since_s: float = math.nan
     shared: float = 0.0
+    hidden: bool = False
     matches: int = 1
     support_s: float = 0.0
     score: float = 0.0
@@ -113,7 +115,7 @@ class Target:
         while len(self.trail) > 2 and self.trail[1].time_s <= now_s - window_s:
             self.trail.popleft()
         if self.existence.observed:
-            away = float(np.hypot(*(self.xy_m - self.build.origin_m)))
+            away = math.hypot(self.kalman.x_m - self.build.origin_m[0], self.kalman.y_m - self.build.origin_m[1])
             self.build.travel_m = max(self.build.travel_m, away)
 
     def weigh(self, dt_s: float, hidden: bool, params: ExistenceParams) -> None:
@@ -147,7 +149,7 @@ class Target:
         """Occlusion while models share pixels; else by the trend of the visible fraction."""
         if self.shared >= params.occlusion:
             return "occlusion"
-        change = self.trail[-1].visible - float(np.mean([sample.visible for sample in self.trail]))
+        change = self.trail[-1].visible - sum(sample.visible for sample in self.trail) / len(self.trail)
         if abs(change) < params.trend:
             return "stable"
         return "appearing" if change > 0 else "disappearing"

@@ -10,7 +10,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.human.model import HumanModel
-from calib.types import U8
+from calib.types import F64, U8
 from planview.foreground.masks import BACKGROUND, PERSON
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.human_model.candidates import CandidateFinder, ModelCandidate
@@ -96,7 +96,7 @@ class HumanModelTracker:
         self._add_targets(frame)
         self._merge()
         self._clean()
-        self._watch_still(frame, dt)
+        self.scene.watch_still(frame, dt, self._still_s)
         return tuple(self._state_of(target) for target in self.targets)
 
     def feedback(self) -> U8:
@@ -162,6 +162,7 @@ class HumanModelTracker:
         lost = reacquirable(self.targets, xy, likeness, self.params, self._life.now_s)
         if lost is not None:
             lost.restart(kalman, foot, scale)
+            self._boxes.pop(id(lost), None)
             self._life.observe(lost.existence, f"reappeared with score {score:.2f}", score)
             return
         existence = self._life.spawn(f"score {score:.2f}", score, "split" if candidate.splits else "spawned")
@@ -183,16 +184,6 @@ class HumanModelTracker:
                 self.targets.remove(target)
                 self._life.prune(target.existence, reason)
 
-    def _watch_still(self, frame: ModelFrame, dt: float) -> None:
-        still = (frame.evidence > 1) & (frame.motion == 0) & (self.scene.claimed == 0)
-        if self.targets:
-            # What hangs together with a person may be the person's: arms on a table, a back wider than the model.
-            labels = frame.blobs.labels
-            claimed = np.zeros(len(frame.blobs), np.bool_)
-            claimed[labels[self.scene.claimed > 0]] = True
-            still &= ~claimed[labels]
-        self._still_s = np.where(still, self._still_s + np.float32(dt), np.float32(0.0))
-
     def _state_of(self, target: Target) -> TrackState:
         k, who = target.kalman, target.existence
         height = self.model.height_m * target.model_scale
@@ -200,7 +191,16 @@ class HumanModelTracker:
 
     def _box(self, target: Target) -> tuple[float, float, float, float]:
         """Box of the whole model where the footprint is, as wide as the person was observed; hidden parts are in it."""
-        foot = self.camera.project(np.append(target.xy_m, 0.0))
+        if id(target) not in self._boxes:
+            others = [t for t in self.targets if id(t) not in self._boxes and t is not target]
+            asked = [target, *others]
+            floor = np.array([(t.kalman.x_m, t.kalman.y_m, 0.0) for t in asked])
+            self._boxes |= {
+                id(t): self._box_at(t, foot) for t, foot in zip(asked, self.camera.project(floor), strict=True)
+            }
+        return self._boxes[id(target)]
+
+    def _box_at(self, target: Target, foot: F64) -> tuple[float, float, float, float]:
         hull = self.scene.hull(foot, target.model_scale)
         if hull is None:
             return (math.nan, math.nan, math.nan, math.nan)
@@ -210,6 +210,6 @@ class HumanModelTracker:
 
     def _touch(self, first: Target, second: Target) -> bool:
         """Whether the boxes overlap by at least half of the smaller width."""
-        a, b = (self._boxes.get(id(t)) or self._boxes.setdefault(id(t), self._box(t)) for t in (first, second))
+        a, b = self._box(first), self._box(second)
         wide = min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0]) > 0.5 * min(a[2], b[2])
         return wide and min(a[1] + a[3], b[1] + b[3]) > max(a[1], b[1])

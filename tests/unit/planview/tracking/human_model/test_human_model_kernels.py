@@ -52,7 +52,7 @@ def test_painted_model_is_the_polygon(foot: tuple[float, float, float]) -> None:
 @given(feet, st.integers(0, 99))
 def test_candidate_counts_equal_masks(foot: tuple[float, float, float], seed: int) -> None:
     evidence, cover, hiding = _noise(seed, 3), _noise(seed + 1, 2), _noise(seed + 2, 2)
-    sums = kernels.Sums(*np.zeros((3, 72, 97), np.int32))
+    sums = np.zeros((72, 97), np.int64)
     kernels.row_prefix(evidence, cover, hiding, kernels.Window(0, 96, 0, 72), sums)
     mask = reference.model_mask(MAP, *foot)
     found = np.zeros((5, 1), np.int64)
