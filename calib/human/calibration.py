@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from calib.ground_camera import LENS_K_320, GroundCamera
 from calib.human.assessment import Assessment, CameraDeviations, assess, camera_deviations
 from calib.human.knowledge import KnownValues, people_of, prior_of, scaled_model
 from calib.human.model import HumanModel
-from calib.human.posterior import CameraPosterior, posterior_of
+from calib.human.posterior import CameraPosterior, posterior_of, with_outline_errors
 from calib.human.refine import GroundCameraFit, refine
 from calib.human.samples import HumanSample, People, check_samples, level_ends, only_boxes
 from calib.human.search import HumanCalibrationParams, SearchProblem, search, warm_up
@@ -38,6 +38,8 @@ ODD_FROM = 3.0
 """A sample whose residuals are this many deviations is odd: not a standing person, or marked wrongly (our choice)."""
 MAX_ROLL_RAD = math.radians(7.0)
 """A larger roll is none of a camera, but of wrong samples (our choice: 3.5 deviations of the prior)."""
+RIVAL = 20.0
+"""Fits whose log-evidence is lower by more are not refined further (our choice: one in 10^8)."""
 VALLEYS = 3
 """So many distinct results of the search are refined (our choice)."""
 
@@ -94,8 +96,9 @@ def calibrate_from_people(
         size: (width, height) of the image [px].
         lens: class of table 2; None tries all.
         known: focal length or field of view, camera height, height of the people, as far as known.
-        independent: so many of the samples are independent, as of few people observed often; None for all. The others
-            repeat the same body height, gait and shadow, and are weighted down.
+        independent: so many of the samples are independent, as of few people observed often, found by outlines of
+            foreground; None for all, marked by hand. The others repeat the same body height, gait and shadow, and are
+            weighted down.
         model: the person; by default the paper's 1.76 m, or the height known.
         params: of the search.
         name: of the samples' source, for messages.
@@ -115,6 +118,8 @@ def calibrate_from_people(
     tried = _tried([lens] if lens else list(LENS_K_320), size, people, model, known, params)
     _check_fit(tried[0], params, name)
     posterior = posterior_of([t.fit for t in tried], people, model)
+    if independent is not None:
+        posterior = with_outline_errors(posterior, people, model)
     _check_observable(posterior.fit.camera, camera_deviations(posterior.fit), params, name)
     return _result(posterior, tried[0].problem, people, model, time.perf_counter() - start)
 
@@ -142,7 +147,6 @@ def _result(
 @dataclass(frozen=True, eq=False)
 class _Tried:
     problem: SearchProblem
-    error: float
     fit: GroundCameraFit
 
 
@@ -157,19 +161,25 @@ def _tried(
     """Fits of every lens and every reading of the samples, the likeliest first."""
     readings = (True,) if only_boxes(people.rows) else (False, True)
     problems = [SearchProblem(people.rows, size, lens, model, known, boxes) for lens in lenses for boxes in readings]
-    return sorted((t for p in problems for t in _fits(p, people, params)), key=lambda t: -t.fit.log_evidence)
+    quick = [t for p in problems for t in _fits(p, people, params)]
+    rival = max(t.fit.log_evidence for t in quick) - RIVAL
+    near = [t for t in quick if t.fit.log_evidence >= rival]
+    # Outlines of the same people err alike, so that how well they agree is no measure of how much people vary.
+    variation = 1.0 if people.repeats > 1.0 else None
+    full = [replace(t, fit=refine(t.fit.camera, people, model, t.fit.prior, variation)) for t in near]
+    return sorted(full, key=lambda t: -t.fit.log_evidence)
 
 
 def _fits(problem: SearchProblem, people: People, params: HumanCalibrationParams) -> list[_Tried]:
-    """The best fit of every way in which boxes may end."""
-    candidates, errors = search(problem, params)
+    """The best fit of every way in which boxes may end, with people who vary as much as expected."""
+    candidates, _ = search(problem, params)
     cameras = [problem.camera(candidate) for candidate in _distinct(candidates)]
     ends = (False,) if problem.boxes_only else (True,) if level_ends(people.rows) else (False, True)
     tried = []
     for level in ends:
         prior = prior_of(cameras[0], problem.known, problem.boxes_only, level)
-        refined = [refine(camera, people, problem.model, prior) for camera in cameras]
-        tried.append(_Tried(problem, float(errors[0]), max(refined, key=lambda r: r.log_evidence)))
+        refined = [refine(camera, people, problem.model, prior, variation=1.0) for camera in cameras]
+        tried.append(_Tried(problem, max(refined, key=lambda r: r.log_evidence)))
     return tried
 
 
@@ -183,11 +193,13 @@ def _distinct(candidates: F64) -> list[F64]:
 
 
 def _check_fit(found: _Tried, params: HumanCalibrationParams, name: str) -> None:
-    misfits = float((found.fit.deviations > ODD_FROM).mean())
-    if found.error > params.max_error or misfits > 0.5:
+    """Most samples must fit well; how badly the odd ones fit, which are weighted down, does not matter."""
+    fits = found.fit.deviations <= ODD_FROM
+    error = float(np.median(found.problem.each(found.fit.camera)[fits])) if fits.any() else math.inf
+    if error > params.max_error or fits.mean() < 0.5:
         raise WorkError(
-            f"{name}: no camera fits the samples: best error {found.error:.2f} (at most {params.max_error:g}), "
-            f"{misfits:.0%} of the samples far off; "
+            f"{name}: no camera fits the samples: error {error:.2f} (at most {params.max_error:g}), "
+            f"{1.0 - fits.mean():.0%} of the samples far off; "
             "are they standing people of one size in upright images of this size?"
         )
 

@@ -24,6 +24,8 @@ HELD_STD = 1e-3
 """Deviation at which a focal length is held [1]."""
 PROFILE = (-0.55, -0.3, -0.13, 0.13, 0.3, 0.55)
 """Logs of the focal lengths that are held, over the best one (our choice: half to twice)."""
+OUTLINE_PX = 2.0
+"""By so much the ends of outlines err alike [px] (our choice: as much as a hand errs at each)."""
 MIN_PROFILED_STD = 0.06
 """A focal length known better is as good as normally distributed [1] (our choice)."""
 
@@ -65,6 +67,35 @@ def posterior_of(fits: Sequence[GroundCameraFit], people: People, model: HumanMo
     off[:, N_CAMERA:] = 0.0
     covariance = np.einsum("i,ijk->jk", weights, np.stack([f.covariance for f in alternatives]))
     return CameraPosterior(replace(mean, covariance=covariance + (weights * off.T) @ off), alternatives, weights)
+
+
+def with_outline_errors(posterior: CameraPosterior, people: People, model: HumanModel) -> CameraPosterior:
+    """The posterior of samples that are outlines of foreground, whose ends err alike.
+
+    Shadows, blur and compression end all feet, or all heads, a little too high or too low; far people are smaller, so
+    that this looks like another tilt and focal length, and no number of people averages it out. What the camera moves
+    by when all of them are moved is added to its covariance.
+    """
+    fit = posterior.fit
+    still = shared_of(_refitted(fit, people, model))
+    axis = people.rows[:, 6:] - people.rows[:, 4:6]
+    along = axis / np.maximum(np.hypot(*axis.T), 1e-9)[:, None]
+    moves = []
+    number, upright = np.arange(len(people)), along[:, 1] >= 0
+    for point, edge in ((slice(4, 6), np.where(upright, 1, 3)), (slice(6, 8), np.where(upright, 3, 1))):
+        rows = people.rows.copy()
+        rows[:, point] += OUTLINE_PX * along
+        rows[number, edge] += OUTLINE_PX * along[:, 1]
+        moves.append(shared_of(_refitted(fit, replace(people, rows=rows), model)) - still)
+    moved = np.stack(moves)
+    moved[:, N_CAMERA:] = 0.0
+    more = moved.T @ moved
+    alternatives = [replace(other, covariance=other.covariance + more) for other in posterior.alternatives]
+    return replace(posterior, fit=replace(fit, covariance=fit.covariance + more), alternatives=alternatives)
+
+
+def _refitted(fit: GroundCameraFit, people: People, model: HumanModel) -> GroundCameraFit:
+    return refine(fit.camera, people, model, fit.prior, fit.variation)
 
 
 def shared_of(fit: GroundCameraFit) -> F64:

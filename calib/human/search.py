@@ -14,6 +14,8 @@ from calib.human.model import HumanModel
 from calib.params import Params
 from calib.types import F64
 
+PARTS = 16
+"""The first cells are searched in so many parts (our choice)."""
 KNOWN_RANGE = 1.15
 """A value that was told is searched up to this factor from it; the deviation decides afterwards (our choice)."""
 
@@ -31,8 +33,9 @@ class HumanCalibrationParams(Params):
     """Best cells kept between steps; height and focal length trade off along a valley (our choice)."""
     steps: int = Field(default=14, ge=1, le=30)
     """Finer steps, each halving the cells [1]; 14 reach 0.001 degrees (our choice)."""
-    max_error: float = Field(default=0.4, gt=0)
-    """Largest plausible error [1]: beyond it the samples are not standing people in an upright image (our choice)."""
+    max_error: float = Field(default=0.25, gt=0)
+    """Largest plausible error of the samples that fit, their median [1]: beyond it they are not standing people in an
+    upright image (our choice)."""
     max_height_std: float = Field(default=0.25, gt=0)
     """Relative deviation of the height from which height and focal length count as inseparable (our choice)."""
     max_distance_m: float = Field(default=60.0, gt=1, le=500)
@@ -139,13 +142,28 @@ def search(problem: SearchProblem, params: HumanCalibrationParams) -> tuple[F64,
     around = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     limit = INFEASIBLE
     for step_number in range(params.steps + 1):
-        errors = problem.errors(candidates, limit)
-        best = np.argsort(errors, kind="stable")[: max(params.beam >> step_number, 20)]
+        n_kept = max(params.beam >> step_number, 20)
+        errors = problem.errors(candidates, limit) if step_number else _first_errors(problem, candidates, n_kept)
+        best = np.argsort(errors, kind="stable")[:n_kept]
         kept, limit = candidates[best], float(errors[best[-1]])
         step = step / 2
         candidates = np.unique((kept[:, None] + step * around).reshape(-1, 3), axis=0)
         candidates = np.clip(candidates, low, high)
     return kept, errors[best]
+
+
+def _first_errors(problem: SearchProblem, candidates: F64, n_kept: int) -> F64:
+    """(m,) errors of the first cells, in parts that are spread over all of them.
+
+    The ``n_kept`` best so far are a limit for the next part: beyond it no cell is kept, and need not be computed.
+    """
+    errors, limit = np.full(len(candidates), np.inf), INFEASIBLE
+    for part in range(PARTS):
+        errors[part::PARTS] = problem.errors(candidates[part::PARTS], limit)
+        known = errors[np.isfinite(errors)]
+        if len(known) >= n_kept:
+            limit = min(limit, float(np.partition(known, n_kept - 1)[n_kept - 1]))
+    return errors
 
 
 def warm_up() -> None:
