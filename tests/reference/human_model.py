@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calib.types import F32, F64, I64, U8, Bool
+from calib.types import F32, F64, I32, I64, U8, Bool
 from planview.tracking.human_model.model_map import HumanModelMap
 
 
@@ -78,6 +78,20 @@ def measured(mask: Bool, evidence: U8, motion: U8, cover: U8, hiding: U8) -> tup
         int((mask & (cover == 1) & (evidence == 0) & (hiding > 0)).sum()),
         int((mask & (motion > 0)).sum()),
     )
+
+
+def still_times(evidence: U8, motion: U8, claimed: U8, labels: I32, dt_s: float, still_s: F32) -> F32:
+    """Times for which pixels have been foreground without motion, away from all blobs that are claimed in part."""
+    apart = ~np.isin(labels, labels[claimed > 0])
+    still = (evidence > 1) & (motion == 0) & (claimed == 0) & apart
+    return np.where(still, still_s + np.float32(dt_s), np.float32(0.0))
+
+
+def hiding_times(mask: Bool, evidence: U8, cover: U8, dt_s: float, expected_s: F32, shown_s: F32) -> tuple[F32, F32]:
+    """Times for which one model alone covered pixels, and for which they then were foreground; nothing is forgotten."""
+    alone = mask & (cover == 1)
+    added = np.float32(dt_s) * alone
+    return expected_s + added, shown_s + added * (evidence > 0)
 
 
 def histogram(mask: Bool, image: U8, evidence: U8, cover: U8, level: U8, n_levels: int, parts: int) -> F32:

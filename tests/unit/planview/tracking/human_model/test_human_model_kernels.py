@@ -81,6 +81,29 @@ def test_measurement_equals_masks(models: list[tuple[float, float, float]], seed
     np.testing.assert_array_equal(scene.claimed > 0, claimed)
 
 
+def test_still_times_grow_away_from_claimed_blobs() -> None:
+    evidence, motion, claimed = _noise(1, 3), _noise(2, 2), (_noise(3, 40) == 0).astype(np.uint8)
+    blobs = find_blobs(evidence * (np.arange(96) % 6 > 0).astype(np.uint8))
+    before = np.random.default_rng(4).random((72, 96), dtype=np.float32)
+    images = measuring.Images(evidence, motion, claimed, blobs.labels, claimed)
+    times = before.copy()
+    measuring.watch_still(images, claimed, np.zeros(len(blobs), np.bool_), 0.1, times)
+    np.testing.assert_array_equal(times, reference.still_times(evidence, motion, claimed, blobs.labels, 0.1, before))
+
+
+def test_scene_hides_where_a_model_rarely_shows_foreground() -> None:
+    evidence, cover, foot = _noise(1, 2), _noise(2, 3), (48.0, 50.0, 1.0)
+    mask, spans = reference.model_mask(MAP, *foot), _spans()
+    top, bottom = kernels.fill_spans(_map_arrays(), *foot, 96, spans)
+    expected_s, shown_s = np.zeros((2, 72, 96), np.float32)
+    limits, hiding = measuring.HidingLimits(0.5, 0.15, 10.0), np.zeros((72, 96), np.uint8)
+    measuring.learn_hiding(evidence, cover, spans, top, bottom, 0.5, limits, expected_s, shown_s, hiding)
+    zero = np.zeros((72, 96), np.float32)
+    times = reference.hiding_times(mask, evidence, cover, 0.5, zero, zero)
+    np.testing.assert_array_equal((expected_s, shown_s), times)
+    np.testing.assert_array_equal(hiding > 0, mask & (cover == 1) & (evidence == 0))
+
+
 def test_colours_equal_a_histogram_of_the_mask() -> None:
     scene, foot = _scene(), (48.0, 50.0, 1.0)
     image = np.random.default_rng(1).integers(0, 256, (72, 96, 3), dtype=np.uint8)
