@@ -16,13 +16,14 @@ def disparity_from_fixed(
     darkest: U8,
     brightest: U8,
     left: int,
+    step: int,
     lowest: int,
     subpixel: F32,
     saturated_level: int,
     texture_min: int,
     out: F32,
 ) -> None:
-    """Sixteenths to pixels, of a window that begins at column ``left``; NaN where nothing can have been measured.
+    """Sixteenths to pixels, of every ``step``-th column from ``left`` on; NaN where nothing can have been measured.
 
     That is where the left or the matched right pixel is masked or outside, where the value is below ``lowest``, and
     where the surroundings are saturated or without texture.
@@ -35,8 +36,8 @@ def disparity_from_fixed(
             if (
                 mask[row, col] == 0
                 or value < lowest
-                or whole > left + col
-                or right_mask[row, left + col - whole] == 0
+                or whole > left + step * col
+                or right_mask[row, left + step * col - whole] == 0
                 or low >= saturated_level
                 or high - low < texture_min
             ):

@@ -26,13 +26,14 @@ large enough that the margin does not double it (our choice)."""
 MARGIN_PX = 8
 """What is matched around a window and thrown away [px of the matched image]: the window of the texture test (7 px),
 half a block, and the first steps of the path costs (Hirschmueller 2008, section 2.3)."""
-STRIPE_ROWS = 20
-"""What OpenCV's stripes overlap costs as much as so many more rows [px]."""
-PIXEL_WORK = 33
-"""What a pixel costs besides its disparities, as a number of these: the prefilter, the tests after matching. Both are
-measured on windows of 64x48 to 256x384 px over 16 to 80 disparities, and hold within a quarter."""
-WINDOW_WORK = 60_000
-"""What a window costs besides, in the work of a pixel and disparity: calls and buffers (0.2 ms)."""
+PAD_PX = 6
+"""What the matcher lays out around a window costs as much as so much more on each side [px]."""
+SAMPLE_WORK = 20
+"""What a sample costs besides its disparities, as a number of these: rectifying its pixels, their slopes, the tests
+after matching. Measured on windows of 112x112 to 256x320 px over 16 to 64 disparities, at every pixel and every second
+one, and holds within a third."""
+WINDOW_WORK = 25_000
+"""What a window costs besides, in the work of a sample and disparity: calls and buffers (0.15 ms)."""
 MAX_WINDOWS = 64
 """More windows than this are noise all over the image, which is then matched as a whole (our choice)."""
 
@@ -81,6 +82,7 @@ class Gate:
     Attributes:
         size: (width, height) of the rectified image [px].
         tile_px: side of a tile in it [px].
+        margin_px: what is matched around a window, MARGIN_PX made up to whole samples [px].
     """
 
     def __init__(
@@ -93,14 +95,15 @@ class Gate:
             reduction: the analysed image is every n-th row and column of it.
             searched: how many disparities a window needs.
         """
-        self.size, self.tile_px = size, TILE * reduction
+        self.size, self.tile_px, self._reduction = size, TILE * reduction, reduction
+        self.margin_px = reduction * -(-MARGIN_PX // reduction)
         self._shape = rows, _ = -(-size[1] // self.tile_px), -(-size[0] // self.tile_px)
         self._refresh_s = params.refresh_s
         self._work = np.zeros((rows, rows))
         for top in range(rows):
             for last in range(top, rows):
                 window = Window(0, top * self.tile_px, size[0], min(size[1], (last + 1) * self.tile_px))
-                self._work[top, last] = searched(window) + PIXEL_WORK
+                self._work[top, last] = searched(window) + SAMPLE_WORK
         self.reset()
 
     def reset(self) -> None:
@@ -127,10 +130,10 @@ class Gate:
             tiles[row : int((top + height) // self.tile_px) + 1, col : int((left + width) // self.tile_px) + 1] = 1
         self._refresh(tiles, now_s)
         found = np.empty((MAX_WINDOWS, 4), np.int64)
-        margin = 2.0 * MARGIN_PX
-        work = self._work, self.tile_px, margin + STRIPE_ROWS, margin, float(WINDOW_WORK)
+        margin = 2.0 * (self.margin_px + PAD_PX) / self._reduction
+        work = self._work, TILE, margin, margin, float(WINDOW_WORK)
         n, total = split(cv2.integral(tiles), *work, found)
-        if n < 0 or total >= self._work[0, -1] * self.size[0] * self.size[1]:
+        if n < 0 or total >= self._work[0, -1] * self.size[0] * self.size[1] / self._reduction**2:
             return [self.whole]
         return [self._window(*(int(edge) for edge in box)) for box in found[:n]]
 

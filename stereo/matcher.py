@@ -32,7 +32,7 @@ over random textures (0.5-3 px, contrast 10-40, noise 2 grey levels, slopes to 0
 
 NEAREST_M = 0.5
 """A camera that close to a head shows nothing but the head: no disparities are spent on it."""
-_TEXTURE_PX = 15
+TEXTURE_PX = 15
 """Side of the window [px] in which some texture must be found: about as far as SGBM's smoothness carries a match."""
 
 
@@ -128,10 +128,21 @@ class SgbmParams(Params):
     nothing but sensor noise: a third of such disparities are off by more than a pixel (our choice)."""
 
 
+def speckle_px(geometry: RectifiedGeometry, params: SgbmParams) -> float:
+    """Pixels that a patch must have to count."""
+    return geometry.focal_u_px * geometry.focal_v_px * (params.speckle_m / 4.0) ** 2
+
+
+def valid_mask(mask: U8, params: SgbmParams) -> U8:
+    """The mask without a margin along the edges it has inside the image, where blocks would match the edge itself."""
+    margin = params.block_px // 2 + 1
+    kernel = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
+    return np.asarray(cv2.erode(mask, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=255), dtype=np.uint8)
+
+
 def make_sgbm(geometry: RectifiedGeometry, params: SgbmParams, disparities: DisparityRange) -> cv2.StereoSGBM:
     """OpenCV's matcher itself, with pixel sizes derived from the geometry."""
     area = params.block_px * params.block_px
-    speckle = geometry.focal_u_px * geometry.focal_v_px * (params.speckle_m / 4.0) ** 2
     return cv2.StereoSGBM.create(
         minDisparity=disparities.first_px,
         numDisparities=disparities.count,
@@ -141,7 +152,7 @@ def make_sgbm(geometry: RectifiedGeometry, params: SgbmParams, disparities: Disp
         disp12MaxDiff=params.left_right_px,
         preFilterCap=31,
         uniquenessRatio=params.uniqueness_percent,
-        speckleWindowSize=round(speckle),
+        speckleWindowSize=round(speckle_px(geometry, params)),
         speckleRange=1,
         mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )
@@ -175,11 +186,9 @@ class SgbmMatcher:
         self.geometry = geometry
         self.disparities = disparities or disparity_range(geometry)
         whole = np.full((geometry.height, geometry.width), 255, np.uint8)
-        self._mask, self._right_mask = (
-            _inside(whole if m is None else m, p.block_px // 2 + 1) for m in (mask, right_mask)
-        )
-        self._sgbm: dict[DisparityRange, cv2.StereoSGBM] = {}
-        self._texture = np.ones((_TEXTURE_PX, _TEXTURE_PX), np.uint8)
+        self._mask, self._right_mask = (valid_mask(whole if m is None else m, p) for m in (mask, right_mask))
+        self._sgbm = make_sgbm(geometry, p, self.disparities)
+        self._texture = np.ones((TEXTURE_PX, TEXTURE_PX), np.uint8)
 
     def __call__(self, left_grey: U8, right_grey: U8) -> F32:
         """Match one rectified pair (see ``Matcher``).
@@ -191,54 +200,22 @@ class SgbmMatcher:
         if left_grey.shape != shape or right_grey.shape != shape or left_grey.dtype != np.uint8:
             raise ValueError(f"expected two {shape} uint8 images, got {left_grey.shape} and {right_grey.shape}")
         # Columns before first_px have no match whatever the padding.
-        whole = Window(0, 0, *self.geometry.size)
-        return self._matched(left_grey, right_grey, whole, self.disparities, self.disparities.count)
-
-    def part(self, left_grey: U8, right_grey: U8, window: Window, disparities: DisparityRange) -> F32:
-        """Match a window of a rectified pair.
-
-        Args:
-            left_grey: (h, w) uint8 of the window.
-            right_grey: (h, w') uint8 of the window and of what ``right_of`` adds to it.
-            disparities: range to search.
-        Returns:
-            (h, w) float32 [px] as of a call; less sure near the edges of the window, which end the path costs.
-        """
-        return self._matched(left_grey, right_grey, window, disparities, disparities.first_px + disparities.count)
-
-    def right_of(self, window: Window, disparities: DisparityRange) -> Window:
-        """Where the pixels of a window can be in the right image."""
-        return window._replace(left=max(0, window.left - disparities.first_px - disparities.count))
-
-    def _matched(self, left: U8, right: U8, window: Window, searched: DisparityRange, pad: int) -> F32:
-        """The disparities of a window, both images padded on the left so that OpenCV has ``pad`` columns to leave."""
-        sgbm = self._sgbm.get(searched)
-        if sgbm is None:
-            sgbm = self._sgbm[searched] = make_sgbm(self.geometry, self.params, searched)
-        padded = (
-            cv2.copyMakeBorder(image, 0, 0, left.shape[1] + pad - image.shape[1], 0, cv2.BORDER_REPLICATE)
-            for image in (left, right)
-        )
-        fixed = sgbm.compute(*padded)[:, pad:]
-        disparity = np.empty(left.shape, dtype=np.float32)
-        rows, columns = window.slices
+        pad = self.disparities.count
+        padded = (cv2.copyMakeBorder(image, 0, 0, pad, 0, cv2.BORDER_REPLICATE) for image in (left_grey, right_grey))
+        fixed = self._sgbm.compute(*padded)[:, pad:]
+        disparity = np.empty(shape, dtype=np.float32)
         disparity_from_fixed(
             fixed,
-            self._mask[rows, columns],
-            self._right_mask[rows],
-            np.asarray(cv2.erode(left, self._texture), dtype=np.uint8),
-            np.asarray(cv2.dilate(left, self._texture), dtype=np.uint8),
-            window.left,
-            STEP * searched.first_px,
+            self._mask,
+            self._right_mask,
+            np.asarray(cv2.erode(left_grey, self._texture), dtype=np.uint8),
+            np.asarray(cv2.dilate(left_grey, self._texture), dtype=np.uint8),
+            0,
+            1,
+            STEP * self.disparities.first_px,
             SUBPIXEL,
             self.params.saturated_level,
             self.params.texture_min,
             disparity,
         )
         return disparity
-
-
-def _inside(mask: U8, margin: int) -> U8:
-    """The mask without a margin along the edges it has inside the image, where blocks would match the edge itself."""
-    kernel = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
-    return np.asarray(cv2.erode(mask, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=255), dtype=np.uint8)

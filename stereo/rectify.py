@@ -48,31 +48,36 @@ class RectifiedPair:
 
 @dataclass(frozen=True, eq=False)
 class PartialPair:
-    """A pair whose right image is rectified only where it is asked for.
+    """A pair that is rectified only where it is asked for.
 
     Attributes:
-        left: (H, W) or (H, W, 3) uint8, rectified.
-        right_source: uint8 grey, the recorded right image at the size that its warp needs.
-        right_warp: rectifies it.
+        recorded: (h', w'[, 3]) uint8, the left image.
+        reduced: (h, w[, 3]) uint8, the rectified left image at the analysis size.
+        sources: uint8 grey, both recorded images at the size that their warps need.
+        warps: rectify them.
     """
 
-    left: U8
-    right_source: U8
-    right_warp: Warp
+    recorded: U8
+    reduced: U8
+    sources: tuple[U8, U8]
+    warps: tuple[Warp, Warp]
+
+    def left(self) -> U8:
+        """(H, W[, 3]) uint8, the rectified left image."""
+        return self.warps[0](self.recorded)
 
     def left_grey(self, window: Window) -> U8:
         """(h, w) uint8 of a window."""
-        return as_grey(self.left[window.slices])
+        return self.warps[0].part(self.sources[0], window)
 
     def right_grey(self, window: Window) -> U8:
         """(h, w) uint8 of a window."""
-        return self.right_warp.part(self.right_source, window)
+        return self.warps[1].part(self.sources[1], window)
 
     def samples(self, step: int) -> tuple[U8, U8]:
         """Every ``step``-th row and column of both images, (h, w) uint8 grey."""
-        return as_grey(np.ascontiguousarray(self.left[::step, ::step])), self.right_warp.samples(
-            self.right_source, step
-        )
+        left, right = (warp.samples(source, step) for warp, source in zip(self.warps, self.sources, strict=True))
+        return left, right
 
 
 class Rectifier:
@@ -103,6 +108,7 @@ class Rectifier:
         size, working_px = self.geometry.size, self.params.working_px
         self._left = Warp(rig.left, left_rotation, to_ray, size, working_px)
         self._right = Warp(rig.right, right_rotation, to_ray @ self.vertical.matrix, size, working_px)
+        self._smaller: dict[int, Warp] = {}
         self.mask, self.right_mask = self._left.mask, self._right.mask
 
     def __call__(self, left: U8, right: U8) -> RectifiedPair:
@@ -117,10 +123,27 @@ class Rectifier:
         rectified = self._left(left)
         return RectifiedPair(rectified, as_grey(rectified), self._right(as_grey(right)))
 
-    def partly(self, left: U8, right: U8) -> PartialPair:
-        """Rectify the left image of a pair, and the right one later in part (arguments and errors as of a call)."""
+    def partly(self, left: U8, right: U8, step: int) -> PartialPair:
+        """Rectify a pair later in part, but the left image at every ``step``-th row and column now: means of what lies
+        between (arguments and errors as of a call)."""
         self._check(left, right)
-        return PartialPair(self._left(left), self._right.source(as_grey(right)), self._right)
+        ours = self._left.source(left)
+        reduced = self._reduced(step)
+        sources = as_grey(ours), self._right.source(as_grey(right))
+        return PartialPair(left, reduced.of(reduced.source(ours)), sources, (self._left, self._right))
+
+    def _reduced(self, step: int) -> Warp:
+        """Of the left image at an n-th of its size."""
+        if step == 1:
+            return self._left
+        if step not in self._smaller:
+            width, height = self.geometry.size
+            size, middle = (-(-width // step), -(-height // step)), 0.5 * (step - 1)
+            scale = np.array([[step, 0.0, middle], [0.0, step, middle], [0.0, 0.0, 1.0]])
+            to_ray = np.asarray(np.linalg.inv(self.geometry.matrix) @ scale, dtype=np.float64)
+            rotation = self.rect_SE3_left.rotation
+            self._smaller[step] = Warp(self.rig.left, rotation, to_ray, size, max(size))
+        return self._smaller[step]
 
     def _check(self, left: U8, right: U8) -> None:
         size = self.rig.left.size[::-1]

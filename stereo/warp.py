@@ -35,7 +35,6 @@ class Warp:
             size: (width, height) of the pinhole's image [px].
             working_px: longest side that images are averaged down to [px]; 0 keeps their size.
         """
-        self._recorded = camera.size
         self._reduced = _reduced_size(camera.size, working_px)
         pixels = source_pixels(camera, rotation, pixel_to_ray, size)
         inside: Bool = np.all((pixels > -0.5) & (pixels < np.array(camera.size) - 0.5), axis=-1)
@@ -52,11 +51,15 @@ class Warp:
 
     def __call__(self, image: U8) -> U8:
         """(H, W) or (H, W, 3) uint8 of an image of the camera, by bilinear interpolation."""
-        return np.asarray(cv2.remap(self.source(image), *self._maps, cv2.INTER_LINEAR), dtype=np.uint8)
+        return self.of(self.source(image))
+
+    def of(self, source: U8) -> U8:
+        """A call, from what ``source`` gave."""
+        return np.asarray(cv2.remap(source, *self._maps, cv2.INTER_LINEAR), dtype=np.uint8)
 
     def source(self, image: U8) -> U8:
-        """An image of the camera, averaged down as the warp needs it."""
-        if self._reduced == self._recorded:
+        """An image of the camera, or what another warp of it needs, averaged down as this warp needs it."""
+        if self._reduced == image.shape[1::-1]:
             return image
         return np.asarray(cv2.resize(image, self._reduced, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 

@@ -33,7 +33,7 @@ class BusiestFrame:
 
     def __call__(self, result: FrameResult) -> None:
         people = sum(track.state == "confirmed" for track in result.tracks)
-        image = result.observation.image
+        image = result.image
         if people > self.people and image is not None and image.ndim == 3:
             self.people, self.picture = people, models_over_frame(image, self._tracker.debug())
 

@@ -31,6 +31,7 @@ from planview.trajectories.state import TrackState
 from planview.trajectories.table import TrajectoryCollector, write_table
 from stereo.readers import open_any
 from stereo.recording import Recording, RgbdRecording
+from stereo.sampled import SampledDisparity
 
 HISTORY = 5000
 """Frames of MOG2's memory. OpenCV's default of 500 takes a person who stands for 4 s for background."""
@@ -160,14 +161,15 @@ class Peer(Pipeline):
     def separate(self, matched: MatchedFrame, clock: StageClock) -> Separated:
         """See ``Pipeline``: MOG2, which marks shadows with 127."""
         step = self.stereo.reduction
-        image = self.reduced_image(matched.image)
+        image = matched.image
         marked = np.asarray(self._mog2.apply(image))
         mask: U8 = np.where(marked == FOREGROUND, marked, 0).astype(np.uint8)
         mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, OPENED), dtype=np.uint8)
         clock.record("foreground")
         assert matched.disparity is not None
         points = self.maps.points(np.ascontiguousarray(matched.disparity[::step, ::step]), mask)
-        return Separated(image, mask, points, matched.disparity)
+        sampled = SampledDisparity(matched.disparity, 1, matched.disparity.shape)
+        return Separated(image, mask, points, sampled)
 
 
 class PeerLog:
@@ -191,7 +193,7 @@ class PeerLog:
         image, disparity = result.observation.image, result.disparity
         if image is None or disparity is None:
             raise ValueError("expected frames with image and disparity")
-        matched = MatchedFrame(result.frame, result.timestamp_s, image, disparity, {})
+        matched = MatchedFrame(result.frame, result.timestamp_s, image, None, disparity, {})
         self._tracks.add(result.frame, result.timestamp_s, self._peer.track(matched).tracks)
 
     def mark(self) -> dict[str, int]:

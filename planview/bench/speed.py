@@ -258,7 +258,7 @@ def foreground_to_mog2(clip: Clip, speed: Speed) -> None:
         result = engine.step(frame)
         if result.observation.image is None or result.disparity is None:
             continue
-        image = engine.reduced_image(result.observation.image)
+        image = result.observation.image
         disparity = np.ascontiguousarray(result.disparity[::step, ::step])
         now, measured = result.timestamp_s, result.measured if ours.settled else None
         theirs = seconds(mog2.apply, image)

@@ -19,6 +19,7 @@ from planview.tracking.base import Decision, Observation, Tracker
 from planview.trajectories.state import TrackState
 from stereo.floor_camera import StereoFloorCamera
 from stereo.recording import Skipped
+from stereo.sampled import SampledDisparity
 
 AnyFrame = TypeVar("AnyFrame")
 
@@ -32,19 +33,24 @@ class HeadResult:
 
     Attributes:
         name: of the head.
-        image: (H, W[, 3]) uint8, rectified left image; None when the head has no frame at that time.
+        picture: makes its rectified left image; None when the head has no frame at that time.
         foreground: (h, w) uint8 mask at the size of foreground and maps, or None.
-        disparity: (H, W) float32 [px], NaN invalid, or None.
+        sampled: its disparity, or None.
         tracks: people, with their boxes in the head's image.
         n_points: how many of the maps' points are the head's; heads follow one another in them.
     """
 
     name: str
-    image: U8 | None
+    picture: Callable[[], U8] | None
     foreground: U8 | None
-    disparity: F32 | None
+    sampled: SampledDisparity | None
     tracks: tuple[TrackState, ...]
     n_points: int
+
+    @property
+    def image(self) -> U8 | None:
+        """(H, W[, 3]) uint8, rectified left image; None when the head has no frame at that time."""
+        return None if self.picture is None else self.picture()
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +62,14 @@ class FrameResult:
         timestamp_s: seconds since the first frame.
         tracks: people, tentative and lost ones included.
         decisions: why the tracker did what it did.
-        observation: the tracker's input (image, foreground, maps).
-        disparity: (H, W) float32 [px], NaN invalid; None for a single camera.
+        observation: the tracker's input (image, foreground, maps), of a pair at the analysis size.
+        sampled: disparity, of every pixel or of those that foreground and maps are made of; None for a single camera.
         stages_ms: time of every stage; reading and matching run ahead in other threads.
         heads: what each of several heads measured; empty for a recording of one head.
         thumbnails: of both rectified images; None without a pair.
         measured: (h, w) uint8 at the size of foreground and maps, 0 where the disparity is as measured in an earlier
             frame; None where all of it is of this one.
+        picture: makes the image of the size that boxes of people are in; None where the observation has it.
     """
 
     frame: int
@@ -70,11 +77,22 @@ class FrameResult:
     tracks: tuple[TrackState, ...]
     decisions: tuple[Decision, ...]
     observation: Observation
-    disparity: F32 | None
+    sampled: SampledDisparity | None
     stages_ms: dict[str, float]
     heads: tuple[HeadResult, ...] = ()
     thumbnails: Thumbnails | None = None
     measured: U8 | None = None
+    picture: Callable[[], U8] | None = None
+
+    @property
+    def image(self) -> U8 | None:
+        """(H, W[, 3]) uint8, the (rectified left) image; None for recorded maps. Made when it is asked for."""
+        return self.observation.image if self.picture is None else self.picture()
+
+    @property
+    def disparity(self) -> F32 | None:
+        """(H, W) float32 [px], NaN invalid; None for a single camera."""
+        return None if self.sampled is None else self.sampled.image
 
     @property
     def matched_share(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -9,6 +10,10 @@ from calib.types import F32, U8
 from planview.doctor.motion import Thumbnails
 from planview.maps.builder import FloorPoints
 from stereo.rectify import PartialPair
+from stereo.sampled import SampledDisparity
+
+Picture = Callable[[], U8]
+"""Makes a picture when it is asked for, which is seldom."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,7 +22,8 @@ class MatchedFrame:
 
     Attributes:
         frame, timestamp_s: as in the recording.
-        image: (H, W[, 3]) uint8, rectified; the left one of a pair.
+        image: (h, w[, 3]) uint8 of the analysis size, rectified; the left one of a pair.
+        picture: the same at the rectified size, None where it is not kept.
         disparity: (H, W) float32 [px], NaN invalid; None while the background decides what of ``pair`` is matched.
         stages_ms: time of the stages so far.
         thumbnails: of both rectified images.
@@ -27,6 +33,7 @@ class MatchedFrame:
     frame: int
     timestamp_s: float
     image: U8
+    picture: Picture | None
     disparity: F32 | None
     stages_ms: dict[str, float]
     thumbnails: Thumbnails | None = None
@@ -40,12 +47,12 @@ class Separated(NamedTuple):
         image: (h, w[, 3]) uint8 of the analysis size.
         mask: (h, w) uint8.
         points: its points in the world.
-        disparity: (H, W) float32 [px], NaN invalid.
+        sampled: disparity.
         measured: (h, w) uint8, 0 where the disparity is that of an earlier frame; None where all of it is measured.
     """
 
     image: U8
     mask: U8
     points: FloorPoints
-    disparity: F32
+    sampled: SampledDisparity
     measured: U8 | None = None

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 from typing import NamedTuple
 
 import cv2
@@ -13,10 +15,11 @@ from calib.rig import Floor
 from calib.types import F32, U8
 from planview.foreground.mixture import Foreground
 from planview.trajectories.state import TrackState
-from stereo.gate import MARGIN_PX, SAMPLE, Gate, MatchingParams, Window
-from stereo.matcher import DisparityRange, RangeParams, SgbmMatcher, disparity_range
+from stereo.gate import SAMPLE, Gate, MatchingParams, Window
+from stereo.matcher import DisparityRange, RangeParams, disparity_range
 from stereo.recording import StereoFrame
 from stereo.rectify import PartialPair, Rectifier
+from stereo.sampled import SampledMatcher
 
 SAME_LEVELS = 12
 """Largest difference of a channel between two images of the same surface in the same light [levels of 255]: three
@@ -24,11 +27,11 @@ deviations of the luma that the foreground takes for noise (our choice)."""
 
 
 class Measured(NamedTuple):
-    """Disparity of a frame that was matched in part.
+    """Disparity of a frame that was matched in part, at the analysis size.
 
     Attributes:
-        disparity: (H, W) float32 [px], of every pixel as it was measured last; NaN invalid.
-        now: (h, w) float32 [px] at the analysis size, NaN also where nothing was measured in this frame.
+        disparity: (h, w) float32 [px], of every pixel as it was measured last; NaN invalid.
+        now: (h, w) float32 [px], NaN also where nothing was measured in this frame.
         mask: (h, w) uint8, 255 where disparity was measured in this frame.
     """
 
@@ -42,7 +45,7 @@ class MatchingMemory:
 
     Attributes:
         gate: place of the refresh.
-        disparity: (H, W) float32 [px] as measured last.
+        disparity: (h, w) float32 [px] as measured last, at the analysis size.
         foreground: (h, w) uint8 mask of the last frame.
         background: every SAMPLE-th row and column of the analysed image, uint8, as it looked when it was last measured
             as background.
@@ -57,7 +60,7 @@ class MatchingMemory:
     def reset(self) -> None:
         """Forget all frames."""
         self.gate.reset()
-        self.disparity: F32 = np.full(self.gate.size[::-1], np.nan, np.float32)
+        self.disparity: F32 = np.full(self._shape, np.nan, np.float32)
         self.foreground: U8 = np.zeros(self._shape, np.uint8)
         self.background: U8 | None = None
         self.boxes: tuple[tuple[float, float, float, float], ...] = ()
@@ -73,27 +76,29 @@ class GatedMatching:
     def __init__(
         self,
         rectifier: Rectifier,
-        matcher: SgbmMatcher,
+        matcher: SampledMatcher,
         floor: Floor,
         range_params: RangeParams,
         matching: MatchingParams,
         shape: tuple[int, int],
-        reduction: int,
     ) -> None:
         """Prepare.
 
         Args:
-            shape, reduction: of the analysed image, every ``reduction``-th row and column of the rectified one.
+            matcher: of the samples that make up the analysed image.
+            shape: (height, width) of the analysed image.
         """
         self._rectifier, self._matcher = rectifier, matcher
         self._floor, self._range = floor, range_params
-        self._shape, self._reduction = shape, reduction
-        gate = Gate(rectifier.geometry.size, reduction, matching, lambda window: self._searched(window).count)
+        self._shape = shape
+        gate = Gate(rectifier.geometry.size, matcher.step, matching, lambda window: self._searched(window).count)
+        self._range_of = lru_cache(maxsize=1024)(self._searched)
         self.memory = MatchingMemory(gate, shape)
+        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="matching")
 
     def rectify(self, frame: StereoFrame) -> PartialPair:
         """The part of the work that depends on no other frame."""
-        return self._rectifier.partly(frame.left, frame.right)
+        return self._rectifier.partly(frame.left, frame.right, self._matcher.step)
 
     def __call__(self, pair: PartialPair, image: U8, foreground: Foreground, timestamp_s: float) -> Measured:
         """Match the next frame.
@@ -102,19 +107,31 @@ class GatedMatching:
             image: of the analysis size.
             foreground: the background of the frames before.
         """
-        memory, whole = self.memory, self.memory.gate.whole
-        windows = [whole]
+        memory = self.memory
+        windows = [memory.gate.whole]
         if foreground.settled:
             windows = memory.gate.windows(self._changed(image, foreground), memory.boxes, timestamp_s)
         now = np.full(self._shape, np.nan, np.float32)
         mask = np.zeros(self._shape, np.uint8)
-        step = self._reduction
+        self._match_all(pair, windows, now)
         for window in windows:
-            found = self._whole(pair) if window == whole else self._part(pair, window)
-            memory.disparity[window.slices] = found
-            few = tuple(slice(-(-s.start // step), -(-s.stop // step)) for s in window.slices)
-            now[few], mask[few] = found[::step, ::step], 255
-        return Measured(memory.disparity.copy(), now, mask)
+            mask[self._samples(window)] = 255
+        memory.disparity = np.where(mask > 0, now, memory.disparity)
+        return Measured(memory.disparity, now, mask)
+
+    def _match_all(self, pair: PartialPair, windows: Sequence[Window], out: F32) -> None:
+        """Match all windows, the most work first: this thread and a helper take one after the other."""
+        order = sorted(windows, key=lambda w: (w.top - w.bottom) * (w.right - w.left))
+        waiting = iter(order)
+
+        def work() -> None:
+            for window in waiting:
+                out[self._samples(window)] = self._match(pair, window)
+
+        helper = self._worker.submit(work) if len(order) > 1 else None
+        work()
+        if helper is not None and not helper.cancel():
+            helper.result()
 
     def _changed(self, image: U8, foreground: Foreground) -> U8:
         """Samples that differ from the background, unless they were measured as background when they looked as now.
@@ -147,20 +164,28 @@ class GatedMatching:
             track.box_px for track in tracks if track.state == "lost" and not math.isnan(track.box_px[0])
         )
 
-    def _whole(self, pair: PartialPair) -> F32:
-        whole = self.memory.gate.whole
-        return self._matcher(pair.left_grey(whole), pair.right_grey(whole))
-
-    def _part(self, pair: PartialPair, window: Window) -> F32:
-        outer = window.grown(MARGIN_PX, self.memory.gate.size)
-        searched = self._searched(outer)
+    def _match(self, pair: PartialPair, window: Window) -> F32:
+        """Samples of a window, from a larger one whose margin is thrown away."""
+        gate, step = self.memory.gate, self._matcher.step
+        outer = window.grown(gate.margin_px, gate.size)
+        searched = self._range_of(outer)
         right = pair.right_grey(self._matcher.right_of(outer, searched))
-        found = self._matcher.part(pair.left_grey(outer), right, outer, searched)
-        return found[window.within(outer.left, outer.top).slices]
+        found = self._matcher(pair.left_grey(outer), right, outer, searched)
+        inner = window.within(outer.left, outer.top)
+        return found[samples(inner, step)]
+
+    def _samples(self, window: Window) -> tuple[slice, slice]:
+        return samples(window, self._matcher.step)
 
     def _searched(self, window: Window) -> DisparityRange:
         """Disparities in a window: a person at 6 m does not need those of 2 m."""
         return disparity_range(self._rectifier.geometry, self._range, self._floor, window)
+
+
+def samples(window: Window, step: int) -> tuple[slice, slice]:
+    """Of every ``step``-th row and column, those in a window."""
+    rows, columns = (slice(-(-s.start // step), -(-s.stop // step)) for s in window.slices)
+    return rows, columns
 
 
 def _sampled(image: U8) -> U8:

@@ -152,9 +152,9 @@ class HeadsPipeline(StereoDescription):
         results = tuple(
             HeadResult(
                 head.name,
-                pair.image if pair else None,
+                pair.picture if pair else None,
                 one.mask if one else None,
-                one.disparity if one else None,
+                one.sampled if one else None,
                 people,
                 len(one.points.xyz) if one else 0,
             )
@@ -163,8 +163,8 @@ class HeadsPipeline(StereoDescription):
         clock.record("track")
         return FrameResult(
             frame.index, frame.timestamp_s, results[0].tracks, self.tracker.decisions, observation,
-            own.disparity if own else None, clock.stages_ms, results, first.thumbnails if first else None,
-            own.measured if own else None,
+            own.sampled if own else None, clock.stages_ms, results, first.thumbnails if first else None,
+            own.measured if own else None, first.picture if first else None,
         )  # fmt: skip
 
     def _prepared(self, after: int) -> Iterator[MatchedHeads]:

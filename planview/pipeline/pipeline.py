@@ -36,6 +36,7 @@ from stereo.readers import OpenOptions, open_any
 from stereo.readers.prefetch import prefetch
 from stereo.recording import Recording, RgbdFrame, RgbdRecording, StereoFrame, Video, VideoFrame
 from stereo.rectify import RectifiedPair
+from stereo.sampled import SampledDisparity
 
 AHEAD = 2
 """Frames read and rectified ahead of the tracker."""
@@ -157,7 +158,7 @@ class Pipeline(StereoDescription):
         pair = self.gated.rectify(frame)
         small = sampled_thumbnails(*pair.samples(STEP_PX))
         clock.record("rectify")
-        return MatchedFrame(frame.index, frame.timestamp_s, pair.left, None, clock.stages_ms, small, pair)
+        return MatchedFrame(frame.index, frame.timestamp_s, pair.reduced, pair.left, None, clock.stages_ms, small, pair)
 
     def match(self, frame: StereoFrame | RgbdFrame, clock: StageClock | None = None) -> MatchedFrame:
         """Rectify a frame and find the disparity of all its pixels; depends on no other frame.
@@ -167,11 +168,14 @@ class Pipeline(StereoDescription):
         """
         clock = clock or StageClock()
         rectified = self.front_end.rectify(frame)
+        image = self.reduced_image(rectified.left)
         clock.record("rectify")
         disparity = self.front_end.disparity(rectified)
         clock.record("match")
         small = thumbnails(rectified.left_grey, rectified.right_grey) if isinstance(rectified, RectifiedPair) else None
-        return MatchedFrame(frame.index, frame.timestamp_s, rectified.left, disparity, clock.stages_ms, small)
+        return MatchedFrame(
+            frame.index, frame.timestamp_s, image, lambda: rectified.left, disparity, clock.stages_ms, small
+        )
 
     def track(self, matched: MatchedFrame) -> FrameResult:
         """Foreground, maps and people of the next frame."""
@@ -185,24 +189,27 @@ class Pipeline(StereoDescription):
         clock.record("track")
         return FrameResult(
             matched.frame, matched.timestamp_s, tracks, self.tracker.decisions, observation,
-            found.disparity, clock.stages_ms, thumbnails=matched.thumbnails, measured=found.measured,
+            found.sampled, clock.stages_ms, thumbnails=matched.thumbnails, measured=found.measured,
+            picture=matched.picture,
         )  # fmt: skip
 
     def separate(self, matched: MatchedFrame, clock: StageClock) -> Separated:
         """Foreground of the next pair."""
-        step = self.stereo.reduction
-        image, disparity, measured = self.reduced_image(matched.image), matched.disparity, None
-        if disparity is None:
+        step, size = self.stereo.reduction, self.stereo.geometry.size
+        image, measured = matched.image, None
+        if matched.disparity is None:
             assert self.gated is not None and matched.pair is not None
             disparity, now, measured = self.gated(matched.pair, image, self.foreground, matched.timestamp_s)
+            sampled = SampledDisparity(disparity, step, size[::-1])
             clock.record("match")
         else:
-            now = np.ascontiguousarray(disparity[::step, ::step])
+            now = np.ascontiguousarray(matched.disparity[::step, ::step])
+            sampled = SampledDisparity(matched.disparity, 1, size[::-1])
         known = measured if self.foreground.settled else None
         mask = self.foreground.update(image, now, matched.timestamp_s, self.feedback.mask, known)
         clock.record("foreground")
         points = self.maps.points(now, mask, image, self.foreground.exposure)
-        return Separated(image, mask, points, disparity, measured)
+        return Separated(image, mask, points, sampled, measured)
 
     def learn(self, found: Separated, tracks: Sequence[TrackState]) -> None:
         """Tell the next frame's foreground and matching where people are, with their boxes in this image."""

@@ -25,6 +25,7 @@ from stereo.matcher import DisparityRange, Matcher, SgbmMatcher, disparity_range
 from stereo.recording import Recording, RgbdRecording, StereoFrame
 from stereo.rectify import Rectifier, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
+from stereo.sampled import SampledMatcher
 from stereo.vertical import VerticalFit, VerticalParams, match_corners
 
 ORDER_FRAMES = 4
@@ -77,10 +78,10 @@ class Setup:
         return StereoFrontEnd(self.rectifier, matcher or self._sgbm(config), self.disparities)
 
     def gated(self, config: Config, shape: tuple[int, int], reduction: int) -> GatedMatching:
-        """SGBM where something may have changed; ``shape`` and ``reduction`` are those of the foreground."""
-        return GatedMatching(
-            self.rectifier, self._sgbm(config), self.floor, config.range, config.matching, shape, reduction
-        )
+        """Matching where something may have changed; ``shape`` and ``reduction`` are those of the foreground."""
+        geometry, masks = self.rectifier.geometry, (self.rectifier.mask, self.rectifier.right_mask)
+        matcher = SampledMatcher(geometry, config.sgbm, reduction, *masks)
+        return GatedMatching(self.rectifier, matcher, self.floor, config.range, config.matching, shape)
 
     def _sgbm(self, config: Config) -> SgbmMatcher:
         masks = self.rectifier.mask, self.rectifier.right_mask

@@ -120,7 +120,7 @@ def test_colour_is_tracked_like_grey(pairs: list[Pair], engine: Pipeline, tmp_pa
     recording = write_toy_recording(tmp_path / "colour", toy_rig(), coloured)  # type: ignore[arg-type]
     write_world(engine, recording)
     results = list(open_engine(recording, config=load_config(None, [FEW])))
-    assert results[0].observation.image is not None and results[0].observation.image.ndim == 3
+    assert (image := results[0].image) is not None and image.ndim == 3
     assert [track.state for track in results[-1].tracks] == ["confirmed"]
 
 

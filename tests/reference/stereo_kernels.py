@@ -12,6 +12,7 @@ def disparity_from_fixed(
     darkest: U8,
     brightest: U8,
     left: int,
+    step: int,
     lowest: int,
     subpixel: F32,
     saturated_level: int,
@@ -20,7 +21,7 @@ def disparity_from_fixed(
 ) -> None:
     value = fixed.astype(np.int32)
     whole = value >> 4
-    column = left + np.arange(fixed.shape[1])[None, :] - whole
+    column = left + step * np.arange(fixed.shape[1])[None, :] - whole
     matched = np.take_along_axis(right_mask, np.clip(column, 0, right_mask.shape[1] - 1), axis=1)
     good = (mask > 0) & (value >= lowest) & (column >= 0) & (matched > 0)
     good &= (darkest < saturated_level) & (brightest.astype(np.int32) - darkest >= texture_min)

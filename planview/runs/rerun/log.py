@@ -171,7 +171,7 @@ class RerunLog:
 
     def _log_images(self, result: FrameResult) -> None:
         """What takes room: images, cloud, maps and what the tracker looked at."""
-        self._log_image("image", result.observation.image, result.observation.foreground)
+        self._log_image("image", result.image, result.observation.foreground)
         for head in result.heads[1:]:
             self._log_image(f"{head.name}/image", head.image, head.foreground)
         if self._stereo:
@@ -198,10 +198,10 @@ class RerunLog:
         self._stream.log("world/foreground", cloud)
 
     def _log_maps(self, stereo: StereoView, result: FrameResult) -> None:
-        maps, image = result.observation.maps, result.observation.image
+        maps = result.observation.maps
         if maps is None:
             return
-        if self._scene is not None and image is not None and "plan/floor" not in self._shown:
+        if self._scene is not None and "plan/floor" not in self._shown and (image := result.image) is not None:
             self._scene.log_floor(self._stream, image)
             self._shown.add("plan/floor")
         density = maps.occupancy / maps.grid.cell_m**2

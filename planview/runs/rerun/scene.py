@@ -45,8 +45,10 @@ class StaticScene:
 
     def take(self, stream: rr.RecordingStream, result: FrameResult) -> None:
         """Take a frame; nothing is computed once the scene is known."""
-        image, disparity = result.observation.image, result.disparity
-        if self.done or image is None or disparity is None:
+        if self.done:
+            return
+        image, disparity = result.image, result.disparity
+        if image is None or disparity is None:
             return
         if self._points is None:
             self._started_s = result.timestamp_s

@@ -103,7 +103,7 @@ _SIDES = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
 
 def point_colours(stereo: StereoView, result: FrameResult) -> U8 | None:
     """(N, 3) RGB of the maps' points, each from its head's image; None without an image."""
-    maps, image = result.observation.maps, result.observation.image
+    maps, image = result.observation.maps, result.image
     if maps is None:
         return None
     pixels = maps.points.pixels
@@ -112,9 +112,9 @@ def point_colours(stereo: StereoView, result: FrameResult) -> U8 | None:
     parts, start = [np.empty((0, 3), dtype=np.uint8)], 0
     for head in result.heads:
         mine = pixels[start : start + head.n_points]
-        if head.image is not None and head.foreground is not None:
+        if (own := head.image) is not None and head.foreground is not None:
             width = head.foreground.shape[1]
-            parts.append(_colours_at(head.image, mine, width, -(-head.image.shape[1] // width)))
+            parts.append(_colours_at(own, mine, width, -(-own.shape[1] // width)))
         start += head.n_points
     return np.concatenate(parts)
 

@@ -167,8 +167,24 @@ def test_parts_of_a_pair_are_those_of_the_whole_pair() -> None:
     rectifier = Rectifier(rig)
     left, right = ToyWorld().pair(rig)
     window = Window(30, 40, 200, 110)
-    whole, part = rectifier(left, right), rectifier.partly(left, right)
+    whole, part = rectifier(left, right), rectifier.partly(left, right, 2)
+    np.testing.assert_array_equal(part.left(), whole.left)
     np.testing.assert_array_equal(part.left_grey(window), whole.left_grey[window.slices])
     np.testing.assert_array_equal(part.right_grey(window), whole.right_grey[window.slices])
     for small, large in zip(part.samples(2), (whole.left_grey, whole.right_grey), strict=True):
         np.testing.assert_array_equal(small, large[::2, ::2])
+
+
+def test_the_reduced_image_of_a_part_holds_means_of_the_whole() -> None:
+    rig = toy_rig(rotation_deg=TURN, distortion=BROWN)
+    rectifier = Rectifier(rig)
+    pair = ToyWorld().pair(rig)
+    means = rectifier(*pair).left.reshape(120, 2, 160, 2).mean(axis=(1, 3))
+    reduced = rectifier.partly(*pair, 2).reduced
+    assert reduced.shape == means.shape
+    inside = rectifier.mask[::2, ::2] > 0
+    assert abs((reduced - means)[inside].mean()) < 0.5
+    off = [
+        np.abs(np.roll(reduced, by, (0, 1)) - means)[inside].mean() for by in ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))
+    ]
+    assert off[0] < 0.5 * min(off[1:])
