@@ -37,12 +37,12 @@ class SampledDisparity(NamedTuple):
     Attributes:
         samples: (h, w) float32 [px of the image], NaN invalid.
         step: n.
-        shape: (H, W) of the image.
+        shape: (H, W) of the image; not asked for when every pixel is a sample.
     """
 
     samples: F32
-    step: int
-    shape: tuple[int, int]
+    step: int = 1
+    shape: tuple[int, int] = (0, 0)
 
     @property
     def image(self) -> F32:
@@ -118,8 +118,8 @@ class SampledMatcher:
         offset = window.left - self.right_of(window, disparities).left
         planes, work = self._room.of(at, disparities.count)
         match_samples(
-            np.ascontiguousarray(left_grey), np.ascontiguousarray(right_grey), offset, disparities.first_px, disparities.count, at, choice,
-            planes, work, fixed, darkest, brightest,
+            np.ascontiguousarray(left_grey), np.ascontiguousarray(right_grey), offset,
+            disparities.first_px, disparities.count, at, choice, planes, work, fixed, darkest, brightest,
         )  # fmt: skip
         return self._checked(fixed, darkest, brightest, window, disparities.first_px)
 

@@ -168,8 +168,7 @@ class Peer(Pipeline):
         clock.record("foreground")
         assert matched.disparity is not None
         points = self.maps.points(np.ascontiguousarray(matched.disparity[::step, ::step]), mask)
-        sampled = SampledDisparity(matched.disparity, 1, matched.disparity.shape)
-        return Separated(image, mask, points, sampled)
+        return Separated(image, mask, points, SampledDisparity(matched.disparity))
 
 
 class PeerLog:
@@ -193,7 +192,7 @@ class PeerLog:
         image, disparity = result.observation.image, result.disparity
         if image is None or disparity is None:
             raise ValueError("expected frames with image and disparity")
-        matched = MatchedFrame(result.frame, result.timestamp_s, image, None, disparity, {})
+        matched = MatchedFrame(result.frame, result.timestamp_s, image, disparity, {})
         self._tracks.add(result.frame, result.timestamp_s, self._peer.track(matched).tracks)
 
     def mark(self) -> dict[str, int]:

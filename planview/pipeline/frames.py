@@ -23,21 +23,21 @@ class MatchedFrame:
     Attributes:
         frame, timestamp_s: as in the recording.
         image: (h, w[, 3]) uint8 of the analysis size, rectified; the left one of a pair.
-        picture: the same at the rectified size, None where it is not kept.
         disparity: (H, W) float32 [px], NaN invalid; None while the background decides what of ``pair`` is matched.
         stages_ms: time of the stages so far.
         thumbnails: of both rectified images.
         pair: what is to be matched in part.
+        picture: the image at the rectified size; None where it is not kept.
     """
 
     frame: int
     timestamp_s: float
     image: U8
-    picture: Picture | None
     disparity: F32 | None
     stages_ms: dict[str, float]
     thumbnails: Thumbnails | None = None
     pair: PartialPair | None = None
+    picture: Picture | None = None
 
 
 class Separated(NamedTuple):

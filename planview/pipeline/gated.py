@@ -19,7 +19,7 @@ from stereo.gate import SAMPLE, Gate, MatchingParams, Window
 from stereo.matcher import DisparityRange, RangeParams, disparity_range
 from stereo.recording import StereoFrame
 from stereo.rectify import PartialPair, Rectifier
-from stereo.sampled import SampledMatcher
+from stereo.sampled import SampledDisparity, SampledMatcher
 
 SAME_LEVELS = 12
 """Largest difference of a channel between two images of the same surface in the same light [levels of 255]: three
@@ -30,12 +30,12 @@ class Measured(NamedTuple):
     """Disparity of a frame that was matched in part, at the analysis size.
 
     Attributes:
-        disparity: (h, w) float32 [px], of every pixel as it was measured last; NaN invalid.
+        sampled: of every pixel as it was measured last.
         now: (h, w) float32 [px], NaN also where nothing was measured in this frame.
         mask: (h, w) uint8, 255 where disparity was measured in this frame.
     """
 
-    disparity: F32
+    sampled: SampledDisparity
     now: F32
     mask: U8
 
@@ -117,7 +117,8 @@ class GatedMatching:
         for window in windows:
             mask[self._samples(window)] = 255
         memory.disparity = np.where(mask > 0, now, memory.disparity)
-        return Measured(memory.disparity, now, mask)
+        sampled = SampledDisparity(memory.disparity, self._matcher.step, self.memory.gate.size[::-1])
+        return Measured(sampled, now, mask)
 
     def _match_all(self, pair: PartialPair, windows: Sequence[Window], out: F32) -> None:
         """Match all windows, the most work first: this thread and a helper take one after the other."""

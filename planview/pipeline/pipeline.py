@@ -158,7 +158,7 @@ class Pipeline(StereoDescription):
         pair = self.gated.rectify(frame)
         small = sampled_thumbnails(*pair.samples(STEP_PX))
         clock.record("rectify")
-        return MatchedFrame(frame.index, frame.timestamp_s, pair.reduced, pair.left, None, clock.stages_ms, small, pair)
+        return MatchedFrame(frame.index, frame.timestamp_s, pair.reduced, None, clock.stages_ms, small, pair, pair.left)
 
     def match(self, frame: StereoFrame | RgbdFrame, clock: StageClock | None = None) -> MatchedFrame:
         """Rectify a frame and find the disparity of all its pixels; depends on no other frame.
@@ -174,7 +174,7 @@ class Pipeline(StereoDescription):
         clock.record("match")
         small = thumbnails(rectified.left_grey, rectified.right_grey) if isinstance(rectified, RectifiedPair) else None
         return MatchedFrame(
-            frame.index, frame.timestamp_s, image, lambda: rectified.left, disparity, clock.stages_ms, small
+            frame.index, frame.timestamp_s, image, disparity, clock.stages_ms, small, None, lambda: rectified.left
         )
 
     def track(self, matched: MatchedFrame) -> FrameResult:
@@ -195,16 +195,14 @@ class Pipeline(StereoDescription):
 
     def separate(self, matched: MatchedFrame, clock: StageClock) -> Separated:
         """Foreground of the next pair."""
-        step, size = self.stereo.reduction, self.stereo.geometry.size
-        image, measured = matched.image, None
+        step, image, measured = self.stereo.reduction, matched.image, None
         if matched.disparity is None:
             assert self.gated is not None and matched.pair is not None
-            disparity, now, measured = self.gated(matched.pair, image, self.foreground, matched.timestamp_s)
-            sampled = SampledDisparity(disparity, step, size[::-1])
+            sampled, now, measured = self.gated(matched.pair, image, self.foreground, matched.timestamp_s)
             clock.record("match")
         else:
+            sampled = SampledDisparity(matched.disparity)
             now = np.ascontiguousarray(matched.disparity[::step, ::step])
-            sampled = SampledDisparity(matched.disparity, 1, size[::-1])
         known = measured if self.foreground.settled else None
         mask = self.foreground.update(image, now, matched.timestamp_s, self.feedback.mask, known)
         clock.record("foreground")
@@ -227,10 +225,8 @@ class Pipeline(StereoDescription):
 
     def reduced_image(self, image: U8) -> U8:
         """The image that the foreground gets."""
-        if self.stereo.reduction == 1:
-            return image
-        size = self.maps.shape[::-1]
-        return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        whole, size = self.stereo.reduction == 1, self.maps.shape[::-1]
+        return image if whole else np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 class SingleCameraPipeline:
