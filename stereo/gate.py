@@ -26,14 +26,6 @@ large enough that the margin does not double it (our choice)."""
 MARGIN_PX = 8
 """What is matched around a window and thrown away [px of the matched image]: the window of the texture test (7 px),
 half a block, and the first steps of the path costs (Hirschmueller 2008, section 2.3)."""
-PAD_PX = 6
-"""What the matcher lays out around a window costs as much as so much more on each side [px]."""
-SAMPLE_WORK = 20
-"""What a sample costs besides its disparities, as a number of these: rectifying its pixels, their slopes, the tests
-after matching. Measured on windows of 112x112 to 256x320 px over 16 to 64 disparities, at every pixel and every second
-one, and holds within a third."""
-WINDOW_WORK = 25_000
-"""What a window costs besides, in the work of a sample and disparity: calls and buffers (0.15 ms)."""
 MAX_WINDOWS = 64
 """More windows than this are noise all over the image, which is then matched as a whole (our choice)."""
 
@@ -76,6 +68,21 @@ class Window(NamedTuple):
         return Window(self.left - left, self.top - top, self.right - left, self.bottom - top)
 
 
+class MatchingWork(NamedTuple):
+    """What matching a window costs, in the work of a sample and disparity.
+
+    Attributes:
+        rows_px, columns_px: what is matched besides costs as much as so much more [px].
+        per_sample: what a sample costs besides its disparities.
+        per_window: what a window costs besides.
+    """
+
+    rows_px: int
+    columns_px: int
+    per_sample: int
+    per_window: int
+
+
 class Gate:
     """Chooses the windows of each frame; carries only the place of the refresh from frame to frame.
 
@@ -86,24 +93,30 @@ class Gate:
     """
 
     def __init__(
-        self, size: tuple[int, int], reduction: int, params: MatchingParams, searched: Callable[[Window], int]
+        self,
+        size: tuple[int, int],
+        reduction: int,
+        params: MatchingParams,
+        work: MatchingWork,
+        searched: Callable[[Window], int],
     ) -> None:
         """Start the refresh.
 
         Args:
             size: (width, height) of the rectified image [px].
             reduction: the analysed image is every n-th row and column of it.
+            work: of the matcher.
             searched: how many disparities a window needs.
         """
         self.size, self.tile_px, self._reduction = size, TILE * reduction, reduction
         self.margin_px = reduction * -(-MARGIN_PX // reduction)
         self._shape = rows, _ = -(-size[1] // self.tile_px), -(-size[0] // self.tile_px)
-        self._refresh_s = params.refresh_s
+        self._refresh_s, self._costs = params.refresh_s, work
         self._work = np.zeros((rows, rows))
         for top in range(rows):
             for last in range(top, rows):
                 window = Window(0, top * self.tile_px, size[0], min(size[1], (last + 1) * self.tile_px))
-                self._work[top, last] = searched(window) + SAMPLE_WORK
+                self._work[top, last] = searched(window) + work.per_sample
         self.reset()
 
     def reset(self) -> None:
@@ -130,8 +143,8 @@ class Gate:
             tiles[row : int((top + height) // self.tile_px) + 1, col : int((left + width) // self.tile_px) + 1] = 1
         self._refresh(tiles, now_s)
         found = np.empty((MAX_WINDOWS, 4), np.int64)
-        margin = 2.0 * (self.margin_px + PAD_PX) / self._reduction
-        work = self._work, TILE, margin, margin, float(WINDOW_WORK)
+        rows, columns = ((2 * self.margin_px + px) / self._reduction for px in self._costs[:2])
+        work = self._work, TILE, rows, columns, float(self._costs.per_window)
         n, total = split(cv2.integral(tiles), *work, found)
         if n < 0 or total >= self._work[0, -1] * self.size[0] * self.size[1] / self._reduction**2:
             return [self.whole]

@@ -16,10 +16,10 @@ from calib.types import F32, U8
 from planview.foreground.mixture import Foreground
 from planview.trajectories.state import TrackState
 from stereo.gate import SAMPLE, Gate, MatchingParams, Window
-from stereo.matcher import DisparityRange, RangeParams, disparity_range
+from stereo.matcher import DisparityRange, RangeParams, WindowMatcher, disparity_range, right_of
 from stereo.recording import StereoFrame
 from stereo.rectify import PartialPair, Rectifier
-from stereo.sampled import SampledDisparity, SampledMatcher
+from stereo.sampled import SampledDisparity
 
 SAME_LEVELS = 12
 """Largest difference of a channel between two images of the same surface in the same light [levels of 255]: three
@@ -76,7 +76,7 @@ class GatedMatching:
     def __init__(
         self,
         rectifier: Rectifier,
-        matcher: SampledMatcher,
+        matcher: WindowMatcher,
         floor: Floor,
         range_params: RangeParams,
         matching: MatchingParams,
@@ -91,7 +91,8 @@ class GatedMatching:
         self._rectifier, self._matcher = rectifier, matcher
         self._floor, self._range = floor, range_params
         self._shape = shape
-        gate = Gate(rectifier.geometry.size, matcher.step, matching, lambda window: self._searched(window).count)
+        size, searched = rectifier.geometry.size, lambda window: self._searched(window).count
+        gate = Gate(size, matcher.step, matching, matcher.work, searched)
         self._range_of = lru_cache(maxsize=1024)(self._searched)
         self.memory = MatchingMemory(gate, shape)
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="matching")
@@ -170,8 +171,8 @@ class GatedMatching:
         gate, step = self.memory.gate, self._matcher.step
         outer = window.grown(gate.margin_px, gate.size)
         searched = self._range_of(outer)
-        right = pair.right_grey(self._matcher.right_of(outer, searched))
-        found = self._matcher(pair.left_grey(outer), right, outer, searched)
+        right = pair.right_grey(right_of(outer, searched))
+        found = self._matcher.part(pair.left_grey(outer), right, outer, searched)
         inner = window.within(outer.left, outer.top)
         return found[samples(inner, step)]
 

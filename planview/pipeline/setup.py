@@ -80,7 +80,7 @@ class Setup:
     def gated(self, config: Config, shape: tuple[int, int], reduction: int) -> GatedMatching:
         """Matching where something may have changed; ``shape`` and ``reduction`` are those of the foreground."""
         geometry, masks = self.rectifier.geometry, (self.rectifier.mask, self.rectifier.right_mask)
-        matcher = SampledMatcher(geometry, config.sgbm, reduction, *masks)
+        matcher = self._sgbm(config) if reduction == 1 else SampledMatcher(geometry, config.sgbm, reduction, *masks)
         return GatedMatching(self.rectifier, matcher, self.floor, config.range, config.matching, shape)
 
     def _sgbm(self, config: Config) -> SgbmMatcher:

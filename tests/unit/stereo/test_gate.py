@@ -6,15 +6,16 @@ import pytest
 from reference import windows as reference
 
 from stereo._window_kernels import split
-from stereo.gate import TILE, Gate, MatchingParams, Window
+from stereo.gate import TILE, Gate, MatchingParams, MatchingWork, Window
 
 SIZE = (320, 240)
 SAMPLES = (120, 160)
+WORK = MatchingWork(20, 0, 33, 60_000)
 NOTHING = np.zeros(SAMPLES, np.uint8)
 
 
 def gate(refresh_s: float = 600.0) -> Gate:
-    return Gate(SIZE, 1, MatchingParams(refresh_s=refresh_s), lambda window: 64)
+    return Gate(SIZE, 1, MatchingParams(refresh_s=refresh_s), WORK, lambda window: 64)
 
 
 def changed_at(*places: tuple[int, int]) -> np.ndarray:
