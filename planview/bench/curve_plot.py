@@ -49,7 +49,7 @@ def write_plot(
     quartiles: Mapping[str, tuple[float, float]],
     memory: Sequence[tuple[int, float]] = (),
 ) -> None:
-    """Draw all curves that were measured, with quartiles as bars, and the memory over frames, to an SVG or PNG file.
+    """Draw all curves that were measured, with quartiles as bars, and the memory over frames, to a PNG or SVG file.
 
     Raises:
         InputError: no curve was measured.
@@ -92,6 +92,7 @@ def _draw_memory(axes: Any, memory: Sequence[tuple[int, float]]) -> None:
     frames, megabytes = zip(*memory, strict=True)
     axes.plot(frames, megabytes, color=_LINES[0], linewidth=1)
     _dress(axes, "Resident memory [MB]", "frames tracked")
+    axes.set_ylim(top=1.2 * max(megabytes))
 
 
 def _dress(axes: Any, title: str, axis: str) -> None:

@@ -74,7 +74,7 @@ def bench_speed(
     out
         Keep the figures in this JSON file, beside those of other parts that it holds.
     plot
-        Draw the curves to this SVG or PNG file.
+        Draw the curves to this PNG or SVG file.
     memory
         Figures of planview bench memory --json, whose course is drawn too.
     against
