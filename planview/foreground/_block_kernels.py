@@ -36,11 +36,11 @@ ACTIVITY, LAST_Y = 10, 11
 N_LEAD = 12
 # Planes of the scratch block beside Y, U, V and D of the observation: what else is known, and what the first pass
 # leaves to the second.
-CHROMA, FEEDBACK, RATE_W, RATE_M, UNMATCHED, MEASURED = 0, 1, 6, 7, 8, 9
-N_SCRATCH = 10
+CHROMA, FEEDBACK, RATE_W, RATE_M, UNMATCHED, MEASURED, KIND_LEADER = 0, 1, 6, 7, 8, 9, 10
+N_SCRATCH = 11
 # Unsigned indices: those that cannot be negative let LLVM vectorise a loop.
 AT_Y, AT_U, AT_V = np.uintp(Y * BLOCK), np.uintp(U * BLOCK), np.uintp(V * BLOCK)
-AT_CHROMA, AT_FEEDBACK = np.uintp(CHROMA * BLOCK), np.uintp(FEEDBACK * BLOCK)
+AT_D, AT_CHROMA, AT_FEEDBACK = np.uintp(D * BLOCK), np.uintp(CHROMA * BLOCK), np.uintp(FEEDBACK * BLOCK)
 AT_MEASURED = np.uintp(MEASURED * BLOCK)
 ONE_STEP, TWO_STEPS, THREE = np.uintp(1), np.uintp(2), np.uintp(3)
 
@@ -91,22 +91,25 @@ def stage(
         stage_colour(image[3 * start : 3 * (start + n)], n, s, obs)
     else:
         stage_grey(image[start : start + n], n, s, obs)
+    # Loops, since assigned slices are tested for overlap and copied number by number.
     if disparity.size:
-        obs[D * BLOCK : D * BLOCK + n] = disparity[start : start + n]
-    else:
-        obs[D * BLOCK : D * BLOCK + n] = F(np.nan)
-    if feedback.size:
-        part = feedback[start : start + n]
+        depths = disparity[start : start + n]
         for i in range(np.uintp(n)):
-            obs[AT_FEEDBACK + i] = F(part[i])
+            obs[AT_D + i] = depths[i]
     else:
-        obs[FEEDBACK * BLOCK : FEEDBACK * BLOCK + n] = ZERO
+        obs[D * BLOCK : (D + 1) * BLOCK] = F(np.nan)
+    if feedback.size:
+        known = feedback[start : start + n]
+        for i in range(np.uintp(n)):
+            obs[AT_FEEDBACK + i] = F(known[i])
+    else:
+        obs[FEEDBACK * BLOCK : (FEEDBACK + 1) * BLOCK] = ZERO
     if measured.size:
         here = measured[start : start + n]
         for i in range(np.uintp(n)):
             obs[AT_MEASURED + i] = ONE if here[i] > 0 else ZERO
     else:
-        obs[MEASURED * BLOCK : MEASURED * BLOCK + n] = ONE
+        obs[MEASURED * BLOCK : (MEASURED + 1) * BLOCK] = ONE
 
 
 @njit(cache=True, nogil=True)
@@ -150,3 +153,12 @@ def observed(obs: F32, i: int) -> Pixel:
         obs[CHROMA * BLOCK + i],
         obs[MEASURED * BLOCK + i],
     )
+
+
+@njit(cache=True, nogil=True)
+def any_measured(measured: U8, start: int, n: int) -> bool:
+    """Whether disparity was looked for at one of n pixels."""
+    here, total = measured[start : start + n], np.uint8(0)
+    for i in range(np.uintp(n)):
+        total |= here[i]
+    return total > 0

@@ -9,8 +9,9 @@ import numpy as np
 from numba import njit
 
 from calib.types import F32, U8
-from planview.foreground._block_kernels import ACTIVITY, BLOCK, N_SCRATCH, load, observed, stage
-from planview.foreground._gaussian_kernels import NO_MATCH, WEIGHT, UpdateConstants, match_kind
+from planview.foreground._block_kernels import ACTIVITY, BLOCK, KIND_LEADER, N_SCRATCH, stage
+from planview.foreground._gaussian_kernels import NO_MATCH, WEIGHT, UpdateConstants
+from planview.foreground._mixture_kernels import match_leaders
 
 
 @njit(cache=True, nogil=True)
@@ -22,21 +23,21 @@ def find_changes(lead: F32, image: U8, channels: int, step: int, s: UpdateConsta
         lead: (n_blocks, N_LEAD * BLOCK) leading Gaussians. image: (H, W * channels) uint8. out: (h, w) uint8.
     """
     rows, columns = out.shape
-    width = image.shape[1] // channels
+    width, flat = image.shape[1] // channels, image.reshape(-1)
+    n_pixels = image.shape[0] * width
     obs = np.zeros(N_SCRATCH * BLOCK, np.float32)
-    part = np.empty(BLOCK * channels, np.uint8)
     no_disparity, empty = np.zeros(0, np.float32), np.zeros(0, np.uint8)
     for row in range(rows):
-        for start in range(0, columns, BLOCK):
-            n = min(BLOCK, columns - start)
-            for i in range(n):
-                for c in range(channels):
-                    part[channels * i + c] = image[step * row, channels * step * (start + i) + c]
-            stage(part, no_disparity, empty, empty, 0, n, channels > 1, s, obs)
-            for i in range(n):
-                pixel = step * (row * width + start + i)
-                block, k = pixel // BLOCK, pixel % BLOCK
-                kind = match_kind(load(lead[block], k, BLOCK), observed(obs, i), s)
-                young = lead[block, WEIGHT * BLOCK + k] <= s.background_weight
-                active = lead[block, ACTIVITY * BLOCK + k] > s.active
-                out[row, start + i] = 255 if (kind == NO_MATCH) | young | active else 0
+        first, column = step * row * width, 0
+        for block in range(first // BLOCK, (first + width - 1) // BLOCK + 1):
+            start = block * BLOCK
+            # All of a block, on vector registers, is faster than a part of it.
+            stage(flat, no_disparity, empty, empty, start, min(BLOCK, n_pixels - start), channels > 1, s, obs)
+            leaders = lead[block]
+            match_leaders(leaders, obs, s)
+            while column < columns and first + step * column < start + BLOCK:
+                i = first + step * column - start
+                young = leaders[WEIGHT * BLOCK + i] <= s.background_weight
+                active = leaders[ACTIVITY * BLOCK + i] > s.active
+                out[row, column] = 255 if (obs[KIND_LEADER * BLOCK + i] == NO_MATCH) | young | active else 0
+                column += 1

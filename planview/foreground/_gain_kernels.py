@@ -122,6 +122,9 @@ def refine_gain(
         det = smm * held - sm * sm
         if n < PIXELS_MIN or det <= 0.0:
             break
+        before = gain, offset, reach
         gain, offset = (smy * held - sm * sy) / det, (smm * sy - sm * smy) / det
         reach = min(max(3.0 * rest / n, TOLERANCE_MIN), tolerance)
+        if gain == before[0] and offset == before[1] and reach == before[2]:
+            break  # further rounds would repeat this one
     return gain, offset

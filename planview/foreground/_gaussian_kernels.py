@@ -15,14 +15,15 @@ from numba import njit
 WEIGHT, DEPTH_FRACTION, Y, U, V, D, VAR_Y, VAR_U, VAR_V, VAR_D = range(10)
 N_FIELDS = 10
 
-NO_MATCH, SAME, OTHER_LIGHT = 0, 1, 2
-"""How a Gaussian matches: not, by colour, or by depth under a shadow or a patch of light."""
-
 Real = Any
 """float32; numpy's scalar and Python's float do not mix for a type checker."""
 
 F = np.float32
 ZERO, ONE = F(0), F(1)
+
+NO_MATCH, SAME, OTHER_LIGHT = F(0), F(1), F(2)
+"""How a Gaussian matches: not, by colour, or by depth under a shadow or a patch of light. As wide as all other numbers:
+integers of 64 bits would halve the vectors."""
 
 
 class UpdateConstants(NamedTuple):
@@ -110,7 +111,7 @@ def is_other_light(g: Gaussian, o: Pixel, chroma: bool, darkest: Real, s: Update
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def match_kind(g: Gaussian, o: Pixel, s: UpdateConstants) -> int:
+def match_kind(g: Gaussian, o: Pixel, s: UpdateConstants) -> Real:
     """NO_MATCH, SAME or OTHER_LIGHT: depth overrules colour where both have it (Harville et al. 2001)."""
     dy, du, dv, dd = o.y - shown_luma(g, s), o.u - g.u, o.v - g.v, o.d - g.d
     chroma = chroma_counts(g, o, s)
@@ -137,7 +138,7 @@ def is_nearer(g: Gaussian, o: Pixel, s: UpdateConstants) -> Real:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def learned(g: Gaussian, o: Pixel, kind: int, rate: Real, s: UpdateConstants) -> Gaussian:
+def learned(g: Gaussian, o: Pixel, kind: Real, rate: Real, s: UpdateConstants) -> Gaussian:
     """The Gaussian after a match of some kind; other light moves the means but not the variances."""
     rate = rate if kind != NO_MATCH else ZERO
     rate_var = rate if kind == SAME else ZERO

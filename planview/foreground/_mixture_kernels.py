@@ -11,24 +11,25 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from calib.types import F32, U8
+from calib.types import F32, U8, U64
 from planview.foreground._block_kernels import (
     ACTIVITY,
     BLOCK,
     FEEDBACK,
+    KIND_LEADER,
     LAST_Y,
     MEASURED,
     N_SCRATCH,
     RATE_M,
     RATE_W,
     UNMATCHED,
+    any_measured,
     load,
     observed,
     stage,
     store,
 )
 from planview.foreground._gaussian_kernels import (
-    DEPTH_FRACTION,
     N_FIELDS,
     NO_MATCH,
     ONE,
@@ -37,166 +38,154 @@ from planview.foreground._gaussian_kernels import (
     VAR_Y,
     WEIGHT,
     ZERO,
-    D,
     F,
-    Gaussian,
-    Pixel,
     Rates,
     Real,
     U,
     UpdateConstants,
     V,
     Y,
-    is_nearer,
-    is_other_light,
     learned,
     match_kind,
     started,
 )
+from planview.foreground._prefetch import prefetch
 from planview.foreground._rank_kernels import settle_order
-from planview.foreground.masks import BACKGROUND, FOREGROUND, NEARER, PERSON, SHADOW
+from planview.foreground._rest_kernels import (
+    BEHIND,
+    FOUND,
+    KIND,
+    LINE,
+    MASK,
+    OBS_FAST,
+    OBS_RATE_M,
+    OBS_RATE_W,
+    OTHERS,
+    UNCLIPPED,
+    find_matches,
+    gather,
+    gather_others,
+    gathered,
+)
+from planview.foreground.masks import BACKGROUND, PERSON
 
-# The functions of the second pass are inlined by force: passing a UpdateConstants by value costs more than they do.
+# Functions of single pixels are inlined by force: passing a UpdateConstants by value costs more than they do.
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def match_leaders(lead: F32, obs: F32, n: int, s: UpdateConstants) -> None:
-    """Test n pixels against their leading Gaussian: no branches, so that it vectorises."""
-    for i in range(n):
+def match_leaders(lead: F32, obs: F32, s: UpdateConstants) -> None:
+    """Test a block of pixels against their leading Gaussian: no branches, so that it vectorises."""
+    for i in range(BLOCK):
         kind = match_kind(load(lead, i, BLOCK), observed(obs, i), s)
+        obs[KIND_LEADER * BLOCK + i] = kind
         obs[UNMATCHED * BLOCK + i] = obs[MEASURED * BLOCK + i] if kind == NO_MATCH else ZERO
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def learn_leaders(lead: F32, obs: F32, n: int, s: UpdateConstants, rates: Rates) -> None:
-    """Test n pixels against their leading Gaussian and learn where it matches: no branches, so that it vectorises."""
-    for i in range(n):
-        o = observed(obs, i)
-        # Activity slows learning (Harville et al. 2001), a person stops it, and known background learns fast (Harville
-        # 2002, ECCV).
-        change = abs(o.y - lead[LAST_Y * BLOCK + i])
-        activity = lead[ACTIVITY * BLOCK + i] + rates.activity * (change - lead[ACTIVITY * BLOCK + i])
+@njit(cache=True, nogil=True)
+def set_rates(lead: F32, obs: F32, s: UpdateConstants, rates: Rates) -> None:
+    """How much each pixel of a block learns.
+
+    Activity slows learning (Harville et al. 2001), a person stops it, and known background learns fast (Harville 2002,
+    ECCV).
+    """
+    for i in range(BLOCK):
+        y = obs[Y * BLOCK + i]
+        before = lead[ACTIVITY * BLOCK + i]
+        activity = before + rates.activity * (abs(y - lead[LAST_Y * BLOCK + i]) - before)
         lead[ACTIVITY * BLOCK + i] = activity
-        lead[LAST_Y * BLOCK + i] = o.y
+        lead[LAST_Y * BLOCK + i] = y
         feedback = obs[FEEDBACK * BLOCK + i]
         slow = s.slow_active if activity > s.active else ONE
         slow = ZERO if feedback == F(PERSON) else slow
         known = feedback == F(BACKGROUND)
-        rate_w = rates.fast if known else rates.weight * slow
-        rate_m = rates.fast if known else rates.mean * slow
-        obs[RATE_W * BLOCK + i] = rate_w
-        obs[RATE_M * BLOCK + i] = rate_m
+        obs[RATE_W * BLOCK + i] = rates.fast if known else rates.weight * slow
+        obs[RATE_M * BLOCK + i] = rates.fast if known else rates.mean * slow
 
-        g = load(lead, i, BLOCK)
-        kind = match_kind(g, o, s)
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def learn_leaders(lead: F32, obs: F32, s: UpdateConstants, rates: Rates) -> None:
+    """Test a block of pixels against their leading Gaussian and learn where it matches.
+
+    No branches, so that it vectorises, and several short loops, since more of a short one is under way at a time.
+    """
+    set_rates(lead, obs, s, rates)
+    match_leaders(lead, obs, s)
+    for i in range(BLOCK):
+        kind, rate_w = obs[KIND_LEADER * BLOCK + i], obs[RATE_W * BLOCK + i]
         weight = lead[WEIGHT * BLOCK + i]
         lead[WEIGHT * BLOCK + i] = weight + (rate_w * (ONE - weight) if kind != NO_MATCH else ZERO)
-        store(lead, i, BLOCK, learned(g, o, kind, rate_m, s))
-        obs[UNMATCHED * BLOCK + i] = o.measured if kind == NO_MATCH else ZERO
-
-
-@njit(cache=True, nogil=True, forceinline=True)
-def first_match(rest: F32, first: int, end: int, o: Pixel, s: UpdateConstants) -> tuple[int, int]:
-    """Where the first matching Gaussian of the rest starts (-1: none does), and how it matches."""
-    for b in range(first, end, N_FIELDS):
-        if rest[b + WEIGHT] > ZERO:
-            kind = match_kind(load(rest, b, 1), o, s)
-            if kind != NO_MATCH:
-                return b, kind
-    return -1, NO_MATCH
-
-
-@njit(cache=True, nogil=True)
-def is_background(lead: F32, i: int, rest: F32, first: int, end: int, b: int, s: UpdateConstants) -> bool:
-    """Whether the Gaussian at rest[b] is in the background set: by leading weight, or as the deepest."""
-    before = lead[WEIGHT * BLOCK + i]
-    left = ONE - before
-    for j in range(first, b, N_FIELDS):
-        before += left * rest[j + WEIGHT]
-    if before <= s.background_weight:
-        return True
-    if left * rest[b + WEIGHT] <= s.deepest_weight or rest[b + DEPTH_FRACTION] < s.min_depth_fraction:
-        return False
-    deep = lead[WEIGHT * BLOCK + i] > s.deepest_weight and lead[DEPTH_FRACTION * BLOCK + i] >= s.min_depth_fraction
-    if deep and lead[D * BLOCK + i] < rest[b + D]:
-        return False
-    for j in range(first, end, N_FIELDS):
-        deep = left * rest[j + WEIGHT] > s.deepest_weight and rest[j + DEPTH_FRACTION] >= s.min_depth_fraction
-        if deep and rest[j + D] < rest[b + D]:
-            return False
-    return True
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def is_uncovered(g: Gaussian, o: Pixel, s: UpdateConstants) -> tuple[bool, bool]:
-    """Whether an observation that its leader g does not match is (unclipped, behind) it.
-
-    Both are background not observed so far. A surface that was clipped may turn out brighter than that; what
-    appears behind the background was hidden by a person or a thing before: none can stand there.
-    """
-    dd = o.d - g.d
-    both = o.d == o.d and g.depth_fraction >= s.min_depth_fraction
-    agree = dd * dd < s.beta * g.var_d
-    return g.var_y < ZERO and o.y > g.y and (agree or not both), both and not agree and dd < ZERO
-
-
-@njit(cache=True, nogil=True, forceinline=True)
-def classify(
-    lead: F32, i: int, rest: F32, first: int, end: int, found: int, unclipped: bool, o: Pixel, s: UpdateConstants
-) -> int:
-    """FOREGROUND, NEARER, SHADOW or 0 for a pixel whose leader does not match but whose Gaussian at rest[found] may."""
-    if unclipped or (found >= 0 and is_background(lead, i, rest, first, end, found, s)):
-        return 0
-    leader = load(lead, i, BLOCK)
-    darkest = s.colour_shadow_ratio
-    if darkest > ZERO and o.d != o.d and o.y < leader.y and is_other_light(leader, o, o.chroma > ZERO, darkest, s):
-        return SHADOW
-    return NEARER if is_nearer(leader, o, s) else FOREGROUND
+        g = learned(load(lead, i, BLOCK), observed(obs, i), kind, obs[RATE_M * BLOCK + i], s)
+        store(lead, i, BLOCK, g)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def learn_rest(
-    lead: F32,
-    i: int,
-    rest: F32,
-    first: int,
-    end: int,
-    found: int,
-    kind: int,
-    o: Pixel,
-    rate_w: Real,
-    rate_m: Real,
+    lead: F32, i: int, rest: F32, first: int, end: int, found: int, side: F32, j: int, rates: tuple[Real, Real],
     s: UpdateConstants,
-) -> None:
-    """Learn a pixel whose leader did not match: by the Gaussian at rest[found], or a new one for the last."""
-    keep = ONE - rate_w
+) -> None:  # fmt: skip
+    """Learn a pixel whose leader did not match: by the Gaussian at rest[found], or a new one for the last.
+
+    Args:
+        i: the pixel in its block. j: the same among those gathered. rates: of weight and of mean.
+    """
+    keep = ONE - rates[0]
     left = (ONE - lead[WEIGHT * BLOCK + i]) * keep
     lead[WEIGHT * BLOCK + i] *= keep
     for b in range(first, end, N_FIELDS):
         rest[b + WEIGHT] *= left
+    o = gathered(side, j)
     if found >= 0:
-        rest[found + WEIGHT] += rate_w
-        store(rest, found, 1, learned(load(rest, found, 1), o, kind, rate_m, s))
+        rest[found + WEIGHT] += rates[0]
+        store(rest, found, 1, learned(load(rest, found, 1), o, side[KIND * BLOCK + j], rates[1], s))
     else:
-        rest[end - N_FIELDS + WEIGHT] = rate_w
+        rest[end - N_FIELDS + WEIGHT] = rates[0]
         store(rest, end - N_FIELDS, 1, started(o, s))
     settle_order(lead, i, rest, first, end)
 
 
-@njit(cache=True, nogil=True, forceinline=True)
-def update_pixel(lead: F32, i: int, rest: F32, first: int, end: int, obs: F32, s: UpdateConstants, rates: Rates) -> int:
-    """Pixel i of a block, whose leader did not match: its other Gaussians are rest[first:end]. Returns its mask."""
-    o = observed(obs, i)
-    found, kind = first_match(rest, first, end, o, s)
-    unclipped, behind = is_uncovered(load(lead, i, BLOCK), o, s)
-    mask = classify(lead, i, rest, first, end, found, unclipped, o, s)
-    rate_w, rate_m = obs[RATE_W * BLOCK + i], obs[RATE_M * BLOCK + i]
-    if rates.weight > ZERO and rate_w > ZERO:
-        young = found < 0 or (ONE - lead[WEIGHT * BLOCK + i]) * rest[found + WEIGHT] <= s.deepest_weight
-        if (unclipped or behind) and young:
-            rate_w, rate_m = max(rate_w, rates.fast), max(rate_m, rates.fast)
-        learn_rest(lead, i, rest, first, end, found, kind, o, rate_w, rate_m, s)
-    return mask
+@njit(cache=True, nogil=True)
+def learn_gathered(lead: F32, rest: F32, side: F32, chosen: U64, s: UpdateConstants) -> None:
+    """Learn those of the gathered pixels that may learn."""
+    size = len(side) // BLOCK - OTHERS
+    for j in range(len(chosen)):
+        rate_w, rate_m, fast = side[OBS_RATE_W * BLOCK + j], side[OBS_RATE_M * BLOCK + j], side[OBS_FAST * BLOCK + j]
+        if fast <= ZERO or rate_w <= ZERO:
+            continue
+        pixel = int(chosen[j])
+        leaders, i = lead[pixel // BLOCK], pixel % BLOCK
+        first, other = pixel * size, int(side[FOUND * BLOCK + j])
+        found = first + (other - 1) * N_FIELDS if other > 0 else -1
+        young = found < 0 or (ONE - leaders[WEIGHT * BLOCK + i]) * rest[found + WEIGHT] <= s.deepest_weight
+        if young and side[UNCLIPPED * BLOCK + j] + side[BEHIND * BLOCK + j] > ZERO:
+            rate_w, rate_m = max(rate_w, fast), max(rate_m, fast)
+        learn_rest(leaders, i, rest, first, first + size, found, side, j, (rate_w, rate_m), s)
+
+
+@njit(cache=True, nogil=True)
+def settle(lead: F32, rest: F32, side: F32, chosen: U64, mask: U8, s: UpdateConstants) -> None:
+    """Mask of the gathered pixels, and what they learn."""
+    gather_others(rest, chosen, len(chosen), side)
+    find_matches(side, s)
+    for j in range(len(chosen)):
+        mask[chosen[j]] = int(side[MASK * BLOCK + j])
+    learn_gathered(lead, rest, side, chosen, s)
+
+
+@njit(cache=True, nogil=True)
+def fetch(planes: F32) -> None:
+    """Ask for the memory of planes ahead of their use: each is too short for hardware to see a pattern."""
+    for i in range(0, len(planes), LINE):
+        prefetch(planes, i)
+
+
+@njit(cache=True, nogil=True)
+def unmatched(obs: F32, n: int, places: U64) -> int:
+    """Fill in which of a block's n pixels are UNMATCHED, and return their number."""
+    m = 0
+    for i in range(n):
+        places[m] = i
+        m += obs[UNMATCHED * BLOCK + i] > ZERO
+    return m
 
 
 @njit(cache=True, nogil=True)
@@ -222,33 +211,33 @@ def update_blocks(
             teaches is the colour of its leader, if it matches that.
         turns: (T, 4) the rates of blocks b = t modulo T; a row of zeros does not learn.
     """
-    colour = image.size > mask.size
     obs = np.zeros(N_SCRATCH * BLOCK, np.float32)
-    size = rest.size // mask.size
+    side = np.zeros((OTHERS + rest.size // mask.size) * BLOCK, np.float32)
+    places, chosen, taken = np.zeros(BLOCK + 1, np.uint64), np.zeros(BLOCK, np.uint64), 0
+    mask[first * BLOCK : last * BLOCK] = 0
     for block in range(first, last):
         start = block * BLOCK
         n = min(BLOCK, mask.size - start)
         turn = block % turns.shape[0]
         rates = Rates(turns[turn, 0], turns[turn, 1], turns[turn, 2], turns[turn, 3])
-        if measured.size and rates.weight <= ZERO and not measured[start : start + n].any():
-            mask[start : start + n] = 0
+        learns = rates.weight > ZERO
+        if measured.size and not learns and not any_measured(measured, start, n):
             continue
-        stage(image, disparity, feedback, measured, start, n, colour, s, obs)
-        leaders = lead[block]
-        if rates.weight > ZERO:
-            learn_leaders(leaders, obs, n, s, rates)
+        fetch(lead[min(block + 1, last - 1)])
+        stage(image, disparity, feedback, measured, start, n, image.size > mask.size, s, obs)
+        if learns:
+            learn_leaders(lead[block], obs, s, rates)
         else:
-            match_leaders(leaders, obs, n, s)
-        unmatched = 0
-        for i in range(n):
-            mask[start + i] = 0
-            unmatched += obs[UNMATCHED * BLOCK + i] > ZERO
-        if unmatched == 0:
-            continue
-        for i in range(n):
-            if obs[UNMATCHED * BLOCK + i] > ZERO:
-                at = (start + i) * size
-                mask[start + i] = update_pixel(leaders, i, rest, at, at + size, obs, s, rates)
+            match_leaders(lead[block], obs, s)
+        m, done = unmatched(obs, n, places), 0
+        while done < m:
+            some = places[done : min(m, done + BLOCK - taken)]
+            gather(lead[block], rest, obs, some, start, rates.fast if learns else ZERO, side, chosen, taken)
+            done, taken = done + len(some), taken + len(some)
+            if taken == BLOCK:
+                settle(lead, rest, side, chosen, mask, s)
+                taken = 0
+    settle(lead, rest, side, chosen[:taken], mask, s)
 
 
 @njit(cache=True, nogil=True)

@@ -14,7 +14,7 @@ from planview.foreground._block_kernels import BLOCK, N_LEAD
 from planview.foreground._change_kernels import find_changes
 from planview.foreground._gaussian_kernels import N_FIELDS, UpdateConstants, Y
 from planview.foreground.gain import Exposure, GainFollower
-from planview.foreground.masks import FOREGROUND, NEARER, SHADOW
+from planview.foreground.masks import FOREGROUND, SHADOW
 from planview.foreground.params import ForegroundParams
 from planview.foreground.turns import Turns
 
@@ -69,6 +69,7 @@ class Foreground:
         self._size = 0
         self._gain.reset()
         self._rebased = Exposure()
+        self._known_constants: tuple[float, float, UpdateConstants] | None = None
 
     @property
     def settled(self) -> bool:
@@ -132,7 +133,7 @@ class Foreground:
             self._follow_gain(flat)
         self._run((flat, disp, known, looked, self._mask), self._constants(), self._turns.rates(timestamp_s))
         # Single pixels are noise, and single holes too.
-        mask = np.asarray(cv2.medianBlur(self._mask.reshape(self.shape), 3), dtype=np.uint8)
+        mask: U8 = np.asarray(cv2.medianBlur(self._mask.reshape(self.shape), 3), dtype=np.uint8)
         if self.params.remove_colour_shadows:
             self.shadow = np.asarray(cv2.inRange(mask, SHADOW, SHADOW), dtype=np.uint8)
             mask[self.shadow > 0] = 0
@@ -145,11 +146,15 @@ class Foreground:
         fattening, Scharstein and Szeliski 2002).
         """
         reach = self.params.fattening_px // self._reduction
-        if reach:
-            other = cv2.inRange(mask, FOREGROUND, FOREGROUND)
-            beside = cv2.dilate(other, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
-            mask[cv2.bitwise_and(beside, cv2.inRange(mask, NEARER, NEARER)) > 0] = 0
-        return np.asarray(cv2.threshold(mask, 0, FOREGROUND, cv2.THRESH_BINARY)[1], dtype=np.uint8)
+        left, top, width, height = cv2.boundingRect(mask)
+        inside = mask[top : top + height, left : left + width]
+        kept = inside > 0
+        if reach and inside.size:
+            other = inside == FOREGROUND
+            beside = cv2.dilate(other.view(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+            kept &= other | (beside == 0)
+        np.multiply(kept, np.uint8(FOREGROUND), out=inside)
+        return mask
 
     def background_luma(self) -> U8:
         """(H, W) uint8 luma of the most common background, as the current exposure shows it; zeros before an update."""
@@ -176,47 +181,55 @@ class Foreground:
 
     def _run(self, pixels: tuple[U8, F32, U8, U8, U8], constants: UpdateConstants, rates: F32) -> None:
         """Update all blocks: this thread and a helper take bands until none is left; a late helper is not awaited."""
-        limits = np.linspace(0, len(self._lead), BANDS + 1).astype(int).tolist()
+        # A thread that would share this one's core only interrupts it.
+        threads = cv2.getNumThreads()
+        limits = np.linspace(0, len(self._lead), (BANDS if threads > 1 else 1) + 1).astype(int).tolist()
         bands = iter(list(pairwise(limits)))
 
         def work() -> None:
             for first, last in bands:
                 kernels.update_blocks(self._lead, self._rest, *pixels, first, last, constants, rates)
 
-        helper = self._worker.submit(work)
+        helper = self._worker.submit(work) if threads > 1 else None
         work()
-        if not helper.cancel():
+        if helper is not None and not helper.cancel():
             helper.result()
 
     def _constants(self) -> UpdateConstants:
-        p = self.params
         gain, offset = self._gain.gain, self._gain.offset
-        values = UpdateConstants(
-            beta=p.beta,
-            beta_relaxed=p.beta * p.depth_relaxation,
-            min_depth_fraction=p.min_depth_fraction,
-            dark=(p.dark_level - offset) / gain,
-            clip=(p.clip_level - offset) / gain,
-            black=-offset / gain,
-            clip_image=p.clip_level,
-            gain=gain,
-            offset=offset,
-            floor_y=(p.luma_noise / gain) ** 2,
-            floor_uv=(p.chroma_noise / gain) ** 2,
-            floor_d=p.disparity_noise_px**2,
-            init_y=(2 * p.luma_noise / gain) ** 2,
-            init_uv=(2 * p.chroma_noise / gain) ** 2,
-            init_d=(2 * p.disparity_noise_px) ** 2,
-            floor_d_per_d4=self._noise_per_px2**2,
-            init_d_per_d4=(2 * self._noise_per_px2) ** 2,
-            active=p.activity_level / gain,
-            slow_active=1.0 / p.activity_slowdown,
-            background_weight=p.background_weight,
-            deepest_weight=p.deepest_weight,
-            shadow_ratio=p.shadow_ratio,
-            colour_shadow_ratio=p.shadow_ratio if p.remove_colour_shadows else 0.0,
-        )
-        return UpdateConstants._make(np.float32(value) for value in values)
+        if self._known_constants is None or self._known_constants[:2] != (gain, offset):
+            values = _constants(self.params, gain, offset, self._noise_per_px2)
+            self._known_constants = gain, offset, UpdateConstants._make(map(np.float32, values))
+        return self._known_constants[2]
+
+
+def _constants(p: ForegroundParams, gain: float, offset: float, noise_per_px2: float) -> UpdateConstants:
+    """In the exposure of the model, whose luma the image shows with a gain and an offset."""
+    return UpdateConstants(
+        beta=p.beta,
+        beta_relaxed=p.beta * p.depth_relaxation,
+        min_depth_fraction=p.min_depth_fraction,
+        dark=(p.dark_level - offset) / gain,
+        clip=(p.clip_level - offset) / gain,
+        black=-offset / gain,
+        clip_image=p.clip_level,
+        gain=gain,
+        offset=offset,
+        floor_y=(p.luma_noise / gain) ** 2,
+        floor_uv=(p.chroma_noise / gain) ** 2,
+        floor_d=p.disparity_noise_px**2,
+        init_y=(2 * p.luma_noise / gain) ** 2,
+        init_uv=(2 * p.chroma_noise / gain) ** 2,
+        init_d=(2 * p.disparity_noise_px) ** 2,
+        floor_d_per_d4=noise_per_px2**2,
+        init_d_per_d4=(2 * noise_per_px2) ** 2,
+        active=p.activity_level / gain,
+        slow_active=1.0 / p.activity_slowdown,
+        background_weight=p.background_weight,
+        deepest_weight=p.deepest_weight,
+        shadow_ratio=p.shadow_ratio,
+        colour_shadow_ratio=p.shadow_ratio if p.remove_colour_shadows else 0.0,
+    )
 
 
 def _flat(array: np.ndarray | None, shape: tuple[int, int], dtype: type, name: str) -> np.ndarray:
