@@ -2,9 +2,12 @@
 
 import math
 
+import numpy as np
 from numba import njit
 
 from calib.types import F32, F64, I32, U8
+
+F = np.float32
 
 
 @njit(cache=True, nogil=True)
@@ -75,3 +78,31 @@ def accumulate(  # type: ignore[no-untyped-def]
             continue
         height[row, col] = max(height[row, col], points[i, 2])
         occupancy[row, col] += weight[i]
+
+
+@njit(cache=True, nogil=True)
+def encode_colours(  # type: ignore[no-untyped-def]
+    image: U8, channels: int, pixels: I32, gain: float, offset: float,
+    luma_cells: int, edges: F32, codes: U8,
+):  # fmt: skip
+    """Colour codes of some pixels of a flat image (``planview.maps.colour``), in float32.
+
+    ``edges`` are those of the cells of U and V; fills ``codes`` (N,).
+    """
+    g, o, scale = F(gain), F(offset), F(luma_cells / 256.0)
+    top, chroma_cells = F(luma_cells - 1), len(edges) + 1
+    for i in range(len(pixels)):
+        at = channels * pixels[i]
+        luma = F(image[at])
+        u = v = F(0)
+        if channels > 1:
+            blue, green, red = F(image[at]), F(image[at + 1]), F(image[at + 2])
+            luma = F(0.114) * blue + F(0.587) * green + F(0.299) * red
+            u, v = F(0.492) * (blue - luma) / g, F(0.877) * (red - luma) / g
+        code = int(min(max((luma - o) / g * scale, F(0)), top))
+        for value in (u, v):
+            cell = 0
+            for edge in edges:
+                cell += value > edge
+            code = code * chroma_cells + cell
+        codes[i] = code

@@ -11,11 +11,13 @@ import numpy as np
 
 from calib.types import F32, I32, U8
 from planview.foreground.gain import Exposure
+from planview.maps._kernels import encode_colours
 
 LUMA_CELLS = 8
 CHROMA_EDGES = (-24.0, -8.0, 8.0, 24.0)
 """Edges of the cells of U and V around grey [levels of 255]; noise of grey clothes is below 8."""
 CHROMA_CELLS = len(CHROMA_EDGES) + 1
+_EDGES = np.array(CHROMA_EDGES, np.float32)
 CODES = LUMA_CELLS * CHROMA_CELLS**2
 LUMA_SPREAD, CHROMA_SPREAD = 0.75, 0.4
 """Deviation of the smoothing, in cells: light differs by a fifth within a room, chroma hardly."""
@@ -31,17 +33,11 @@ def colour_codes(image: U8, pixels: I32, exposure: Exposure) -> U8:
     Returns:
         (N,) uint8, luma cell * CHROMA_CELLS^2 + U cell * CHROMA_CELLS + V cell.
     """
-    gain, offset = exposure
-    if image.ndim == 2:
-        luma = image.reshape(-1)[pixels].astype(np.float32)
-        u = v = np.zeros_like(luma)
-    else:
-        b, g, r = image.reshape(-1, 3)[pixels].astype(np.float32).T
-        luma = 0.114 * b + 0.587 * g + 0.299 * r
-        u, v = 0.492 * (b - luma) / gain, 0.877 * (r - luma) / gain
-    level = np.clip((luma - offset) / gain * (LUMA_CELLS / 256.0), 0, LUMA_CELLS - 1).astype(np.int32)
-    cells = (level * CHROMA_CELLS + np.searchsorted(CHROMA_EDGES, u)) * CHROMA_CELLS + np.searchsorted(CHROMA_EDGES, v)
-    return np.asarray(cells, dtype=np.uint8)
+    codes = np.empty(len(pixels), np.uint8)
+    channels = 1 if image.ndim == 2 else image.shape[2]
+    flat = np.ascontiguousarray(image).reshape(-1)
+    encode_colours(flat, channels, pixels, *exposure, LUMA_CELLS, _EDGES, codes)
+    return codes
 
 
 def smoothing() -> F32:

@@ -57,13 +57,12 @@ class Raster:
 
 def occupied_part(occupancy: F32, margin: int) -> tuple[slice, slice]:
     """Bounding rectangle of the cells that are not zero, wider by a margin [cells]."""
-    occupied = occupancy > 0.0
-    rows, cols = np.flatnonzero(occupied.any(axis=1)), np.flatnonzero(occupied.any(axis=0))
-    if len(rows) == 0:
+    left, top, width, height = cv2.boundingRect((occupancy > 0.0).view(np.uint8))
+    if width == 0:
         return slice(0, 0), slice(0, 0)
     return (
-        slice(max(0, int(rows[0]) - margin), int(rows[-1]) + 1 + margin),
-        slice(max(0, int(cols[0]) - margin), int(cols[-1]) + 1 + margin),
+        slice(max(0, top - margin), top + height + margin),
+        slice(max(0, left - margin), left + width + margin),
     )
 
 

@@ -69,12 +69,20 @@ class Feedback:
         ).reshape(-1, 3)
         persons, ground = np.zeros(shape, dtype=np.uint8), np.zeros(shape, dtype=np.uint8)
         paint(points.xyz, points.pixels, people, p.body_m, p.ground_m, persons.reshape(-1), ground.reshape(-1))
-        if persons.any():
-            side = 2 * p.spread_px + 1
-            persons = np.asarray(cv2.dilate(persons, np.ones((side, side), dtype=np.uint8)), dtype=np.uint8)
-        # A person's pixel is no ground.
-        self.mask = np.where(persons > 0, np.uint8(PERSON), ground * np.uint8(BACKGROUND))
-        return self.mask
+        mask = np.multiply(ground, np.uint8(BACKGROUND), out=ground)
+        left, top, width, height = cv2.boundingRect(persons)
+        if width:
+            reach = p.spread_px
+            part = (
+                slice(max(0, top - reach), top + height + reach),
+                slice(max(0, left - reach), left + width + reach),
+            )
+            side = 2 * reach + 1
+            spread = cv2.dilate(persons[part], np.ones((side, side), dtype=np.uint8))
+            # A person's pixel is no ground.
+            np.copyto(mask[part], np.uint8(PERSON), where=spread > 0)
+        self.mask = mask
+        return mask
 
     def _remember(self, tracks: Sequence[TrackState]) -> None:
         alive = {track.track_id for track in tracks}

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 from numba import njit
 
 from calib.types import F32, F64, I32
@@ -52,3 +53,58 @@ def slab_centroids(  # type: ignore[no-untyped-def]
         sums[k, 0] += xyz[i, 0] * area[i]
         sums[k, 1] += xyz[i, 1] * area[i]
         sums[k, 2] += area[i]
+
+
+@njit(cache=True, nogil=True)
+def tops(histogram: F64, cap_area: F64, bin_m: float, cap_m: float, top: F64):  # type: ignore[no-untyped-def]
+    """Height (K,) above which just as much area is visible as a head's cap shows, plus that cap; NaN without points.
+
+    ``histogram`` (K, B): visible area per height bin. ``cap_area`` (K,): of the caps.
+    """
+    people, bins = histogram.shape
+    for k in range(people):
+        total = 0.0
+        for b in range(bins):
+            total += histogram[k, bins - 1 - b]
+        top[k] = math.nan
+        if total <= 0.0:
+            continue
+        wanted, above, first = min(cap_area[k], total), 0.0, 0
+        before = 0.0
+        for b in range(bins):
+            before, above, first = above, above + histogram[k, bins - 1 - b], b
+            if above >= wanted:
+                break
+        share = (wanted - before) / max(above - before, 1e-12)
+        top[k] = (bins - first - share) * bin_m + cap_m
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def centroids(  # type: ignore[no-untyped-def]
+    xyz: F32, area: F32, label: I32, low_m: F64, high_m: F64, centres: F64, radius_m: float, means: F64
+):
+    """As ``slab_centroids``, with the sums of x and y divided by that of area: NaN where there are no points."""
+    slab_centroids(xyz, area, label, low_m, high_m, centres, radius_m, means)
+    for k in range(len(means)):
+        means[k, 0] /= means[k, 2]
+        means[k, 1] /= means[k, 2]
+
+
+@njit(cache=True, nogil=True)
+def body_and_head(  # type: ignore[no-untyped-def]
+    xyz: F32, area: F32, label: I32, people: F64, radius_m: float,
+    chin_m: F64, head_radius_m: float, bodies: F64, heads: F64,
+):  # fmt: skip
+    """Centroids x, y and area (K, 3) of what is visible of bodies and of heads, which are above ``chin_m`` (K,).
+
+    Twice: the second time around the body, or the head itself, so that a raised arm does not pull it.
+    """
+    low, high = np.full(len(people), -np.inf), np.full(len(people), np.inf)
+    around = people.copy()
+    centroids(xyz, area, label, low, high, around, radius_m, bodies)
+    around[:, :] = bodies[:, :2]
+    centroids(xyz, area, label, low, high, around, radius_m, bodies)
+    around[:, :] = bodies[:, :2]
+    centroids(xyz, area, label, chin_m, high, around, radius_m, heads)
+    around[:, :] = heads[:, :2]
+    centroids(xyz, area, label, chin_m, high, around, 2 * head_radius_m, heads)

@@ -20,7 +20,7 @@ from pydantic import Field
 from calib.params import Params
 from calib.types import F64
 from planview.maps.builder import FloorPoints, Viewpoint
-from planview.tracking._axis_kernels import height_histograms, slab_centroids
+from planview.tracking._axis_kernels import body_and_head, height_histograms, tops
 
 _BIN_M = 0.02
 HEAD_STD_M, BODY_STD_M = 0.02, 0.05
@@ -98,24 +98,28 @@ class BodyAxis:
         height_histograms(points.xyz, points.area, people_m, radius_m, _BIN_M, label, histogram)
         away, depression = self._view.viewing(people_m)
         top = self._top(histogram, depression)
-        high = np.full(k, np.inf)
-        low = np.full(k, -np.inf)
-        body = self._centroid(points, label, low, high, people_m, radius_m)
-        body = self._centroid(points, label, low, high, body[:, :2], radius_m)
-        # Twice: the second time around the head itself, so that a raised arm does not pull it.
-        head = self._centroid(points, label, top - p.head_height_m, high, body[:, :2], radius_m)
-        head = self._centroid(points, label, top - p.head_height_m, high, head[:, :2], 2 * p.head_radius_m)
+        body, head = np.empty((k, 3)), np.empty((k, 3))
+        body_and_head(
+            points.xyz, points.area, label, people_m, radius_m,
+            top - p.head_height_m, p.head_radius_m, body, head,
+        )  # fmt: skip
         whole = p.area_min * math.pi * p.head_radius_m * p.head_height_m / 2
-        measurements = []
-        for i in range(k):
-            from_head = bool(head[i, 2] >= whole)
-            share = self._head_share(*body[i, :2]) if from_head else 0.0
-            visible = share * head[i, :2] + (1 - share) * body[i, :2] if from_head else body[i, :2]
-            offset = share * (2 / 3) * p.head_radius_m + (1 - share) * (math.pi / 4) * p.body_radius_m
-            x, y = visible + offset * math.cos(depression[i]) * away[i]
-            where = (float(visible[0]), float(visible[1]))
-            measurements.append(AxisMeasurement(float(x), float(y), where, float(top[i]), from_head))
-        return measurements
+        people = zip(body.tolist(), head.tolist(), away.tolist(), depression.tolist(), top.tolist(), strict=True)
+        return [self._measured(*one, whole) for one in people]
+
+    def _measured(
+        self, body: list[float], head: list[float], away: list[float], depression: float, top: float, whole: float
+    ) -> AxisMeasurement:
+        """One person, of centroids and areas of body and head; from ``whole`` on a head's is trusted [m^2]."""
+        p = self.params
+        from_head = head[2] >= whole
+        share = self._head_share(body[0], body[1]) if from_head else 0.0
+        x, y = body[0], body[1]
+        if from_head:
+            x, y = share * head[0] + (1 - share) * x, share * head[1] + (1 - share) * y
+        offset = share * (2 / 3) * p.head_radius_m + (1 - share) * (math.pi / 4) * p.body_radius_m
+        ahead = offset * math.cos(depression)
+        return AxisMeasurement(x + ahead * away[0], y + ahead * away[1], (x, y), top, from_head)
 
     def _head_share(self, x_m: float, y_m: float) -> float:
         """Weight of the head in the mean of head and body, by their variances there."""
@@ -130,20 +134,6 @@ class BodyAxis:
         base = math.sqrt(p.cap_m * (2 * p.head_radius_m - p.cap_m))
         rise = p.head_radius_m - (p.head_radius_m - p.cap_m) * np.cos(depression)
         cap_area = math.pi / 2 * base * (np.minimum(rise, base) + base * np.sin(depression))
-        above = np.cumsum(histogram[:, ::-1], axis=1)
-        total = above[:, -1]
-        reached = above >= np.minimum(cap_area, total)[:, None]
-        first = np.argmax(reached, axis=1)
-        rows = np.arange(len(histogram))
-        before = np.where(first > 0, above[rows, first - 1], 0.0)
-        share = (np.minimum(cap_area, total) - before) / np.maximum(above[rows, first] - before, 1e-12)
-        level = (self._bins - first - share) * _BIN_M
-        return np.where(total > 0.0, level + p.cap_m, np.nan)
-
-    @staticmethod
-    def _centroid(points: FloorPoints, label: np.ndarray, low: F64, high: F64, centres: F64, radius: float) -> F64:
-        """(K, 3): x, y [m] and visible area [m^2] of each person's points in a height band; NaN where none are."""
-        sums = np.empty((len(centres), 3))
-        slab_centroids(points.xyz, points.area, label, low, high, np.ascontiguousarray(centres), radius, sums)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.column_stack([sums[:, 0] / sums[:, 2], sums[:, 1] / sums[:, 2], sums[:, 2]])
+        top = np.empty(len(histogram))
+        tops(histogram, cap_area, _BIN_M, p.cap_m, top)
+        return top

@@ -121,9 +121,9 @@ class PersonDetector:
         """
         cells = max(1, round(self._width_m / maps.grid.cell_m))
         side = 2 * (cells // 2) + 1
-        rows, cols = np.flatnonzero(tall.any(axis=1)), np.flatnonzero(tall.any(axis=0))
-        row0, col0 = max(0, int(rows[0]) - side), max(0, int(cols[0]) - side)
-        part = slice(row0, int(rows[-1]) + side + 1), slice(col0, int(cols[-1]) + side + 1)
+        left, top, width, height = cv2.boundingRect(tall.view(np.uint8))
+        row0, col0 = max(0, top - side), max(0, left - side)
+        part = slice(row0, top + height + side), slice(col0, left + width + side)
         area = cv2.boxFilter(occupancy[part], -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
         near = cv2.dilate(tall[part].astype(np.uint8), np.ones((side, side), dtype=np.uint8))
         area[near == 0] = 0.0

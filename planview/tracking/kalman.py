@@ -96,10 +96,34 @@ class FloorKalman(NamedTuple):
 
     def corrected(self, x_m: float, y_m: float, noise: PositionNoise) -> FloorKalman:
         """With a measured position and its covariance: x, then what of y is independent of x."""
+        if noise.xy == 0.0 and self.c_xy == self.c_xv == self.c_yu == self.c_uv == 0.0:
+            return self._corrected_apart(x_m - self.x_m, y_m - self.y_m, noise)
         lean = noise.xy / noise.xx
         first = self._with(x_m - self.x_m, 1.0, 0.0, noise.xx)
         dx, dy = x_m - first.x_m, y_m - first.y_m
         return first._with(dy - lean * dx, -lean, 1.0, noise.yy - lean * noise.xy)
+
+    def _corrected_apart(self, off_x_m: float, off_y_m: float, noise: PositionNoise) -> FloorKalman:
+        """The same where x and y have nothing in common: what is multiplied by zero is left out."""
+        s = self
+        across, along = s.c_xx + noise.xx, s.c_yy + noise.yy
+        gx, gu, gy, gv = s.c_xx / across, s.c_xu / across, s.c_yy / along, s.c_yv / along
+        return FloorKalman(
+            s.x_m + gx * off_x_m,
+            s.y_m + gy * off_y_m,
+            s.vx_mps + gu * off_x_m,
+            s.vy_mps + gv * off_y_m,
+            s.c_xx - gx * s.c_xx,
+            0.0,
+            s.c_yy - gy * s.c_yy,
+            s.c_xu - gx * s.c_xu,
+            0.0,
+            0.0,
+            s.c_yv - gy * s.c_yv,
+            s.c_uu - gu * s.c_xu,
+            0.0,
+            s.c_vv - gv * s.c_yv,
+        )
 
     def _with(self, off: float, hx: float, hy: float, variance: float) -> FloorKalman:
         """Scalar update with hx x + hy y, which was measured ``off`` from the prediction with a variance [m^2]."""

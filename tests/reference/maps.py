@@ -49,3 +49,17 @@ def accumulate(
     keep = (points[:, 2] >= height_min_m) & (col >= 0) & (row >= 0) & (col < cols) & (row < rows)
     np.maximum.at(height, (row[keep], col[keep]), points[keep, 2])
     np.add.at(occupancy, (row[keep], col[keep]), weight[keep])
+
+
+def encode_colours(
+    image: U8, channels: int, pixels: I32, gain: float, offset: float, luma_cells: int, edges: F32, codes: U8
+) -> None:
+    chosen = image.reshape(-1, channels)[pixels].astype(np.float32)
+    luma, u, v = chosen[:, 0], np.zeros(len(pixels), np.float32), np.zeros(len(pixels), np.float32)
+    if channels > 1:
+        b, g, r = chosen.T
+        luma = 0.114 * b + 0.587 * g + 0.299 * r
+        u, v = 0.492 * (b - luma) / gain, 0.877 * (r - luma) / gain
+    level = np.clip((luma - offset) / gain * (luma_cells / 256.0), 0, luma_cells - 1).astype(np.int32)
+    cells = len(edges) + 1
+    codes[:] = (level * cells + np.searchsorted(edges, u)) * cells + np.searchsorted(edges, v)

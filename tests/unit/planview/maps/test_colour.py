@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 
 from planview.foreground.gain import Exposure
-from planview.maps.colour import CODES, colour_codes, smoothing
+from planview.maps import _kernels as kernels
+from planview.maps.colour import CHROMA_EDGES, CODES, LUMA_CELLS, colour_codes, smoothing
+from tests.reference import maps as reference
 
 REFERENCE = Exposure()
 
@@ -34,3 +36,14 @@ def test_colour_codes_stay_within_their_range(colour: tuple[int, int, int]) -> N
 
 def test_smoothing_keeps_the_mass_of_a_histogram() -> None:
     np.testing.assert_allclose(smoothing().sum(axis=1), 1.0, rtol=1e-5)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_colour_kernel_equals_its_reference(channels: int) -> None:
+    rng = np.random.default_rng(channels)
+    image, edges = rng.integers(0, 256, 300 * channels).astype(np.uint8), np.float32(CHROMA_EDGES)
+    pixels = rng.permutation(300)[:200].astype(np.int32)
+    ours, theirs = np.empty(200, np.uint8), np.empty(200, np.uint8)
+    for module, codes in ((kernels, ours), (reference, theirs)):
+        module.encode_colours(image, channels, pixels, 1.3, -4.5, LUMA_CELLS, edges, codes)
+    np.testing.assert_array_equal(ours, theirs)

@@ -78,6 +78,9 @@ def test_axis_kernels_equal_their_reference(seed: int) -> None:
         module.height_histograms(xyz, area, people, 0.6, 0.05, label, histogram)
         low, high = np.array([0.5, 0.0, 1.0]), np.array([2.0, 1.5, np.inf])
         module.slab_centroids(xyz, area, label, low, high, people, 0.4, sums)
-        results.append((label, histogram, sums))
+        top, bodies, heads = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+        module.tops(histogram, np.array([0.01, 0.3, 9.0]), 0.05, 0.04, top)
+        module.body_and_head(xyz, area, label, people, 0.6, low, 0.2, bodies, heads)
+        results.append((label, histogram, sums, top, bodies, heads))
     for ours, theirs in zip(*results, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-4, atol=1e-5)
