@@ -9,6 +9,7 @@ from contextlib import closing
 from typing import Protocol
 
 from planview.pipeline.engine import AnyRecording, Engine, FrameResult
+from planview.pipeline.warm import warm_up
 from planview.runs.info import PaceInfo
 from planview.runs.totals import StageTimes
 from stereo.readers.newest import newest
@@ -61,7 +62,11 @@ class Pace:
         self._dropped = 0
 
     def results(self, engine: Engine) -> Iterator[FrameResult]:
-        """Track the newest due frame of the engine's recording, again and again until the recording ends."""
+        """Track the newest due frame of the engine's recording, again and again until the recording ends.
+
+        The clock starts when kernels are loaded or compiled (``warm_up``).
+        """
+        warm_up(engine)
         recording = engine.recording
         is_device = getattr(recording, "is_live", False) and not getattr(recording, "waits", False)
         frames = newest(self._arriving(recording), 1, self._drop) if is_device else self._newest_due(recording)
