@@ -161,4 +161,4 @@ def any_measured(measured: U8, start: int, n: int) -> bool:
     here, total = measured[start : start + n], np.uint8(0)
     for i in range(np.uintp(n)):
         total |= here[i]
-    return total > 0
+    return bool(total > 0)

@@ -9,9 +9,8 @@ from numba import types
 from numba.extending import intrinsic
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def prefetch(_: Any, array: types.Array, index: types.Integer) -> Any:
-    """Ask for the cache line that holds ``array[index]`` of a flat array; nothing happens where there is none."""
+def _prefetch(_: Any, array: types.Array, index: types.Integer) -> Any:
+    """Types and code of a call."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         word = ir.IntType(32)
@@ -24,3 +23,7 @@ def prefetch(_: Any, array: types.Array, index: types.Integer) -> Any:
         return context.get_dummy_value()
 
     return types.void(array, index), generate
+
+
+prefetch: Any = intrinsic(_prefetch)
+"""``prefetch(array, index)`` asks for the cache line that holds a number of a flat array; nothing else happens."""

@@ -9,7 +9,6 @@ from contextlib import closing
 from typing import Protocol
 
 from planview.pipeline.engine import AnyRecording, Engine, FrameResult
-from planview.pipeline.warm import warm_up
 from planview.runs.info import PaceInfo
 from planview.runs.totals import StageTimes
 from stereo.readers.newest import newest
@@ -66,6 +65,8 @@ class Pace:
 
         The clock starts when kernels are loaded or compiled (``warm_up``).
         """
+        from planview.pipeline.warm import warm_up  # all trackers' modules, and only such runs need them
+
         warm_up(engine)
         recording = engine.recording
         is_device = getattr(recording, "is_live", False) and not getattr(recording, "waits", False)
