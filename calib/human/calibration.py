@@ -164,9 +164,7 @@ def _tried(
     quick = [t for p in problems for t in _fits(p, people, params)]
     rival = max(t.fit.log_evidence for t in quick) - RIVAL
     near = [t for t in quick if t.fit.log_evidence >= rival]
-    # Outlines of the same people err alike, so that how well they agree is no measure of how much people vary.
-    variation = 1.0 if people.repeats > 1.0 else None
-    full = [replace(t, fit=refine(t.fit.camera, people, model, t.fit.prior, variation)) for t in near]
+    full = [replace(t, fit=refine(t.fit.camera, people, model, t.fit.prior)) for t in near]
     return sorted(full, key=lambda t: -t.fit.log_evidence)
 
 
