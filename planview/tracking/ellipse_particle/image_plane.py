@@ -13,6 +13,7 @@ from calib.ground_camera import GroundCamera
 from calib.types import F32, F64, I64, U8, Bool
 from planview.foreground.masks import WALKER
 from planview.tracking.base import Observation
+from planview.tracking.ellipse_particle.camera_size import PERSON_M, size_of_camera
 from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
 from planview.tracking.ellipse_particle.image_grid import averaged, columns_for, regridded
 from planview.tracking.ellipse_particle.outputs import image_state
@@ -22,8 +23,6 @@ from planview.tracking.ellipse_particle.size_learning import SizeBelief, SizeLea
 from planview.tracking.ellipse_particle.visible_length import UNSURE, visible_length
 from planview.trajectories.state import TrackState
 
-PERSON_M = 1.7
-"""Body height of an adult [m], which turns speeds in m/s into cells."""
 UPRIGHT = PlaneModel(
     angle_spread=math.radians(6.0),
     angle_limit=math.radians(20.0),
@@ -119,15 +118,21 @@ class ImagePlane:
 
     def _learn(self, view: PlaneView) -> None:
         """The given size, that of the camera, or the learned one; a flooded frame teaches nothing."""
-        p = self._params
-        if p.person_height_px is not None:
-            prior = SizePrior(p.person_height_px / 2 / view.scale, 0.0, p.aspect)
-            self._sized = view, SizeBelief(prior, 1.0)
+        given = self._given(view)
+        if given is not None:
+            self._sized = view, SizeBelief(given, 1.0)
         elif float(view.mask.mean()) <= FLOODED:
             motion = view.observation.motion
             moving = None if motion is None else _moving(motion, view.mask.shape)
             belief = self._learner.update(view.mask, view.observation.timestamp_s, moving)
             self._sized = None if belief is None else (view, belief)
+
+    def _given(self, view: PlaneView) -> SizePrior | None:
+        """The size given by hand or by the camera, in cells of the view."""
+        p = self._params
+        if p.person_height_px is not None:
+            return SizePrior(p.person_height_px / 2 / view.scale, 0.0, p.aspect)
+        return None if self._camera is None else size_of_camera(self._camera, view.scale, p.aspect)
 
     def prior(self, view: PlaneView) -> SizePrior | None:
         """The size known now, in cells of the view."""

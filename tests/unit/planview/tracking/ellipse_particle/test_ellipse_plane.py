@@ -1,10 +1,13 @@
 """What the ellipse-particle tracker measures in images, and which sizes it learns from them, on painted scenes."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from calib.ground_camera import GroundCamera
 from planview.tracking.base import Observation
 from planview.tracking.ellipse_particle import (
     EllipseParticleParams,
@@ -14,6 +17,7 @@ from planview.tracking.ellipse_particle import (
     ParticleFilterParams,
     image_ellipse_tracker,
 )
+from planview.tracking.ellipse_particle.camera_size import size_of_camera
 from planview.tracking.ellipse_particle.fit.ellipses import paint_union
 from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
 from planview.tracking.ellipse_particle.objects import Objects
@@ -195,6 +199,21 @@ def test_what_does_not_move_teaches_no_size():
     learner, mask = SizeLearner(60.0), painted(WHOLE)
     for frame in range(20):
         assert learner.update(mask, frame / 10, np.zeros(mask.shape, np.bool_)) is None
+
+
+def test_camera_gives_the_length_of_an_adult_by_row():
+    # 3 m above the floor at a tilt of 60 degrees: feet in some row are those of a head 1.7 m above them.
+    camera = GroundCamera(640, 480, 500.0, 3.0, math.radians(60.0))
+    prior = size_of_camera(camera, 4.0, 0.36)
+    assert prior is not None
+    foot, head = camera.project(np.array([[0.0, 5.0, 0.0], [0.0, 5.0, 1.7]]))[:, 1]
+    centre = ((foot + head) / 2 - 1.5) / 4.0
+    assert 2 * prior.half_length(centre) * 4.0 == pytest.approx(foot - head, rel=0.1)
+
+
+@pytest.mark.parametrize(("height_m", "tilt_deg"), [(3.0, 10.0), (1.3, 85.0)])
+def test_steep_or_low_camera_leaves_the_size_to_be_learned(height_m, tilt_deg):
+    assert size_of_camera(GroundCamera(640, 480, 500.0, height_m, math.radians(tilt_deg)), 4.0, 0.36) is None
 
 
 def test_grid_grows_coarser_with_people_and_keeps_their_size_in_pixels():
