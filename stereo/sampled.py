@@ -120,8 +120,10 @@ class SampledMatcher:
         return self._checked(fixed, darkest, brightest, window, disparities.first_px)
 
     def _checked(self, fixed: I16, darkest: U8, brightest: U8, window: Window, first_px: int) -> F32:
-        """Pixels, without what stands alone, and without texture or outside of an image."""
-        fixed = np.asarray(cv2.medianBlur(fixed, 3), dtype=np.int16)
+        """Pixels, without what stands alone, and without texture or outside of an image.
+
+        There is no median of 3x3 as in OpenCV: over samples it would be n times as wide and round people off.
+        """
         cv2.filterSpeckles(fixed, int(NONE), self._speckle, STEP)
         fixed[fixed >= 0] += STEP * first_px
         rows = slice(window.top // self.step, window.top // self.step + len(fixed))

@@ -10,7 +10,6 @@ from faults.damage import FRAMES, Fault
 from faults.faults import FAULTS
 from toy_stereo import ToyWorld, toy_rig, walking, write_toy_recording
 
-import planview.commands.run as command
 from calib.floor.world_file import save_world
 from calib.rig import Floor
 from planview.cli import main
@@ -34,7 +33,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
     """Plots cost more than the run."""
-    monkeypatch.setattr(command, "write_report", lambda folder: None)
+    monkeypatch.setattr("planview.runs.report.page.write_report", lambda folder: None)
 
 
 def told_by(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str]:

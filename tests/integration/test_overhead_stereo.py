@@ -82,5 +82,5 @@ def test_walkers_go_the_ways_they_went(walkers: list[Walker]) -> None:
 
 def test_walkers_are_followed_for_as_long_as_they_are_well_inside(walkers: list[Walker]) -> None:
     for walker in lasting(walkers):
-        assert walker.column.min() < 1 / 3 and walker.column.max() > 2 / 3
+        assert walker.column.min() < 0.3 and walker.column.max() > 0.7
         assert np.diff(walker.frame).max() <= 5
