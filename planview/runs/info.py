@@ -76,7 +76,8 @@ class RunInfo(InfoPart):
     skipped: list[SkippedFrame] = Field(default_factory=list)
     """The skipped frames (the first 1000) and why."""
     notes: list[str] = Field(default_factory=list)
-    """What the reader of the recording assumed, mended or missed, a sentence each."""
+    """What the reader of the recording assumed, mended or missed, and the size of people that a tracker learned, a
+    sentence each."""
     rig: CameraInfo | None = None
     floor: FloorInfo | None = None
     stages_ms: dict[str, float | None] = Field(default_factory=dict)

@@ -220,6 +220,7 @@ class _Run:
                 "finished": state == "finished",
                 "elapsed_s": self._elapsed_s(),
                 "frames_read": totals.frames,
+                "notes": [*self._info.notes, *getattr(self._engine.tracker, "notes", ())],
                 "frames_skipped": len(skipped),
                 "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:SKIPPED_MAX]],
                 "stages_ms": {stage: times.median_ms for stage, times in totals.stages.items()},

@@ -46,6 +46,7 @@ class FloorPlane:
 
     name: Literal["image", "floor"] = "floor"
     foreground_columns: int | None = None
+    notes: tuple[str, ...] = ()
 
     def __init__(self, params: FloorPlaneParams) -> None:
         self._params = params

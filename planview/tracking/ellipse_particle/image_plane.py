@@ -38,6 +38,8 @@ FROM_ABOVE = UPRIGHT._replace(
     angle_spread=math.radians(45.0), angle_limit=math.radians(90.0), angle_walk=math.radians(30.0), proposal=1.0
 )
 """People seen from straight above point anywhere, as they do on the floor."""
+DOUBTFUL = 0.5
+"""Share of what moves below which the size learned from it is doubtful: most of it has another one."""
 FOREGROUND_PX = 2
 """Pixels of foreground per cell that are enough: cells average them anyway. Our choice."""
 FLOODED = 0.5
@@ -139,9 +141,16 @@ class ImagePlane:
         return None if self._sized is None else regridded(self._sized[1].prior, self._sized[0], view)
 
     @property
-    def confidence(self) -> float | None:
-        """Share of what moves that is of the size known; None while there is none."""
-        return None if self._sized is None else self._sized[1].confidence
+    def notes(self) -> tuple[str, ...]:
+        """The size that was learned, and how much of what moves is of it, in a sentence; none of a given size."""
+        if self._params.person_height_px is not None or self._learner.belief is None or self._sized is None:
+            return ()
+        view, belief = self._sized
+        length_px = 2.0 * belief.prior.half_length((view.mask.shape[0] - 1) / 2) * view.scale
+        shape = "long" if belief.prior.any_direction else "high"
+        told = f"people are taken for {length_px:.0f} px {shape} in the middle of the image"
+        doubt = "" if belief.confidence >= DOUBTFUL else ": set --person-height if that is wrong"
+        return (f"{told}, learned from what moves; {belief.confidence:.0%} of it has that size{doubt}",)
 
     def cells_per_m(self, view: PlaneView, prior: SizePrior, rows: F64) -> F64:
         return np.asarray(2.0 * prior.half_lengths(rows) / PERSON_M)

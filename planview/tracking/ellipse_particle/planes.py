@@ -73,6 +73,10 @@ class TrackingPlane(Protocol):
     def model(self) -> PlaneModel:
         """What is known of ellipses now."""
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the plane found out about the recording, a sentence each."""
+
     def reset(self) -> None:
         """Forget everything."""
 

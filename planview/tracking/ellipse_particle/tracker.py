@@ -65,6 +65,11 @@ class EllipseParticleTracker:
         return self._prior
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """What was found out about the recording, a sentence each: the size of people."""
+        return self._plane.notes
+
+    @property
     def foreground_columns(self) -> int | None:
         """Columns of foreground that are enough; None for all."""
         return self._plane.foreground_columns

@@ -1,6 +1,7 @@
 """What the ellipse-particle tracker measures in images, and which sizes it learns from them, on painted scenes."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -117,6 +118,26 @@ def test_frames_that_taught_the_size_are_tracked_once_it_is_known():
     # A region counts from its second frame on; four samples teach the size, and the frames until then are enough to
     # confirm the walker in the last of them.
     assert found == [[], [], [], [], [(1, "confirmed")]]
+
+
+def test_learned_size_is_told_with_the_share_of_what_moves_that_has_it():
+    tracker = image_ellipse_tracker(EllipseParticleParams(image=ImagePlaneParams(), filter=FEW))
+    assert tracker.notes == ()
+    for i in range(5):
+        mask = (255 * painted([20.0 + 3 * i, 30, 15, 6, 0.0])).astype(np.uint8)
+        tracker.update(Observation(i, i / 10, foreground=mask))
+    (note,) = tracker.notes
+    told = re.fullmatch(
+        r"people are taken for (\d+) px high .* learned from what moves; 100% of it has that size", note
+    )
+    assert told is not None
+    assert int(told[1]) == pytest.approx(30, abs=1)
+
+
+def test_given_size_is_not_told_as_learned():
+    plane = ImagePlane(ImagePlaneParams(person_height_px=400))
+    plane(Observation(0, 0.0, foreground=np.zeros((480, 640), np.uint8)))
+    assert plane.notes == ()
 
 
 def test_size_is_that_of_one_person_where_people_hide_one_another():
