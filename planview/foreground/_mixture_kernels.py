@@ -53,19 +53,16 @@ from planview.foreground._prefetch import prefetch
 from planview.foreground._rank_kernels import settle_order
 from planview.foreground._rest_kernels import (
     BEHIND,
+    FAST,
     FOUND,
     KIND,
     LINE,
     MASK,
-    OBS_FAST,
-    OBS_RATE_M,
-    OBS_RATE_W,
     OTHERS,
     UNCLIPPED,
     find_matches,
     gather,
     gather_others,
-    gathered,
 )
 from planview.foreground.masks import BACKGROUND, PERSON
 
@@ -133,7 +130,7 @@ def learn_rest(
     lead[WEIGHT * BLOCK + i] *= keep
     for b in range(first, end, N_FIELDS):
         rest[b + WEIGHT] *= left
-    o = gathered(side, j)
+    o = observed(side, j)
     if found >= 0:
         rest[found + WEIGHT] += rates[0]
         store(rest, found, 1, learned(load(rest, found, 1), o, side[KIND * BLOCK + j], rates[1], s))
@@ -148,7 +145,7 @@ def learn_gathered(lead: F32, rest: F32, side: F32, chosen: U64, s: UpdateConsta
     """Learn those of the gathered pixels that may learn."""
     size = len(side) // BLOCK - OTHERS
     for j in range(len(chosen)):
-        rate_w, rate_m, fast = side[OBS_RATE_W * BLOCK + j], side[OBS_RATE_M * BLOCK + j], side[OBS_FAST * BLOCK + j]
+        rate_w, rate_m, fast = side[RATE_W * BLOCK + j], side[RATE_M * BLOCK + j], side[FAST * BLOCK + j]
         if fast <= ZERO or rate_w <= ZERO:
             continue
         pixel = int(chosen[j])

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from calib.types import F32, U64
-from planview.foreground._block_kernels import BLOCK, CHROMA, MEASURED, RATE_M, RATE_W, load
+from planview.foreground._block_kernels import BLOCK, N_SCRATCH, load, observed
 from planview.foreground._gaussian_kernels import (
     DEPTH_FRACTION,
     N_FIELDS,
@@ -23,12 +23,8 @@ from planview.foreground._gaussian_kernels import (
     ZERO,
     D,
     F,
-    Pixel,
     Real,
-    U,
     UpdateConstants,
-    V,
-    Y,
     is_nearer,
     is_other_light,
     match_kind,
@@ -36,11 +32,10 @@ from planview.foreground._gaussian_kernels import (
 from planview.foreground._prefetch import prefetch
 from planview.foreground.masks import FOREGROUND, NEARER, SHADOW
 
-# Planes of the gathered pixels: observation and rates, what is found of it, and then the Gaussians, the leader first.
-OBS_Y, OBS_U, OBS_V, OBS_D, OBS_CHROMA, OBS_MEASURED, OBS_RATE_W, OBS_RATE_M, OBS_FAST = range(9)
-FOUND, KIND, BEFORE, IS_BACKGROUND, UNCLIPPED, BEHIND, MASK = range(9, 16)
-FOUND_WEIGHT, FOUND_FRACTION, FOUND_D, KIND_NOW = range(16, 20)
-LEADER = 20
+# Planes of the gathered pixels: those of the scratch block, what is found, then the Gaussians, the leader first.
+FAST, FOUND, KIND, BEFORE, IS_BACKGROUND, UNCLIPPED, BEHIND, MASK = range(N_SCRATCH, N_SCRATCH + 8)
+FOUND_WEIGHT, FOUND_FRACTION, FOUND_D, KIND_NOW = range(MASK + 1, MASK + 5)
+LEADER = KIND_NOW + 1
 OTHERS = LEADER + N_FIELDS
 LINE = 16
 """Numbers in a cache line of 64 bytes."""
@@ -71,15 +66,9 @@ def gather(
         chosen[taken + j] = pixel
         for f in range(0, size, LINE):
             prefetch(rest, pixel * np.uintp(size) + np.uintp(f))
-    side[OBS_FAST * BLOCK + taken : OBS_FAST * BLOCK + taken + len(places)] = fast
-    pick(obs, Y, places, side, OBS_Y, taken)
-    pick(obs, U, places, side, OBS_U, taken)
-    pick(obs, V, places, side, OBS_V, taken)
-    pick(obs, D, places, side, OBS_D, taken)
-    pick(obs, CHROMA, places, side, OBS_CHROMA, taken)
-    pick(obs, MEASURED, places, side, OBS_MEASURED, taken)
-    pick(obs, RATE_W, places, side, OBS_RATE_W, taken)
-    pick(obs, RATE_M, places, side, OBS_RATE_M, taken)
+    side[FAST * BLOCK + taken : FAST * BLOCK + taken + len(places)] = fast
+    for plane in range(N_SCRATCH):
+        pick(obs, plane, places, side, plane, taken)
     for f in range(N_FIELDS):
         pick(lead, f, places, side, LEADER + f, taken)
 
@@ -94,19 +83,6 @@ def gather_others(rest: F32, chosen: U64, taken: int, side: F32) -> None:
             picked[j] = rest[chosen[j] * np.uintp(size) + np.uintp(f)]
 
 
-@njit(cache=True, nogil=True)
-def gathered(side: F32, j: int) -> Pixel:
-    """Observation j."""
-    return Pixel(
-        side[OBS_Y * BLOCK + j],
-        side[OBS_U * BLOCK + j],
-        side[OBS_V * BLOCK + j],
-        side[OBS_D * BLOCK + j],
-        side[OBS_CHROMA * BLOCK + j],
-        side[OBS_MEASURED * BLOCK + j],
-    )
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def begin_search(side: F32, s: UpdateConstants) -> None:
     """Whether what the leader does not match is (unclipped, behind) it.
@@ -115,7 +91,7 @@ def begin_search(side: F32, s: UpdateConstants) -> None:
     appears behind the background was hidden by a person or a thing before: none can stand there.
     """
     for j in range(BLOCK):
-        g, o = load(side, LEADER * BLOCK + j, BLOCK), gathered(side, j)
+        g, o = load(side, LEADER * BLOCK + j, BLOCK), observed(side, j)
         dd = o.d - g.d
         both = (o.d == o.d) & (g.depth_fraction >= s.min_depth_fraction)
         agree = dd * dd < s.beta * g.var_d
@@ -134,7 +110,7 @@ def test_other(side: F32, other: int, s: UpdateConstants) -> None:
     """How pixels match their Gaussian number ``other``, from 1: KIND_NOW."""
     others = side[(LEADER + other * N_FIELDS) * BLOCK :]
     for j in range(BLOCK):
-        side[KIND_NOW * BLOCK + j] = match_kind(load(others, j, BLOCK), gathered(side, j), s)
+        side[KIND_NOW * BLOCK + j] = match_kind(load(others, j, BLOCK), observed(side, j), s)
 
 
 @njit(cache=True, nogil=True)
@@ -200,7 +176,7 @@ def classify(side: F32, s: UpdateConstants) -> None:
     """MASK of pixels: FOREGROUND, NEARER, SHADOW or 0."""
     darkest = s.colour_shadow_ratio
     for j in range(BLOCK):
-        g, o = load(side, LEADER * BLOCK + j, BLOCK), gathered(side, j)
+        g, o = load(side, LEADER * BLOCK + j, BLOCK), observed(side, j)
         value = F(NEARER) if is_nearer(g, o, s) else F(FOREGROUND)
         dim = (o.d != o.d) & (o.y < g.y) & (darkest > ZERO)
         value = F(SHADOW) if dim & is_other_light(g, o, o.chroma > ZERO, darkest, s) else value

@@ -5,6 +5,8 @@ Most kernels are first called when a person is in view. Loading them then costs 
 
 from __future__ import annotations
 
+from importlib import import_module
+
 import numpy as np
 
 from calib.types import F32, U8
@@ -34,6 +36,7 @@ def warm_up(engine: Engine) -> None:
     """
     if not isinstance(engine, Pipeline):
         return
+    import_module("scipy.optimize")  # half a second when people first meet
     _separate(engine)
     if isinstance(engine.tracker, TemplateTracker):
         _follow(engine)

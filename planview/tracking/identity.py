@@ -16,7 +16,6 @@ from pydantic import Field
 
 from calib.params import Params
 from calib.types import F32, F64
-from planview.tracking.assignment import assign
 from planview.tracking.lifecycle import Existence
 
 STRANGER_COST = 4.6
@@ -262,16 +261,17 @@ class IdentityLayer:
 
     def _judge(self, group: list[Existence], ready: list[Existence]) -> Exchange | None:
         """The likeliest assignment of the places measured to the identities of the group, if it is not today's."""
+        from scipy.optimize import linear_sum_assignment  # half a second and 60 MB, and only people who met need it
+
         with_memory = [who for who in group if who.track_id in self._memory]
         places = [who for who in ready if who in with_memory]
         cost = self._costs(places, with_memory)
         if len(places) == 0 or len(with_memory) < 2 or np.isnan(cost).any():
             return None
-        cols = assign(cost)
+        rows, cols = linear_sum_assignment(cost)
         today = [with_memory.index(who) for who in places]
-        if cols == today:
+        if list(cols) == today:
             return None
-        rows = np.arange(len(places))
         gain = float(cost[rows, today].sum() - cost[rows, cols].sum())
         confidence = 1.0 / (1.0 + math.exp(-min(gain, 50.0)))
         if confidence < self.params.confidence:

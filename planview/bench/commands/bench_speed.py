@@ -84,20 +84,26 @@ def bench_speed(
     """
     if frames < 10:
         raise InputError(f"--frames: expected at least 10, found {frames}")
-    before = _kept(against) if against else None
+    earlier = _kept(against) if against else None
     messages = Console(stderr=True, markup=False)
     speed = measure(recording, frames, lambda text: messages.print(text, highlight=False), _parts(part), set_ or [])
     if out is not None:
-        speed = merged(_kept(out), speed) if out.is_file() else speed
-        write_whole(out, json.dumps(asdict(speed), indent=2) + "\n")
+        speed = _keep(speed, out)
     if plot is not None:
         write_plot(plot, speed.ratios, speed.quartiles, _course(memory))
     if json_output:
         print(json.dumps(asdict(speed), indent=2))
         return
     print_speed(speed, Console(markup=False))
-    if before is not None:
-        print_changes(speed, before, Console(markup=False))
+    if earlier is not None:
+        print_changes(speed, earlier, Console(markup=False))
+
+
+def _keep(speed: Speed, out: Path) -> Speed:
+    """Written beside the parts that the file holds; all of them."""
+    speed = merged(_kept(out), speed) if out.is_file() else speed
+    write_whole(out, json.dumps(asdict(speed), indent=2) + "\n")
+    return speed
 
 
 def _kept(path: Path) -> Speed:
