@@ -12,18 +12,17 @@ attributes named as in the classes they hold; per frame ``frames/index``, ``fram
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import MISSING, asdict, dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from calib.errors import InputError, WorkError
+from calib.errors import InputError
 from calib.pose import SE3
 from calib.rig import Floor
-from calib.text import reason
 from calib.types import F32, I32, U8, AnyArray
 from planview.maps.builder import FloorPoints
 from planview.maps.colour import CODES
@@ -38,12 +37,10 @@ VERSION = 1
 """Changes when an older reader would misunderstand the file."""
 BLOCK_FRAMES = 32
 """Frames written and read at a time."""
-CHUNK = 32768
-"""Values compressed together."""
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file (format specification, superblock)."""
-_FRAME_COLUMNS: dict[str, type] = {"index": np.int64, "timestamp_s": np.float64, "end": np.int64}
-_POINT_COLUMNS: dict[str, type] = {"pixel": np.int32, "disparity": np.float32}
+FRAME_COLUMNS: dict[str, type] = {"index": np.int64, "timestamp_s": np.float64, "end": np.int64}
+POINT_COLUMNS: dict[str, type] = {"pixel": np.int32, "disparity": np.float32}
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,93 +66,6 @@ class MapsFrame:
         return MapsFrame(index, timestamp_s, points.pixels, disparity.reshape(-1)[points.pixels], points.colours)
 
 
-class MapsWriter:
-    """Writes a plan-view recording; ``close`` it, or it cannot be read.
-
-    Args:
-        path: the file to make.
-        view: the rig, its floor and the grid of the maps.
-        config: JSON of the configuration that made the points.
-        fps: nominal frames per second.
-    Raises:
-        WorkError: the file cannot be written.
-    """
-
-    def __init__(self, path: Path, view: StereoView, config: str, fps: float) -> None:
-        self._path = path
-        self._block: list[MapsFrame] = []
-        self._end = 0
-        import h5py  # a tenth of a second, and only these files need it
-
-        with _writing(path):
-            self._file = h5py.File(path, "w")
-            self._file.attrs.update(format=FORMAT, version=VERSION, config=config, fps=fps)
-            _write_view(self._file, view)
-            for name, kind in _FRAME_COLUMNS.items():
-                self._column(f"frames/{name}", kind)
-            for name, kind in _POINT_COLUMNS.items():
-                self._column(f"points/{name}", kind)
-
-    def add(self, frame: MapsFrame) -> None:
-        """Append a frame.
-
-        Raises:
-            WorkError: the disk is full.
-        """
-        self._block.append(frame)
-        if len(self._block) == BLOCK_FRAMES:
-            self._flush()
-
-    def close(self, skipped: Sequence[Skipped] = ()) -> None:
-        """Write what is left, and the frames passed over.
-
-        Raises:
-            WorkError: the disk is full.
-        """
-        import h5py
-
-        try:
-            self._flush()
-            with _writing(self._path):
-                self._file["skipped/index"] = np.array([frame.index for frame in skipped], dtype=np.int64)
-                self._file["skipped/why"] = np.array([frame.why for frame in skipped], dtype=h5py.string_dtype())
-        finally:
-            with _writing(self._path):
-                self._file.close()
-
-    def _flush(self) -> None:
-        block, self._block = self._block, []
-        if not block:
-            return
-        ends = self._end + np.cumsum([len(frame.pixels) for frame in block])
-        self._end = int(ends[-1])
-        columns: dict[str, Any] = {
-            "points/pixel": np.concatenate([frame.pixels for frame in block]),
-            "points/disparity": np.concatenate([frame.disparities for frame in block]),
-            "frames/index": [frame.index for frame in block],
-            "frames/timestamp_s": [frame.timestamp_s for frame in block],
-            "frames/end": ends,
-        }
-        codes = [frame.colours for frame in block if frame.colours is not None]
-        if codes and len(codes) != len(block):
-            raise ValueError("expected colours in all frames or in none")
-        with _writing(self._path):
-            if codes:
-                if "points/appearance" not in self._file:
-                    self._column("points/appearance", np.uint8).attrs["codes"] = CODES
-                columns["points/appearance"] = np.concatenate(codes)
-            for name, values in columns.items():
-                column = self._file[name]
-                start = len(column)
-                column.resize(start + len(values), axis=0)
-                column[start:] = values
-
-    def _column(self, name: str, kind: Any) -> Any:
-        return self._file.create_dataset(
-            name, (0,), kind, maxshape=(None,), chunks=(CHUNK,), compression="gzip", compression_opts=4, shuffle=True
-        )
-
-
 class MapsRecording:
     """A plan-view recording: iterate it for its ``MapsFrame``.
 
@@ -172,7 +82,7 @@ class MapsRecording:
         Raises:
             InputError: no such file, not a plan-view recording, cut short, damaged, or of another version.
         """
-        import h5py
+        import h5py  # a tenth of a second, and only these files need it
 
         self.path = path
         with _reading(path), h5py.File(path, "r") as file:
@@ -180,7 +90,7 @@ class MapsRecording:
             self.view = _read_view(file)
             self.config = str(file.attrs["config"])
             self.fps = float(file.attrs["fps"])
-            self._indices, self._times, self._ends = (_values(file, f"frames/{name}") for name in _FRAME_COLUMNS)
+            self._indices, self._times, self._ends = (_values(file, f"frames/{name}") for name in FRAME_COLUMNS)
             why = file["skipped/why"].asstr()[:]
             self.skipped = [Skipped(int(i), str(w)) for i, w in zip(file["skipped/index"][:], why, strict=True)]
             self._check_lengths(file)
@@ -220,7 +130,7 @@ class MapsRecording:
         if (np.diff(self._indices) <= 0).any() or (np.diff(self._ends, prepend=0) < 0).any():
             raise ValueError("frames out of order")
         lengths = {name: len(column) for name, column in file["points"].items()}
-        if set(_POINT_COLUMNS) - lengths.keys() or set(lengths.values()) != {n_points}:
+        if set(POINT_COLUMNS) - lengths.keys() or set(lengths.values()) != {n_points}:
             raise ValueError(f"columns of points of lengths {lengths} where frames end with {n_points}")
 
 
@@ -242,22 +152,6 @@ def _check_version(path: Path, file: Any) -> None:
     if "points/appearance" in file and file["points/appearance"].attrs["codes"] != CODES:
         found = file["points/appearance"].attrs["codes"]
         raise InputError(f"{path}: expected colours in {CODES} codes, found {found}: another version wrote them")
-
-
-def _write_view(file: Any, view: StereoView) -> None:
-    floor, rig = view.floor, asdict(view.geometry) | asdict(view.disparities)
-    rig |= {"reduction": view.reduction, "calibration": view.calibration}
-    rig["vertical_residual_px"] = view.vertical_residual_px
-    if view.sensor is not None:
-        rig["sensor"] = view.sensor
-    file.create_group("rig").attrs.update(rig)
-    file.create_group("floor").attrs.update(
-        world_SE3_left=floor.world_SE3_left.matrix, inlier_fraction=floor.inlier_fraction,
-        residual_m=floor.residual_m, source=view.floor_source,
-    )  # fmt: skip
-    if floor.extent_m is not None:
-        file["floor"].attrs["extent_m"] = floor.extent_m
-    file.create_group("grid").attrs.update(asdict(view.grid))
 
 
 def _read_view(file: Any) -> StereoView:
@@ -287,14 +181,6 @@ def _typed(attributes: dict[str, Any], kind: Any) -> dict[str, Any]:
 
 def _values(file: Any, name: str) -> AnyArray:
     return np.asarray(file[name][:])
-
-
-@contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except (OSError, RuntimeError) as error:
-        raise WorkError(f"{path}: cannot be written ({reason(error)})") from error
 
 
 @contextmanager

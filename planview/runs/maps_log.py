@@ -9,7 +9,8 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.files import PART, sync, whole_file
-from planview.maps.recording import MapsFrame, MapsRecording, MapsWriter
+from planview.maps.recording import MapsFrame, MapsRecording
+from planview.maps.writer import MapsWriter
 from planview.pipeline.engine import Engine, FrameResult
 
 

@@ -270,8 +270,6 @@ class IdentityLayer:
             return None
         rows, cols = linear_sum_assignment(cost)
         today = [with_memory.index(who) for who in places]
-        if list(cols) == today:
-            return None
         gain = float(cost[rows, today].sum() - cost[rows, cols].sum())
         confidence = 1.0 / (1.0 + math.exp(-min(gain, 50.0)))
         if confidence < self.params.confidence:

@@ -1,0 +1,129 @@
+"""Writes plan-view recordings; ``planview.maps.recording`` says what is in them, and reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from calib.errors import WorkError
+from calib.text import reason
+from planview.maps.colour import CODES
+from planview.maps.recording import BLOCK_FRAMES, FORMAT, FRAME_COLUMNS, POINT_COLUMNS, VERSION, MapsFrame
+from planview.maps.view import StereoView
+from stereo.recording import Skipped
+
+CHUNK = 32768
+"""Values compressed together."""
+
+
+class MapsWriter:
+    """Writes a plan-view recording; ``close`` it, or it cannot be read.
+
+    Args:
+        path: the file to make.
+        view: the rig, its floor and the grid of the maps.
+        config: JSON of the configuration that made the points.
+        fps: nominal frames per second.
+    Raises:
+        WorkError: the file cannot be written.
+    """
+
+    def __init__(self, path: Path, view: StereoView, config: str, fps: float) -> None:
+        self._path = path
+        self._block: list[MapsFrame] = []
+        self._end = 0
+        with _writing(path):
+            self._file = h5py.File(path, "w")
+            self._file.attrs.update(format=FORMAT, version=VERSION, config=config, fps=fps)
+            _write_view(self._file, view)
+            for name, kind in FRAME_COLUMNS.items():
+                self._column(f"frames/{name}", kind)
+            for name, kind in POINT_COLUMNS.items():
+                self._column(f"points/{name}", kind)
+
+    def add(self, frame: MapsFrame) -> None:
+        """Append a frame.
+
+        Raises:
+            WorkError: the disk is full.
+        """
+        self._block.append(frame)
+        if len(self._block) == BLOCK_FRAMES:
+            self._flush()
+
+    def close(self, skipped: Sequence[Skipped] = ()) -> None:
+        """Write what is left, and the frames passed over.
+
+        Raises:
+            WorkError: the disk is full.
+        """
+        try:
+            self._flush()
+            with _writing(self._path):
+                self._file["skipped/index"] = np.array([frame.index for frame in skipped], dtype=np.int64)
+                self._file["skipped/why"] = np.array([frame.why for frame in skipped], dtype=h5py.string_dtype())
+        finally:
+            with _writing(self._path):
+                self._file.close()
+
+    def _flush(self) -> None:
+        block, self._block = self._block, []
+        if not block:
+            return
+        ends = self._end + np.cumsum([len(frame.pixels) for frame in block])
+        self._end = int(ends[-1])
+        columns: dict[str, Any] = {
+            "points/pixel": np.concatenate([frame.pixels for frame in block]),
+            "points/disparity": np.concatenate([frame.disparities for frame in block]),
+            "frames/index": [frame.index for frame in block],
+            "frames/timestamp_s": [frame.timestamp_s for frame in block],
+            "frames/end": ends,
+        }
+        codes = [frame.colours for frame in block if frame.colours is not None]
+        if codes and len(codes) != len(block):
+            raise ValueError("expected colours in all frames or in none")
+        with _writing(self._path):
+            if codes:
+                if "points/appearance" not in self._file:
+                    self._column("points/appearance", np.uint8).attrs["codes"] = CODES
+                columns["points/appearance"] = np.concatenate(codes)
+            for name, values in columns.items():
+                column = self._file[name]
+                start = len(column)
+                column.resize(start + len(values), axis=0)
+                column[start:] = values
+
+    def _column(self, name: str, kind: Any) -> Any:
+        return self._file.create_dataset(
+            name, (0,), kind, maxshape=(None,), chunks=(CHUNK,), compression="gzip", compression_opts=4, shuffle=True
+        )
+
+
+def _write_view(file: Any, view: StereoView) -> None:
+    floor, rig = view.floor, asdict(view.geometry) | asdict(view.disparities)
+    rig |= {"reduction": view.reduction, "calibration": view.calibration}
+    rig["vertical_residual_px"] = view.vertical_residual_px
+    if view.sensor is not None:
+        rig["sensor"] = view.sensor
+    file.create_group("rig").attrs.update(rig)
+    file.create_group("floor").attrs.update(
+        world_SE3_left=floor.world_SE3_left.matrix, inlier_fraction=floor.inlier_fraction,
+        residual_m=floor.residual_m, source=view.floor_source,
+    )  # fmt: skip
+    if floor.extent_m is not None:
+        file["floor"].attrs["extent_m"] = floor.extent_m
+    file.create_group("grid").attrs.update(asdict(view.grid))
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        raise WorkError(f"{path}: cannot be written ({reason(error)})") from error
