@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, Protocol
 
 import numpy as np
@@ -106,9 +107,15 @@ class CameraViewpoint:
     projection: F64
     size: tuple[int, int]
 
+    @cached_property
+    def _rows(self) -> list[list[float]]:
+        """Of the projection: arithmetic of floats is ten times faster than a product of arrays so small."""
+        rows: list[list[float]] = self.projection.tolist()
+        return rows
+
     def sees(self, x_m: float, y_m: float, z_m: float) -> bool:
         """Whether a world point lies in the image."""
-        u, v, depth = (float(value) for value in self.projection @ (x_m, y_m, z_m, 1.0))
+        u, v, depth = ((a * x_m + b * y_m + c * z_m + d) for a, b, c, d in self._rows)
         return depth > 0 and -0.5 <= u / depth < self.size[0] - 0.5 and -0.5 <= v / depth < self.size[1] - 0.5
 
     def footprint(

@@ -3,6 +3,7 @@
 from numba import njit
 
 from calib.types import F32, F64, U8
+from planview.tracking._near_kernels import cell_of, near_people
 
 
 @njit(cache=True, nogil=True)
@@ -14,9 +15,13 @@ def colour_histograms(  # type: ignore[no-untyped-def]
     ``people`` (K, 3): x, y, height of the top [m]; ``bounds`` (P,): lower bounds of the parts as shares of that height;
     ``histograms`` (K, P, CODES) arrives zeroed.
     """
+    near = near_people(people, radius_m)
     for i in range(len(xyz)):
         nearest, who = radius_m * radius_m, -1
-        for k in range(len(people)):
+        cell = cell_of(near, float(xyz[i, 0]), float(xyz[i, 1]))
+        if cell < 0:
+            continue
+        for k in near.people[near.starts[cell] : near.starts[cell + 1]]:
             squared = (xyz[i, 0] - people[k, 0]) ** 2 + (xyz[i, 1] - people[k, 1]) ** 2
             if squared < nearest:
                 nearest, who = squared, k

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from calib.types import F32, F64, I32
+from planview.tracking._near_kernels import cell_of, near_people
 
 
 @njit(cache=True, nogil=True)
@@ -18,10 +19,14 @@ def height_histograms(  # type: ignore[no-untyped-def]
     """
     histogram[:] = 0.0
     bins = histogram.shape[1]
+    near = near_people(people, radius_m)
     for i in range(len(xyz)):
         label[i] = -1
         nearest = radius_m * radius_m
-        for k in range(len(people)):
+        cell = cell_of(near, float(xyz[i, 0]), float(xyz[i, 1]))
+        if cell < 0:
+            continue
+        for k in near.people[near.starts[cell] : near.starts[cell + 1]]:
             dx = float(xyz[i, 0]) - people[k, 0]
             dy = float(xyz[i, 1]) - people[k, 1]
             squared = dx * dx + dy * dy

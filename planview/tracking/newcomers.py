@@ -25,8 +25,9 @@ def is_part_of(
         arm_m: near means inseparable at this distance [m], see ``inseparable``.
         half_m: half the side of the square in which surface is summed [m].
     """
-    small = visible_area_m2(maps, place_m, half_m) < share * visible_area_m2(maps, other_m, half_m)
-    return small and inseparable(maps.view, place_m, other_m, arm_m)
+    if not inseparable(maps.view, place_m, other_m, arm_m):
+        return False
+    return visible_area_m2(maps, place_m, half_m) < share * visible_area_m2(maps, other_m, half_m)
 
 
 def visible_area_m2(maps: PlanViewMaps, place_m: tuple[float, float], half_m: float) -> float:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from calib.types import F32, F64
+from calib.types import F32, F64, Bool
 
 
 def differences(
@@ -76,12 +76,13 @@ def clear(
     across_cells: float,
     along_cells: float,
     others: F64,
+    expected: Bool,
 ) -> None:
     r, c = np.indices(height.shape)
     along = (r - row) * ray_row + (c - col) * ray_col
     across = -(r - row) * ray_col + (c - col) * ray_row
     inside = (along / along_cells) ** 2 + (across / across_cells) ** 2 <= 1.0
-    for other_row, other_col in others:
+    for other_row, other_col in others[expected]:
         inside &= (r - other_row) ** 2 + (c - other_col) ** 2 >= (r - row) ** 2 + (c - col) ** 2
     height[inside] = 0.0
     occupancy[inside] = 0.0

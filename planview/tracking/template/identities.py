@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import combinations
 
 import numpy as np
 
+from calib.types import F64
 from planview.maps.builder import PlanViewMaps
 from planview.tracking.appearance import appearances, is_distinctive
-from planview.tracking.detection import PersonCandidate, inseparable
+from planview.tracking.detection import PersonCandidate, inseparable_pairs
 from planview.tracking.identity import Exchange, IdentityLayer
 from planview.tracking.lifecycle import LifeCycle
 from planview.tracking.template.params import TemplateTrackerParams
@@ -48,7 +48,7 @@ class Identities:
         if not self._params.identity.enabled:
             return
         nearest = self._contacts(maps, people)
-        clear = [q for q in people if q.observed and self._clear(maps, q, nearest[id(q)])]
+        clear = [q for q, apart in zip(people, nearest, strict=True) if q.observed and self._clear(maps, q, apart)]
         if clear:
             others = [q for q in people if q.observed and q not in clear]
             measured = [*clear, *others]
@@ -104,15 +104,15 @@ class Identities:
                 absent.append(person)
         return absent
 
-    def _contacts(self, maps: PlanViewMaps, people: Sequence[TemplatePerson]) -> dict[int, float]:
-        """Note who is in contact; distance to the nearest other person by ``id`` [m]."""
-        nearest = {id(person): math.inf for person in people}
-        for one, other in combinations(people, 2):
-            apart = math.dist(_place(one), _place(other))
-            for person in (one, other):
-                nearest[id(person)] = min(nearest[id(person)], apart)
-            if inseparable(maps.view, _place(one), _place(other), CONTACT_M):
-                self._layer.contact(one.existence, other.existence, self._life.now_s)
+    def _contacts(self, maps: PlanViewMaps, people: Sequence[TemplatePerson]) -> F64:
+        """Note who is in contact; distance (K,) of each from the nearest other person [m]."""
+        places = np.array([q.at_m if q.observed else q.predicted_m for q in people]).reshape(-1, 2)
+        for i, j in inseparable_pairs(maps.view, places, CONTACT_M):
+            self._layer.contact(people[i].existence, people[j].existence, self._life.now_s)
+        dx, dy = (places[None] - places[:, None]).transpose(2, 0, 1)
+        apart: F64 = np.hypot(dx, dy)
+        np.fill_diagonal(apart, np.inf)
+        nearest: F64 = apart.min(axis=1, initial=np.inf)
         return nearest
 
     def _clear(self, maps: PlanViewMaps, person: TemplatePerson, nearest_m: float) -> bool:
@@ -147,7 +147,3 @@ class Identities:
             return 0.0
         (look,) = appearances(maps.points, [where], [person.tallest_m], [candidate.height_m], self._params.reach_m)
         return float(np.nan_to_num(self._layer.unlikelihood(person.existence, look)))
-
-
-def _place(person: TemplatePerson) -> tuple[float, float]:
-    return person.at_m if person.observed else person.predicted_m

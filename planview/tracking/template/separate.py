@@ -36,7 +36,7 @@ class Separate:
             # What a person carries or pushes moves and looks tall, but not by itself: its proof begins again.
             person.spawned_m, person.alone_s = person.at_m, self._now_s
             return False
-        if any(self._hides(other, person) for other in known):
+        if self._hidden(person, known):
             # What is hidden in part seems to move as others pass before it.
             person.spawned_m = person.at_m
         return not self._put_down(person)
@@ -46,14 +46,16 @@ class Separate:
         enough_m = self._params.moved_m
         return person.height_m < SEATED_M and math.dist(person.at_m, person.spawned_m) < enough_m
 
-    def _hides(self, other: TemplatePerson, person: TemplatePerson) -> bool:
-        """Whether another person stands in the line of sight to a newcomer's top, at the depression of heads there."""
+    def _hidden(self, person: TemplatePerson, known: Sequence[TemplatePerson]) -> bool:
+        """Whether another stands in the line of sight to a newcomer's top, at the depression of heads there."""
         rays, depressions = self._maps.view.viewing(np.array([person.at_m]))
-        (ray_x, ray_y), depression = rays[0], depressions[0]
-        dx, dy = person.at_m[0] - other.at_m[0], person.at_m[1] - other.at_m[1]
-        behind, beside = dx * ray_x + dy * ray_y, abs(dy * ray_x - dx * ray_y)
-        lowest = person.height_m + behind * math.tan(depression)
-        return bool(behind > 0 and beside < self._params.width_m and lowest < other.height_m)
+        (ray_x, ray_y), rise = rays[0].tolist(), math.tan(depressions[0])
+        for other in known:
+            dx, dy = person.at_m[0] - other.at_m[0], person.at_m[1] - other.at_m[1]
+            behind, beside = dx * ray_x + dy * ray_y, abs(dy * ray_x - dx * ray_y)
+            if behind > 0 and beside < self._params.width_m and person.height_m + behind * rise < other.height_m:
+                return True
+        return False
 
     def _part_of(self, person: TemplatePerson, other: TemplatePerson) -> bool:
         """Not to be told apart from another person, or within that person's reach and much smaller."""

@@ -91,7 +91,7 @@ class TemplateTracker:
             person.axis = axis.predicted(dt, p.acceleration_std_mps2)
 
     def _match(self, frame: TemplateFrame) -> None:
-        found = JointMatcher(frame, self.params, self._height_max_m)(self._people)
+        found = JointMatcher(frame, self._people, self.params, self._height_max_m)()
         for person in self._people:
             score = f"score {person.score:.2f}"
             if person in found:

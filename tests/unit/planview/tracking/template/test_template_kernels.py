@@ -50,7 +50,8 @@ def test_search_equals_its_reference(seed: int) -> None:
 def test_clear_adapt_and_peak_equal_their_reference(seed: int) -> None:
     rng = np.random.default_rng(seed)
     maps = [sparse_map(rng, (24, 20)) for _ in range(2)]
-    people = rng.uniform(4, 16, (3, 2))
+    people = rng.uniform(4, 16, (5, 2))
+    expected = np.array([False, True, True, False, True])
     templates = [sparse_map(rng, (5, 5)) for _ in range(2)]
     angle = rng.uniform(0, 6)
     results = []
@@ -59,7 +60,7 @@ def test_clear_adapt_and_peak_equal_their_reference(seed: int) -> None:
         share = module.adapt(*t, *maps, 6, 7, people, 0, 0.4, 0.3)
         peak = module.occupancy_peak(maps[1], 6, 7, 5, people, 0)
         m = [a.copy() for a in maps]
-        module.clear(*m, *people[0], np.sin(angle), np.cos(angle), 3.2, 4.4, people[1:])
+        module.clear(*m, *people[0], np.sin(angle), np.cos(angle), 3.2, 4.4, people, expected)
         results.append((share, peak, *t, *m))
     for ours, theirs in zip(*results, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-4, atol=1e-5)
@@ -84,3 +85,9 @@ def test_axis_kernels_equal_their_reference(seed: int) -> None:
         results.append((label, histogram, sums, top, bodies, heads))
     for ours, theirs in zip(*results, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-4, atol=1e-5)
+
+
+def test_mean_counts_only_known_values() -> None:
+    values, known = np.array([[1.0, 2.0], [3.0, 9.0]], np.float32), np.array([[0.5, 0.0], [1.0, 0.0]], np.float32)
+    assert _template_kernels.mean_where(values, known) == 2.0
+    assert _template_kernels.mean_where(values, np.zeros_like(values)) == 0.0
