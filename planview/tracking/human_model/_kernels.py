@@ -15,6 +15,7 @@ TAKEN_BIT, HIDDEN_BIT = 20, 40
 """Three running sums share an int64, since they are always read together: their differences along a row do not borrow
 from one another. Rows are shorter than 2^19 pixels."""
 LOW_BITS = (1 << TAKEN_BIT) - 1
+ZERO, TAKEN, HIDDEN = np.int64(0), np.int64(1 << TAKEN_BIT), np.int64(1 << HIDDEN_BIT)
 
 
 class MapArrays(NamedTuple):
@@ -61,30 +62,6 @@ class MatchCounts(NamedTuple):
     hidden: int
 
 
-class Weights(NamedTuple):
-    """Of the matching score: width of the ring, price of a pixel covered twice, price of a squared deviation."""
-
-    ring: float
-    overlap: float
-    prior: float
-
-
-class Predictions(NamedTuple):
-    """Targets to be matched.
-
-    Attributes:
-        foot: (N, 2) predicted foot pixels; scale: (N,) heights over the average.
-        information: (N, 3) inverse covariance (uu, uv, vv) [1/px^2]; radius: (N, 2) search [px].
-        order: (N,) which target claims pixels first.
-    """
-
-    foot: F64
-    scale: F64
-    information: F64
-    radius: F64
-    order: I64
-
-
 @njit(cache=True, nogil=True)
 def fill_spans(people: MapArrays, u: float, v: float, scale: float, width: int, spans: Spans) -> tuple[int, int]:
     """Rows of the model with its foot at (u, v): the nearest map entry, moved and scaled about the foot.
@@ -114,30 +91,42 @@ def fill_spans(people: MapArrays, u: float, v: float, scale: float, width: int, 
     bottom = min(left.shape[0], math.floor(scale * high + dv) + 1)
     if top >= bottom:
         return 0, 0
-    for y in range(top, bottom):
-        left[y] = width
-        right[y] = 0
-    for k in range(n):
-        after = k + 1 if k + 1 < n else 0
-        x0, y0 = scale * shape[k, 0] + du, scale * shape[k, 1] + dv
-        x1, y1 = scale * shape[after, 0] + du, scale * shape[after, 1] + dv
-        if y0 > y1:
-            x0, y0, x1, y1 = x1, y1, x0, y0
-        first, last = max(top, math.ceil(y0)), min(bottom - 1, math.floor(y1))
-        slope = (x1 - x0) / (y1 - y0) if y1 > y0 else 0.0
-        for y in range(first, last + 1):
-            x = x0 + slope * (y - y0)
-            left[y] = min(left[y], max(0, math.ceil(x)))
-            right[y] = max(right[y], min(width, math.floor(x) + 1))
+    lows, highs = _trace_edges(shape, scale, du, dv - top, bottom - top, width)
+    lefts, rights = left[top:bottom], right[top:bottom]
+    for i in range(np.uintp(bottom - top)):
+        lefts[i] = np.int32(np.ceil(min(max(lows[i], 0.0), np.float64(width))))
+        rights[i] = np.int32(np.floor(min(max(highs[i], -1.0), width - 1.0))) + np.int32(1)
     return top, bottom
+
+
+@njit(cache=True, nogil=True)
+def _trace_edges(shape: F32, scale: float, du: float, dv: float, rows: int, width: int) -> tuple[F64, F64]:
+    """Columns of a scaled and moved outline's left and right edges in rows 0 to rows - 1.
+
+    An outline is in order of angle, from +u to +v: its edges go down on the right and up on the left.
+    """
+    lows, highs = np.full(rows, float(width)), np.full(rows, -1.0)
+    x1, y1 = scale * shape[-1, 0] + du, scale * shape[-1, 1] + dv
+    for k in range(shape.shape[0]):
+        x0, y0 = x1, y1
+        x1, y1 = scale * shape[k, 0] + du, scale * shape[k, 1] + dv
+        if y0 == y1:
+            continue
+        slope = (x1 - x0) / (y1 - y0)
+        edge = highs if y1 > y0 else lows
+        for y in range(max(0, math.ceil(min(y0, y1))), min(rows - 1, math.floor(max(y0, y1))) + 1):
+            edge[np.uintp(y)] = x0 + slope * (y - y0)
+    return lows, highs
 
 
 @njit(cache=True, nogil=True)
 def paint(image: U8, spans: Spans, top: int, bottom: int, amount: int) -> None:
     """Add ``amount`` to the pixels of a model."""
+    change = np.uint8(amount)
     for y in range(top, bottom):
-        for x in range(spans.left[y], spans.right[y]):
-            image[y, x] += amount
+        row = image[y, spans.left[y] : max(spans.left[y], spans.right[y])]
+        for i in range(np.uintp(len(row))):
+            row[i] += change
 
 
 @njit(cache=True, nogil=True)
@@ -149,18 +138,23 @@ def row_prefix(foreground: U8, cover: U8, hiding: U8, window: Window, sums: I64)
     covers, from ``TAKEN_BIT`` pixels that one covers, from ``HIDDEN_BIT`` the others that the scene hides.
     """
     n_taken = 0
+    n = np.uintp(max(0, window.x1 - window.x0))
+    values = np.empty(n, np.int64)
     for y in range(window.y0, window.y1):
-        total = 0
-        sums[y, window.x0] = 0
-        for x in range(window.x0, window.x1):
-            if cover[y, x] > 0:
-                total += 1 << TAKEN_BIT
-            elif foreground[y, x] > 0:
-                total += foreground[y, x]
-            elif hiding[y, x] > 0:
-                total += 1 << HIDDEN_BIT
-            sums[y, x + 1] = total
-        n_taken += (total >> TAKEN_BIT) & LOW_BITS
+        on = foreground[y, window.x0 : window.x1]
+        models = cover[y, window.x0 : window.x1]
+        scene = hiding[y, window.x0 : window.x1]
+        # Values first, since they are found on vector registers and running sums are not.
+        for i in range(n):
+            free = np.int64(on[i]) if on[i] > 0 else (HIDDEN if scene[i] > 0 else ZERO)
+            values[i] = TAKEN if models[i] > 0 else free
+        row = sums[y, window.x0 : window.x1 + 1]
+        row[0] = 0
+        total = ZERO
+        for i in range(n):
+            total += values[i]
+            row[i + np.uintp(1)] = total
+        n_taken += int((total >> TAKEN_BIT) & LOW_BITS)
     return n_taken
 
 
@@ -170,21 +164,24 @@ def span_counts(sums: I64, spans: Spans, top: int, bottom: int, x0: int, x1: int
 
     The ring continues each row by ``ring`` times the model's mean width on both sides.
     """
-    area, n_rest, n_taken, n_ring, n_hidden = 0, 0, 0, 0, 0
-    for y in range(top, bottom):
-        area += max(0, spans.right[y] - spans.left[y])
+    lefts, rights = spans.left[top:bottom], spans.right[top:bottom]
+    n = np.uintp(bottom - top)
+    area = 0
+    for i in range(n):
+        area += int(max(0, rights[i] - lefts[i]))
     margin = int(ring * area / max(1, bottom - top) + 0.5)
-    for y in range(top, bottom):
-        l, r = max(spans.left[y], x0), min(spans.right[y], x1)  # noqa: E741
+    n_free, n_taken, n_wide, n_hidden = 0, 0, 0, 0
+    for i in range(n):
+        l, r = max(int(lefts[i]), x0), min(int(rights[i]), x1)  # noqa: E741
         if l >= r:
             continue
-        within = sums[y, r] - sums[y, l]
-        inner = within & LOW_BITS
-        n_rest += inner
+        row = sums[top + int(i)]
+        within = row[np.uintp(r)] - row[np.uintp(l)]
+        n_free += within & LOW_BITS
         n_taken += (within >> TAKEN_BIT) & LOW_BITS
         n_hidden += within >> HIDDEN_BIT
-        n_ring += ((sums[y, min(r + margin, x1)] - sums[y, max(l - margin, x0)]) & LOW_BITS) - inner
-    return MatchCounts(area, n_rest, n_taken, n_ring, n_hidden)
+        n_wide += (row[np.uintp(min(r + margin, x1))] - row[np.uintp(max(l - margin, x0))]) & LOW_BITS
+    return MatchCounts(area, n_free, n_taken, n_wide - n_free, n_hidden)
 
 
 @njit(cache=True, nogil=True)
@@ -197,90 +194,6 @@ def matching_score(counts: MatchCounts, reference: float, overlap: float) -> flo
     """
     background = counts.area - counts.taken - counts.hidden - 0.5 * counts.free
     return (0.5 * counts.free + 0.25 * counts.ring - background - overlap * counts.taken) / reference
-
-
-@njit(cache=True, nogil=True)
-def match_models(
-    foreground: U8, cover: U8, hiding: U8, sums: I64, spans: Spans, people: MapArrays, targets: Predictions,
-    position: F64, sweeps: int, weights: Weights,
-) -> None:  # fmt: skip
-    """Move all models until their joint matching score is highest (coordinate ascent, coarse to fine).
-
-    Fills ``position`` (N, 2), and ``cover`` with the number of models on each pixel; the models that it holds already
-    stay where they are.
-    """
-    height, width = foreground.shape
-    alone = np.zeros(len(targets.scale), np.bool_)
-    for t in range(len(targets.scale)):
-        position[t, 0], position[t, 1] = targets.foot[t, 0], targets.foot[t, 1]
-        top, bottom = fill_spans(people, position[t, 0], position[t, 1], targets.scale[t], width, spans)
-        paint(cover, spans, top, bottom, 1)
-    for sweep in range(sweeps):
-        for t in targets.order:
-            top, bottom = fill_spans(people, position[t, 0], position[t, 1], targets.scale[t], width, spans)
-            paint(cover, spans, top, bottom, -1)
-            window = _search_window(spans, top, bottom, position[t], targets, t, weights.ring, width, height)
-            was_alone, alone[t] = alone[t], row_prefix(foreground, cover, hiding, window, sums) == 0
-            # Away from all others, another sweep finds the same place.
-            if sweep == 0 or not (was_alone and alone[t]):
-                _search(sums, spans, people, targets, t, position[t], window, weights)
-            top, bottom = fill_spans(people, position[t, 0], position[t, 1], targets.scale[t], width, spans)
-            paint(cover, spans, top, bottom, 1)
-
-
-@njit(cache=True, nogil=True)
-def _search_window(
-    spans: Spans, top: int, bottom: int, position: F64, targets: Predictions, t: int, ring: float, width: int,
-    height: int,
-) -> Window:  # fmt: skip
-    """Columns and rows that any candidate of target t may touch."""
-    x0, x1 = width, 0
-    for y in range(top, bottom):
-        x0 = min(x0, spans.left[y])
-        x1 = max(x1, spans.right[y])
-    grow_u = targets.radius[t, 0] + abs(position[0] - targets.foot[t, 0]) + (0.3 + ring) * max(0, x1 - x0) + 2
-    grow_v = targets.radius[t, 1] + abs(position[1] - targets.foot[t, 1]) + 0.3 * (bottom - top) + 2
-    low_u, high_u = max(0, int(x0 - grow_u)), min(width, int(x1 + grow_u))
-    return Window(low_u, high_u, max(0, int(top - grow_v)), min(height, int(bottom + grow_v)))
-
-
-@njit(cache=True, nogil=True)
-def _search(
-    sums: I64, spans: Spans, people: MapArrays, targets: Predictions, t: int, position: F64, window: Window,
-    weights: Weights,
-) -> None:  # fmt: skip
-    """Best position of target t around its prediction: a 7x7 grid, then halved steps down to half a pixel."""
-    width = sums.shape[1] - 1
-    predicted, radius, scale = targets.foot[t], targets.radius[t], targets.scale[t]
-    inform = targets.information[t]
-    top, bottom = fill_spans(people, predicted[0], predicted[1], scale, width, spans)
-    reference = 1.0
-    for y in range(top, bottom):
-        reference += max(0, spans.right[y] - spans.left[y])
-    best, best_u, best_v = -1e9, predicted[0], predicted[1]
-    du, dv = max(0.5, radius[0] / 3), max(0.5, radius[1] / 3)
-    centre_u, centre_v, reach = predicted[0], predicted[1], 3
-    while True:
-        for i in range(-reach, reach + 1):
-            for j in range(-reach, reach + 1):
-                if reach == 1 and i == 0 and j == 0:
-                    continue
-                u, v = centre_u + i * du, centre_v + j * dv
-                top, bottom = fill_spans(people, u, v, scale, width, spans)
-                top, bottom = max(top, window.y0), min(bottom, window.y1)
-                if top >= bottom:
-                    continue
-                counts = span_counts(sums, spans, top, bottom, window.x0, window.x1, weights.ring)
-                eu, ev = u - predicted[0], v - predicted[1]
-                off = inform[0] * eu * eu + 2 * inform[1] * eu * ev + inform[2] * ev * ev
-                score = matching_score(counts, reference, weights.overlap) - weights.prior * off
-                if score > best:
-                    best, best_u, best_v = score, u, v
-        if du <= 0.5 and dv <= 0.5:
-            break
-        du, dv = max(0.5, du / 2), max(0.5, dv / 2)
-        centre_u, centre_v, reach = best_u, best_v, 1
-    position[0], position[1] = best_u, best_v
 
 
 @njit(cache=True, nogil=True)

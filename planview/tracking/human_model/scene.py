@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.types import F32, F64, I64, U8
 from planview.tracking.human_model import _kernels as kernels
+from planview.tracking.human_model import _match_kernels as matching
 from planview.tracking.human_model import _measure_kernels as measuring
 from planview.tracking.human_model.frame import ModelFrame
 from planview.tracking.human_model.measurement import Measurement
@@ -108,9 +109,9 @@ class ModelScene:
         sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]], axis=1))
         radius = np.clip(SEARCH_SIGMAS * sigma, 1.0, 0.25 * max(foreground.shape))
         position = np.empty_like(predicted)
-        targets = kernels.Predictions(predicted, scale, information, radius, order)
-        weights = kernels.Weights(p.ring, p.overlap_weight, p.prior_weight)
-        kernels.match_models(
+        targets = matching.Predictions(predicted, scale, information, radius, order)
+        weights = matching.Weights(p.ring, p.overlap_weight, p.prior_weight)
+        matching.match_models(
             foreground, self.cover, self.hiding, self._sums, self._spans, self._people, targets, position, SWEEPS,
             weights,
         )  # fmt: skip
