@@ -10,13 +10,13 @@ import numpy as np
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.human.model import HumanModel
-from calib.types import F64, U8
+from calib.types import F64, U8, Bool
 from planview.foreground.masks import BACKGROUND, PERSON
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.human_model.candidates import CandidateFinder, ModelCandidate
 from planview.tracking.human_model.drawing import draw
 from planview.tracking.human_model.fitting import Fitter
-from planview.tracking.human_model.frame import ModelFrame, frame_of
+from planview.tracking.human_model.frame import SALIENT, ModelFrame, frame_of
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.pruning import has_walked, prune_reason, reacquirable, redundant
@@ -65,6 +65,7 @@ class HumanModelTracker:
         self._identity.reset()
         self.scene.reset()
         self._still_s = np.zeros(self.camera.size[::-1], np.float32)
+        self._measured: Bool = np.zeros(self.camera.size[::-1], np.bool_)
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
@@ -97,14 +98,20 @@ class HumanModelTracker:
         self._merge()
         self._clean()
         self.scene.watch_still(frame, dt, self._still_s)
+        self._measured = frame.evidence == SALIENT
         return tuple(self._state_of(target) for target in self.targets)
 
     def feedback(self) -> U8:
-        """(H, W) uint8 for ``Foreground``: people who are tracked, and what has been still and unclaimed for long."""
+        """(H, W) uint8 for ``Foreground``: people who are tracked, and what has been still and unclaimed for long.
+
+        A person is only where foreground was measured: a model also covers the scene between arms and legs, in front of
+        a person (signs, tables) and where a lost person is predicted, and scenery that must not be learned becomes
+        foreground with the next change of light.
+        """
         mask = np.zeros(self.camera.size[::-1], np.uint8)
         mask[self._still_s >= self.params.prune.still_s] = BACKGROUND
         if any(target.existence.confirmed for target in self.targets):
-            mask[self.scene.claimed > 0] = PERSON
+            mask[(self.scene.claimed > 0) & self._measured] = PERSON
         return mask
 
     def debug(self) -> TrackerDebug:

@@ -259,6 +259,14 @@ def test_feedback_protects_tracked_people() -> None:
     assert tracker.feedback()[round(float(v)), round(float(u))] == PERSON
 
 
+def test_feedback_leaves_what_hides_a_person_to_the_background() -> None:
+    u = round(float(CAMERA.project((-2.5 + 1.2 * 1.9, 6.0, 0.9))[0]))
+    tracker, _, _ = _run(_walker, 2.0, hidden=slice(u - 1, u + 2))
+    feedback = tracker.feedback()
+    assert (feedback == PERSON).any()
+    assert not (feedback[:, u - 1 : u + 2] == PERSON).any()
+
+
 def test_reset_gives_the_same_tracks_again() -> None:
     tracker, states, _ = _run(_walker, 2.0)
     tracker.reset()
