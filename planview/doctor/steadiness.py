@@ -164,6 +164,9 @@ def moved(before: U8, after: U8) -> bool:
     if len(points) < TEXTURED_SHARE * _BLOCKS:
         return False
     there, ok, _ = cv2.calcOpticalFlowPyrLK(before, after, points, np.empty_like(points), winSize=(11, 11))
+    going = (ok[:, 0] > 0) & (np.hypot(*(there - points).T) >= MOVED_PX)
+    if going.sum() < 0.5 * MOVED_SHARE * len(points):
+        return False  # Whatever the way back rejects, too few are left: nearly all frames end here.
     back, ok_back, _ = cv2.calcOpticalFlowPyrLK(after, before, there, np.empty_like(points), winSize=(11, 11))
     tracked = (ok[:, 0] > 0) & (ok_back[:, 0] > 0) & (np.hypot(*(back - points).T) < 0.5 * MOVED_PX)
     if tracked.sum() < 0.5 * len(points) or (tracked & _at_border(points)).sum() < BORDER_BLOCKS:

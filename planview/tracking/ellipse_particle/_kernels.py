@@ -53,6 +53,8 @@ def union_overlap(particles: F64, members: I64, measured: F64, allowed: F64, law
     for k in range(k_all):
         smallest = min(smallest, half_length(law, particles[0, members[k], Y]))
     step = max(1, int(smallest / 6.0))
+    same = measured is allowed
+    rows = np.empty((2, measured.shape[0]))
     for p in range(particles.shape[0]):
         first = measured.shape[0]
         last = -1
@@ -60,15 +62,45 @@ def union_overlap(particles: F64, members: I64, measured: F64, allowed: F64, law
             shape_of(particles[p, members[k]], law, measured.shape[0], forms[k], limits[k])
             first = min(first, limits[k, 0])
             last = max(last, limits[k, 1])
-        covered = 0.0
-        outside = 0.0
-        for r in range(first + (-first) % step, last + 1, step):
-            count = spans_in_row(forms, limits, r, measured.shape[1] - 1, spans)
-            inside, beyond = row_union(measured, allowed, r, spans, count)
-            covered += inside
-            outside += beyond
+        first += (-first) % step
+        if k_all == 1:
+            covered, outside = overlap_of_one(measured, allowed, forms[0], first, last + 1, step, same, rows)
+        else:
+            covered, outside = 0.0, 0.0
+            for r in range(first, last + 1, step):
+                count = spans_in_row(forms, limits, r, measured.shape[1] - 1, spans)
+                inside, beyond = row_union(measured[r], allowed[r], spans, count, same)
+                covered += inside
+                outside += beyond
         out[p, COVERED] = covered * step
         out[p, OUTSIDE] = outside * step
+
+
+@njit(cache=True, nogil=True)
+def overlap_of_one(
+    measured: F64, allowed: F64, form: F64, first: int, end: int, step: int, same: bool, rows: F64
+) -> tuple[float, float]:
+    """What one ellipse covers of the measured cells, and of those that are not allowed, in every step-th row."""
+    x, y, lean, wide, thin = form
+    edge = np.float64(measured.shape[1]) - 1.5
+    n = np.uintp(max(0, (end - first + step - 1) // step))
+    lows, highs = rows[0], rows[1]
+    for i in range(n):
+        dy = np.float64(np.int64(i) * step + first) - y
+        half = np.sqrt(max(0.0, wide - thin * dy * dy))
+        middle = x + lean * dy
+        lows[i] = max(middle - half, -0.5)
+        highs[i] = min(middle + half, edge)
+    covered = 0.0
+    outside = 0.0
+    for i in range(n):
+        lo, hi = lows[i], highs[i]
+        if hi > lo:
+            r = np.uintp(np.int64(i) * step + first)
+            part = between(measured[r], lo, hi)
+            covered += part
+            outside += hi - lo - (part if same else between(allowed[r], lo, hi))
+    return covered, outside
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -119,9 +151,8 @@ def spans_in_row(forms, limits, r, n_cols, spans):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True, nogil=True, inline="always")
-def row_union(measured, allowed, r, spans, count):  # type: ignore[no-untyped-def]
-    """Of the union of sorted spans in row r: the measured part, and what lies outside the allowed cells."""
-    n_cols = measured.shape[1] - 1
+def row_union(measured, allowed, spans, count, same):  # type: ignore[no-untyped-def]
+    """Of the union of sorted spans in a row: the measured part, and what lies outside the allowed cells."""
     inside = 0.0
     beyond = 0.0
     i = 0
@@ -132,8 +163,9 @@ def row_union(measured, allowed, r, spans, count):  # type: ignore[no-untyped-de
         while i < count and spans[i, 0] <= hi:
             hi = max(hi, spans[i, 1])
             i += 1
-        inside += between(measured, r, lo, hi, n_cols)
-        beyond += hi - lo - between(allowed, r, lo, hi, n_cols)
+        part = between(measured, lo, hi)
+        inside += part
+        beyond += hi - lo - (part if same else between(allowed, lo, hi))
     return inside, beyond
 
 

@@ -77,14 +77,15 @@ def row_prefix(values: F32) -> F64:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def between(prefix, r, lo, hi, n_cols):  # type: ignore[no-untyped-def]
-    """Integral of row r between the columns lo and hi (fractional, already within the grid's edges)."""
+def between(sums, lo, hi):  # type: ignore[no-untyped-def]
+    """Integral of a row between the columns lo and hi (fractional, already within the grid's edges), from its sums."""
     t0 = lo + 0.5
-    j0 = min(int(t0), n_cols - 1)
     t1 = hi + 0.5
-    j1 = min(int(t1), n_cols - 1)
-    low = prefix[r, j0] + (t0 - j0) * (prefix[r, j0 + 1] - prefix[r, j0])
-    high = prefix[r, j1] + (t1 - j1) * (prefix[r, j1 + 1] - prefix[r, j1])
+    last = sums.shape[0] - 2
+    j0 = np.uintp(min(np.int64(t0), last))
+    j1 = np.uintp(min(np.int64(t1), last))
+    low = sums[j0] + (t0 - np.float64(np.int64(j0))) * (sums[j0 + np.uintp(1)] - sums[j0])
+    high = sums[j1] + (t1 - np.float64(np.int64(j1))) * (sums[j1 + np.uintp(1)] - sums[j1])
     return high - low
 
 
@@ -102,7 +103,7 @@ def ellipse_sum(prefix: F64, x: float, y: float, a: float, b: float, angle: floa
         lo = max(lo + x, -0.5)
         hi = min(hi + x, n_cols - 0.5)
         if hi > lo:
-            total += between(prefix, r, lo, hi, n_cols)
+            total += between(prefix[r], lo, hi)
             area += hi - lo
     return total, area
 

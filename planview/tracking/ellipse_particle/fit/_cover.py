@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from calib.types import F32, F64
-from planview.tracking.ellipse_particle.fit._area import conic, ellipse_sum, row_prefix, rows_of, span
+from planview.tracking.ellipse_particle.fit._area import between, conic, row_prefix, rows_of, span
 
 
 @njit(cache=True, nogil=True)
@@ -62,6 +62,7 @@ def _gains(score: F32, prefix: F64, half_length: F64, aspect: float, stride: int
     n_rows, n_cols = score.shape
     bound = integral(score)
     gain = np.zeros(((n_rows + stride - 1) // stride, (n_cols + stride - 1) // stride))
+    spans = np.empty((2, n_rows))
     for i in range(gain.shape[0]):
         r = i * stride
         a = half_length[r]
@@ -70,6 +71,7 @@ def _gains(score: F32, prefix: F64, half_length: F64, aspect: float, stride: int
         r0 = max(0, r - int(a) - 1)
         r1 = min(n_rows, r + int(a) + 2)
         edge = r0 == 0 or r1 == n_rows
+        first, last = _spans(float(r), a, a * aspect, spans)
         for j in range(gain.shape[1]):
             c0 = max(0, j * stride - reach)
             c1 = min(n_cols, j * stride + reach + 1)
@@ -78,14 +80,36 @@ def _gains(score: F32, prefix: F64, half_length: F64, aspect: float, stride: int
                 # Not even all gains in the box around the ellipse would do.
                 gain[i, j] = -1.0
                 continue
-            gain[i, j] = _share(prefix, float(j * stride), float(r), a, a * aspect)
+            gain[i, j] = _share(prefix, float(j * stride), a, a * aspect, spans, first, last)
     return gain
 
 
 @njit(cache=True, nogil=True)
-def _share(prefix: F64, x: float, y: float, a: float, b: float) -> float:
+def _spans(y: float, a: float, b: float, spans: F64) -> tuple[int, int]:
+    """Offsets from its centre column between which an upright ellipse covers each row; returns first and last row.
+
+    They are the same for all ellipses of a row, which differ in their columns only.
+    """
+    qxx, qxy, qyy = conic(a, b, 0.0)
+    first, last = rows_of(y, a, b, 0.0, spans.shape[1])
+    for r in range(first, last + 1):
+        spans[0, r], spans[1, r] = span(qxx, qxy, qyy, r - y)
+    return first, last
+
+
+@njit(cache=True, nogil=True)
+def _share(prefix: F64, x: float, a: float, b: float, spans: F64, first: int, last: int) -> float:
     """Gain of an upright ellipse over its area inside the grid, or half its area when less is inside."""
-    total, inside = ellipse_sum(prefix, x, y, a, b, 0.0)
+    n_cols = prefix.shape[1] - 1
+    lows, highs = spans[0], spans[1]
+    total = 0.0
+    inside = 0.0
+    for r in range(np.uintp(first), np.uintp(last + 1)):
+        lo = max(lows[r] + x, -0.5)
+        hi = min(highs[r] + x, n_cols - 0.5)
+        if hi > lo:
+            total += between(prefix[r], lo, hi)
+            inside += hi - lo
     return total / max(inside, 0.5 * math.pi * a * b)
 
 
@@ -119,9 +143,11 @@ def _refresh(
     i1 = min(n_r - 1, int((y + a + reach) / stride) + 1)
     j0 = max(0, int((x - b - reach * aspect) / stride))
     j1 = min(n_c - 1, int((x + b + reach * aspect) / stride) + 1)
+    spans = np.empty((2, n_rows))
     for i in range(i0, i1 + 1):
         r = i * stride
         h = half_length[r]
+        first, last = _spans(float(r), h, h * aspect, spans)
         for j in range(j0, j1 + 1):
             if gain[i, j] >= 0.0:
-                gain[i, j] = _share(prefix, float(j * stride), float(r), h, h * aspect)
+                gain[i, j] = _share(prefix, float(j * stride), h, h * aspect, spans, first, last)

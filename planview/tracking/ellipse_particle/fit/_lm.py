@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from calib.types import F32, F64, I64
-from planview.tracking.ellipse_particle.fit._area import conic, half_length, rows_of, span
+from planview.tracking.ellipse_particle.fit._area import conic, half_length, span
 from planview.tracking.ellipse_particle.fit.prior import SizeLaw
 
 EDGE = 5.0
@@ -60,8 +60,41 @@ def window_of(ellipses, k, soft, n_rows, n_cols):  # type: ignore[no-untyped-def
     return r0, r1, c0, c1
 
 
+class SoftEdges(NamedTuple):
+    """Where soft ellipses end, one row per ellipse: forms of their outlines and of the ends of their edges (``conic``),
+    and how far they reach along the rows and columns [cells]."""
+
+    outline: F64
+    end: F64
+    reach: F64
+
+
 @njit(cache=True, nogil=True)
-def free_of(ellipses: F64, k: int, soft: float, window: I64, free: F64) -> None:
+def set_edge(edges: SoftEdges, ellipses: F64, k: int, soft: float) -> None:
+    """Row k."""
+    _, _, a, b, angle = ellipses[k]
+    grow = 1.0 + EDGE * soft / b
+    edges.outline[k, 0], edges.outline[k, 1], edges.outline[k, 2] = conic(a, b, angle)
+    a, b = a * grow, b * grow
+    edges.end[k, 0], edges.end[k, 1], edges.end[k, 2] = conic(a, b, angle)
+    s = math.sin(angle)
+    c = math.cos(angle)
+    edges.reach[k, 0] = math.sqrt(a * a * s * s + b * b * c * c)
+    edges.reach[k, 1] = math.sqrt(a * a * c * c + b * b * s * s)
+
+
+@njit(cache=True, nogil=True)
+def soft_edges(ellipses: F64, soft: float) -> SoftEdges:
+    """Of (N, 5) ellipses."""
+    n = ellipses.shape[0]
+    edges = SoftEdges(np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 2)))
+    for k in range(n):
+        set_edge(edges, ellipses, k, soft)
+    return edges
+
+
+@njit(cache=True, nogil=True)
+def free_of(ellipses: F64, edges: SoftEdges, k: int, soft: float, window: I64, free: F64) -> None:
     """prod_j (1 - inside_j) over the other ellipses, in the rows r0..r1 and columns c0..c1 of the window.
 
     inside_j is 1 within ellipse j and falls to 0 by a logistic edge ``soft`` cells wide across the ellipse.
@@ -70,21 +103,59 @@ def free_of(ellipses: F64, k: int, soft: float, window: I64, free: F64) -> None:
     r0, r1, c0, c1 = window
     free[: r1 - r0 + 1, : c1 - c0 + 1] = 1.0
     for j in range(ellipses.shape[0]):
-        if j == k:
+        x, y, b = ellipses[j, 0], ellipses[j, 1], ellipses[j, 3]
+        reach_x, reach_y = edges.reach[j]
+        if j == k or x + reach_x < c0 - 1 or x - reach_x > c1 + 1:
             continue
-        x, y, a, b, angle = ellipses[j]
-        grow = 1.0 + EDGE * soft / b
-        qxx, qxy, qyy = conic(a, b, angle)
-        gxx, gxy, gyy = conic(a * grow, b * grow, angle)
-        first, last = rows_of(y, a * grow, b * grow, angle, r1 + 1)
-        for r in range(max(first, r0), last + 1):
+        qxx, qxy, qyy = edges.outline[j]
+        gxx, gxy, gyy = edges.end[j]
+        for r in range(max(r0, math.ceil(y - reach_y)), min(r1, math.floor(y + reach_y)) + 1):
             dy = r - y
             lo, hi = span(gxx, gxy, gyy, dy)
+            row = free[r - r0]
             for col in range(max(c0, math.ceil(lo + x)), min(c1, math.floor(hi + x)) + 1):
                 dx = col - x
                 rho = math.sqrt(max(0.0, qxx * dx * dx + 2.0 * qxy * dx * dy + qyy * dy * dy))
                 z = (rho - 1.0) * b / soft
-                free[r - r0, col - c0] *= 1.0 - 1.0 / (1.0 + math.exp(z))
+                row[np.uintp(col - c0)] *= 1.0 - 1.0 / (1.0 + math.exp(z))
+
+
+@njit(cache=True, nogil=True, inline="always")
+def inside_of(rho2, b, soft):  # type: ignore[no-untyped-def]
+    """(share of a cell inside an ellipse, rho): the cell is at rho times its outline, and rho^2 is given."""
+    # Past the edge without a root; the margin leaves what rounding could decide to the exact test.
+    end = 1.0 + EDGE * soft / b
+    if rho2 > end * end * (1.0 + 1e-9):
+        return 0.0, 1.0
+    rho = max(1e-6, math.sqrt(rho2))
+    z = (rho - 1.0) * b / soft
+    return 0.0 if z > EDGE else 1.0 / (1.0 + math.exp(z)), rho
+
+
+@njit(cache=True, nogil=True)
+def cost_of(mask: F32, ellipse: F64, window: I64, free: F64, match: Match) -> float:
+    """What ``normal_equations`` returns."""
+    x0, y0, a, b, angle = ellipse
+    s = math.sin(angle)
+    c = math.cos(angle)
+    ia = 1.0 / (a * a)
+    ib = 1.0 / (b * b)
+    r0, r1, c0, c1 = window
+    end = max(c0, c1 + 1)
+    cost = 0.0
+    for r in range(r0, r1 + 1):
+        dy = r - y0
+        values, rest = mask[r, c0:end], free[r - r0, : end - c0]
+        for i in range(np.uintp(len(values))):
+            dx = np.float64(np.int64(i) + c0) - x0
+            u = dx * s + dy * c
+            v = dx * c - dy * s
+            f = values[i]
+            own, _ = inside_of(u * u * ia + v * v * ib, b, match.soft)
+            weight = f + match.background * (1.0 - f)
+            residual = f - (1.0 - (1.0 - own) * rest[i])
+            cost += 0.5 * weight * residual * residual
+    return cost
 
 
 @njit(cache=True, nogil=True)
@@ -102,19 +173,18 @@ def normal_equations(mask: F32, ellipse: F64, window: I64, free: F64, match: Mat
     r0, r1, c0, c1 = window
     grad[:] = 0.0
     hess[:, :] = 0.0
-    row = np.empty(5)
+    end = max(c0, c1 + 1)
     cost = 0.0
     for r in range(r0, r1 + 1):
         dy = r - y0
-        for col in range(c0, c1 + 1):
-            dx = col - x0
+        values, rest = mask[r, c0:end], free[r - r0, : end - c0]
+        for k in range(np.uintp(len(values))):
+            dx = np.float64(np.int64(k) + c0) - x0
             u = dx * s + dy * c
             v = dx * c - dy * s
-            rho = max(1e-6, math.sqrt(u * u * ia + v * v * ib))
-            z = (rho - 1.0) * b / match.soft
-            own = 0.0 if z > EDGE else 1.0 / (1.0 + math.exp(z))
-            others = free[r - r0, col - c0]
-            f = mask[r, col]
+            own, rho = inside_of(u * u * ia + v * v * ib, b, match.soft)
+            others = rest[k]
+            f = values[k]
             weight = f + match.background * (1.0 - f)
             residual = f - (1.0 - (1.0 - own) * others)
             cost += 0.5 * weight * residual * residual
@@ -123,11 +193,13 @@ def normal_equations(mask: F32, ellipse: F64, window: I64, free: F64, match: Mat
                 continue
             # d union / d p = -slope * d rho / d p; the residual falls as the union grows.
             slope /= rho
-            row[0] = slope * (u * s * ia + v * c * ib)
-            row[1] = slope * (u * c * ia - v * s * ib)
-            row[2] = slope * u * u * ia
-            row[3] = slope * v * v * ib
-            row[4] = -slope * u * v * (ia - ib)
+            row = (
+                slope * (u * s * ia + v * c * ib),
+                slope * (u * c * ia - v * s * ib),
+                slope * u * u * ia,
+                slope * v * v * ib,
+                -slope * u * v * (ia - ib),
+            )
             for i in range(5):
                 grad[i] += weight * residual * row[i]
                 for j in range(i + 1):
@@ -149,10 +221,11 @@ def refine(mask: F32, ellipses: F64, law: SizeLaw, prior: Prior, match: Match, s
     precision = 1.0 / (match.deviation * match.deviation)
     free = np.empty((n_rows, n_cols))
     window = np.empty(4, dtype=np.int64)
+    edges = soft_edges(ellipses, match.soft)
     for _ in range(sweeps):
         for k in range(ellipses.shape[0]):
             window[0], window[1], window[2], window[3] = window_of(ellipses, k, match.soft, n_rows, n_cols)
-            free_of(ellipses, k, match.soft, window, free)
+            free_of(ellipses, edges, k, match.soft, window, free)
             cost = normal_equations(mask, ellipses[k], window, free, match, grad, hess) * precision
             cost += add_prior(ellipses[k], law, prior, precision, grad, hess)
             old = ellipses[k].copy()
@@ -160,10 +233,11 @@ def refine(mask: F32, ellipses: F64, law: SizeLaw, prior: Prior, match: Match, s
                 hess[i, i] = hess[i, i] * (1.0 + damping[k]) + 1e-3 * precision
             step[:] = np.linalg.solve(hess, grad)
             move(ellipses[k], step, law, prior)
-            after = normal_equations(mask, ellipses[k], window, free, match, grad, hess) * precision
+            after = cost_of(mask, ellipses[k], window, free, match) * precision
             after += add_prior(ellipses[k], law, prior, precision, grad, hess)
             if after <= cost:
                 damping[k] = max(1e-4, damping[k] * 0.3)
+                set_edge(edges, ellipses, k, match.soft)
             else:
                 ellipses[k] = old
                 damping[k] = min(1e4, damping[k] * 10.0)

@@ -11,7 +11,15 @@ from planview.tracking.ellipse_particle._kernels import Transition, copy_particl
 from planview.tracking.ellipse_particle.fit import _area as kernels
 from planview.tracking.ellipse_particle.fit._cover import cover
 from planview.tracking.ellipse_particle.fit._em import em_step
-from planview.tracking.ellipse_particle.fit._lm import Match, Prior, free_of, normal_equations, refine
+from planview.tracking.ellipse_particle.fit._lm import (
+    Match,
+    Prior,
+    cost_of,
+    free_of,
+    normal_equations,
+    refine,
+    soft_edges,
+)
 from planview.tracking.ellipse_particle.fit.prior import SizeLaw
 from tests.reference import ellipses as reference
 from tests.reference import particles as particle_reference
@@ -123,9 +131,11 @@ def test_normal_equations_are_the_slope_of_the_squared_residual():
     soft, background = 0.7, 0.4
     grad, hess = np.empty(5), np.empty((5, 5))
     free, window = np.empty(shape), np.array([0, 59, 0, 59])
-    free_of(ellipses, 0, soft, window, free)
+    free_of(ellipses, soft_edges(ellipses, soft), 0, soft, window, free)
     np.testing.assert_allclose(1 - free, reference.soft_union(ellipses[1:], shape, soft, ellipses[1:, 3]), atol=8e-3)
-    normal_equations(mask, ellipses[0], window, free, Match(0.7, background, soft), grad, hess)
+    match = Match(0.7, background, soft)
+    squared = normal_equations(mask, ellipses[0], window, free, match, grad, hess)
+    assert cost_of(mask, ellipses[0], window, free, match) == squared
     weight = mask + background * (1 - mask)
 
     def cost(step: np.ndarray) -> float:
