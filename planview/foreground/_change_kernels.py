@@ -11,7 +11,7 @@ from numba import njit
 from calib.types import F32, U8
 from planview.foreground._block_kernels import ACTIVITY, BLOCK, KIND_LEADER, N_SCRATCH, stage
 from planview.foreground._gaussian_kernels import NO_MATCH, WEIGHT, UpdateConstants
-from planview.foreground._mixture_kernels import match_leaders
+from planview.foreground._leader_kernels import match_leaders
 
 
 @njit(cache=True, nogil=True)

@@ -111,6 +111,13 @@ def is_other_light(g: Gaussian, o: Pixel, chroma: bool, darkest: Real, s: Update
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def colour_distance(g: Gaussian, o: Pixel, s: UpdateConstants) -> Real:
+    """Squared normalised distance in luma, and in chroma where that counts."""
+    dy, du, dv = o.y - shown_luma(g, s), o.u - g.u, o.v - g.v
+    return dy * dy / abs(g.var_y) + (du * du / g.var_u + dv * dv / g.var_v if chroma_counts(g, o, s) else ZERO)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def match_kind(g: Gaussian, o: Pixel, s: UpdateConstants) -> Real:
     """NO_MATCH, SAME or OTHER_LIGHT: depth overrules colour where both have it (Harville et al. 2001)."""
     dy, du, dv, dd = o.y - shown_luma(g, s), o.u - g.u, o.v - g.v, o.d - g.d
@@ -132,9 +139,7 @@ def fourth_power(d: Real) -> Real:
 @njit(cache=True, nogil=True, error_model="numpy")
 def is_nearer(g: Gaussian, o: Pixel, s: UpdateConstants) -> Real:
     """Whether depth alone tells an observation from a Gaussian: the same colour, but in front of it."""
-    dy, du, dv = o.y - shown_luma(g, s), o.u - g.u, o.v - g.v
-    far = dy * dy / abs(g.var_y) + (du * du / g.var_u + dv * dv / g.var_v if chroma_counts(g, o, s) else ZERO)
-    return (far < s.beta) & (o.d > g.d) & (g.depth_fraction >= s.min_depth_fraction)
+    return (colour_distance(g, o, s) < s.beta) & (o.d > g.d) & (g.depth_fraction >= s.min_depth_fraction)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

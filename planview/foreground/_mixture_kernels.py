@@ -15,10 +15,7 @@ from calib.types import F32, U8, U64
 from planview.foreground._block_kernels import (
     ACTIVITY,
     BLOCK,
-    FEEDBACK,
-    KIND_LEADER,
     LAST_Y,
-    MEASURED,
     N_SCRATCH,
     RATE_M,
     RATE_W,
@@ -31,7 +28,6 @@ from planview.foreground._block_kernels import (
 )
 from planview.foreground._gaussian_kernels import (
     N_FIELDS,
-    NO_MATCH,
     ONE,
     VAR_U,
     VAR_V,
@@ -46,9 +42,9 @@ from planview.foreground._gaussian_kernels import (
     V,
     Y,
     learned,
-    match_kind,
     started,
 )
+from planview.foreground._leader_kernels import learn_leaders, match_colours, match_leaders
 from planview.foreground._prefetch import prefetch
 from planview.foreground._rank_kernels import settle_order
 from planview.foreground._rest_kernels import (
@@ -64,55 +60,8 @@ from planview.foreground._rest_kernels import (
     gather,
     gather_others,
 )
-from planview.foreground.masks import BACKGROUND, PERSON
 
 # Functions of single pixels are inlined by force: passing a UpdateConstants by value costs more than they do.
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def match_leaders(lead: F32, obs: F32, s: UpdateConstants) -> None:
-    """Test a block of pixels against their leading Gaussian: no branches, so that it vectorises."""
-    for i in range(BLOCK):
-        kind = match_kind(load(lead, i, BLOCK), observed(obs, i), s)
-        obs[KIND_LEADER * BLOCK + i] = kind
-        obs[UNMATCHED * BLOCK + i] = obs[MEASURED * BLOCK + i] if kind == NO_MATCH else ZERO
-
-
-@njit(cache=True, nogil=True)
-def set_rates(lead: F32, obs: F32, s: UpdateConstants, rates: Rates) -> None:
-    """How much each pixel of a block learns.
-
-    Activity slows learning (Harville et al. 2001), a person stops it, and known background learns fast (Harville 2002,
-    ECCV).
-    """
-    for i in range(BLOCK):
-        y = obs[Y * BLOCK + i]
-        before = lead[ACTIVITY * BLOCK + i]
-        activity = before + rates.activity * (abs(y - lead[LAST_Y * BLOCK + i]) - before)
-        lead[ACTIVITY * BLOCK + i] = activity
-        lead[LAST_Y * BLOCK + i] = y
-        feedback = obs[FEEDBACK * BLOCK + i]
-        slow = s.slow_active if activity > s.active else ONE
-        slow = ZERO if feedback == F(PERSON) else slow
-        known = feedback == F(BACKGROUND)
-        obs[RATE_W * BLOCK + i] = rates.fast if known else rates.weight * slow
-        obs[RATE_M * BLOCK + i] = rates.fast if known else rates.mean * slow
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def learn_leaders(lead: F32, obs: F32, s: UpdateConstants, rates: Rates) -> None:
-    """Test a block of pixels against their leading Gaussian and learn where it matches.
-
-    No branches, so that it vectorises, and several short loops, since more of a short one is under way at a time.
-    """
-    set_rates(lead, obs, s, rates)
-    match_leaders(lead, obs, s)
-    for i in range(BLOCK):
-        kind, rate_w = obs[KIND_LEADER * BLOCK + i], obs[RATE_W * BLOCK + i]
-        weight = lead[WEIGHT * BLOCK + i]
-        lead[WEIGHT * BLOCK + i] = weight + (rate_w * (ONE - weight) if kind != NO_MATCH else ZERO)
-        g = learned(load(lead, i, BLOCK), observed(obs, i), kind, obs[RATE_M * BLOCK + i], s)
-        store(lead, i, BLOCK, g)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -223,9 +172,11 @@ def update_blocks(
         fetch(lead[min(block + 1, last - 1)])
         stage(image, disparity, feedback, measured, start, n, image.size > mask.size, s, obs)
         if learns:
-            learn_leaders(lead[block], obs, s, rates)
-        else:
+            learn_leaders(lead[block], obs, s, rates, disparity.size > 0)
+        elif disparity.size:
             match_leaders(lead[block], obs, s)
+        else:
+            match_colours(lead[block], obs, s)
         m, done = unmatched(obs, n, places), 0
         while done < m:
             some = places[done : min(m, done + BLOCK - taken)]

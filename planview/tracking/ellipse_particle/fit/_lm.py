@@ -121,11 +121,12 @@ def free_of(ellipses: F64, edges: SoftEdges, k: int, soft: float, window: I64, f
 
 
 @njit(cache=True, nogil=True, inline="always")
-def inside_of(rho2, b, soft):  # type: ignore[no-untyped-def]
-    """(share of a cell inside an ellipse, rho): the cell is at rho times its outline, and rho^2 is given."""
-    # Past the edge without a root; the margin leaves what rounding could decide to the exact test.
-    end = 1.0 + EDGE * soft / b
-    if rho2 > end * end * (1.0 + 1e-9):
+def inside_of(rho2, b, soft, far2):  # type: ignore[no-untyped-def]
+    """(share of a cell inside an ellipse, rho): the cell is at rho times its outline, and rho^2 is given.
+
+    far2: rho^2 a little beyond the end of the edge, where no root is needed.
+    """
+    if rho2 > far2:
         return 0.0, 1.0
     rho = max(1e-6, math.sqrt(rho2))
     z = (rho - 1.0) * b / soft
@@ -141,7 +142,7 @@ def cost_of(mask: F32, ellipse: F64, window: I64, free: F64, match: Match) -> fl
     ia = 1.0 / (a * a)
     ib = 1.0 / (b * b)
     r0, r1, c0, c1 = window
-    end = max(c0, c1 + 1)
+    end, far2 = max(c0, c1 + 1), 1.000001 * (1.0 + EDGE * match.soft / b) ** 2
     cost = 0.0
     for r in range(r0, r1 + 1):
         dy = r - y0
@@ -151,7 +152,7 @@ def cost_of(mask: F32, ellipse: F64, window: I64, free: F64, match: Match) -> fl
             u = dx * s + dy * c
             v = dx * c - dy * s
             f = values[i]
-            own, _ = inside_of(u * u * ia + v * v * ib, b, match.soft)
+            own, _ = inside_of(u * u * ia + v * v * ib, b, match.soft, far2)
             weight = f + match.background * (1.0 - f)
             residual = f - (1.0 - (1.0 - own) * rest[i])
             cost += 0.5 * weight * residual * residual
@@ -173,7 +174,7 @@ def normal_equations(mask: F32, ellipse: F64, window: I64, free: F64, match: Mat
     r0, r1, c0, c1 = window
     grad[:] = 0.0
     hess[:, :] = 0.0
-    end = max(c0, c1 + 1)
+    end, far2 = max(c0, c1 + 1), 1.000001 * (1.0 + EDGE * match.soft / b) ** 2
     cost = 0.0
     for r in range(r0, r1 + 1):
         dy = r - y0
@@ -182,7 +183,7 @@ def normal_equations(mask: F32, ellipse: F64, window: I64, free: F64, match: Mat
             dx = np.float64(np.int64(k) + c0) - x0
             u = dx * s + dy * c
             v = dx * c - dy * s
-            own, rho = inside_of(u * u * ia + v * v * ib, b, match.soft)
+            own, rho = inside_of(u * u * ia + v * v * ib, b, match.soft, far2)
             others = rest[k]
             f = values[k]
             weight = f + match.background * (1.0 - f)
