@@ -6,11 +6,12 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from calib.types import U8
+from calib.types import F64, U8
 from planview.pipeline.pipeline import SingleCameraPipeline
 from stereo.recording import Skipped, VideoFrame
 
@@ -38,28 +39,38 @@ class PaintedVideo:
             yield VideoFrame(i, i / self.fps, image)
 
 
-def beside_mog2(engine: SingleCameraPipeline, settled: int, name: str) -> tuple[float, dict[str, float]]:
-    """Processor time of the engine's ``step`` over that of MOG2 alone, in turns on each frame of its recording.
+class TimesBesideMog2(NamedTuple):
+    """Processor times of an engine's frames and of MOG2's on the same images.
+
+    Attributes:
+        engine_ms, mog2_ms: (N,) of each frame [ms].
+        people: (N,) confirmed people.
+    """
+
+    engine_ms: F64
+    mog2_ms: F64
+    people: F64
+
+    @property
+    def ratios(self) -> F64:
+        """(N,) the engine's time over MOG2's."""
+        return self.engine_ms / self.mog2_ms
+
+
+def beside_mog2(engine: SingleCameraPipeline, settled: int) -> TimesBesideMog2:
+    """Time the engine's ``step`` and MOG2 alone, in turns on each frame of the engine's recording.
 
     Args:
         settled: frames before anything counts: backgrounds are learned, people confirmed, kernels compiled.
-        name: of the engine, for the details.
-    Returns:
-        the ratio of the medians; and times of both [ms] and the number of people tracked, medians.
     """
     mog2 = cv2.createBackgroundSubtractorMOG2()
     engine.reset()
-    ours: list[float] = []
-    theirs: list[float] = []
-    people: list[int] = []
+    rows: list[tuple[float, float, int]] = []
     for frame in engine.recording:
         start = time.process_time()
         mog2.apply(frame.image)
         between = time.process_time()
         result = engine.step(frame)
-        ours.append(time.process_time() - between)
-        theirs.append(between - start)
-        people.append(sum(track.state == "confirmed" for track in result.tracks))
-    ours_ms, mog2_ms = (1e3 * float(np.median(spent[settled:])) for spent in (ours, theirs))
-    tracked = float(np.median(people[settled:]))
-    return ours_ms / mog2_ms, {f"{name}_ms": ours_ms, f"{name}_mog2_ms": mog2_ms, f"{name}_people": tracked}
+        ours_ms, theirs_ms = 1e3 * (time.process_time() - between), 1e3 * (between - start)
+        rows.append((ours_ms, theirs_ms, sum(track.state == "confirmed" for track in result.tracks)))
+    return TimesBesideMog2(*np.array(rows[settled:], np.float64).T)

@@ -3,48 +3,49 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 import cv2
 import numpy as np
 
 from calib.types import U8
-from planview.bench.beside_mog2 import PaintedVideo, beside_mog2
+from planview.bench.beside_mog2 import PaintedVideo, TimesBesideMog2, beside_mog2
 from planview.pipeline.pipeline import SingleCameraPipeline
 from planview.tracking.ellipse_particle import image_ellipse_tracker
 
 SIZE = (480, 360)
 """Width and height of the frames [px] (our choice: between a QVGA and a VGA camera)."""
 FPS = 10.0
-PEOPLE = 8
 SETTLED = 80
 """Frames before anything is timed: backgrounds and sizes are learned, kernels compiled."""
 
 
-def ellipse_to_mog2(n_frames: int = 200) -> tuple[float, dict[str, float]]:
-    """Processor time of the ellipse-particle tracker, detection included, over MOG2's (see ``beside_mog2``).
+def ellipse_beside_mog2(people: int, n_frames: int) -> TimesBesideMog2:
+    """The ellipse-particle tracker, detection included, beside MOG2.
 
-    Eight people walk to and fro before a textured scene with pixel noise and cross one another; 1,000 particles.
+    People walk to and fro before a textured scene with pixel noise and cross one another; 1,000 particles.
 
     Args:
-        n_frames: medians over so many frames.
+        people: so many are painted; where they hide one another fewer are confirmed.
+        n_frames: timed after SETTLED.
     """
-    video = PaintedVideo(painted_clip, SETTLED + n_frames, SIZE, FPS)
-    return beside_mog2(SingleCameraPipeline(video, image_ellipse_tracker()), SETTLED, "ellipse_particle")
+    video = PaintedVideo(partial(painted_clip, people), SETTLED + n_frames, SIZE, FPS)
+    return beside_mog2(SingleCameraPipeline(video, image_ellipse_tracker()), SETTLED)
 
 
-def painted_clip(n_frames: int) -> Iterator[U8]:
+def painted_clip(people: int, n_frames: int) -> Iterator[U8]:
     """(360, 480, 3) uint8 frames; no person in the first 20."""
     rng = np.random.default_rng(7)
     width, height = SIZE
     texture = cv2.GaussianBlur(rng.uniform(40, 215, (height, width, 3)), (7, 7), 2)
     noise = rng.normal(0, 2.5, (4, height, width, 3))
-    clothes = rng.uniform(0, 255, (PEOPLE, 3))
-    feet = np.linspace(140, 340, PEOPLE)
-    speed = rng.uniform(1.5, 3.5, PEOPLE) * np.where(np.arange(PEOPLE) % 2, 1, -1)
-    start = rng.uniform(0, width, PEOPLE)
+    clothes = rng.uniform(0, 255, (people, 3))
+    feet = np.linspace(140, 340, people)
+    speed = rng.uniform(1.5, 3.5, people) * np.where(np.arange(people) % 2, 1, -1)
+    start = rng.uniform(0, width, people)
     for i in range(n_frames):
         frame = texture + noise[i % 4]
-        for k in range(PEOPLE if i >= 20 else 0):
+        for k in range(people if i >= 20 else 0):
             # To and fro between the two sides.
             x = abs((start[k] + speed[k] * i + width) % (2 * width) - width)
             paint_person(frame, float(np.clip(x, 20, width - 20)), float(feet[k]), clothes[k])

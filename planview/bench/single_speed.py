@@ -12,7 +12,7 @@ import numpy as np
 from calib.ground_camera import GroundCamera
 from calib.human.model import HumanModel
 from calib.types import U8
-from planview.bench.beside_mog2 import PaintedVideo, beside_mog2
+from planview.bench.beside_mog2 import PaintedVideo, TimesBesideMog2, beside_mog2
 from planview.pipeline.pipeline import SingleCameraPipeline
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.tracker import HumanModelTracker
@@ -21,30 +21,22 @@ CAMERA = GroundCamera(320, 240, 260.0, 3.5, math.radians(60))
 """320x240 as in Zhang et al. 2008, section 5; its view covers the floor from 2 to 10 m."""
 LARGE = GroundCamera(640, 480, 520.0, 3.5, math.radians(60))
 """The same view in four times the pixels."""
-PEOPLE = 5
 FPS = 15.0
 SETTLED = 60
 """Frames before anything is timed: the background is learned, people are confirmed, kernels compiled."""
 
 
-def human_model_to_mog2(n_frames: int = 200) -> tuple[float, dict[str, float]]:
-    """Processor time of foreground and human-model tracker over that of MOG2 alone (see ``beside_mog2``).
+def human_model_beside_mog2(camera: GroundCamera, people: int, n_frames: int) -> TimesBesideMog2:
+    """Foreground and human-model tracker beside MOG2 on people who walk to and fro.
 
     Args:
-        n_frames: medians over so many frames.
+        camera: of the painted view.
+        people: so many are painted; where they hide one another fewer are confirmed.
+        n_frames: timed after SETTLED.
     """
-    return _beside_mog2(n_frames, CAMERA, PEOPLE, "human_model")
-
-
-def eight_human_models_to_mog2(n_frames: int = 200) -> tuple[float, dict[str, float]]:
-    """As ``human_model_to_mog2``, of eight people at 640x480."""
-    return _beside_mog2(n_frames, LARGE, 8, "human_model_eight")
-
-
-def _beside_mog2(n_frames: int, camera: GroundCamera, people: int, name: str) -> tuple[float, dict[str, float]]:
     video = PaintedVideo(partial(walking_people, camera, people), SETTLED + n_frames, camera.size, FPS)
     engine = SingleCameraPipeline(video, HumanModelTracker(HumanModelParams(), camera), camera=camera)
-    return beside_mog2(engine, SETTLED, name)
+    return beside_mog2(engine, SETTLED)
 
 
 def walking_people(camera: GroundCamera, people: int, n_frames: int) -> Iterator[U8]:

@@ -116,3 +116,13 @@ def along_axis(evidence: U8, cover: U8, foot: F64, axis: F64, half_width: float,
     bins = np.zeros(n, np.int64)
     np.add.at(bins, k[keep], evidence[y[keep], x[keep]])
     return bins
+
+
+def boxes_over(boxes: F32, inside: F32, blob: F64, area_px: float, shares: tuple[float, float], side_px: float) -> Bool:
+    """(N,) models whose box has at least the first share of its inside over the blob's box, of which the blob has at
+    least the second share in pixels, and whose longest side is long enough."""
+    low = np.maximum(boxes[:, :2], blob[:2])
+    high = np.minimum(boxes[:, :2] + boxes[:, 2:], blob[:2] + blob[2:])
+    common = np.maximum(0.0, high - low).prod(axis=1)
+    enough = (common >= shares[0] * inside) & (area_px >= shares[1] * inside)
+    return np.asarray(enough & (boxes[:, 2:].max(axis=1) >= side_px))

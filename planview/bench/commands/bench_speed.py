@@ -64,7 +64,8 @@ def bench_speed(
     frames
         Medians over so many frames, after 100 in which the background is learned.
     part
-        Measure only this; repeat for more: engine, foreground, after-disparity, single (one camera beside MOG2),
+        Measure only this; repeat for more: engine, foreground, after-disparity, single (one camera beside MOG2: human
+        model with five people at 320x240, eight and thirty at 640x480, ellipses with eight and thirty at 480x360),
         start (of planview run to its first frame, over 100 frames of the yardstick in colour on all cores), worst-case
         (eight people near the camera, rendered once), full-resolution (the real overhead pair of the shared
         recordings), curves (pixels, disparities, rate, people: each can be named; one core). All but the curves
@@ -140,7 +141,8 @@ def print_changes(speed: Speed, before: Speed, console: Console) -> None:
             continue
         old_low, old_high = before.quartiles[name]
         word = "slower" if low > old_high else "faster" if high < old_low else "the same within noise"
-        ratio = f"{before.ratios[name]:.3f} -> {speed.ratios[name]:.3f}"
+        old, now = before.ratios | before.times_ms, speed.ratios | speed.times_ms
+        ratio = f"{old[name]:.3f} -> {now[name]:.3f}"
         console.print(f"{name.replace('_', ' ')}: {ratio}, {word}", highlight=False)
 
 
@@ -152,14 +154,21 @@ def print_speed(speed: Speed, console: Console) -> None:
     for name, value in speed.stages_ms.items():
         stages.add_row(name, f"{value:.2f}")
     console.print(stages)
-    ratios = Table(title="ours / OpenCV, same frames, same run")
-    for column in ("ratio", "median", "quartiles", "at most"):
-        ratios.add_column(column, justify="left" if column == "ratio" else "right")
-    for name, value in speed.ratios.items():
-        spread = " to ".join(f"{quartile:.3f}" for quartile in speed.quartiles.get(name, ())) or "-"
-        limit = f"{LIMITS[name]:g}" if name in LIMITS else "-"
-        ratios.add_row(name.replace("_", " "), f"{value:.3f}", spread, limit)
-    console.print(ratios)
+    console.print(_figures("ours / OpenCV, same frames, same run", "ratio", speed.ratios, speed))
+    if speed.times_ms:
+        console.print(_figures("one frame of a tracker of one camera, one core", "ms", speed.times_ms, speed))
     for name, detail in speed.details.items():
         if isinstance(detail, float):
             console.print(f"{name.replace('_', ' ')}: {detail:g}", highlight=False)
+
+
+def _figures(title: str, unit: str, medians: dict[str, float], speed: Speed) -> Table:
+    """Medians beside their quartiles and limits."""
+    table = Table(title=title)
+    for column in (unit, "median", "quartiles", "at most"):
+        table.add_column(column, justify="left" if column == unit else "right")
+    for name, value in medians.items():
+        spread = " to ".join(f"{quartile:.3f}" for quartile in speed.quartiles.get(name, ())) or "-"
+        limit = f"{LIMITS[name]:g}" if name in LIMITS else "-"
+        table.add_row(name.replace("_", " "), f"{value:.3f}", spread, limit)
+    return table

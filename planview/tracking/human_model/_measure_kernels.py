@@ -139,18 +139,19 @@ def watch_still(
 ) -> None:  # fmt: skip
     """Time for which each pixel has been foreground without motion, in no claimed pixel nor blob; others become 0."""
     height, width = still_s.shape
+    step = np.float32(dt_s)
     for y in range(height):
-        for x in range(width):
-            label = images.labels[y, x]
-            if claimed[y, x] > 0:
-                claimed_blob[label] = True
+        row, labels = claimed[y], images.labels[y]
+        for x in range(np.uintp(width)):
+            if row[x] > 0:
+                claimed_blob[labels[x]] = True
     for y in range(height):
-        for x in range(width):
-            still = images.evidence[y, x] > 1 and images.motion[y, x] == 0 and claimed[y, x] == 0
-            if still and not claimed_blob[images.labels[y, x]]:
-                still_s[y, x] += np.float32(dt_s)
-            else:
-                still_s[y, x] = np.float32(0.0)
+        row, labels, times = claimed[y], images.labels[y], still_s[y]
+        evidence, motion = images.evidence[y], images.motion[y]
+        for x in range(np.uintp(width)):
+            # Nearly all pixels are background, and their time is 0 as before.
+            still = evidence[x] > 1 and motion[x] == 0 and row[x] == 0 and not claimed_blob[labels[x]]
+            times[x] = times[x] + step if still else np.float32(0.0)
 
 
 class Axis(NamedTuple):

@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.types import F64, U8
 from planview.foreground.blobs import Blobs, find_blobs
+from planview.tracking.human_model import _candidate_kernels as kernels
 from planview.tracking.human_model.frame import ModelFrame
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.scene import ModelScene
@@ -78,16 +79,12 @@ class CandidateFinder:
 
     def _feet(self, blobs: Blobs, label: int) -> F64:
         """Foot pixels of the map whose models are mostly over the blob's box and of a size to match its area."""
-        boxes, inside = self._scene.map_boxes, self._scene.map_inside
-        left, top, width, height = blobs.box_px[label]
-        u0 = np.maximum(boxes[:, 0], left)
-        v0 = np.maximum(boxes[:, 1], top)
-        u1 = np.minimum(boxes[:, 0] + boxes[:, 2], left + width)
-        v1 = np.minimum(boxes[:, 1] + boxes[:, 3], top + height)
-        common = np.maximum(0, u1 - u0) * np.maximum(0, v1 - v0)
-        fits = (common >= MIN_COMMON * inside) & (blobs.area_px[label] >= MIN_BLOB * inside)
-        fits &= boxes[:, 2:].max(axis=1) >= self._params.spawn.min_height_px
-        return np.asarray(self._scene.model_map.foot_px[fits], dtype=np.float64)
+        scene = self._scene
+        box, area_px = blobs.box_px[label].astype(np.float64), float(blobs.area_px[label])
+        limits = kernels.BoxLimits(MIN_COMMON, MIN_BLOB, self._params.spawn.min_height_px)
+        fits = np.zeros(len(scene.model_map), np.bool_)
+        kernels.boxes_over(scene.map_boxes, scene.map_inside, box, area_px, limits, fits)
+        return np.asarray(scene.model_map.foot_px[fits], dtype=np.float64)
 
     def _pick(self, candidates: F64, blob_px: int, splits: bool) -> ModelCandidate | None:
         """The (N, 3) candidate of the highest score among those of plausible shape, visibility and freedom."""
@@ -117,8 +114,9 @@ class CandidateFinder:
         """Motion salience: enough of the model's foreground proper moves; a ghost of a person who left does not."""
         mask = np.zeros_like(evidence)
         self._scene.paint(mask, candidate.foot_px, candidate.scale, 1)
-        salient = (mask > 0) & (evidence > 1)
-        moving = int((salient & (motion > 0)).sum())
+        window = self._scene.window(candidate.foot_px, candidate.scale)
+        salient = (mask[window] > 0) & (evidence[window] > 1)
+        moving = int((salient & (motion[window] > 0)).sum())
         return moving >= 0.5 * self._params.states.internal_motion * int(salient.sum())
 
 

@@ -1,6 +1,7 @@
 """The speed and memory benches: what they refuse and what they print; figures are for the bench itself."""
 
 import io
+import math
 import os
 from pathlib import Path
 
@@ -11,12 +12,14 @@ from rich.console import Console
 from toy_stereo import toy_rig
 
 from calib.errors import InputError
+from calib.ground_camera import GroundCamera
 from planview.bench.clip import Clip
 from planview.bench.commands.bench_memory import bench_memory
 from planview.bench.commands.bench_speed import bench_speed, merged, print_changes, print_speed
 from planview.bench.memory import resident_mb
 from planview.bench.one_core import one_core
 from planview.bench.side_by_side import counted
+from planview.bench.single_speed import human_model_beside_mog2
 from planview.bench.speed import LIMITS, Speed
 from planview.bench.yardstick import Yardstick
 
@@ -44,6 +47,23 @@ def test_ratios_are_printed_beside_their_limits() -> None:
     assert "0.750" in line
     assert f"{LIMITS['foreground_to_mog2']:g}" in line
     assert "12.50" in out.getvalue()
+
+
+def test_times_are_printed_beside_their_quartiles_and_limits() -> None:
+    speed = Speed(details={"recording": "clip"})
+    speed.add("human_model_eight_ms", np.array([10.0, 11.0, 12.0, 13.0, 14.0]), time=True)
+    out = io.StringIO()
+    print_speed(speed, Console(file=out, width=100))
+    line = next(line for line in out.getvalue().splitlines() if "human model eight ms" in line)
+    assert "12.000" in line
+    assert "11.000 to 13.000" in line
+    assert f"{LIMITS['human_model_eight_ms']:g}" in line
+
+
+def test_an_engine_is_timed_beside_mog2_after_its_start() -> None:
+    times = human_model_beside_mog2(GroundCamera(64, 48, 52.0, 3.5, math.radians(60)), 1, 4)
+    assert times.engine_ms.shape == times.people.shape == (4,)
+    np.testing.assert_allclose(times.ratios * times.mog2_ms, times.engine_ms)
 
 
 def test_one_core_is_given_back():

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from calib.ground_camera import GroundCamera
 from planview.foreground.blobs import find_blobs
+from planview.tracking.human_model import _candidate_kernels as candidates
 from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model import _measure_kernels as measuring
 from planview.tracking.human_model.frame import ModelFrame
@@ -102,6 +103,16 @@ def test_scene_hides_where_a_model_rarely_shows_foreground() -> None:
     times = reference.hiding_times(mask, evidence, cover, 0.5, zero, zero)
     np.testing.assert_array_equal((expected_s, shown_s), times)
     np.testing.assert_array_equal(hiding > 0, mask & (cover == 1) & (evidence == 0))
+
+
+def test_models_that_a_blob_may_be_agree_with_the_twin() -> None:
+    scene, blob = _scene(), np.array([30.0, 10.0, 30.0, 50.0])
+    fits = np.ones(len(MAP), np.bool_)
+    limits = candidates.BoxLimits(0.5, 0.3, 15.0)
+    candidates.boxes_over(scene.map_boxes, scene.map_inside, blob, 200.0, limits, fits)
+    expected = reference.boxes_over(scene.map_boxes, scene.map_inside, blob, 200.0, (0.5, 0.3), 15.0)
+    np.testing.assert_array_equal(fits, expected)
+    assert 0 < fits.sum() < len(fits)
 
 
 def test_colours_equal_a_histogram_of_the_mask() -> None:

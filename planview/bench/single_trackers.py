@@ -1,0 +1,35 @@
+"""The trackers of one camera beside MOG2 on painted people."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+
+from planview.bench.beside_mog2 import TimesBesideMog2
+from planview.bench.curves import Progress
+from planview.bench.ellipse_speed import ellipse_beside_mog2
+from planview.bench.one_core import one_core
+from planview.bench.single_speed import CAMERA, LARGE, human_model_beside_mog2
+
+CLIPS: dict[str, Callable[[int], TimesBesideMog2]] = {
+    "human_model": partial(human_model_beside_mog2, CAMERA, 5),
+    "human_model_eight": partial(human_model_beside_mog2, LARGE, 8),
+    "human_model_thirty": partial(human_model_beside_mog2, LARGE, 30),
+    "ellipse_particle": partial(ellipse_beside_mog2, 8),
+    "ellipse_particle_thirty": partial(ellipse_beside_mog2, 30),
+}
+"""Five people at 320x240, eight and thirty at 640x480; eight and thirty at 480x360. Each of so many timed frames."""
+
+
+def single_trackers(n_frames: int, progress: Progress) -> Iterator[tuple[str, TimesBesideMog2]]:
+    """Times of every one of CLIPS on one core, by name.
+
+    Args:
+        n_frames: timed of each.
+        progress: told what is being measured.
+    """
+    for name, timed in CLIPS.items():
+        progress(f"{name.replace('_', '-')} tracker beside MOG2 on one core")
+        with one_core():
+            times = timed(n_frames)
+        yield name, times
