@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -15,7 +15,7 @@ from planview.analytics.clock import Clock
 from planview.analytics.count import count_tracks, count_truth
 from planview.analytics.events import Direction, Event
 from planview.analytics.geometry import RulePlane
-from planview.analytics.rules import load_rules, parse_rules
+from planview.analytics.rules import Rules, load_rules, parse_rules
 from planview.analytics.scoring import CountScores, CrossingScores, OccupancyGroup, score_counts, score_events
 from planview.analytics.totals import Counts
 from planview.bench.accuracy import RenderOptions, rendered
@@ -72,11 +72,11 @@ class OccupancyRow:
     recording: str
     rule: str
     group: OccupancyGroup
+    min_percent: float
 
     @property
     def ok(self) -> bool:
-        right = self.group.right_percent
-        return right is None or right >= RIGHT_MIN_PERCENT[self.group.people]
+        return self.group.right_percent is None or self.group.right_percent >= self.min_percent
 
 
 @dataclass(frozen=True)
@@ -104,12 +104,14 @@ class CountingTable:
         }
 
 
-def table_of(recording: str, scores: CountScores) -> CountingTable:
+def table_of(
+    recording: str, scores: CountScores, right_min_percent: Mapping[str, float] = RIGHT_MIN_PERCENT
+) -> CountingTable:
     """The rows of one recording's scores; ranges that never occur are left out."""
     return CountingTable(
         tuple(CrossingRow(recording, rule, score) for rule, score in scores.crossings.items()),
         tuple(
-            OccupancyRow(recording, rule, group)
+            OccupancyRow(recording, rule, group, right_min_percent[group.people])
             for rule, groups in scores.occupancy.items()
             for group in groups
             if group.frames
@@ -152,18 +154,41 @@ def score_view(
     """
     recording = rendered(load_scene(folder / f"{name}.toml"), name, options, tell)
     tell(f"tracking {name}")
+    scores, frames = score_recording(
+        recording, name, lambda plane: load_rules(folder / f"{name}.rules.toml", plane), out, config, tracker, figures,
+        options.frames,
+    )  # fmt: skip
+    return table_of(name, scores) + CountingTable((), (), (frames,))
+
+
+def score_recording(
+    recording: Path,
+    name: str,
+    rules_on: Callable[[RulePlane], Rules],
+    out: Path,
+    config: Config,
+    tracker: SingleTracker,
+    figures: Path | None = None,
+    frames: int | None = None,
+) -> tuple[CountScores, FrameCounts]:
+    """Track a rendered view, count, and score the counts (see ``score_view``).
+
+    Args:
+        recording: with camera.toml and truth.csv.
+        rules_on: makes what is counted, on the floor of the camera.
+        frames: how many there are, where not all were rendered.
+    """
     engine = _open(recording, config, tracker, recording / "camera.toml")
     busiest = BusiestFrame(engine.tracker) if figures is not None else None
     _track(engine, out / name, tracker, busiest)
-    rules = load_rules(folder / f"{name}.rules.toml", RulePlane(engine.camera))
+    rules = rules_on(RulePlane(engine.camera))
     tracks, truth = read_tracks(out / name / "tracks.csv"), read_truth(recording / "truth.csv")
-    clock, n_frames = Clock(tracks, engine.recording.fps), options.frames or engine.recording.n_frames
+    clock, n_frames = Clock(tracks, engine.recording.fps), frames or engine.recording.n_frames
     found = count_tracks(tracks, rules, clock=clock, n_frames=n_frames)
     true = count_truth(truth, rules, clock, n_frames=n_frames)
     if figures is not None and busiest is not None:
         _draw(figures, name, busiest, true, found)
-    table = table_of(name, score_counts(true, found, WINDOW_S))
-    return table + CountingTable((), (), (count_frames(name, tracks, truth, n_frames),))
+    return score_counts(true, found, WINDOW_S), count_frames(name, tracks, truth, n_frames)
 
 
 def _draw(folder: Path, name: str, busiest: BusiestFrame, true: Counts, found: Counts) -> None:
