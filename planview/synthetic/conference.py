@@ -150,7 +150,7 @@ class _Composer:
 
     def _people(self) -> list[dict[str, Any]]:
         rng, seats = self._rng, list(self._seats)
-        rng.shuffle(seats)  # type: ignore[arg-type]
+        rng.shuffle(seats)
         sitting = 8 if len(seats) < 10 else int(rng.integers(8, 10))
         enter, leave = self._times(6.0, 3.6), self._times(LEAVE_FROM_S, 2.6)
         rng.shuffle(leave)
