@@ -33,6 +33,10 @@ over random textures (0.5-3 px, contrast 10-40, noise 2 grey levels, slopes to 0
 
 NEAREST_M = 0.5
 """A camera that close to a head shows nothing but the head: no disparities are spent on it."""
+HEAD_HEIGHT_M = 0.85
+"""Height of the lowest head above the floor: a child of two years [m]."""
+LEVEL_MIN = 0.05
+"""Rays that descend less per metre of depth meet no floor in view."""
 TEXTURE_PX = 15
 """Side of the window [px] in which some texture must be found: about as far as SGBM's smoothness carries a match."""
 
@@ -123,7 +127,7 @@ def disparity_range(
         clearance = floor.height_m - params.reach_m
         if clearance > 0 and steep > 0:
             nearest = max(clearance / steep, NEAREST_M)
-        if level > 0.05:
+        if level > LEVEL_MIN:
             farthest = (floor.height_m + params.below_floor_m) / level
     first = max(0, math.floor(geometry.disparity_at(farthest)) - 1) if math.isfinite(farthest) else 0
     last = math.ceil(geometry.disparity_at(nearest)) + 1
@@ -137,6 +141,12 @@ def _descent(geometry: RectifiedGeometry, floor: Floor, window: Window) -> tuple
     across = [x * (u - geometry.cu_px) / geometry.focal_u_px for u in (window.left, window.right - 1)]
     down = [y * (v - geometry.cv_px) / geometry.focal_v_px for v in (window.top, window.bottom - 1)]
     return min(across) + min(down) + z, max(across) + max(down) + z
+
+
+def farthest_head_m(geometry: RectifiedGeometry, floor: Floor) -> float:
+    """Depth of the farthest head over the floor in view [m]; infinite for a camera that sees the horizon."""
+    level, _ = _descent(geometry, floor, Window(0, 0, *geometry.size))
+    return max(floor.height_m - HEAD_HEIGHT_M, NEAREST_M) / level if level > LEVEL_MIN else math.inf
 
 
 class SgbmParams(Params):

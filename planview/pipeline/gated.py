@@ -16,7 +16,14 @@ from calib.types import F32, U8
 from planview.foreground.mixture import Foreground
 from planview.trajectories.state import TrackState
 from stereo.gate import SAMPLE, Gate, MatchingParams, Window
-from stereo.matcher import DisparityRange, RangeParams, WindowMatcher, disparity_range, right_of
+from stereo.matcher import (
+    DisparityRange,
+    RangeParams,
+    WindowMatcher,
+    disparity_range,
+    farthest_head_m,
+    right_of,
+)
 from stereo.recording import StereoFrame
 from stereo.rectify import PartialPair, Rectifier
 from stereo.sampled import SampledDisparity
@@ -24,6 +31,10 @@ from stereo.sampled import SampledDisparity
 SAME_LEVELS = 12
 """Largest difference of a channel between two images of the same surface in the same light [levels of 255]: three
 deviations of the luma that the foreground takes for noise (our choice)."""
+
+HEAD_M = 0.15
+"""Breadth of a head [m] (anthropometric tables, adults). A change that does not fill half of a square so wide, at the
+place in view where heads look smallest, is noise or a fleck of light."""
 
 
 class Measured(NamedTuple):
@@ -95,6 +106,8 @@ class GatedMatching:
         gate = Gate(size, matcher.step, matching, matcher.work, searched)
         self._range_of = lru_cache(maxsize=1024)(self._searched)
         self.memory = MatchingMemory(gate, shape)
+        head_px = rectifier.geometry.focal_u_px * HEAD_M / farthest_head_m(rectifier.geometry, floor)
+        self._grain = max(3, 2 * int((head_px / (matcher.step * SAMPLE) + 1) / 2) - 1)
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="matching")
 
     def rectify(self, frame: StereoFrame) -> PartialPair:
@@ -146,8 +159,8 @@ class GatedMatching:
             apart = cv2.absdiff(_sampled(image), self.memory.background)
             same = cv2.inRange(apart, (0,) * 4, (SAME_LEVELS,) * 4)
             changed[same > 0] = 0
-        before = cv2.medianBlur(_sampled(self.memory.foreground), 3)
-        return np.asarray(cv2.bitwise_or(cv2.medianBlur(changed, 3), before), dtype=np.uint8)
+        before = solid(_sampled(self.memory.foreground), self._grain)
+        return np.asarray(cv2.bitwise_or(solid(changed, self._grain), before), dtype=np.uint8)
 
     def learn(self, image: U8, foreground: U8, measured: U8, tracks: Sequence[TrackState]) -> None:
         """Keep what the next frame is compared with.
@@ -182,6 +195,12 @@ class GatedMatching:
     def _searched(self, window: Window) -> DisparityRange:
         """Disparities in a window: a person at 6 m does not need those of 2 m."""
         return disparity_range(self._rectifier.geometry, self._range, self._floor, window)
+
+
+def solid(mask: U8, side: int) -> U8:
+    """255 where more than half of the square of ``side`` around a sample of a mask (0, 255) is set."""
+    share = cv2.boxFilter(mask, -1, (side, side), borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(cv2.inRange(share, 128, 255), dtype=np.uint8)
 
 
 def samples(window: Window, step: int) -> tuple[slice, slice]:

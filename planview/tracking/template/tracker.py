@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 
-from calib.types import F32
 from planview.maps.builder import PlanViewMaps, Viewpoint
 from planview.maps.grid import Grid
-from planview.tracking.base import Decision, Drawing, Observation, TrackerDebug
+from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.body_axis import AxisMeasurement, BodyAxis
 from planview.tracking.detection import PersonCandidate, PersonDetector, inseparable
 from planview.tracking.kalman import FloorKalman
 from planview.tracking.lifecycle import LifeCycle
+from planview.tracking.template.drawing import draw
 from planview.tracking.template.identities import HEAD_ROOM_M, Identities
 from planview.tracking.template.matching import JointMatcher
 from planview.tracking.template.params import TemplateTrackerParams
@@ -91,13 +91,14 @@ class TemplateTracker:
             person.axis = axis.predicted(dt, p.acceleration_std_mps2)
 
     def _match(self, frame: TemplateFrame) -> None:
-        found = JointMatcher(frame, self._people, self.params, self._height_max_m)()
+        searched = [person for person in self._people if not self._has_left(person, frame.maps.view)]
+        found = JointMatcher(frame, searched, self.params, self._height_max_m)()
         for person in self._people:
             score = f"score {person.score:.2f}"
             if person in found:
                 why = f"matched where predicted, {score}" if person.state == "lost" else score
                 self._life.observe(person.existence, why, person.score, person.terms)
-            else:
+            elif person.state != "lost":
                 why = f"nothing like the templates within {person.reach_cells} cells, {score}"
                 self._life.miss(person.existence, why, person.score, person.terms)
 
@@ -194,7 +195,6 @@ class TemplateTracker:
         p, best, best_cost = self.params, None, math.inf
         others = [person for person in self._people if person.observed]
         for person in self._people:
-            # A person who left the view is recognised by appearance when confirmed, not by the place of an entrance.
             if person.state != "lost" or self._at_border(person, frame.maps.view):
                 continue
             distance = min(math.dist((candidate.x_m, candidate.y_m), at) for at in (person.predicted_m, person.at_m))
@@ -257,6 +257,14 @@ class TemplateTracker:
                 keep.append(person)
         self._people = keep
 
+    def _has_left(self, person: TemplatePerson, view: Viewpoint) -> bool:
+        """Lost at the border for longer than a newcomer needs to be confirmed.
+
+        A person who left the view is recognised by appearance, not by the place of an entrance.
+        """
+        gone = person.state == "lost" and self._life.unobserved_s(person.existence) > self.params.confirm_s
+        return gone and self._at_border(person, view)
+
     def _at_border(self, person: TemplatePerson, view: Viewpoint) -> bool:
         """Where the head vanished, give or take a torso, is outside of the image."""
         r, (x, y) = self.params.width_m, person.at_m
@@ -270,30 +278,10 @@ class TemplateTracker:
 
     def debug(self) -> TrackerDebug:
         """Search rectangles, templates' outlines and the templates themselves."""
-        if self._grid is None:
-            return TrackerDebug()
-        searches, outlines, labels = [], [], []
-        tiles: dict[str, F32] = {}
-        for person in self._people:
-            name = person.existence.track_id
-            searches.append(_square(*person.searched_m, (person.reach_cells + 0.5) * self._grid.cell_m))
-            outlines.append(_square(*person.predicted_m, self.params.width_m))
-            labels.append(f"{name}: {person.score:.2f}")
-            tiles[f"template/{name}/height"] = person.template_height.copy()
-            tiles[f"template/{name}/occupancy"] = person.template_occupancy.copy()
-        drawings = (
-            Drawing("search", "floor", tuple(searches)),
-            Drawing("template", "floor", tuple(outlines), tuple(labels)),
-        )
-        return TrackerDebug(drawings, dict(tiles))
+        return TrackerDebug() if self._grid is None else draw(self._people, self._grid, self.params.width_m)
 
 
 def _state(person: TemplatePerson) -> TrackState:
     a = person.axis
     height_m = person.height_m if person.head_in_view else math.nan
     return TrackState(person.existence.track_id, person.state, a.x_m, a.y_m, a.vx_mps, a.vy_mps, height_m)
-
-
-def _square(x: float, y: float, half: float) -> F32:
-    corners = [(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]
-    return np.array([(x + half * i, y + half * j) for i, j in corners], dtype=np.float32)

@@ -10,7 +10,7 @@ from calib.types import U8
 from stereo import _kernels
 from stereo.depth import RectifiedGeometry
 from stereo.gate import Window
-from stereo.matcher import SUBPIXEL, DisparityRange, RangeParams, SgbmMatcher, disparity_range
+from stereo.matcher import SUBPIXEL, DisparityRange, RangeParams, SgbmMatcher, disparity_range, farthest_head_m
 from stereo.rectify import Rectifier
 
 GEOMETRY = RectifiedGeometry(320, 240, 230.0, 230.0, 159.5, 119.5, 0.12)
@@ -148,3 +148,13 @@ def test_far_rows_need_fewer_disparities() -> None:
     far, everywhere = (disparity_range(GEOMETRY, None, floor, window) for window in (rows, None))
     assert far.count < everywhere.count
     assert far.first_px == everywhere.first_px
+
+
+def test_farthest_head_from_straight_above_is_a_childs_in_the_corner() -> None:
+    floor = Floor(world_from_plane(np.array([0.0, 0.0, -1.0]), 2.85))
+    assert farthest_head_m(OVERHEAD, floor) == pytest.approx(2.0)
+
+
+def test_camera_that_sees_the_horizon_has_no_farthest_head() -> None:
+    floor = Floor(world_from_plane(np.array([0.0, -1.0, 0.0]), 1.6))
+    assert farthest_head_m(GEOMETRY, floor) == np.inf
