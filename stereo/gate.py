@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import cv2
@@ -12,7 +13,7 @@ from pydantic import Field
 
 from calib.params import Params
 from calib.types import U8
-from stereo._window_kernels import split
+from stereo._window_kernels import cost, split
 
 TILE = 8
 """Side of the tiles that windows are made of [px of the analysed image]: a head at 8 m (our choice)."""
@@ -26,6 +27,8 @@ large enough that the margin does not double it (our choice)."""
 MARGIN_PX = 8
 """What is matched around a window and thrown away [px of the matched image]: the window of the texture test (7 px),
 half a block, and the first steps of the path costs (Hirschmueller 2008, section 2.3)."""
+MAX_BANDS = 4
+"""Into so many bands at most the whole image is cut."""
 MAX_WINDOWS = 64
 """More windows than this are noise all over the image, which is then matched as a whole (our choice)."""
 
@@ -117,6 +120,7 @@ class Gate:
             for last in range(top, rows):
                 window = Window(0, top * self.tile_px, size[0], min(size[1], (last + 1) * self.tile_px))
                 self._work[top, last] = searched(window) + work.per_sample
+        self._bands, self._work_of_whole = self._best_bands()
         self.reset()
 
     def reset(self) -> None:
@@ -124,9 +128,26 @@ class Gate:
         self._place, self._due, self._last_s = 0, 0.0, math.nan
 
     @property
-    def whole(self) -> Window:
-        """The image."""
-        return Window(0, 0, *self.size)
+    def whole(self) -> list[Window]:
+        """The image, in bands where that is less work: far rows need fewer disparities."""
+        return [self._window(top, 0, bottom, self._shape[1]) for top, bottom in self._bands]
+
+    def _best_bands(self) -> tuple[list[tuple[int, int]], float]:
+        """First and last row of tiles of each band, the last excluded, and the work of all of them."""
+        rows, columns = self._margins()
+        choices = []
+        for count in range(1, min(MAX_BANDS, self._shape[0]) + 1):
+            edges = np.linspace(0, self._shape[0], count + 1).round().astype(int).tolist()
+            boxes = [(top, 0, bottom, self._shape[1]) for top, bottom in pairwise(edges)]
+            work = sum(cost(box, self._work, TILE, rows, columns, float(self._costs.per_window)) for box in boxes)
+            choices.append((work, list(pairwise(edges))))
+        work, bands = min(choices)
+        return bands, work
+
+    def _margins(self) -> tuple[float, float]:
+        """Rows and columns that a window costs beside its own [samples]."""
+        rows, columns = ((2 * self.margin_px + px) / self._reduction for px in self._costs[:2])
+        return rows, columns
 
     def windows(self, changed: U8, boxes: Sequence[tuple[float, float, float, float]], now_s: float) -> list[Window]:
         """What is to be matched; the whole image when its windows cost as much.
@@ -143,11 +164,10 @@ class Gate:
             tiles[row : int((top + height) // self.tile_px) + 1, col : int((left + width) // self.tile_px) + 1] = 1
         self._refresh(tiles, now_s)
         found = np.empty((MAX_WINDOWS, 4), np.int64)
-        rows, columns = ((2 * self.margin_px + px) / self._reduction for px in self._costs[:2])
-        work = self._work, TILE, rows, columns, float(self._costs.per_window)
+        work = self._work, TILE, *self._margins(), float(self._costs.per_window)
         n, total = split(cv2.integral(tiles), *work, found)
-        if n < 0 or total >= self._work[0, -1] * self.size[0] * self.size[1] / self._reduction**2:
-            return [self.whole]
+        if n < 0 or total >= self._work_of_whole:
+            return self.whole
         return [self._window(*(int(edge) for edge in box)) for box in found[:n]]
 
     def _tiles(self, changed: U8) -> U8:

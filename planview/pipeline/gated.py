@@ -122,7 +122,7 @@ class GatedMatching:
             foreground: the background of the frames before.
         """
         memory = self.memory
-        windows = [memory.gate.whole]
+        windows = memory.gate.whole
         if foreground.settled:
             windows = memory.gate.windows(self._changed(image, foreground), memory.boxes, timestamp_s)
         now = np.full(self._shape, np.nan, np.float32)

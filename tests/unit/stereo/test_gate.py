@@ -77,3 +77,19 @@ def test_the_refresh_does_not_hurry_after_a_gap_in_time() -> None:
     chosen.windows(NOTHING, [], 0.0)
     chosen.windows(NOTHING, [], 3600.0)
     assert chosen.windows(NOTHING, [], 3600.0) == []
+
+
+def test_whole_image_is_cut_into_bands_where_far_rows_need_fewer_disparities() -> None:
+    def searched(window: Window) -> int:
+        return 16 if window.bottom <= 240 else 80
+
+    cheap = MatchingWork(12, 12, 20, 25_000)
+    whole = Gate((640, 480), 2, MatchingParams(), cheap, searched).whole
+    assert len(whole) > 1
+    assert [(w.left, w.right) for w in whole] == [(0, 640)] * len(whole)
+    assert [w.top for w in whole] == [0, *(w.bottom for w in whole[:-1])]
+    assert whole[-1].bottom == 480
+
+
+def test_whole_image_is_one_window_where_all_rows_need_the_same() -> None:
+    assert gate().whole == [Window(0, 0, *SIZE)]
