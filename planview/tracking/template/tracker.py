@@ -258,12 +258,12 @@ class TemplateTracker:
         self._people = keep
 
     def _has_left(self, person: TemplatePerson, view: Viewpoint) -> bool:
-        """Lost at the border for longer than a newcomer needs to be confirmed.
+        """Lost at the border for longer than a newcomer there needs to be recognised.
 
         A person who left the view is recognised by appearance, not by the place of an entrance.
         """
-        gone = person.state == "lost" and self._life.unobserved_s(person.existence) > self.params.confirm_s
-        return gone and self._at_border(person, view)
+        p, gone_s = self.params, self._life.unobserved_s(person.existence)
+        return person.state == "lost" and gone_s > p.confirm_s + p.recognise_s and self._at_border(person, view)
 
     def _at_border(self, person: TemplatePerson, view: Viewpoint) -> bool:
         """Where the head vanished, give or take a torso, is outside of the image."""

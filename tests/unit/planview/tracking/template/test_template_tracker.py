@@ -68,17 +68,17 @@ def test_lost_person_is_removed_after_four_seconds() -> None:
 
 def test_who_enters_where_a_person_left_the_view_is_not_that_person_for_the_place() -> None:
     tracker = TemplateTracker()
-    first = follow(tracker, [[p] for p in walk(0.5, 1.6, 0.0, 12)] + [[]] * 10)
+    first = follow(tracker, [[p] for p in walk(0.5, 1.6, 0.0, 12)] + [[]] * 12)
     assert first[-1][0].state == "lost"
-    entered = follow(tracker, [[(1.6, 0.0, 1.75)]], start=22)[0]
+    entered = follow(tracker, [[(1.6, 0.0, 1.75)]], start=24)[0]
     states = {track.track_id: track.state for track in entered}
     assert states == {1: "lost", 2: "tentative"}
 
 
 def test_person_hidden_at_the_border_for_a_moment_is_matched_there() -> None:
     tracker = TemplateTracker()
-    follow(tracker, [[p] for p in walk(0.5, 1.5, 0.0, 12)] + [[]] * 3)
-    back = follow(tracker, [[(1.55, 0.0, 1.75)]], start=15)[0]
+    follow(tracker, [[p] for p in walk(0.5, 1.5, 0.0, 12)] + [[]] * 6)
+    back = follow(tracker, [[(1.55, 0.0, 1.75)]], start=18)[0]
     assert [track.track_id for track in confirmed(back)] == [1]
 
 
