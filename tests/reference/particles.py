@@ -20,3 +20,17 @@ def copy_particles(particles: F64, surprise: F64, members: I64, index: I64) -> t
     states[:, members] = particles[index][:, members]
     costs[:, members] = surprise[index][:, members]
     return states, costs
+
+
+def draw_systematically(weights: F64, shift: float) -> I64:
+    """Particles at a comb of equal steps through the running sum of the weights."""
+    n = len(weights)
+    return np.asarray(np.minimum(np.searchsorted(np.cumsum(weights), (np.arange(n) + shift) / n), n - 1), np.int64)
+
+
+def mean_near(particles: F64, members: I64, best: int, weights: F64, radius: F64) -> F64:
+    """(K, 7) weighted means, the weights times a Gaussian of the distance from particle ``best``."""
+    states = particles[:, members]
+    offset = (states[..., :2] - states[best, :, :2]) / radius[:, None]
+    near = weights[:, None] * np.exp(-0.5 * (offset**2).sum(axis=-1))
+    return np.asarray((near[..., None] * states).sum(axis=0) / near.sum(axis=0)[:, None])

@@ -205,3 +205,35 @@ def copy_particles(particles: F64, surprise: F64, members: I64, index: I64) -> N
             surprise[p, n] = costs[index[p], k]
             for i in range(ANGLE + 1):
                 particles[p, n, i] = states[index[p], k, i]
+
+
+@njit(cache=True, nogil=True)
+def draw_systematically(weights: F64, shift: float, index: I64) -> None:
+    """Index (P,) of the particles that systematic resampling draws by (P,) weights; shift of its comb, 0 to 1."""
+    n = len(weights)
+    j, total = 0, weights[0]
+    for i in range(n):
+        while j < n - 1 and total < (i + shift) / n:
+            j += 1
+            total += weights[j]
+        index[i] = j
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def mean_near(particles: F64, members: I64, best: int, weights: F64, radius: F64, states: F64) -> None:
+    """Mean state of each member, over particles weighted by a Gaussian of their distance from particle ``best`` too.
+
+    weights: (P,). radius: (K,) deviations of the Gaussians [cells]. states: (K, 7) is filled.
+    """
+    for k in range(members.shape[0]):
+        n = members[k]
+        x, y = particles[best, n, X], particles[best, n, Y]
+        total = 0.0
+        states[k] = 0.0
+        for p in range(particles.shape[0]):
+            dx, dy = (particles[p, n, X] - x) / radius[k], (particles[p, n, Y] - y) / radius[k]
+            near = weights[p] * math.exp(-0.5 * (dx * dx + dy * dy))
+            total += near
+            for i in range(ANGLE + 1):
+                states[k, i] += near * particles[p, n, i]
+        states[k] /= total

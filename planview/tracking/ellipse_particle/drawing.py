@@ -13,6 +13,9 @@ from planview.tracking.ellipse_particle.planes import PlaneView
 PARTICLES_SHOWN = 60
 
 
+_CIRCLE = np.cos(np.linspace(0, 2 * np.pi, 33)), np.sin(np.linspace(0, 2 * np.pi, 33))
+
+
 def draw(
     plane: Literal["image", "floor"], view: PlaneView, measured: F64, objects: F64, particles: F64, ids: list[int]
 ) -> TrackerDebug:
@@ -35,10 +38,9 @@ def draw(
     )
 
 
-def outline(ellipse: F64, view: PlaneView, points: int = 32) -> F32:
-    """(points + 1, 2) float32 closed outline in plane units."""
+def outline(ellipse: F64, view: PlaneView) -> F32:
+    """(33, 2) float32 closed outline in plane units."""
     x, y, a, b, angle = (float(v) for v in ellipse)
-    t = np.linspace(0, 2 * np.pi, points + 1)
-    u, v = a * np.cos(t), b * np.sin(t)
+    u, v = a * _CIRCLE[0], b * _CIRCLE[1]
     cells = np.column_stack([x + u * np.sin(angle) + v * np.cos(angle), y + u * np.cos(angle) - v * np.sin(angle)])
     return view.to_plane(cells).astype(np.float32)

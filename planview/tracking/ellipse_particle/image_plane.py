@@ -83,17 +83,21 @@ class ImagePlane:
             ValueError: the foreground is not (H, W) uint8.
         """
         view = self._averaged(observation, self._params.columns)
-        if view is not None:
-            self._learn(view)
-        return self.view(observation)
+        if view is None:
+            return None
+        self._learn(view)
+        return view if self._columns() == self._params.columns else self.view(observation)
 
     def view(self, observation: Observation) -> PlaneView | None:
         """The frame's cells, on the grid for the size known now."""
-        columns = self._params.columns
-        if self._sized is not None:
-            base, belief = self._sized
-            columns = columns_for(belief.prior, columns, base.mask.shape[0])
-        return self._averaged(observation, columns)
+        return self._averaged(observation, self._columns())
+
+    def _columns(self) -> int:
+        """Of the grid for the size known now."""
+        if self._sized is None:
+            return self._params.columns
+        base, belief = self._sized
+        return columns_for(belief.prior, self._params.columns, base.mask.shape[0])
 
     def _averaged(self, observation: Observation, columns: int) -> PlaneView | None:
         foreground = self._foreground(observation)

@@ -110,7 +110,7 @@ class Objects:
             log_likelihood += self._filter.apart(chosen, apart)
         weights = normalised(log_likelihood - favour)
         self.states[chosen] = self._filter.estimate(chosen, log_likelihood, 0.5 * ellipses[:, 3], weights)
-        self._filter.resample(chosen, log_likelihood - favour)
+        self._filter.resample(chosen, weights)
 
     def observe(self, n: int, measured: bool, own: bool, dt_s: float, confirmable: bool, covered: float) -> None:
         """Take one frame into account for object n; its state follows.

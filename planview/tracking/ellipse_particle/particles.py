@@ -173,7 +173,7 @@ class ParticleFilter:
             kernels.union_overlap(self.particles, alone, left, allowed, prior.law, out)
             missed = out[:, COVERED].max() - out[:, COVERED]
             log_likelihood = -0.5 * (missed**2 + self.plane.outside_weight * out[:, OUTSIDE] ** 2) / sigma**2
-            favour += log_likelihood[self.resample(alone, log_likelihood)]
+            favour += log_likelihood[self.resample(alone, normalised(log_likelihood))]
         return favour
 
     def estimate(self, members: I64, log_likelihood: F64, radius: F64, weights: F64) -> F64:
@@ -190,23 +190,20 @@ class ParticleFilter:
             (K, 7) states.
         """
         best = int(np.argmax(log_likelihood - self._surprise[:, members].sum(axis=1)))
-        states = self.particles[:, members]
-        offset = (states[..., :2] - states[best, :, :2]) / radius[:, None]
-        near = weights[:, None] * np.exp(-0.5 * np.sum(offset * offset, axis=-1))
-        return np.asarray(np.einsum("pk,pks->ks", near, states) / near.sum(axis=0)[:, None])
+        states = np.empty((len(members), STATE))
+        kernels.mean_near(self.particles, members, best, weights, radius, states)
+        return states
 
-    def resample(self, members: I64, log_likelihood: F64) -> I64:
-        """Draw particles of a group in proportion to their weights, systematically: plain SIR with less variance.
+    def resample(self, members: I64, weights: F64) -> I64:
+        """Draw particles of a group in proportion to (P,) weights, systematically: plain SIR with less variance.
 
         Returns:
             (P,) the particle from which each was copied.
         """
-        weights = normalised(log_likelihood)
-        n = self._params.particles
-        where = (np.arange(n) + self._rng.random()) / n
-        index = np.minimum(np.searchsorted(np.cumsum(weights), where), n - 1)
+        index = np.empty(self._params.particles, np.int64)
+        kernels.draw_systematically(weights, self._rng.random(), index)
         kernels.copy_particles(self.particles, self._surprise, members, index)
-        return np.asarray(index)
+        return index
 
     def means(self) -> F64:
         """(N, 7) mean state of each object."""
@@ -246,4 +243,4 @@ def union_prefix(ellipses: F64, shape: tuple[int, int]) -> F64:
 
 
 def _prefix(mask: U8) -> F64:
-    return np.asarray(ellipse_kernels.row_prefix(mask.astype(np.float32)))
+    return np.asarray(ellipse_kernels.row_prefix(mask))

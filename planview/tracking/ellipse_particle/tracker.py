@@ -211,6 +211,8 @@ class EllipseParticleTracker:
     def _reacquire(self, left: Bool, view: PlaneView, prior: SizePrior) -> Bool:
         """Give uncovered measurements to objects that were not measured, nearest first; returns what is left."""
         objects, left = self._objects, left.copy()
+        if not left.any():
+            return left
         per_m = self._plane.cells_per_m(view, prior, self._measured[:, 1])
         reach = self._params.existence.reattach_m
         for away, n, m in reachable(self._measured, objects.states[:, [X, Y]], objects.deviations(), per_m, reach):

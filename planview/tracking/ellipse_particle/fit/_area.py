@@ -64,15 +64,17 @@ def columns_of(x, form, dy, n_cols):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def row_prefix(values: F32) -> F64:
+def row_prefix(values: F32 | U8) -> F64:
     """(R, C + 1): sums of the columns left of each cell edge."""
     n_rows, n_cols = values.shape
-    out = np.zeros((n_rows, n_cols + 1))
+    out = np.empty((n_rows, n_cols + 1))
     for r in range(n_rows):
         total = 0.0
-        for c in range(n_cols):
-            total += values[r, c]
-            out[r, c + 1] = total
+        row, sums = values[r], out[r]
+        sums[0] = 0.0
+        for c in range(np.uintp(n_cols)):
+            total += row[c]
+            sums[c + np.uintp(1)] = total
     return out
 
 

@@ -64,7 +64,7 @@ def test_resampling_copies_particles_in_proportion_to_their_weights():
     particles = filter_with(HERE)
     weights = np.full(1000, 1e-12)
     weights[10], weights[20] = 0.75, 0.25
-    index = particles.resample(np.array([0]), np.log(weights))
+    index = particles.resample(np.array([0]), weights / weights.sum())
     assert set(index) == {10, 20}
     assert (index == 10).mean() == pytest.approx(0.75, abs=0.05)
 
@@ -72,7 +72,7 @@ def test_resampling_copies_particles_in_proportion_to_their_weights():
 def test_resampling_one_group_leaves_the_others():
     particles = filter_with(HERE, HERE)
     before = particles.particles[:, 1].copy()
-    particles.resample(np.array([0]), np.linspace(-50, 0, 1000))
+    particles.resample(np.array([0]), normalised(np.linspace(-50, 0, 1000)))
     np.testing.assert_array_equal(particles.particles[:, 1], before)
 
 

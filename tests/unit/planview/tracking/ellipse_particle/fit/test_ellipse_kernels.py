@@ -7,7 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planview.tracking.ellipse_particle._kernels import Transition, copy_particles, propagate, union_overlap
+from planview.tracking.ellipse_particle._kernels import (
+    Transition,
+    copy_particles,
+    draw_systematically,
+    mean_near,
+    propagate,
+    union_overlap,
+)
 from planview.tracking.ellipse_particle.fit import _area as kernels
 from planview.tracking.ellipse_particle.fit._cover import cover
 from planview.tracking.ellipse_particle.fit._em import em_step
@@ -188,6 +195,17 @@ def test_copied_particles_agree_with_their_twin():
     copy_particles(particles, surprise, members, index)
     np.testing.assert_array_equal(particles, states)
     np.testing.assert_array_equal(surprise, costs)
+
+
+def test_systematic_draws_and_means_agree_with_their_twins():
+    rng = np.random.default_rng(6)
+    particles, weights, members = rng.normal(size=(40, 4, 7)), rng.uniform(size=40) ** 4, np.array([0, 2])
+    weights /= weights.sum()
+    index, states, radius = np.empty(40, np.int64), np.empty((2, 7)), np.array([0.5, 2.0])
+    draw_systematically(weights, 0.3, index)
+    np.testing.assert_array_equal(index, particle_reference.draw_systematically(weights, 0.3))
+    mean_near(particles, members, 7, weights, radius, states)
+    np.testing.assert_allclose(states, particle_reference.mean_near(particles, members, 7, weights, radius))
 
 
 @settings(max_examples=40, deadline=None)
