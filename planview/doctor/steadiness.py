@@ -164,14 +164,25 @@ def moved(before: U8, after: U8) -> bool:
     if len(points) < TEXTURED_SHARE * _BLOCKS:
         return False
     there, ok, _ = cv2.calcOpticalFlowPyrLK(before, after, points, np.empty_like(points), winSize=(11, 11))
-    going = (ok[:, 0] > 0) & (np.hypot(*(there - points).T) >= MOVED_PX)
-    if going.sum() < 0.5 * MOVED_SHARE * len(points):
-        return False  # Whatever the way back rejects, too few are left: nearly all frames end here.
-    back, ok_back, _ = cv2.calcOpticalFlowPyrLK(after, before, there, np.empty_like(points), winSize=(11, 11))
-    tracked = (ok[:, 0] > 0) & (ok_back[:, 0] > 0) & (np.hypot(*(back - points).T) < 0.5 * MOVED_PX)
+    went = np.hypot(*(there - points).T) >= MOVED_PX
+    moving, resting = ((ok[:, 0] > 0) & kind for kind in (went, ~went))
+    # Those that moved decide nearly always: there are too few of them, or too few come back.
+    for group in (moving, moving, resting):
+        if moving.sum() < 0.5 * MOVED_SHARE * len(points):
+            return False
+        group[group] = _returns(before, after, points[group], there[group])
+    tracked = moving | resting
     if tracked.sum() < 0.5 * len(points) or (tracked & _at_border(points)).sum() < BORDER_BLOCKS:
         return False
-    return float((np.hypot(*(there - points)[tracked].T) >= MOVED_PX).mean()) >= MOVED_SHARE
+    return bool(moving.sum() / tracked.sum() >= MOVED_SHARE)
+
+
+def _returns(before: U8, after: U8, points: F32, there: F32) -> Bool:
+    """(N,) points that are tracked back from (N, 2) ``there`` to where they were before [px]."""
+    if not len(points):
+        return np.zeros(0, np.bool_)
+    back, ok, _ = cv2.calcOpticalFlowPyrLK(after, before, there, np.empty_like(points), winSize=(11, 11))
+    return np.asarray((ok[:, 0] > 0) & (np.hypot(*(back - points).T) < 0.5 * MOVED_PX))
 
 
 _COLUMNS, _ROWS = THUMBNAIL[0] // BLOCK_PX, THUMBNAIL[1] // BLOCK_PX

@@ -81,10 +81,13 @@ class AppearanceModel:
         """Add a measurement; older ones fade with a horizon of so many looks."""
         total = appearance.colours.sum(axis=1)
         visible = total > 0
-        fade = np.where(visible & (self.counts >= horizon), (horizon - 1) / horizon, 1.0).astype(np.float32)
-        self.colours *= fade[:, None]
-        self.counts *= fade
-        self.colours[visible] += appearance.colours[visible] / total[visible, None]
+        full = visible & (self.counts >= horizon)
+        if full.any():
+            fade = np.where(full, (horizon - 1) / horizon, 1.0).astype(np.float32)
+            self.colours *= fade[:, None]
+            self.counts *= fade
+        # All zero where not visible, whatever it is divided by.
+        self.colours += appearance.colours / np.where(visible, total, np.float32(1.0))[:, None]
         self.counts += visible
         self.looks += 1
         if not math.isnan(appearance.height_m):
@@ -106,8 +109,9 @@ def dissimilarity(fresh: AppearanceModel, known: AppearanceModel, params: Identi
     terms = []
     both = (fresh.counts > 0) & (known.counts > 0)
     if both.any():
-        p, q = (m.colours[both] / m.counts[both, None] for m in (fresh, known))
-        squared = np.clip(1.0 - np.sqrt(p * q).sum(axis=1), 0.0, 1.0)
+        chosen = slice(None) if both.all() else both
+        p, q = (m.colours[chosen] / m.counts[chosen, None] for m in (fresh, known))
+        squared = np.minimum(np.maximum(1.0 - np.sqrt(p * q).sum(axis=1), 0.0), 1.0)
         terms.append(float(squared.mean()) / (2 * params.colour_scatter**2))
     gap = fresh.height_m - known.height_m
     if not math.isnan(gap):

@@ -164,6 +164,33 @@ class Axis(NamedTuple):
     half_width: float
 
 
+class BodyLine(NamedTuple):
+    """A body's axis, its length [px], and where the ends of the outline lie along it: the foot 0 and the head 1."""
+
+    axis: Axis
+    length: float
+    low: float
+    high: float
+
+
+@njit(cache=True, nogil=True)
+def line_of(foot: F32, head: F32, hull: F32, scale: float, position: F64) -> BodyLine:
+    """Axis of a scaled model that stands at a (2,) foot pixel.
+
+    foot, head: (2,) of the map's entry; hull: (K, 2) its outline [px].
+    """
+    along_u, along_v = scale * np.float64(head[0] - foot[0]), scale * np.float64(head[1] - foot[1])
+    length = math.hypot(along_u, along_v)
+    low, high, across = math.inf, -math.inf, 0.0
+    for k in range(len(hull)):
+        u, v = scale * np.float64(hull[k, 0] - foot[0]), scale * np.float64(hull[k, 1] - foot[1])
+        share = (u * along_u + v * along_v) / length**2 if length > 0.0 else 0.0
+        low, high = min(low, share), max(high, share)
+        across = max(across, abs(u * along_v - v * along_u))
+    half_width = across / length if length > 0.0 else 0.0
+    return BodyLine(Axis(position[0], position[1], along_u, along_v, half_width), length, low, high)
+
+
 @njit(cache=True, nogil=True)
 def body_extent(evidence: U8, cover: U8, axis: Axis, bins: I64) -> tuple[float, float]:
     """How far evidence that no other model covers reaches along a body's axis: (low, high), foot 0 and head 1.

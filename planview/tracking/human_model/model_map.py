@@ -75,7 +75,8 @@ class HumanModelMap:
             (...) int32, -1 where no person is possible.
         """
         uv = np.asarray(pixels, dtype=np.float64)
-        grid = np.rint((np.nan_to_num(uv, nan=-1e6) - self.origin_px) / self.params.step_px).astype(np.int64)
+        known = np.where(np.isfinite(uv), uv, -1e6)
+        grid = np.rint((known - self.origin_px) / self.params.step_px).astype(np.int64)
         col, row = grid[..., 0], grid[..., 1]
         inside = (row >= 0) & (row < self.index.shape[0]) & (col >= 0) & (col < self.index.shape[1])
         entry = self.index[np.where(inside, row, 0), np.where(inside, col, 0)]

@@ -251,20 +251,16 @@ class ModelScene:
         entry = self._entry(position)
         if entry < 0:
             return None
-        axis = scale * (self.model_map.head_px[entry] - self.model_map.foot_px[entry]).astype(np.float64)
-        length = float(np.hypot(*axis))
-        if length < MIN_AXIS * scale * float(self.map_boxes[entry, 2:].max()):
+        people = self.model_map
+        line = measuring.line_of(people.foot_px[entry], people.head_px[entry], people.hull_px[entry], scale, position)
+        if line.length < MIN_AXIS * scale * float(self.map_boxes[entry, 2:].max()):
             return None
-        hull = scale * (self.model_map.hull_px[entry] - self.model_map.foot_px[entry]).astype(np.float64)
-        along = hull @ axis / length**2
-        half_width = float(np.abs(hull @ np.array([axis[1], -axis[0]])).max()) / length
-        (u, v), (along_u, along_v) = (float(x) for x in position), (float(x) for x in axis)
-        line = measuring.Axis(u, v, along_u, along_v, half_width)
-        low, high = measuring.body_extent(evidence, self.cover, line, np.zeros(EXTENT_BINS, np.int64))
+        low, high = measuring.body_extent(evidence, self.cover, line.axis, np.zeros(EXTENT_BINS, np.int64))
         if high <= low:
             return None
-        ends = np.array([low - along.min(), high - along.max()])
-        return Extent(axis * ends.mean(), float(np.abs(ends).max()), float((high - low) / np.ptp(along)))
+        ends = low - line.low, high - line.high
+        shift_px = np.array([line.axis.along_u, line.axis.along_v]) * ((ends[0] + ends[1]) / 2)
+        return Extent(shift_px, max(abs(ends[0]), abs(ends[1])), (high - low) / (line.high - line.low))
 
     def paint(self, image: U8, position: F64, scale: float, amount: int) -> None:
         """Add ``amount`` to the pixels of the model at a (2,) foot pixel."""

@@ -127,6 +127,15 @@ def test_colours_equal_a_histogram_of_the_mask() -> None:
     np.testing.assert_allclose(scene.colours(image, evidence, np.array(foot[:2]), 1.0), expected, atol=1e-6)
 
 
+def test_line_of_a_model_reaches_its_outline() -> None:
+    hull = np.array([[13, 30], [13, 52], [7, 52], [7, 30], [8, 8], [12, 8]], np.float32)
+    foot, head = np.array([10, 50], np.float32), np.array([10, 10], np.float32)
+    line = measuring.line_of(foot, head, hull, 2.0, np.array([100.0, 90.0]))
+    assert line.axis == pytest.approx((100.0, 90.0, 0.0, -80.0, 6.0))
+    # 2 px of 40 below the foot and above the head, at any scale.
+    assert (line.length, line.low, line.high) == pytest.approx((80.0, -0.05, 1.05))
+
+
 def test_body_extent_counts_along_the_axis() -> None:
     evidence, cover, bins = _noise(3, 3), np.zeros((72, 96), np.uint8), np.zeros(60, np.int64)
     measuring.body_extent(evidence, cover, measuring.Axis(48.0, 60.0, 3.0, -40.0, 6.0), bins)
