@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from enum import Enum
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -58,11 +59,19 @@ class Steady(Enum):
     """The frame after a break, which has nothing in common with the view before either."""
 
 
+class _Kept(NamedTuple):
+    """A thumbnail with its time [s] and corners (see ``_corners``)."""
+
+    time_s: float
+    thumbnail: U8
+    corners: F32
+
+
 class Steadiness:
     """Watches the frames of one camera: ``update`` once per frame, in order."""
 
     def __init__(self) -> None:
-        self._kept: deque[tuple[float, U8]] = deque(maxlen=KEPT)
+        self._kept: deque[_Kept] = deque(maxlen=KEPT)
         self._last: U8 | None = None
         self._before_break: U8 | None = None
         self._lasting: Bool = np.zeros(_BLOCKS, np.bool_)
@@ -115,7 +124,11 @@ class Steadiness:
             self._restart(now_s, thumbnail)
             return Steady.CUT
         last = self._last
-        if last is not None and unrelated(last, thumbnail, self._lasting) and not moved(last, thumbnail):
+        if (
+            last is not None
+            and unrelated(last, thumbnail, self._lasting)
+            and not moved(last, _corners(last), thumbnail)
+        ):
             self._before_break = last
             return Steady.BREAK
         self._look(now_s, thumbnail)
@@ -124,19 +137,19 @@ class Steadiness:
     def _look(self, now_s: float, thumbnail: U8) -> None:
         """Compare with the thumbnails of an interval ago and of the oldest kept, every interval."""
         # Half a millisecond of slack: time stamps are rounded.
-        if self._kept and now_s - self._kept[-1][0] < INTERVAL_S - 5e-4:
+        if self._kept and now_s - self._kept[-1].time_s < INTERVAL_S - 5e-4:
             return
         if self._kept:
-            self._lasting = alike(self._kept[-1][1], thumbnail)
-        kept = [then for _, then in self._kept]
-        if any(moved(then, thumbnail) for then in [*kept[:1], *kept[1:][-1:]]):
+            self._lasting = alike(self._kept[-1].thumbnail, thumbnail)
+        kept = list(self._kept)
+        if any(moved(then.thumbnail, then.corners, thumbnail) for then in [*kept[:1], *kept[1:][-1:]]):
             self._moved_s = now_s
             self._kept.clear()
-        self._kept.append((now_s, thumbnail))
+        self._kept.append(_Kept(now_s, thumbnail, _corners(thumbnail)))
 
     def _restart(self, now_s: float, thumbnail: U8) -> None:
         self._kept.clear()
-        self._kept.append((now_s, thumbnail))
+        self._kept.append(_Kept(now_s, thumbnail, _corners(thumbnail)))
         self._moved_s = -math.inf
         self._lasting = np.zeros(_BLOCKS, np.bool_)
 
@@ -154,13 +167,15 @@ def unrelated(before: U8, after: U8, lasting: Bool) -> bool:
     return float(alike(before, after)[lasting].mean()) < CUT_SHARE
 
 
-def moved(before: U8, after: U8) -> bool:
+def moved(before: U8, points: F32, after: U8) -> bool:
     """Whether the whole image moves from one thumbnail (120, 160) uint8 to the next.
 
     One corner per block is tracked there and back (pyramidal Lucas-Kanade, Bouguet 2001); nearly all must move, and
     enough of them be at the border.
+
+    Args:
+        points: (N, 2) corners of the first one.
     """
-    points = _corners(before)
     if len(points) < TEXTURED_SHARE * _BLOCKS:
         return False
     there, ok, _ = cv2.calcOpticalFlowPyrLK(before, after, points, np.empty_like(points), winSize=(11, 11))

@@ -36,10 +36,17 @@ class MapArrays(NamedTuple):
 
 
 class Spans(NamedTuple):
-    """Workspace for one model: (H,) first column and the one after the last of every row."""
+    """Workspace for one model: (H,) first column and the one after the last of every row, and its edges there."""
 
     left: I32
     right: I32
+    low: F64
+    high: F64
+
+    @staticmethod
+    def of(height: int) -> "Spans":
+        """For images of so many rows."""
+        return Spans(np.zeros(height, np.int32), np.zeros(height, np.int32), np.zeros(height), np.zeros(height))
 
 
 class Window(NamedTuple):
@@ -91,7 +98,8 @@ def fill_spans(people: MapArrays, u: float, v: float, scale: float, width: int, 
     bottom = min(left.shape[0], math.floor(scale * high + dv) + 1)
     if top >= bottom:
         return 0, 0
-    lows, highs = _trace_edges(shape, scale, du, dv - top, bottom - top, width)
+    lows, highs = spans.low[: bottom - top], spans.high[: bottom - top]
+    _trace_edges(shape, scale, du, dv - top, lows, highs)
     lefts, rights = left[top:bottom], right[top:bottom]
     for i in range(np.uintp(bottom - top)):
         lefts[i] = np.int32(np.ceil(min(max(lows[i], 0.0), np.float64(width))))
@@ -100,12 +108,14 @@ def fill_spans(people: MapArrays, u: float, v: float, scale: float, width: int, 
 
 
 @njit(cache=True, nogil=True)
-def _trace_edges(shape: F32, scale: float, du: float, dv: float, rows: int, width: int) -> tuple[F64, F64]:
-    """Columns of a scaled and moved outline's left and right edges in rows 0 to rows - 1.
+def _trace_edges(shape: F32, scale: float, du: float, dv: float, lows: F64, highs: F64) -> None:
+    """Columns of a scaled and moved outline's left and right edges in rows 0, 1, ...
 
     An outline is in order of angle, from +u to +v: its edges go down on the right and up on the left.
     """
-    lows, highs = np.full(rows, float(width)), np.full(rows, -1.0)
+    rows = len(lows)
+    lows[:] = np.inf
+    highs[:] = -1.0
     x1, y1 = scale * shape[-1, 0] + du, scale * shape[-1, 1] + dv
     for k in range(shape.shape[0]):
         x0, y0 = x1, y1
@@ -113,10 +123,12 @@ def _trace_edges(shape: F32, scale: float, du: float, dv: float, rows: int, widt
         if y0 == y1:
             continue
         slope = (x1 - x0) / (y1 - y0)
-        edge = highs if y1 > y0 else lows
-        for y in range(max(0, math.ceil(min(y0, y1))), min(rows - 1, math.floor(max(y0, y1))) + 1):
-            edge[np.uintp(y)] = x0 + slope * (y - y0)
-    return lows, highs
+        if y1 > y0:
+            for y in range(max(0, math.ceil(y0)), min(rows - 1, math.floor(y1)) + 1):
+                highs[np.uintp(y)] = x0 + slope * (y - y0)
+        else:
+            for y in range(max(0, math.ceil(y1)), min(rows - 1, math.floor(y0)) + 1):
+                lows[np.uintp(y)] = x0 + slope * (y - y0)
 
 
 @njit(cache=True, nogil=True)

@@ -78,7 +78,7 @@ class ModelScene:
         """(H, W) uint8, not 0 where the scene hides people: none of their foreground is expected there."""
         self._nowhere = np.zeros((height, width), np.uint8)
         self._sums = np.zeros((height, width + 1), np.int64)
-        self._spans = kernels.Spans(np.zeros(height, np.int32), np.zeros(height, np.int32))
+        self._spans = kernels.Spans.of(height)
         self._people = kernels.MapArrays(
             np.ascontiguousarray(model_map.index),
             *model_map.origin_px,

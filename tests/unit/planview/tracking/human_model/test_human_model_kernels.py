@@ -29,7 +29,7 @@ def _scene() -> ModelScene:
 
 
 def _spans() -> kernels.Spans:
-    return kernels.Spans(np.zeros(72, np.int32), np.zeros(72, np.int32))
+    return kernels.Spans.of(72)
 
 
 def _map_arrays() -> kernels.MapArrays:
