@@ -7,7 +7,8 @@ from functools import partial
 
 from planview.bench.beside_mog2 import TimesBesideMog2
 from planview.bench.curves import Progress
-from planview.bench.ellipse_speed import ellipse_beside_mog2
+from planview.bench.ellipse_speed import LARGE as LARGE_FRAMES
+from planview.bench.ellipse_speed import SMALL, ellipse_beside_mog2
 from planview.bench.one_core import one_core
 from planview.bench.single_speed import CAMERA, LARGE, human_model_beside_mog2
 
@@ -15,10 +16,10 @@ CLIPS: dict[str, Callable[[int], TimesBesideMog2]] = {
     "human_model": partial(human_model_beside_mog2, CAMERA, 5),
     "human_model_eight": partial(human_model_beside_mog2, LARGE, 8),
     "human_model_thirty": partial(human_model_beside_mog2, LARGE, 30),
-    "ellipse_particle": partial(ellipse_beside_mog2, 8),
-    "ellipse_particle_thirty": partial(ellipse_beside_mog2, 30),
+    "ellipse_particle": partial(ellipse_beside_mog2, 8, SMALL, None),
+    "ellipse_particle_thirty": partial(ellipse_beside_mog2, 30, LARGE_FRAMES, 60.0),
 }
-"""Five people at 320x240, eight and thirty at 640x480; eight and thirty at 480x360. Each of so many timed frames."""
+"""Five people at 320x240, eight and thirty at 640x480; eight at 480x360, thirty at 640x480; of so many timed frames."""
 
 
 def single_trackers(n_frames: int, progress: Progress) -> Iterator[tuple[str, TimesBesideMog2]]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from calib.ground_camera import GroundCamera
 from calib.types import F64, I64
+from planview.tracking.human_model import _floor_kernels as kernels
 from planview.tracking.human_model.frame import ModelFrame
 from planview.tracking.human_model.measurement import Measurement
 from planview.tracking.human_model.params import HumanModelParams
@@ -22,6 +24,8 @@ from planview.tracking.lifecycle import LifeCycle
 
 SILHOUETTE = 2.45
 """Half width over the standard deviation of a silhouette's columns: they fall off about like a triangle, sqrt(6)."""
+JACOBIAN_STEP_M = 0.01
+"""Step over which the derivative of the projection is taken [m]."""
 MAX_WIDTH = 2.0
 """Largest width learned of a person, over the model's (our choice): an umbrella or a pram is no part of the body."""
 
@@ -228,13 +232,17 @@ class Fitter:
             self._identity.learn(target.existence, appearance)
 
 
+@lru_cache(maxsize=16)
+def floor_view(camera: GroundCamera) -> kernels.FloorView:
+    """The camera as kernels take it."""
+    tilt, roll = camera.tilt_rad, camera.roll_rad
+    centre = (camera.width - 1) / 2, (camera.height - 1) / 2
+    lens = float(camera.height_m), float(camera.focal_px), camera.distortion_k
+    return kernels.FloorView(math.sin(tilt), math.cos(tilt), math.sin(roll), math.cos(roll), *lens, *centre)
+
+
 def foot_pixels(camera: GroundCamera, xy_m: F64) -> tuple[F64, F64]:
     """Pixels (N, 2) of floor points (N, 2), and (N, 2, 2) their derivative [px/m]."""
-    step = 0.01
-    points = np.zeros((len(xy_m), 3, 3))
-    points[:, :, :2] = xy_m[:, None, :]
-    points[:, 1, 0] += step
-    points[:, 2, 1] += step
-    pixels = camera.project(points)
-    jacobian = (pixels[:, 1:] - pixels[:, :1]) / step
-    return pixels[:, 0], jacobian.transpose(0, 2, 1)
+    pixels, jacobian = np.empty((len(xy_m), 2)), np.empty((len(xy_m), 2, 2))
+    kernels.project_floor(floor_view(camera), np.ascontiguousarray(xy_m), JACOBIAN_STEP_M, pixels, jacobian)
+    return pixels, jacobian

@@ -15,7 +15,7 @@ from planview.foreground.masks import BACKGROUND, PERSON
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.human_model.candidates import CandidateFinder, ModelCandidate
 from planview.tracking.human_model.drawing import draw
-from planview.tracking.human_model.fitting import Fitter
+from planview.tracking.human_model.fitting import Fitter, foot_pixels
 from planview.tracking.human_model.frame import SALIENT, ModelFrame, frame_of
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
@@ -121,7 +121,7 @@ class HumanModelTracker:
     def _drop_outside(self) -> None:
         """Targets whose prediction left the places where people are possible are gone."""
         xy = np.array([t.xy_m for t in self.targets]).reshape(-1, 2)
-        entry = self.scene.model_map.entry_at(self.camera.project(np.column_stack([xy, np.zeros(len(xy))])))
+        entry = self.scene.model_map.entry_at(foot_pixels(self.camera, xy)[0])
         for target, e in zip(list(self.targets), entry, strict=True):
             if e < 0:
                 self.targets.remove(target)
@@ -201,10 +201,8 @@ class HumanModelTracker:
         if id(target) not in self._boxes:
             others = [t for t in self.targets if id(t) not in self._boxes and t is not target]
             asked = [target, *others]
-            floor = np.array([(t.kalman.x_m, t.kalman.y_m, 0.0) for t in asked])
-            self._boxes |= {
-                id(t): self._box_at(t, foot) for t, foot in zip(asked, self.camera.project(floor), strict=True)
-            }
+            feet, _ = foot_pixels(self.camera, np.array([(t.kalman.x_m, t.kalman.y_m) for t in asked]))
+            self._boxes |= {id(t): self._box_at(t, foot) for t, foot in zip(asked, feet, strict=True)}
         return self._boxes[id(target)]
 
     def _box_at(self, target: Target, foot: F64) -> tuple[float, float, float, float]:

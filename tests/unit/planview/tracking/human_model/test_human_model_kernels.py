@@ -12,6 +12,7 @@ from planview.foreground.blobs import find_blobs
 from planview.tracking.human_model import _candidate_kernels as candidates
 from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model import _measure_kernels as measuring
+from planview.tracking.human_model.fitting import foot_pixels
 from planview.tracking.human_model.frame import ModelFrame
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
 from planview.tracking.human_model.params import HumanMatchParams
@@ -125,6 +126,16 @@ def test_colours_equal_a_histogram_of_the_mask() -> None:
     level = np.minimum(5, np.sqrt(np.arange(256) / 256) * 6).astype(np.uint8)
     expected = reference.histogram(reference.model_mask(MAP, *foot), image, evidence, scene.cover, level, 6, 2)
     np.testing.assert_allclose(scene.colours(image, evidence, np.array(foot[:2]), 1.0), expected, atol=1e-6)
+
+
+def test_floor_points_are_projected_as_by_the_camera() -> None:
+    camera = GroundCamera(320, 240, 200.0, 3.0, math.radians(55), "normal", math.radians(4))
+    xy = np.array([[0.5, 4.0], [-2.0, 9.0], [0.0, -30.0]])
+    pixels, jacobian = foot_pixels(camera, xy)
+    np.testing.assert_allclose(pixels, camera.project(np.column_stack([xy, np.zeros(3)])))
+    assert np.isnan(pixels[2]).all()
+    ahead = camera.project((0.5, 4.01, 0.0))
+    np.testing.assert_allclose(jacobian[0, :, 1], (ahead - pixels[0]) / 0.01)
 
 
 def test_line_of_a_model_reaches_its_outline() -> None:
