@@ -112,7 +112,8 @@ class SingleCamera:
             self._ghosts = find_ghosts(grey, background, mask, motion, self.params.ghosts)
             if feedback is not None:
                 self._ghosts[self._resized(feedback, cv2.INTER_NEAREST) == WALKER] = 0
-        mask[self._ghosts > 0] = 0
+        if cv2.countNonZero(self._ghosts):
+            mask[self._ghosts > 0] = 0
         return Observation(frame.index, frame.timestamp_s, frame.image, mask, motion, shadow=self._foreground.shadow)
 
     def _resized(self, image: U8, interpolation: int) -> U8:
@@ -125,13 +126,15 @@ class SingleCamera:
 
         Ghosts are background even where a person is tracked, unless that person has been seen to walk.
         """
-        if feedback is None and not self._ghosts.any():
+        haunted = cv2.countNonZero(self._ghosts) > 0
+        if feedback is None and not haunted:
             return None
         known = np.zeros(self._ghosts.shape, np.uint8)
         if feedback is not None:
             known[:] = self._resized(feedback, cv2.INTER_NEAREST)
-        known[(self._ghosts > 0) & (known != WALKER)] = BACKGROUND
-        known[known == WALKER] = PERSON
+        if haunted:
+            known[(self._ghosts > 0) & (known != WALKER)] = BACKGROUND
+        np.copyto(known, np.uint8(PERSON), where=known == WALKER)
         return known
 
     def _motion(self, now_s: float, grey: U8) -> U8:

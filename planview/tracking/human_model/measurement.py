@@ -67,7 +67,8 @@ class Measurement:
         taken = int(self.counts.shared[i])
         hidden = int(self.counts.hidden[i])
         counts = kernels.MatchCounts(int(self.counts.area[i]), int(self.counts.alone[i]), taken, 0, hidden)
-        return float(kernels.matching_score(counts, float(self.area[i]), overlap_weight))
+        # In Python: a call of the compiled function costs more than what it computes.
+        return float(kernels.matching_score.py_func(counts, float(self.area[i]), overlap_weight))
 
     def discard(self, i: int) -> None:
         """Take what model i covers for another person's."""

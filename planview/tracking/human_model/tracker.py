@@ -108,10 +108,9 @@ class HumanModelTracker:
         a person (signs, tables) and where a lost person is predicted, and scenery that must not be learned becomes
         foreground with the next change of light.
         """
-        mask = np.zeros(self.camera.size[::-1], np.uint8)
-        mask[self._still_s >= self.params.prune.still_s] = BACKGROUND
+        mask = (self._still_s >= self.params.prune.still_s) * np.uint8(BACKGROUND)
         if any(target.existence.confirmed for target in self.targets):
-            mask[(self.scene.claimed > 0) & self._measured] = PERSON
+            np.copyto(mask, np.uint8(PERSON), where=(self.scene.claimed > 0) & self._measured)
         return mask
 
     def debug(self) -> TrackerDebug:
