@@ -148,12 +148,13 @@ def print_changes(speed: Speed, before: Speed, console: Console) -> None:
 
 def print_speed(speed: Speed, console: Console) -> None:
     """The times of the stages, then the ratios beside what they must keep."""
-    stages = Table(title=f"{speed.details['recording']}, {speed.details.get('image', '')}: median times")
-    stages.add_column("stage")
-    stages.add_column("ms", justify="right")
-    for name, value in speed.stages_ms.items():
-        stages.add_row(name, f"{value:.2f}")
-    console.print(stages)
+    if speed.stages_ms:
+        stages = Table(title=f"{speed.details['recording']}, {speed.details.get('image', '')}: median times")
+        stages.add_column("stage")
+        stages.add_column("ms", justify="right")
+        for name, value in speed.stages_ms.items():
+            stages.add_row(name, f"{value:.2f}")
+        console.print(stages)
     console.print(_figures("ours / OpenCV, same frames, same run", "ratio", speed.ratios, speed))
     if speed.times_ms:
         console.print(_figures("one frame of a tracker of one camera, one core", "ms", speed.times_ms, speed))
