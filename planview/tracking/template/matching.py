@@ -96,7 +96,7 @@ class JointMatcher:
         score_max = self._params.match.score_max
         before = None
         if len(group) > 1:
-            before = self._frame.free_height.copy(), self._frame.free_occupancy.copy(), self._n_placed
+            before = self._frame.free(), self._n_placed
         first = self._place(group)
         if before is None or max(placement.score for placement in first) <= score_max / 2:
             return group, first
@@ -109,9 +109,9 @@ class JointMatcher:
         self._restore(before)
         return list(best), self._place(best)
 
-    def _restore(self, before: tuple[F32, F32, int]) -> None:
-        self._frame.free_height[:], self._frame.free_occupancy[:] = before[0], before[1]
-        self._n_placed = before[2]
+    def _restore(self, before: tuple[tuple[F32, F32], int]) -> None:
+        self._frame.restore(before[0])
+        self._n_placed = before[1]
 
     def _place(self, order: Sequence[int]) -> list[Placement]:
         """Search for people one after the other, clearing the maps under all people found."""
