@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from calib.types import F64, I64, U8
+from calib.types import F64, I64, U8, Bool
 from planview.tracking.human_model._kernels import (
     MapArrays,
     Spans,
@@ -56,34 +56,58 @@ def match_models(
     stay where they are.
     """
     height, width = foreground.shape
-    alone = np.zeros(len(targets.scale), np.bool_)
-    for t in range(len(targets.scale)):
+    n = len(targets.scale)
+    alone, stale, seen = np.zeros(n, np.bool_), np.ones(n, np.bool_), np.zeros((n, 4), np.int64)
+    for t in range(n):
         position[t, 0], position[t, 1] = targets.foot[t, 0], targets.foot[t, 1]
         top, bottom = fill_spans(people, position[t, 0], position[t, 1], targets.scale[t], width, spans)
         paint(cover, spans, top, bottom, 1)
     for sweep in range(sweeps):
         for t in targets.order:
-            top, bottom = fill_spans(people, position[t, 0], position[t, 1], targets.scale[t], width, spans)
+            # Where no other model has changed since, another search finds the same place.
+            if sweep > 0 and not stale[t]:
+                continue
+            u, v = position[t]
+            top, bottom = fill_spans(people, u, v, targets.scale[t], width, spans)
             paint(cover, spans, top, bottom, -1)
-            window = _search_window(spans, top, bottom, position[t], targets, t, weights.ring, width, height)
+            before = _box(spans, top, bottom, width)
+            window = _search_window(before, position[t], targets, t, weights.ring, width, height)
             was_alone, alone[t] = alone[t], row_prefix(foreground, cover, hiding, window, sums) == 0
-            # Away from all others, another sweep finds the same place.
             if sweep == 0 or not (was_alone and alone[t]):
                 _search(sums, spans, people, targets, t, position[t], window, weights)
             top, bottom = fill_spans(people, position[t, 0], position[t, 1], targets.scale[t], width, spans)
             paint(cover, spans, top, bottom, 1)
+            stale[t] = False
+            seen[t, 0], seen[t, 1], seen[t, 2], seen[t, 3] = window.x0, window.x1, window.y0, window.y1
+            if position[t, 0] != u or position[t, 1] != v:
+                _mark_stale(seen, t, before, stale)
+                _mark_stale(seen, t, _box(spans, top, bottom, width), stale)
 
 
 @njit(cache=True, nogil=True)
-def _search_window(
-    spans: Spans, top: int, bottom: int, position: F64, targets: Predictions, t: int, ring: float, width: int,
-    height: int,
-) -> Window:  # fmt: skip
-    """Columns and rows that any candidate of target t may touch."""
+def _box(spans: Spans, top: int, bottom: int, width: int) -> Window:
+    """Columns and rows of a model."""
     x0, x1 = width, 0
     for y in range(top, bottom):
         x0 = min(x0, spans.left[y])
         x1 = max(x1, spans.right[y])
+    return Window(x0, x1, top, bottom)
+
+
+@njit(cache=True, nogil=True)
+def _mark_stale(seen: I64, moved: int, box: Window, stale: Bool) -> None:
+    """Note for which targets the pixels that they were searched in, (N, 4) windows, overlap a box that changed."""
+    for t in range(len(seen)):
+        apart = box.x0 >= seen[t, 1] or box.x1 <= seen[t, 0] or box.y0 >= seen[t, 3] or box.y1 <= seen[t, 2]
+        stale[t] |= t != moved and not apart
+
+
+@njit(cache=True, nogil=True)
+def _search_window(
+    box: Window, position: F64, targets: Predictions, t: int, ring: float, width: int, height: int
+) -> Window:
+    """Columns and rows that any candidate of target t may touch."""
+    x0, x1, top, bottom = box
     grow_u = targets.radius[t, 0] + abs(position[0] - targets.foot[t, 0]) + (0.3 + ring) * max(0, x1 - x0) + 2
     grow_v = targets.radius[t, 1] + abs(position[1] - targets.foot[t, 1]) + 0.3 * (bottom - top) + 2
     low_u, high_u = max(0, int(x0 - grow_u)), min(width, int(x1 + grow_u))
