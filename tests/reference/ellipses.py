@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from calib.types import F32, F64, U8, Bool
+from calib.types import F32, F64, I32, U8, Bool
 
 
 def raster(ellipse: F64, shape: tuple[int, int]) -> Bool:
@@ -246,3 +246,11 @@ def refine(
             else:
                 damping[k] = min(1e4, damping[k] * 10.0)
     return out
+
+
+def region_sums(labels: I32, moving: Bool, count: int) -> tuple[F64, F64]:
+    """(count, 6) cells, x, y, x^2, x y, y^2 summed over each label's cells, and (count,) its cells that move."""
+    rows, cols = np.indices(labels.shape).astype(np.float64)
+    terms = np.ones(labels.shape), cols, rows, cols * cols, cols * rows, rows * rows
+    sums = np.array([[term[labels == k].sum() for term in terms] for k in range(count)])
+    return sums, np.array([float((moving & (labels == k)).sum()) for k in range(count)])

@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.types import F32, F64, Bool
 from planview.foreground.blobs import find_blobs
+from planview.tracking.ellipse_particle._region_kernels import region_sums
 
 ROW, LENGTH, WIDTH, AREA, CUT, MAJOR, MINOR, LEAN = range(8)
 """Columns of a region: row of the centre of its box, height, width and area [cells], 1 where the border cuts it; axes
@@ -62,13 +63,9 @@ def regions(mask: F32, moving: Bool | None) -> tuple[F64, F64, Bool]:
     """
     blobs = find_blobs((mask >= 0.5).astype(np.uint8))
     boxes, count = blobs.box_px[1:].astype(np.float64), len(blobs)
-    rows, cols = (v.astype(np.float64) for v in np.nonzero(blobs.labels))
-    which = blobs.labels[blobs.labels > 0]
-    terms = np.ones(len(which)), cols, rows, cols * cols, cols * rows, rows * rows
-    sums: F64 = np.column_stack([np.bincount(which, term, minlength=count)[1:] for term in terms]).astype(np.float64)
-    moved = sums[:, 0]
-    if moving is not None:
-        moved = np.bincount(blobs.labels[moving], minlength=count)[1:].astype(np.float64)
+    sums, moved = np.zeros((count, 6)), np.zeros(count)
+    region_sums(blobs.labels, np.zeros((0, 0), np.bool_) if moving is None else moving, sums, moved)
+    sums, moved = sums[1:], (sums[1:, 0] if moving is None else moved[1:])
     kept = sums[:, 0] >= AREA_MIN / 3
     boxes, sums, moved = joined(boxes[kept], sums[kept], moved[kept])
     return boxes, sums, np.asarray(moved >= MOVING * sums[:, 0])

@@ -15,6 +15,7 @@ from planview.tracking.ellipse_particle._kernels import (
     propagate,
     union_overlap,
 )
+from planview.tracking.ellipse_particle._region_kernels import region_sums
 from planview.tracking.ellipse_particle.fit import _area as kernels
 from planview.tracking.ellipse_particle.fit._cover import cover
 from planview.tracking.ellipse_particle.fit._em import em_step
@@ -195,6 +196,16 @@ def test_copied_particles_agree_with_their_twin():
     copy_particles(particles, surprise, members, index)
     np.testing.assert_array_equal(particles, states)
     np.testing.assert_array_equal(surprise, costs)
+
+
+def test_region_sums_agree_with_their_twin():
+    rng = np.random.default_rng(7)
+    labels, moving = rng.integers(0, 3, (12, 15)).astype(np.int32), rng.uniform(size=(12, 15)) > 0.5
+    sums, moved = np.zeros((3, 6)), np.zeros(3)
+    region_sums(labels, moving, sums, moved)
+    expected, expected_moved = reference.region_sums(labels, moving, 3)
+    np.testing.assert_array_equal(sums[1:], expected[1:])
+    np.testing.assert_array_equal(moved[1:], expected_moved[1:])
 
 
 def test_systematic_draws_and_means_agree_with_their_twins():
