@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ import numpy as np
 from calib.ground_camera import GroundCamera
 from calib.types import F64, I64
 from planview.tracking.human_model import _floor_kernels as kernels
-from planview.tracking.human_model.frame import ModelFrame
+from planview.tracking.human_model.frame import LESS_SALIENT, ModelFrame
 from planview.tracking.human_model.measurement import Measurement
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.posture import MAX_SHARED, Posture
@@ -66,13 +67,18 @@ class Fitter:
                 target.kalman = target.kalman.slowed(dt_s, p.coast_s)
 
     def fit(self, targets: Sequence[Target], frame: ModelFrame) -> None:
-        """Observed targets are matched together; the others may then take what is left."""
+        """Observed targets are matched together; the others may then take what is left.
+
+        Foreground beside an observed person's model may be that person's arm or bag: to a lost one it is less salient.
+        """
         self.scene.clear()
         active = [t for t in targets if t.existence.observed]
         lost = [t for t in targets if not t.existence.observed]
-        for group in (active, lost):
-            if group:
-                self._fit_group(group, targets, frame)
+        if active:
+            self._fit_group(active, targets, frame, frame)
+        if lost:
+            evidence = np.where(self.scene.claimed > 0, np.minimum(frame.evidence, LESS_SALIENT), frame.evidence)
+            self._fit_group(lost, targets, frame, replace(frame, evidence=evidence))
 
     def start(self, foot_px: F64, scale: float) -> FloorKalman | None:
         """Filter of a new target at a (2,) foot pixel; None where that is not on the floor."""
@@ -88,11 +94,14 @@ class Fitter:
             return None
         return Appearance(self.scene.colours(frame.image, frame.evidence, foot_px, scale))
 
-    def _fit_group(self, group: Sequence[Target], targets: Sequence[Target], frame: ModelFrame) -> None:
-        position = self.scene.match(frame.evidence, *self._prediction(group))
+    def _fit_group(
+        self, group: Sequence[Target], targets: Sequence[Target], frame: ModelFrame, left: ModelFrame
+    ) -> None:
+        """Match a group to what others have ``left`` of a frame."""
+        position = self.scene.match(left.evidence, *self._prediction(group))
         self._posture.review(group, position, targets, frame)
         scale = np.array([t.model_scale for t in group])
-        measured = self.scene.measure(frame, position, scale)
+        measured = self.scene.measure(left, position, scale)
         for i, target in enumerate(group):
             if not target.existence.observed and self._is_other(target, position[i], frame):
                 measured.discard(i)

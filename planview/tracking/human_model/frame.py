@@ -11,8 +11,8 @@ from calib.types import U8
 from planview.foreground.blobs import Blobs, find_blobs
 from planview.tracking.base import Observation
 
-SALIENT = 2
-"""Evidence of foreground proper, not removed as a shadow."""
+LESS_SALIENT, SALIENT = np.uint8(1), np.uint8(2)
+"""Evidence of what may be foreground (removed as a shadow), and of foreground proper."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,5 +54,5 @@ def frame_of(observation: Observation, size: tuple[int, int]) -> ModelFrame:
 
 def salience(foreground: U8, shadow: U8 | None) -> U8:
     """(H, W) uint8: 2 where foreground, 1 where less salient (removed as a shadow), else 0."""
-    salient = (foreground > 0).astype(np.uint8) * np.uint8(SALIENT)
+    salient = (foreground > 0).astype(np.uint8) * SALIENT
     return salient if shadow is None else np.maximum(salient, (shadow > 0).astype(np.uint8))
