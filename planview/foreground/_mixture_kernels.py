@@ -45,14 +45,12 @@ from planview.foreground._gaussian_kernels import (
     started,
 )
 from planview.foreground._leader_kernels import learn_leaders, match_colours, match_leaders
-from planview.foreground._prefetch import prefetch
 from planview.foreground._rank_kernels import settle_order
 from planview.foreground._rest_kernels import (
     BEHIND,
     FAST,
     FOUND,
     KIND,
-    LINE,
     MASK,
     OTHERS,
     UNCLIPPED,
@@ -118,13 +116,6 @@ def settle(lead: F32, rest: F32, side: F32, chosen: U64, mask: U8, s: UpdateCons
 
 
 @njit(cache=True, nogil=True)
-def fetch(planes: F32) -> None:
-    """Ask for the memory of planes ahead of their use: each is too short for hardware to see a pattern."""
-    for i in range(0, len(planes), LINE):
-        prefetch(planes, i)
-
-
-@njit(cache=True, nogil=True)
 def unmatched(obs: F32, n: int, places: U64) -> int:
     """Fill in which of a block's n pixels are UNMATCHED, and return their number."""
     m = 0
@@ -169,7 +160,6 @@ def update_blocks(
         learns = rates.weight > ZERO
         if measured.size and not learns and not any_measured(measured, start, n):
             continue
-        fetch(lead[min(block + 1, last - 1)])
         stage(image, disparity, feedback, measured, start, n, image.size > mask.size, s, obs)
         if learns:
             learn_leaders(lead[block], obs, s, rates, disparity.size > 0)
@@ -180,7 +170,7 @@ def update_blocks(
         m, done = unmatched(obs, n, places), 0
         while done < m:
             some = places[done : min(m, done + BLOCK - taken)]
-            gather(lead[block], rest, obs, some, start, rates.fast if learns else ZERO, side, chosen, taken)
+            gather(lead[block], obs, some, start, rates.fast if learns else ZERO, side, chosen, taken)
             done, taken = done + len(some), taken + len(some)
             if taken == BLOCK:
                 settle(lead, rest, side, chosen, mask, s)

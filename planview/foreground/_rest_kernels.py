@@ -29,7 +29,6 @@ from planview.foreground._gaussian_kernels import (
     is_other_light,
     match_kind,
 )
-from planview.foreground._prefetch import prefetch
 from planview.foreground.masks import FOREGROUND, NEARER, SHADOW
 
 # Planes of the gathered pixels: those of the scratch block, what is found, then the Gaussians, the leader first.
@@ -37,8 +36,6 @@ FAST, FOUND, KIND, BEFORE, IS_BACKGROUND, UNCLIPPED, BEHIND, MASK = range(N_SCRA
 FOUND_WEIGHT, FOUND_FRACTION, FOUND_D, KIND_NOW = range(MASK + 1, MASK + 5)
 LEADER = KIND_NOW + 1
 OTHERS = LEADER + N_FIELDS
-LINE = 16
-"""Numbers in a cache line of 64 bytes."""
 
 
 @njit(cache=True, nogil=True)
@@ -51,21 +48,15 @@ def pick(source: F32, plane: int, places: U64, side: F32, target: int, taken: in
 
 
 @njit(cache=True, nogil=True)
-def gather(
-    lead: F32, rest: F32, obs: F32, places: U64, start: int, fast: Real, side: F32, chosen: U64, taken: int
-) -> None:
+def gather(lead: F32, obs: F32, places: U64, start: int, fast: Real, side: F32, chosen: U64, taken: int) -> None:
     """Put pixels of one block beside those gathered so far, which are ``taken``.
 
     Args:
         lead: the block's leading Gaussians. obs: its observations. start: its first pixel. fast: its fastest rate.
         places: of the pixels in the block; their pixels go to ``chosen``.
     """
-    size = len(side) // BLOCK - OTHERS
     for j in range(len(places)):
-        pixel = start + places[j]
-        chosen[taken + j] = pixel
-        for f in range(0, size, LINE):
-            prefetch(rest, pixel * np.uintp(size) + np.uintp(f))
+        chosen[taken + j] = start + places[j]
     side[FAST * BLOCK + taken : FAST * BLOCK + taken + len(places)] = fast
     for plane in range(N_SCRATCH):
         pick(obs, plane, places, side, plane, taken)
@@ -75,7 +66,7 @@ def gather(
 
 @njit(cache=True, nogil=True)
 def gather_others(rest: F32, chosen: U64, taken: int, side: F32) -> None:
-    """Add the other Gaussians of the gathered pixels, whose memory was asked for when they were gathered."""
+    """Add the other Gaussians of the gathered pixels."""
     size = len(side) // BLOCK - OTHERS
     for f in range(size):
         picked = side[(OTHERS + f) * BLOCK : (OTHERS + f + 1) * BLOCK]
