@@ -41,15 +41,17 @@ class RulePlane:
     def place(self, points: F64, *, in_pixels: bool, what: str) -> tuple[PlaneName, F64]:
         """The plane and the points in it: pixels go to the floor when the camera is known.
 
-        Pixels are taken as showing the floor; the line is straight on the floor between the two places shown there.
+        Pixels are taken as showing the floor; the line is straight on the floor between the two places shown there. In
+        the image, a line that ends at the border goes on beyond it: a person whom the border cuts has the feet there.
 
         Raises:
             InputError: outside the view, or above the horizon.
         """
         if self.camera is None:
-            if in_pixels:
-                self._require_in_view(points, _along(points), what)
-            return ("image" if in_pixels else "floor"), points
+            if not in_pixels:
+                return "floor", points
+            self._require_in_view(points, _along(points), what)
+            return "image", self._beyond_border(points) if len(points) == 2 else points
         if not in_pixels:
             outline = _along(points)
             pixels = self.camera.project(np.column_stack([outline, np.zeros(len(outline))]))
@@ -61,6 +63,16 @@ class RulePlane:
             bad = tuple(points[~np.isfinite(on_floor).all(axis=1)][0].tolist())
             raise InputError(f"{what}: expected pixels that show the floor, found {bad} above the horizon")
         return "floor", on_floor
+
+    def _beyond_border(self, line: F64) -> F64:
+        """A line (2, 2) with ends at the border moved on by the image's larger side."""
+        length = float(np.hypot(*(line[1] - line[0])))
+        if self.image_size is None or length == 0:
+            return line
+        last = np.array(self.image_size) - 1.0
+        inside = np.minimum(line, last - line).min(axis=1)
+        ahead = (line[1] - line[0]) / length * max(self.image_size)
+        return np.asarray(line + (inside <= 1.0)[:, None] * np.stack([-ahead, ahead]))
 
     def _require_in_view(self, points: F64, outline_px: F64, what: str, raster: F64 | None = None) -> None:
         """Raise unless part of the outline is in the image, or a zone surrounds some of what the image shows."""

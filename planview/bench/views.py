@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -111,7 +112,7 @@ def score_drawn_view(
         collector.add(result.frame, result.timestamp_s, result.tracks)
     tracks, truth = collector.trajectories(), full_truth(recording / "truth.csv")
     size = view.scene.mount.width, view.scene.mount.height
-    rules = parse_rules(_rules_of(view, size), RulePlane(getattr(engine, "camera", None), size), "line")
+    rules = parse_rules(rules_of(view, size), RulePlane(getattr(engine, "camera", None), size), "line")
     clock, n = Clock(tracks, view.scene.fps), options.frames or view.scene.n_frames
     true = count_truth(truth, rules, clock, n_frames=n)
     scores = score_counts(true, count_tracks(tracks, rules, clock=clock, n_frames=n), WINDOW_S)
@@ -123,14 +124,22 @@ def score_drawn_view(
     return ViewScore(name, seed, tracker, scores.crossings["line"], found, there, wrong, occupancy)
 
 
-def _rules_of(view: DrawnView, size: tuple[int, int]) -> dict[str, Any]:
-    """The line of a view, and a zone in its middle: three quarters of its width and height, where feet are."""
-    left, top, right, bottom = size[0] / 8, size[1] / 4, 7 * size[0] / 8, size[1] - 1.0
+def rules_of(view: DrawnView, size: tuple[int, int]) -> dict[str, Any]:
+    """The line of a view, and a zone in its middle: three quarters of its width and height, where there is floor."""
+    left, right, bottom = size[0] / 8, 7 * size[0] / 8, size[1] - 1.0
+    top = max(size[1] / 4, _horizon(view) + 0.05 * size[1])
     zone = {"name": "middle", "polygon_px": [[left, top], [right, top], [right, bottom], [left, bottom]]}
     return {
         "tripwire": [{"name": "line", "from_px": list(view.wire_px[0]), "to_px": list(view.wire_px[1])}],
         "zone": [zone],
     }
+
+
+def _horizon(view: DrawnView) -> float:
+    """Row of the horizon [px], negative above the image."""
+    camera = view.scene.camera
+    assert camera is not None  # a view has one
+    return (camera.height - 1) / 2 - camera.focal_px / max(math.tan(math.radians(camera.tilt_deg)), 1e-6)
 
 
 def full_truth(path: Path) -> Trajectories:

@@ -40,6 +40,11 @@ FROM_ABOVE = UPRIGHT._replace(
 """People seen from straight above point anywhere, as they do on the floor."""
 DOUBTFUL = 0.5
 """Share of what moves below which the size learned from it is doubtful: most of it has another one."""
+BREADTH_M = 0.55
+"""Breadth of a person in an image, arms and stride included [m]: it differs little with the camera's tilt, so the
+aspect tells how much of a body the length shows. Our choice: 0.36 of 1.7 m is 0.6 m, shoulders are 0.5 m."""
+LENGTH_MIN_M = 0.85
+"""Least length of a body in the image [m], from straight above: half its height, by which it reaches outwards."""
 FOREGROUND_PX = 2
 """Pixels of foreground per cell that are enough: cells average them anyway. Our choice."""
 FLOODED = 0.5
@@ -157,7 +162,8 @@ class ImagePlane:
         return (f"{told}, learned from what moves; {belief.confidence:.0%} of it has that size{doubt}",)
 
     def cells_per_m(self, view: PlaneView, prior: SizePrior, rows: F64) -> F64:
-        return np.asarray(2.0 * prior.half_lengths(rows) / PERSON_M)
+        length_m = min(PERSON_M, max(LENGTH_MIN_M, BREADTH_M / prior.aspect))
+        return np.asarray(2.0 * prior.half_lengths(rows) / length_m)
 
     def turns(self, measured: Bool, confirmed: Bool) -> list[I64]:
         return [np.flatnonzero(measured)]

@@ -104,6 +104,10 @@ class ParticleFilter:
         spread = np.array([p.shape_spread, p.shape_spread, self.plane.angle_walk])
         fresh = math.sqrt(1.0 - keep * keep) * spread
         kernels.propagate(self.particles, noise, Transition(dt_s, pull, push, keep, fresh), self._surprise)
+        # Leaning further than anything measured, one object would cover two people behind one another.
+        if self.plane.upright:
+            angle = self.particles[..., ANGLE]
+            np.clip(angle, -self.plane.angle_limit, self.plane.angle_limit, out=angle)
 
     def weigh(self, members: I64, measured: F64, prior: SizePrior, area: float) -> F64:
         """Logarithm of the likelihood of equation (8) for a group, plus the term for area outside measurements.

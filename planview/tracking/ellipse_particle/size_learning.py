@@ -59,8 +59,10 @@ outwards in all directions, over twice as long as wide. Farther ones are compact
 by side from them. Our choice."""
 FIRST_ABOVE = 12
 """Whole regions from which their directions tell. Our choice: a person in a dozen frames."""
+ALIKE = 1.2
+"""Ratio of lengths up to which a new size only refines the old one. Our choice."""
 AGREE = 1.5
-"""Deviations within which a region is taken for one person."""
+"""Deviations within which a region is one person's."""
 
 
 class SizeBelief(NamedTuple):
@@ -122,8 +124,24 @@ class SizeLearner:
         if self._taken >= self._next_fit and self._is_enough():
             # Fits grow rarer as the samples grow: each costs time, and changes less.
             self._next_fit = self._taken + max(4, self._taken // 6)
-            self.belief = self._fit(mask.shape[0]) or self.belief
+            self._revise(self._fit(mask.shape[0]), mask.shape[0])
         return self.belief
+
+    def _revise(self, new: SizeBelief | None, n_rows: int) -> None:
+        """Believe a new size; one that is quite different only where it accounts for more of what moves."""
+        old = self.belief
+        if new is None:
+            return
+        turned = old is not None and old.prior.any_direction != new.prior.any_direction
+        if old is None or turned or alike(old.prior, new.prior, n_rows) or new.confidence >= self._share(old.prior):
+            self.belief = new
+
+    def _share(self, prior: SizePrior) -> float:
+        """Share of the samples, by area, that are single persons of a size."""
+        above = prior.any_direction
+        samples = as_discs(alone(self._samples, MAJOR, MINOR)) if above else alone(self._samples)
+        fitted = 2 * (prior.rounded() if above else prior).half_lengths(samples[:, ROW])
+        return share_of(samples, np.log(samples[:, LENGTH] / fitted) / deviation(fitted))
 
     def _is_enough(self) -> bool:
         whole = int(np.count_nonzero(self._samples[:, CUT] == 0))
@@ -156,8 +174,21 @@ class SizeLearner:
         aspect = float(np.median(sized[:, AREA] / (FILLED * math.pi / 4 * sized[:, LENGTH] ** 2)))
         least = max(1.0, 0.4 * float(np.percentile(y, 5)))
         prior = SizePrior(level / 2, slope / 2, float(np.clip(aspect, NARROWEST, BROADEST)), least)
-        agreeing = inliers | (cut & (away < AGREE))
-        return SizeBelief(prior, float(weight[agreeing].sum() / weight.sum()))
+        return SizeBelief(prior, share_of(samples, away))
+
+
+def alike(one: SizePrior, other: SizePrior, n_rows: int) -> bool:
+    """Whether two priors have lengths within ``ALIKE`` in the middle of the upper and lower half."""
+    rows = np.array([0.25, 0.75]) * n_rows
+    ratio = np.abs(np.log(one.half_lengths(rows) / other.half_lengths(rows)))
+    return bool((ratio < math.log(ALIKE)).all())
+
+
+def share_of(samples: F64, away: F64) -> float:
+    """Share of the samples, by weight, that lie within ``AGREE`` deviations ``away`` (N,), or are cut and shorter."""
+    weight = weights(samples)
+    agreeing = (np.abs(away) < AGREE) | ((samples[:, CUT] > 0) & (away < AGREE))
+    return float(weight[agreeing].sum() / weight.sum())
 
 
 def from_above(samples: F64) -> bool:

@@ -106,7 +106,7 @@ def _expect_and_maximise(
     stray = STRAY / (math.pi * prior.half_length(mask.shape[0] / 2) ** 2 * prior.aspect)
     law = (prior.rounded() if prior.any_direction else prior).law
     for _ in range(EM_STEPS):
-        em_step(points, ellipses, law, PRIOR_MASS, stray, plane.angle_limit < math.pi / 4)
+        em_step(points, ellipses, law, PRIOR_MASS, stray, plane.upright)
     a0 = prior.half_lengths(ellipses[:, 1])
     b0 = a0 * prior.aspect
     ellipses[:, 2] = np.clip(ellipses[:, 2], a0 / SIZE_LIMIT, a0 * SIZE_LIMIT)

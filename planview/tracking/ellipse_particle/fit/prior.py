@@ -95,3 +95,8 @@ class PlaneModel(NamedTuple):
     separation: float
     proposal: float
     outside_weight: float
+
+    @property
+    def upright(self) -> bool:
+        """Whether length axes are limited to one direction."""
+        return self.angle_limit < math.pi / 4

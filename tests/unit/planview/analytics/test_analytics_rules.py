@@ -52,6 +52,12 @@ def test_pixels_stay_pixels_without_a_camera() -> None:
     assert parse_rules({"tripwire": [wire]}, RulePlane(image_size=(400, 400)), "r").tripwires[0].plane == "image"
 
 
+def test_line_in_the_image_goes_on_beyond_the_border_where_it_ends():
+    wire = {"name": "w", "from_px": [100, 50], "to_px": [100, 239]}
+    placed = parse_rules({"tripwire": [wire]}, RulePlane(image_size=(320, 240)), "r").tripwires[0]
+    assert placed.points.tolist() == [[100, 50], [100, 559]]
+
+
 def test_zone_around_the_whole_view_is_inside_the_view() -> None:
     zone = {"name": "all", "polygon_m": [[-500, -500], [500, -500], [500, 500], [-500, 500]]}
     assert parse_rules({"zone": [zone]}, RulePlane(GroundCamera(640, 480, 500.0, 3.0, 0.0)), "r").zones

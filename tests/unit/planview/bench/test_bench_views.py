@@ -5,8 +5,11 @@ from pathlib import Path
 import pytest
 
 from calib.errors import InputError
+from planview.analytics.geometry import RulePlane
+from planview.analytics.rules import parse_rules
 from planview.analytics.scoring import crossing_scores
-from planview.bench.views import ViewScore, drawn_view, full_truth, view_names
+from planview.bench.views import ViewScore, drawn_view, full_truth, rules_of, view_names
+from planview.synthetic.placing import ground_camera
 
 
 def score(true, found):
@@ -25,6 +28,13 @@ def test_unknown_view_is_refused_by_name():
 def test_every_view_is_found_and_drawn():
     assert "bus_door" in view_names()
     assert drawn_view("bus_door", 3).scene.people
+
+
+def test_zone_of_a_nearly_horizontal_view_is_floor():
+    view = drawn_view("lobby", 1)
+    camera = ground_camera(view.scene.camera)
+    (zone,) = parse_rules(rules_of(view, camera.size), RulePlane(camera), "line").zones
+    assert zone.plane == "floor"
 
 
 def test_truth_has_the_boxes_of_whole_silhouettes(tmp_path: Path):

@@ -37,6 +37,13 @@ def test_prediction_moves_particles_by_their_velocity():
     np.testing.assert_allclose(particles.means()[0, :2] - before, [10, -5], atol=0.5)
 
 
+def test_predicted_ellipses_lean_no_more_than_measured_ones():
+    particles = filter_with(HERE)
+    particles.particles[:, 0, 6] = 1.0
+    particles.predict(0.1, np.array([14.0]))
+    assert particles.means()[0, 6] == pytest.approx(UPRIGHT.angle_limit)
+
+
 def test_likelihood_is_largest_where_ellipses_cover_the_measurement():
     particles = filter_with(HERE)
     particles.particles[:] = [40.0, 30, 0, 0, 0, 0, 0]

@@ -177,6 +177,26 @@ def test_large_person_who_falls_to_pieces_is_one_person():
     assert belief.confidence > 0.6
 
 
+def test_size_that_explains_most_is_kept_when_people_fall_to_pieces():
+    rng, learner, sizes = np.random.default_rng(0), SizeLearner(60.0), []
+    for frame in range(120):
+        # A person of 60 cells, 40 frames long; then a second one from whom the frame's noise leaves only pieces too.
+        people = [[30.0 + frame / 2, 50, 30, 12, 0]]
+        if frame >= 40:
+            people += [[130.0 + rng.uniform(-3, 3), y, 7, 4, 0] for y in (25, 45, 65, 85)]
+        belief = learner.update(paint_union(np.array(people), (100, 160)).astype(np.float32), frame / 10)
+        sizes += [belief.prior.half_length(50)] if belief else []
+    assert sizes == pytest.approx([30] * len(sizes), rel=0.15)
+
+
+@pytest.mark.parametrize(("aspect", "length_m"), [(0.36, 0.55 / 0.36), (0.2, 1.7), (0.9, 0.85)])
+def test_metres_are_those_of_a_persons_breadth_within_the_lengths_of_a_body(aspect, length_m):
+    plane, prior = ImagePlane(ImagePlaneParams()), SizePrior(20.0, 0.0, aspect)
+    view = plane(Observation(0, 0.0, foreground=np.zeros((60, 80), np.uint8)))
+    assert view is not None
+    assert plane.cells_per_m(view, prior, np.array([30.0])) == pytest.approx([40 / length_m])
+
+
 def test_person_whom_the_border_always_cuts_is_one_person():
     learner = SizeLearner(60.0)
     for frame in range(30):
