@@ -26,6 +26,9 @@ MOVED_PX = 1.0
 """Motion of a point from which it has moved [px of the thumbnail]: 4 px of 640, beyond what wind does to a mast."""
 MOVED_SHARE = 0.85
 """Share of the tracked points that move with the camera; the others are reflections and what is mistracked."""
+AGREEING_SHARE = 0.6
+"""Share of the moving points that one shift, turn and zoom of the image takes along, to within MOVED_PX: those of a
+camera that also travels do not all; a crowd that fills the view walks in more than one direction."""
 TEXTURED_SHARE = 0.6
 """Share of the blocks that must have texture for anything to be said: on a plain wall all texture is people's."""
 BORDER_BLOCKS = 12
@@ -170,8 +173,8 @@ def unrelated(before: U8, after: U8, lasting: Bool) -> bool:
 def moved(before: U8, points: F32, after: U8) -> bool:
     """Whether the whole image moves from one thumbnail (120, 160) uint8 to the next.
 
-    One corner per block is tracked there and back (pyramidal Lucas-Kanade, Bouguet 2001); nearly all must move, and
-    enough of them be at the border.
+    One corner per block is tracked there and back (pyramidal Lucas-Kanade, Bouguet 2001); nearly all must move,
+    most of them together, and enough of them be at the border.
 
     Args:
         points: (N, 2) corners of the first one.
@@ -189,7 +192,13 @@ def moved(before: U8, points: F32, after: U8) -> bool:
     tracked = moving | resting
     if tracked.sum() < 0.5 * len(points) or (tracked & _at_border(points)).sum() < BORDER_BLOCKS:
         return False
-    return bool(moving.sum() / tracked.sum() >= MOVED_SHARE)
+    return moving.sum() / tracked.sum() >= MOVED_SHARE and _agree(points[moving], there[moving])
+
+
+def _agree(points: F32, there: F32) -> bool:
+    """Whether one motion of the image takes most of (N, 2) points to where they are now."""
+    _, agreeing = cv2.estimateAffinePartial2D(points, there, ransacReprojThreshold=MOVED_PX)
+    return agreeing is not None and float(agreeing.mean()) >= AGREEING_SHARE
 
 
 def _returns(before: U8, after: U8, points: F32, there: F32) -> Bool:

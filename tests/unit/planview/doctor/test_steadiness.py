@@ -55,6 +55,24 @@ def test_textured_person_before_a_plain_wall_is_no_moving_camera() -> None:
     assert set(judged(frames)) == {Steady.STILL}
 
 
+def test_crowd_that_fills_the_view_is_no_moving_camera() -> None:
+    steps = np.array([-2, -2, 2, 2] * 3) * np.random.default_rng(3).uniform(0.7, 1.3, 12)
+
+    def crowd(i: int) -> U8:
+        rows = [np.roll(SCENE[10 * row : 10 * row + 10], round(step * i), axis=1) for row, step in enumerate(steps)]
+        return window(np.concatenate(rows))
+
+    assert set(judged([crowd(i) for i in range(20)])) <= {Steady.STILL}
+
+
+def test_camera_that_zooms_and_turns_moves() -> None:
+    def zoomed(i: int) -> U8:
+        motion = cv2.getRotationMatrix2D((80.0, 60.0), 1.5 * i, 1.0 + 0.03 * i)
+        return np.asarray(cv2.warpAffine(SCENE, motion, THUMBNAIL, borderMode=cv2.BORDER_REFLECT), dtype=np.uint8)
+
+    assert Steady.MOVING in judged([zoomed(i) for i in range(10)])
+
+
 def test_large_person_before_a_dark_noisy_wall_is_no_scene_cut() -> None:
     rng = np.random.default_rng(0)
     frames = [np.clip(rng.normal(30.0, 6.0, THUMBNAIL[::-1]), 0, 255).astype(np.uint8) for _ in range(12)]
