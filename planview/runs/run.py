@@ -30,13 +30,18 @@ from planview.runs.info import RunInfo, SkippedFrame, write_result, write_run_in
 from planview.runs.interrupts import Interrupts
 from planview.runs.lock import folder_lock
 from planview.runs.log import RunLog
+from planview.runs.memory import return_unused_memory
 from planview.runs.pace import Pace
+from planview.runs.schedule import Schedule
 from planview.runs.tables import RunTables
 from planview.runs.totals import RunTotals
 
 LIBRARIES = ("planview", "numpy", "opencv-python-headless", "scipy", "open3d", "numba")
 SKIPPED_MAX = 1000
 """run.json names at most so many skipped frames."""
+
+TRIM_EVERY_S = 30.0
+"""Time between two returns of unused memory [s]: each takes some milliseconds."""
 
 
 @dataclass
@@ -118,7 +123,8 @@ class _Run:
             write_run_info(self._information("running"), self._folder / "run.json")
             tables = stack.enter_context(closing(self._tables(checkpoint)))
             is_live = getattr(self._engine.recording, "is_live", False)
-            marks = _Schedule(0.0 if is_live or options.pace else options.checkpoint_every_s)
+            marks = Schedule(0.0 if is_live or options.pace else options.checkpoint_every_s)
+            trims = Schedule(TRIM_EVERY_S)
             for result in frames:
                 self._take(result, tables)
                 if watch:
@@ -126,6 +132,8 @@ class _Run:
                 self._checks.update(result)
                 if marks.due(interrupts.noted) and not self._mark(tables):
                     marks.stop()
+                if trims.due():
+                    return_unused_memory()
                 if interrupts.noted and is_live:
                     break  # the usual end of cameras that run
                 interrupts.check()
@@ -241,25 +249,6 @@ class _Run:
         stays = {name: sorted(stays, key=lambda s: s.start_s) for name, stays in analytics.stays.items()}
         events = sorted(totals.events, key=lambda e: e.timestamp_s)
         return Counts(analytics.rules, events, stays, analytics.people, span, analytics.params.interval_s).to_json()
-
-
-class _Schedule:
-    """When the next checkpoint is due."""
-
-    def __init__(self, every_s: float) -> None:
-        self._every_s, self._last_s = every_s, time.monotonic()
-
-    def due(self, stopping: bool) -> bool:
-        """Whether it is time, or the run is about to stop."""
-        now_s = time.monotonic()
-        if not self._every_s or (now_s - self._last_s < self._every_s and not stopping):
-            return False
-        self._last_s = now_s
-        return True
-
-    def stop(self) -> None:
-        """No checkpoint is due any more."""
-        self._every_s = 0.0
 
 
 def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str], folder: Path) -> dict[str, Any]:
