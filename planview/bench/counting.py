@@ -43,11 +43,6 @@ PAPER_RIGHT_PERCENT = {"0": 96.6, "1-2": 97.4, "3-5": 99.1, "6-9": 95.2, "10+": 
 """Time with the right occupancy by true number: the aim, and table 4 of Zhang et al. 2008."""
 TRAJECTORIES = {"uo-050-180-180.txt": (61, 0), "boa-300-frei.txt": (25, 25)}
 """Exact crossings of y = 0 of the real trajectories: towards -y, towards +y."""
-PAVEMENT_UP = (96, 154, 828, 918, 1001, 1021, 1296, 1306)
-PAVEMENT_DOWN = (351,)
-PAVEMENT_FPS = 30.0
-"""True crossings of the line y = 200 of the pavement clip (frames), from the README of the recordings."""
-
 SingleTracker = Literal["human-model", "ellipse-particle"]
 Tell = Callable[[str], None]
 
@@ -178,9 +173,9 @@ def score_recording(
         rules_on: makes what is counted, on the floor of the camera.
         frames: how many there are, where not all were rendered.
     """
-    engine = _open(recording, config, tracker, recording / "camera.toml")
+    engine = open_single(recording, config, tracker, recording / "camera.toml")
     busiest = BusiestFrame(engine.tracker) if figures is not None else None
-    _track(engine, out / name, tracker, busiest)
+    track_single(engine, out / name, tracker, busiest)
     rules = rules_on(RulePlane(engine.camera))
     tracks, truth = read_tracks(out / name / "tracks.csv"), read_truth(recording / "truth.csv")
     clock, n_frames = Clock(tracks, engine.recording.fps), frames or engine.recording.n_frames
@@ -201,14 +196,16 @@ def _draw(folder: Path, name: str, busiest: BusiestFrame, true: Counts, found: C
         write_occupancy(folder / f"{name}-{zone.name}.png", zone.name, times, *series)
 
 
-def _open(recording: Path, config: Config, tracker: SingleTracker, camera: Path | None) -> Engine:
+def open_single(recording: Path, config: Config, tracker: SingleTracker, camera: Path | None) -> Engine:
     engine = open_engine(recording, tracker, config, camera)
     if engine.stereo is not None:
         raise InputError(f"{recording}: expected the recording of a single camera, found a stereo pair")
     return engine
 
 
-def _track(engine: Engine, place: Path, tracker: SingleTracker, watch: Callable[[FrameResult], None] | None) -> None:
+def track_single(
+    engine: Engine, place: Path, tracker: SingleTracker, watch: Callable[[FrameResult], None] | None
+) -> None:
     """Run a single-camera tracker into a folder."""
     prepare_folder(place, overwrite=True)
     run_engine(engine, place, RunOptions(tracker=tracker), watch=watch)
@@ -257,33 +254,3 @@ def passages(tracks: Trajectories) -> list[Event]:
 def _across(tracks: Trajectories) -> Counts:
     rules = {"tripwire": [{"name": "y = 0", "from_m": [-10.0, 0.0], "to_m": [10.0, 0.0]}]}
     return count_tracks(tracks, parse_rules(rules, RulePlane(), "y = 0"))
-
-
-def score_pavement(clip: Path, out: Path, config: Config, tracker: SingleTracker, camera: Path | None) -> CountingTable:
-    """The real pavement clip against the crossings in its README.
-
-    Args:
-        clip: pavement.mp4.
-        out: gets a folder with the run.
-        camera: camera.toml of the clip; without one, the line is applied in the image to the feet of boxes.
-    """
-    engine = _open(clip, config, tracker, camera)
-    _track(engine, out / "pavement", tracker, None)
-    wire = {"name": "y = 200", "from_px": [0.0, 200.0], "to_px": [399.0, 200.0]}
-    plane = RulePlane(engine.camera, engine.size)
-    found = count_tracks(
-        read_tracks(out / "pavement" / "tracks.csv"), parse_rules({"tripwire": [wire]}, plane, "y = 200")
-    )
-    return table_of("pavement", score_events(pavement_truth(), found, WINDOW_S))
-
-
-def pavement_truth() -> list[Event]:
-    """Up the image is from the right of the line to its left."""
-    ways: tuple[tuple[tuple[int, ...], Direction], ...] = (
-        (PAVEMENT_UP, "right_to_left"), (PAVEMENT_DOWN, "left_to_right"),
-    )  # fmt: skip
-    return [
-        Event(frame, frame / PAVEMENT_FPS, "y = 200", "crossing", number + 1, way)
-        for frames, way in ways
-        for number, frame in enumerate(frames)
-    ]

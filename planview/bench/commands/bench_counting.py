@@ -24,10 +24,10 @@ from planview.bench.counting import (
     CountingTable,
     SingleTracker,
     scene_names,
-    score_pavement,
     score_trajectories,
     score_view,
 )
+from planview.bench.pavement import score_pavement
 from planview.bench.rooms import all_rooms, score_room
 from planview.bench.views import ViewScore, ViewTracker, score_drawn_view, view_names
 
@@ -95,10 +95,9 @@ def bench_counting(*, options: CountingOptions | None = None) -> None:
         if options.data is not None:
             status.update("counting trajectories")
             table += score_trajectories(options.data / "trajectories")
-            status.update("tracking the pavement")
             who = options.tracker if options.pavement_camera is not None else "ellipse-particle"
             clip = options.data / "overhead-counting" / "pavement.mp4"
-            table += score_pavement(clip, place, settings, who, options.pavement_camera)
+            table += score_pavement(clip, place, settings, who, options.pavement_camera, status.update)
     _print(table, options)
 
 

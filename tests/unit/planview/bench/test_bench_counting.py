@@ -8,8 +8,10 @@ from rich.console import Console
 
 from calib.errors import InputError
 from planview.analytics.scoring import CountScores, OccupancyGroup, crossing_scores
+from planview.bench.beside_mog2 import PaintedVideo
 from planview.bench.commands.bench_counting import print_counting
-from planview.bench.counting import passages, pavement_truth, scene_names, table_of
+from planview.bench.counting import passages, scene_names, table_of
+from planview.bench.pavement import LAST, AlteredVideo, pavement_truth
 from planview.cli import main
 from planview.trajectories.table import positions_table
 
@@ -22,7 +24,7 @@ def test_every_scene_with_rules_is_scored_unless_named() -> None:
 
 
 def test_tables_show_accuracy_and_occupancy_with_verdicts() -> None:
-    truth = pavement_truth()
+    truth = pavement_truth("as recorded")
     scores = CountScores(
         {"y = 200": crossing_scores(truth, truth[:-1], 1.0)},
         {"room": [OccupancyGroup("0", 10, 90.0, 0.1, 0.1), OccupancyGroup("10+", 0, None, None, None)]},
@@ -39,8 +41,23 @@ def test_tables_show_accuracy_and_occupancy_with_verdicts() -> None:
 
 
 def test_pavement_truth_is_eight_up_and_one_down() -> None:
-    ways = [event.direction for event in pavement_truth()]
+    ways = [event.direction for event in pavement_truth("as recorded")]
     assert (ways.count("right_to_left"), ways.count("left_to_right")) == (8, 1)
+
+
+def test_pavement_played_backwards_is_crossed_the_other_way_in_the_other_order() -> None:
+    there, back = pavement_truth("as recorded"), pavement_truth("backwards")
+    assert [event.frame for event in back] == [LAST - event.frame for event in there]
+    assert all(one.direction != other.direction for one, other in zip(there, back, strict=True))
+
+
+def test_altered_video_is_darker_or_turned_round() -> None:
+    images = [np.full((8, 8, 3), level, np.uint8) for level in (40, 80, 120)]
+    video = PaintedVideo(lambda n: iter(images[:n]), 3, (8, 8), 10.0)
+    assert [int(frame.image[0, 0, 0]) for frame in AlteredVideo(video, "half the light")] == [20, 40, 60]
+    backwards = list(AlteredVideo(video, "backwards"))
+    assert [int(frame.image[0, 0, 0]) for frame in backwards] == [120, 80, 40]
+    assert [frame.timestamp_s for frame in backwards] == [frame.timestamp_s for frame in video]
 
 
 def test_passages_are_found_where_the_line_is_last_passed() -> None:
