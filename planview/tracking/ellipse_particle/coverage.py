@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.types import F64, I64, Bool
+from calib.types import F64, Bool
 from planview.tracking.ellipse_particle.fit import _area as kernels
 from planview.tracking.ellipse_particle.particles import union_prefix
 
@@ -12,8 +12,6 @@ INSIDE_MIN = 0.25
 """An object of which less is inside the grid is not tracked any longer. Our choice."""
 OUTLINE_M = 0.4
 """Two outlines of one object may be this far apart [m]: half a shoulder breadth for each."""
-FAR = 4.0
-"""Squared distances of pairs count up to this, so that one pair that cannot be does not decide the others."""
 REACH_SIGMAS = 2.5
 """How far from its prediction an object may be reacquired, in deviations of its particles beyond that. Our choice."""
 
@@ -38,27 +36,6 @@ def uncovered(measured: F64, objects: F64, shape: tuple[int, int], share: float)
     out = np.zeros((len(measured), 4))
     kernels.claim(union_prefix(objects, shape), measured, np.arange(len(measured)), out)
     return np.asarray(out[:, kernels.VALUE] < share * np.maximum(out[:, kernels.AREA], 1.0))
-
-
-def claimed(measured: F64, objects: F64) -> I64:
-    """(M,) which of the (N, 5) objects has each of the (M, 5) measured ellipses, one to one; -1 for none.
-
-    Pairs are those of the least sum of squared distances between centres, in units of the mean axes, and at most 1.
-    """
-    whose = np.full(len(measured), -1)
-    if not len(measured) or not len(objects):
-        return whose
-    from scipy.optimize import linear_sum_assignment
-
-    offset = measured[:, None, :2] - objects[None, :, :2]
-    s, c = np.sin(objects[:, 4]), np.cos(objects[:, 4])
-    along, across = offset[..., 0] * s + offset[..., 1] * c, offset[..., 0] * c - offset[..., 1] * s
-    axes = (measured[:, None, 2:4] + objects[None, :, 2:4]) / 2
-    square = (along / axes[..., 0]) ** 2 + (across / axes[..., 1]) ** 2
-    rows, cols = linear_sum_assignment(np.minimum(square, FAR))
-    near = square[rows, cols] <= 1.0
-    whose[rows[near]] = cols[near]
-    return whose
 
 
 def reachable(

@@ -7,7 +7,7 @@ import numpy as np
 from calib.types import F32, F64, U8, Bool
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.ellipse_particle._kernels import VX, VY, X, Y
-from planview.tracking.ellipse_particle.coverage import claimed, measured_shares, reachable, uncovered
+from planview.tracking.ellipse_particle.coverage import measured_shares, reachable, uncovered
 from planview.tracking.ellipse_particle.drawing import draw, outline
 from planview.tracking.ellipse_particle.fit import _area as kernels
 from planview.tracking.ellipse_particle.fit.ellipses import SIZE_LIMIT, fit_ellipses
@@ -24,8 +24,6 @@ STEP_MAX_S = 1.0
 """A gap in the recording longer than this is predicted over as if it were this long [s]."""
 REPLAYED = 10
 """Frames before the size was known that are tracked once it is; a bound on the time of that one frame. Our choice."""
-HALF = 0.6
-"""An object that covers less than this share of a measurement may stand between two people. Our choice."""
 PROTECTED = 1.3
 """Outlines of people are kept out of the background so much larger: limbs reach out of an ellipse. Our choice."""
 
@@ -195,20 +193,10 @@ class EllipseParticleTracker:
         return objects.states[:, [X, Y]][objects.measured & objects.confirmed]
 
     def _spawn(self, view: PlaneView, prior: SizePrior) -> None:
-        """Measurements that no measured object has: objects that come back, then new ones.
-
-        An object between two upright people covers about half of both, but has one of them; of one person measured in
-        two pieces it covers more. Bodies that point anywhere are often measured in pieces that it does not cover.
-        """
-        objects, measured = self._objects, self._measured
-        known, shape = objects.ellipses(prior)[objects.measured], view.mask.shape
-        share = self._params.existence.min_overlap
-        if self._plane.model.upright:
-            whose = claimed(measured, known)
-            others = np.concatenate([measured[whose >= 0], known[np.setdiff1d(np.arange(len(known)), whose)]])
-            left = (whose < 0) & uncovered(measured, others, shape, share) & uncovered(measured, known, shape, HALF)
-        else:
-            left = uncovered(measured, known, shape, share)
+        """Measurements that no measured object covers: objects that come back, then new ones."""
+        objects, shape = self._objects, view.mask.shape
+        known = objects.ellipses(prior)[objects.measured]
+        left = uncovered(self._measured, known, shape, self._params.existence.min_overlap)
         for m in np.flatnonzero(left):
             left[m] = self._plane.is_person(view, self._measured[m, :2], self._known())
         left = self._reacquire(left, view, prior)

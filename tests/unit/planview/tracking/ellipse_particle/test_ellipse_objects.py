@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from planview.tracking.ellipse_particle.coverage import claimed, measured_shares, reachable, uncovered
+from planview.tracking.ellipse_particle.coverage import measured_shares, reachable, uncovered
 from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
 from planview.tracking.ellipse_particle.objects import Objects
 from planview.tracking.ellipse_particle.params import ExistenceParams, ParticleFilterParams
@@ -33,23 +33,6 @@ def test_share_of_an_object_cut_by_the_border_counts_the_part_inside():
 
 def test_measurement_that_no_object_covers_is_uncovered():
     assert uncovered(np.array([HERE, BESIDE]), HERE[None], SHAPE, 0.35).tolist() == [False, True]
-
-
-def moved(ellipse: np.ndarray, dx: float, dy: float = 0.0) -> np.ndarray:
-    return ellipse + np.array([dx, dy, 0, 0, 0])
-
-
-def test_object_between_two_measurements_has_the_nearer_one():
-    # 5 cells apart with half widths of 4: the object is 2 cells from one and 3 from the other.
-    left, right, between = HERE, moved(HERE, 5.0), moved(HERE, 2.0)
-    assert claimed(np.array([left, right]), between[None]).tolist() == [0, -1]
-    assert claimed(np.array([left, right]), np.array([between, right])).tolist() == [0, 1]
-
-
-def test_object_has_no_measurement_beyond_its_axes():
-    lying = HERE + np.array([0, 0, 0, 0, np.pi / 2])
-    assert claimed(moved(HERE, 0.0, 11.0)[None], HERE[None]).tolist() == [-1]
-    assert claimed(moved(lying, 9.0)[None], lying[None]).tolist() == [0]
 
 
 def test_nearest_measurement_within_reach_comes_first():
