@@ -2,6 +2,7 @@
 # Build a wheel, install it in an environment of its own beside the dependencies of the given python, and track the
 # first frames of the clip that it brings, from an empty folder.
 set -euo pipefail
+unset PYTHONPATH  # another copy of planview there would count as installed
 python=$(realpath -s "$1")
 place=$(mktemp -d)
 trap 'rm -rf "$place"' EXIT
@@ -12,8 +13,8 @@ site=$("$place/env/bin/python" -c 'import sysconfig; print(sysconfig.get_path("p
 # Read after the environment's own folder, so that planview comes from the wheel.
 "$python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))' > "$site/dependencies.pth"
 cd "$place"
-env -u PYTHONPATH "$place/env/bin/planview" --version
-env -u PYTHONPATH "$place/env/bin/python" - "$site" <<'PROGRAM'
+"$place/env/bin/planview" --version
+"$place/env/bin/python" - "$site" <<'PROGRAM'
 import sys
 from pathlib import Path
 
