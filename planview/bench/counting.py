@@ -28,7 +28,7 @@ from planview.runs.folder import prepare_folder
 from planview.runs.run import RunOptions
 from planview.runs.run import run as run_engine
 from planview.synthetic.committed import SCENES
-from planview.synthetic.scene import load_scene
+from planview.synthetic.scene import Scene, load_scene
 from planview.trajectories.layouts import read_laboratory
 from planview.trajectories.table import Trajectories, read_tracks, read_truth
 
@@ -127,63 +127,63 @@ def scene_names(names: Sequence[str] = (), folder: Path = SINGLE) -> list[str]:
     return list(names) or known
 
 
-def score_view(
-    name: str,
-    options: RenderOptions,
-    out: Path,
-    config: Config,
-    tell: Tell,
-    tracker: SingleTracker = "human-model",
-    folder: Path = SINGLE,
-    figures: Path | None = None,
-) -> CountingTable:
-    """Render a single camera's scene, track it, count, and score the counts.
+@dataclass(frozen=True)
+class Scorer:
+    """How scenes of a single camera are rendered, tracked and scored.
 
-    Args:
-        options: of rendering.
-        out: gets a folder with the run.
+    Attributes:
+        rendering: options of it; fewer frames than a scene has are scored alone.
+        out: gets a folder with each run.
         tell: takes messages of progress.
         figures: gets NAME-models.jpg of the frame with the most people, and NAME-ZONE.png of numbers over time.
+    """
+
+    rendering: RenderOptions
+    out: Path
+    config: Config
+    tell: Tell
+    tracker: SingleTracker = "human-model"
+    figures: Path | None = None
+
+    def score(
+        self, scene: Scene, name: str, rules_on: Callable[[RulePlane], Rules], right_min_percent: Mapping[str, float]
+    ) -> CountingTable:
+        """Render a scene unless the cache has it, track it, count, and score the counts.
+
+        Args:
+            rules_on: makes what is counted, on the floor of the camera.
+            right_min_percent: what each range of true numbers must reach.
+        """
+        recording = rendered(scene, name, self.rendering, self.tell)
+        self.tell(f"tracking {name}")
+        scores, frames = self._score(recording, name, rules_on)
+        return table_of(name, scores, right_min_percent) + CountingTable((), (), (frames,))
+
+    def _score(
+        self, recording: Path, name: str, rules_on: Callable[[RulePlane], Rules]
+    ) -> tuple[CountScores, FrameCounts]:
+        """Of a folder with camera.toml and truth.csv."""
+        engine = open_single(recording, self.config, self.tracker, recording / "camera.toml")
+        busiest = BusiestFrame(engine.tracker) if self.figures is not None else None
+        track_single(engine, self.out / name, self.tracker, busiest)
+        rules = rules_on(RulePlane(engine.camera))
+        tracks, truth = read_tracks(self.out / name / "tracks.csv"), read_truth(recording / "truth.csv")
+        clock, n_frames = Clock(tracks, engine.recording.fps), self.rendering.frames or engine.recording.n_frames
+        found = count_tracks(tracks, rules, clock=clock, n_frames=n_frames)
+        true = count_truth(truth, rules, clock, n_frames=n_frames)
+        if self.figures is not None and busiest is not None:
+            _draw(self.figures, name, busiest, true, found)
+        return score_counts(true, found, WINDOW_S), count_frames(name, tracks, truth, n_frames)
+
+
+def score_view(name: str, scorer: Scorer, folder: Path = SINGLE) -> CountingTable:
+    """Score a committed scene with the rules beside it.
+
     Raises:
         InputError: the scene or its rules are refused.
     """
-    recording = rendered(load_scene(folder / f"{name}.toml"), name, options, tell)
-    tell(f"tracking {name}")
-    scores, frames = score_recording(
-        recording, name, lambda plane: load_rules(folder / f"{name}.rules.toml", plane), out, config, tracker, figures,
-        options.frames,
-    )  # fmt: skip
-    return table_of(name, scores) + CountingTable((), (), (frames,))
-
-
-def score_recording(
-    recording: Path,
-    name: str,
-    rules_on: Callable[[RulePlane], Rules],
-    out: Path,
-    config: Config,
-    tracker: SingleTracker,
-    figures: Path | None = None,
-    frames: int | None = None,
-) -> tuple[CountScores, FrameCounts]:
-    """Track a rendered view, count, and score the counts (see ``score_view``).
-
-    Args:
-        recording: with camera.toml and truth.csv.
-        rules_on: makes what is counted, on the floor of the camera.
-        frames: how many there are, where not all were rendered.
-    """
-    engine = open_single(recording, config, tracker, recording / "camera.toml")
-    busiest = BusiestFrame(engine.tracker) if figures is not None else None
-    track_single(engine, out / name, tracker, busiest)
-    rules = rules_on(RulePlane(engine.camera))
-    tracks, truth = read_tracks(out / name / "tracks.csv"), read_truth(recording / "truth.csv")
-    clock, n_frames = Clock(tracks, engine.recording.fps), frames or engine.recording.n_frames
-    found = count_tracks(tracks, rules, clock=clock, n_frames=n_frames)
-    true = count_truth(truth, rules, clock, n_frames=n_frames)
-    if figures is not None and busiest is not None:
-        _draw(figures, name, busiest, true, found)
-    return score_counts(true, found, WINDOW_S), count_frames(name, tracks, truth, n_frames)
+    scene, rules = load_scene(folder / f"{name}.toml"), folder / f"{name}.rules.toml"
+    return scorer.score(scene, name, lambda plane: load_rules(rules, plane), RIGHT_MIN_PERCENT)
 
 
 def _draw(folder: Path, name: str, busiest: BusiestFrame, true: Counts, found: Counts) -> None:

@@ -18,13 +18,11 @@ from planview.analytics.scoring import score_events
 from planview.bench.counting import (
     WINDOW_S,
     CountingTable,
-    SingleTracker,
-    Tell,
+    Scorer,
     open_single,
     table_of,
     track_single,
 )
-from planview.pipeline.config import Config
 from planview.pipeline.pipeline import SingleCameraPipeline
 from planview.trajectories.table import read_tracks
 from stereo.recording import Video, VideoFrame
@@ -90,30 +88,22 @@ def pavement_truth(version: Version) -> list[Event]:
 
 
 def score_pavement(
-    clip: Path,
-    out: Path,
-    config: Config,
-    tracker: SingleTracker,
-    camera: Path | None,
-    tell: Tell,
-    versions: Sequence[Version] = get_args(Version),
+    clip: Path, scorer: Scorer, camera: Path | None, versions: Sequence[Version] = get_args(Version)
 ) -> CountingTable:
     """The clip against the crossings in the README of the recordings.
 
     Args:
         clip: pavement.mp4.
-        out: gets a folder for each run.
         camera: camera.toml of the clip; without one, the line is applied in the image to the feet of boxes.
-        tell: told what is tracked.
     """
     together = CountingTable((), ())
     for version in versions:
-        tell(f"tracking the pavement, {version}")
-        engine = open_single(clip, config, tracker, camera)
+        scorer.tell(f"tracking the pavement, {version}")
+        engine = open_single(clip, scorer.config, scorer.tracker, camera)
         if version != "as recorded" and isinstance(engine, SingleCameraPipeline):
             engine.recording = AlteredVideo(engine.recording, version)
-        place = out / f"pavement {version}".replace(" ", "-")
-        track_single(engine, place, tracker, None)
+        place = scorer.out / f"pavement {version}".replace(" ", "-")
+        track_single(engine, place, scorer.tracker, None)
         wire = {"name": "y = 200", "from_px": [0.0, 200.0], "to_px": [399.0, 200.0]}
         rules = parse_rules({"tripwire": [wire]}, RulePlane(engine.camera, engine.size), "y = 200")
         found = count_tracks(read_tracks(place / "tracks.csv"), rules)

@@ -3,47 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from planview.analytics.geometry import RulePlane
 from planview.analytics.rules import Rules, parse_rules
 from planview.analytics.scoring import OccupancyGroup
-from planview.bench.accuracy import RenderOptions, rendered
-from planview.bench.counting import CountingTable, OccupancyRow, SingleTracker, Tell, score_recording, table_of
-from planview.pipeline.config import Config
+from planview.bench.counting import CountingTable, OccupancyRow, Scorer
 from planview.synthetic.conference import draw_conference
 
 ROOM_RIGHT_MIN_PERCENT = {"0": 98.0, "1-2": 98.0, "3-5": 97.0, "6-9": 95.0, "10+": 88.0}
 """Time with the right occupancy by true number that drawn rooms together must reach."""
 
 
-def score_room(
-    seed: int,
-    options: RenderOptions,
-    out: Path,
-    config: Config,
-    tell: Tell,
-    tracker: SingleTracker = "human-model",
-    figures: Path | None = None,
-) -> CountingTable:
-    """Render the conference room of a seed unless the cache has it, track it, and score the number of people in it.
-
-    Args:
-        options: of rendering.
-        out: gets a folder with the run.
-        tell: takes messages of progress.
-        figures: see ``score_view``.
-    """
+def score_room(seed: int, scorer: Scorer) -> CountingTable:
+    """Score the number of people in the conference room of a seed."""
     drawn, name = draw_conference(seed), f"conference-{seed}"
-    recording = rendered(drawn.scene, name, options, tell)
-    tell(f"tracking {name}")
 
     def rules_on(plane: RulePlane) -> Rules:
         zone = {"name": "room", "polygon_m": [list(corner) for corner in drawn.zone_m]}
         return parse_rules({"zone": [zone]}, plane, name)
 
-    scores, frames = score_recording(recording, name, rules_on, out, config, tracker, figures, options.frames)
-    return table_of(name, scores, ROOM_RIGHT_MIN_PERCENT) + CountingTable((), (), (frames,))
+    return scorer.score(drawn.scene, name, rules_on, ROOM_RIGHT_MIN_PERCENT)
 
 
 def all_rooms(tables: Sequence[CountingTable]) -> CountingTable:

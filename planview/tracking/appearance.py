@@ -11,7 +11,7 @@ from calib.types import F64
 from planview.maps.builder import FloorPoints
 from planview.maps.colour import CODES, chromatic, smoothing
 from planview.tracking._appearance_kernels import colour_histograms
-from planview.tracking.identity import Appearance, AppearanceModel
+from planview.tracking.appearance_model import Appearance, AppearanceModel
 
 PART_TOPS = (0.5, 0.85)
 """Where legs end and the head begins, as shares of the body height (anthropometric tables: crotch 0.47 to 0.5,

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from pydantic import Field
 
 from calib.params import Params
-from calib.types import F32, F64
+from calib.types import F64
+from planview.tracking.appearance_model import Appearance, AppearanceModel
 from planview.tracking.lifecycle import Existence
 
 STRANGER_COST = 4.6
@@ -42,61 +43,6 @@ class IdentityParams(Params):
     a tenth to a sixth of a silhouette."""
     height_std_m: float = Field(0.04, gt=0, le=0.5)
     """Deviation of a standing person's measured height [m]: the bob of a step is 2 to 5 cm."""
-
-
-@dataclass(frozen=True, eq=False)
-class Appearance:
-    """What one clear measurement tells about a person; parts or values that are not known are zero or NaN.
-
-    Attributes:
-        colours: (parts, bins) float32, a histogram per part of the body; a part that is not visible is all zero.
-        height_m: body height, standing [m].
-    """
-
-    colours: F32
-    height_m: float = math.nan
-
-
-@dataclass(slots=True, eq=False)
-class AppearanceModel:
-    """Running mean of the clear measurements of one person.
-
-    Attributes:
-        colours: (parts, bins) float32 sum of histograms; counts: (parts,) how many went into each.
-        heights: recent standing heights [m].
-        looks: number of measurements.
-    """
-
-    colours: F32
-    counts: F32
-    heights: list[float] = field(default_factory=list)
-    looks: int = 0
-
-    @staticmethod
-    def empty(like: Appearance) -> AppearanceModel:
-        """Nothing remembered yet, with the shape of an appearance."""
-        return AppearanceModel(np.zeros_like(like.colours), np.zeros(len(like.colours), np.float32))
-
-    def learn(self, appearance: Appearance, horizon: float = 100.0) -> None:
-        """Add a measurement; older ones fade with a horizon of so many looks."""
-        total = appearance.colours.sum(axis=1)
-        visible = total > 0
-        full = visible & (self.counts >= horizon)
-        if full.any():
-            fade = np.where(full, (horizon - 1) / horizon, 1.0).astype(np.float32)
-            self.colours *= fade[:, None]
-            self.counts *= fade
-        # All zero where not visible, whatever it is divided by.
-        self.colours += appearance.colours / np.where(visible, total, np.float32(1.0))[:, None]
-        self.counts += visible
-        self.looks += 1
-        if not math.isnan(appearance.height_m):
-            self.heights = [*self.heights[-63:], appearance.height_m]
-
-    @property
-    def height_m(self) -> float:
-        """Body height [m]: the upper quartile, since stooping and hidden heads only lower it; NaN while unknown."""
-        return float(np.percentile(self.heights, 75)) if self.heights else math.nan
 
 
 def dissimilarity(fresh: AppearanceModel, known: AppearanceModel, params: IdentityParams) -> float:
@@ -246,13 +192,7 @@ class IdentityLayer:
                 self._merge(track_id, self._fresh.pop(track_id))
 
     def _merge(self, track_id: int, fresh: AppearanceModel) -> None:
-        memory = self._memory.setdefault(
-            track_id, AppearanceModel(np.zeros_like(fresh.colours), np.zeros_like(fresh.counts))
-        )
-        memory.colours += fresh.colours
-        memory.counts += fresh.counts
-        memory.heights = (memory.heights + fresh.heights)[-64:]
-        memory.looks += fresh.looks
+        self._memory.setdefault(track_id, AppearanceModel.empty(fresh)).merge(fresh)
 
     def _groups(self) -> list[list[int]]:
         """Connected people: contacts are chained."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, get_args
 
@@ -22,6 +23,7 @@ from planview.bench.counting import (
     PAPER_RIGHT_PERCENT,
     SINGLE,
     CountingTable,
+    Scorer,
     SingleTracker,
     scene_names,
     score_trajectories,
@@ -37,7 +39,7 @@ from planview.bench.views import ViewScore, ViewTracker, score_drawn_view, view_
 class CountingOptions(BenchOptions):
     """What is counted, and by which tracker."""
 
-    scene: Annotated[Sequence[str], Parameter(negative="")] = ()
+    scene: Annotated[Sequence[str], Parameter(negative="", show_default=False)] = ()
     """Only these rendered scenes, by name."""
     tracker: SingleTracker = "human-model"
     """Who follows people in the rendered views and the pavement clip."""
@@ -49,10 +51,10 @@ class CountingOptions(BenchOptions):
     """Only the first frames of every rendered scene."""
     scenes: Path = SINGLE
     """Folder with scenes and their rules."""
-    seeds: Annotated[Sequence[int], Parameter(negative="")] = ()
+    seeds: Annotated[Sequence[int], Parameter(negative="", show_default=False)] = ()
     """Seeds of the drawn views of data/synthetic/views (--scene names some of these then), with both trackers. Seeds 0
     to 9 are worked on, others judge."""
-    rooms: Annotated[Sequence[int], Parameter(negative="")] = ()
+    rooms: Annotated[Sequence[int], Parameter(negative="", show_default=False)] = ()
     """Seeds of drawn conference rooms: another camera, other clothes and seats each. Seeds 0 to 9 are worked on, others
     judge."""
     out: Path | None = None
@@ -83,33 +85,32 @@ def bench_counting(*, options: CountingOptions | None = None) -> None:
     if options.rooms:
         _bench_rooms(options)
         return
-    settings, messages = options.settings(), Console(stderr=True, markup=False)
     table = CountingTable((), ())
-    with tempfile.TemporaryDirectory() as temporary, messages.status("...") as status:
-        place = options.out or Path(temporary)
-        rendering = RenderOptions(options.cache_folder, frames=options.frames)
+    with _scoring(options) as scorer:
         for name in scene_names(options.scene, options.scenes):
-            table += score_view(
-                name, rendering, place, settings, status.update, options.tracker, options.scenes, options.figures
-            )
+            table += score_view(name, scorer, options.scenes)
         if options.data is not None:
-            status.update("counting trajectories")
+            scorer.tell("counting trajectories")
             table += score_trajectories(options.data / "trajectories")
             who = options.tracker if options.pavement_camera is not None else "ellipse-particle"
             clip = options.data / "overhead-counting" / "pavement.mp4"
-            table += score_pavement(clip, place, settings, who, options.pavement_camera, status.update)
+            table += score_pavement(clip, replace(scorer, tracker=who), options.pavement_camera)
     _print(table, options)
+
+
+@contextmanager
+def _scoring(options: CountingOptions) -> Iterator[Scorer]:
+    """With a line of progress, and a temporary folder for runs that are not kept."""
+    settings, rendering = options.settings(), RenderOptions(options.cache_folder, frames=options.frames)
+    with tempfile.TemporaryDirectory() as temporary, Console(stderr=True, markup=False).status("...") as status:
+        place = options.out or Path(temporary)
+        yield Scorer(rendering, place, settings, status.update, options.tracker, options.figures)
 
 
 def _bench_rooms(options: CountingOptions) -> None:
     _require_seeds("--rooms", options.rooms)
-    settings, rendering = options.settings(), RenderOptions(options.cache_folder, frames=options.frames)
-    with tempfile.TemporaryDirectory() as temporary, Console(stderr=True, markup=False).status("...") as status:
-        place = options.out or Path(temporary)
-        tables = [
-            score_room(seed, rendering, place, settings, status.update, options.tracker, options.figures)
-            for seed in options.rooms
-        ]
+    with _scoring(options) as scorer:
+        tables = [score_room(seed, scorer) for seed in options.rooms]
     _print(all_rooms(tables), options)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -35,18 +35,37 @@ Part = Literal[
 ]
 
 
-def bench_speed(
-    *,
-    recording: Path | None = None,
-    frames: int = 200,
-    part: list[Part] | None = None,
-    set_: Annotated[list[str] | None, Parameter(name="--set")] = None,
-    out: Path | None = None,
-    plot: Path | None = None,
-    memory: Path | None = None,
-    against: Path | None = None,
-    json_output: JsonFlag = False,
-) -> None:
+@Parameter(name="*")
+@dataclass(frozen=True)
+class SpeedOptions:
+    """What is timed, and what becomes of the figures."""
+
+    recording: Path | None = None
+    """A stereo recording; the committed clip by default. Its first frames should show no person."""
+    frames: int = 200
+    """Medians over so many frames, after 100 in which the background is learned."""
+    part: Annotated[Sequence[Part], Parameter(negative="", show_default=False)] = ()
+    """Measure only this; repeat for more: engine, foreground, after-disparity, single (one camera beside MOG2: human
+    model with five people at 320x240, eight and thirty at 640x480, ellipses with eight at 480x360 and thirty at
+    640x480), start (of planview run to its first frame, over 100 frames of the yardstick in colour on all cores),
+    worst-case (eight people near the camera, rendered once), full-resolution (the real overhead pair of the shared
+    recordings), curves (pixels, disparities, rate, people: each can be named; one core). All but the curves when not
+    given."""
+    set_: Annotated[Sequence[str], Parameter(name="--set", negative="", show_default=False)] = ()
+    """Set one parameter of the engine, like analysis.width_px=1280; repeat for more."""
+    out: Path | None = None
+    """Keep the figures in this JSON file, beside those of other parts that it holds."""
+    plot: Path | None = None
+    """Draw the curves to this PNG or SVG file."""
+    memory: Path | None = None
+    """Figures of planview bench memory --json, whose course is drawn too."""
+    against: Path | None = None
+    """Compare with the figures kept in this file: a ratio differs when its quartiles lie apart."""
+    json_output: JsonFlag = False
+    """Print one JSON object."""
+
+
+def bench_speed(*, options: SpeedOptions | None = None) -> None:
     """Time the engine side by side with plain OpenCV on the same frames.
 
     The yardstick is OpenCV's remap and StereoSGBM of both cameras at the recorded size, with no setting of the engine:
@@ -56,48 +75,21 @@ def bench_speed(
 
     Example of an overhead camera at full resolution: planview bench speed --recording my_recording --frames 100
     --part engine --set rectify.working_px=0 --set analysis.width_px=1280
-
-    Parameters
-    ----------
-    recording
-        A stereo recording; the committed clip by default. Its first frames should show no person.
-    frames
-        Medians over so many frames, after 100 in which the background is learned.
-    part
-        Measure only this; repeat for more: engine, foreground, after-disparity, single (one camera beside MOG2: human
-        model with five people at 320x240, eight and thirty at 640x480, ellipses with eight and thirty at 480x360),
-        start (of planview run to its first frame, over 100 frames of the yardstick in colour on all cores), worst-case
-        (eight people near the camera, rendered once), full-resolution (the real overhead pair of the shared
-        recordings), curves (pixels, disparities, rate, people: each can be named; one core). All but the curves
-        when not given.
-    set_
-        Set one parameter of the engine, like analysis.width_px=1280; repeat for more.
-    out
-        Keep the figures in this JSON file, beside those of other parts that it holds.
-    plot
-        Draw the curves to this PNG or SVG file.
-    memory
-        Figures of planview bench memory --json, whose course is drawn too.
-    against
-        Compare with the figures kept in this file: a ratio differs when its quartiles lie apart.
-    json_output
-        Print one JSON object.
     """
-    if frames < 10:
-        raise InputError(f"--frames: expected at least 10, found {frames}")
-    earlier = _kept(against) if against else None
+    o = options or SpeedOptions()
+    if o.frames < 10:
+        raise InputError(f"--frames: expected at least 10, found {o.frames}")
+    earlier = _kept(o.against) if o.against else None
     messages = Console(stderr=True, markup=False)
-    speed = measure(recording, frames, lambda text: messages.print(text, highlight=False), _parts(part), set_ or [])
-    if out is not None:
-        speed = _keep(speed, out)
-    if plot is not None:
-        write_plot(plot, speed.ratios, speed.quartiles, _course(memory))
-    if json_output:
+    speed = measure(o.recording, o.frames, lambda text: messages.print(text, highlight=False), _parts(o.part), o.set_)
+    if o.out is not None:
+        speed = _keep(speed, o.out)
+    if o.plot is not None:
+        write_plot(o.plot, speed.ratios, speed.quartiles, _course(o.memory))
+    if o.json_output:
         print(json.dumps(asdict(speed), indent=2))
-        return
-    print_speed(speed, Console(markup=False))
-    if earlier is not None:
-        print_changes(speed, earlier, Console(markup=False))
+    else:
+        print_speed(speed, Console(markup=False), earlier)
 
 
 def _keep(speed: Speed, out: Path) -> Speed:
@@ -114,7 +106,7 @@ def _kept(path: Path) -> Speed:
         raise InputError(f"{path}: expected figures that --out kept, found {error}") from error
 
 
-def _parts(asked: Sequence[Part] | None) -> Sequence[str]:
+def _parts(asked: Sequence[Part]) -> Sequence[str]:
     named = [name for part in asked or USUAL for name in (CURVES if part == "curves" else (part,))]
     return list(dict.fromkeys(named))
 
@@ -146,8 +138,8 @@ def print_changes(speed: Speed, before: Speed, console: Console) -> None:
         console.print(f"{name.replace('_', ' ')}: {ratio}, {word}", highlight=False)
 
 
-def print_speed(speed: Speed, console: Console) -> None:
-    """The times of the stages, then the ratios beside what they must keep."""
+def print_speed(speed: Speed, console: Console, earlier: Speed | None = None) -> None:
+    """The times of the stages, the ratios beside what they must keep, and what changed since an earlier measurement."""
     if speed.stages_ms:
         stages = Table(title=f"{speed.details['recording']}, {speed.details.get('image', '')}: median times")
         stages.add_column("stage")
@@ -161,6 +153,8 @@ def print_speed(speed: Speed, console: Console) -> None:
     for name, detail in speed.details.items():
         if isinstance(detail, float):
             console.print(f"{name.replace('_', ' ')}: {detail:g}", highlight=False)
+    if earlier is not None:
+        print_changes(speed, earlier, console)
 
 
 def _figures(title: str, unit: str, medians: dict[str, float], speed: Speed) -> Table:

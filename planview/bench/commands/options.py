@@ -28,7 +28,7 @@ class BenchOptions:
     """Folder for rendered recordings; the user's cache by default."""
     config: Path | None = None
     """TOML file with parameters of the pipeline."""
-    set_: Annotated[Sequence[str], Parameter(name="--set")] = ()
+    set_: Annotated[Sequence[str], Parameter(name="--set", negative="", show_default=False)] = ()
     """One parameter of the pipeline."""
     json_output: JsonFlag = False
     """Print one JSON object."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from calib.ground_camera import GroundCamera
 from calib.types import F64, I64
+from planview.tracking.appearance_model import Appearance
 from planview.tracking.human_model import _floor_kernels as kernels
 from planview.tracking.human_model.frame import LESS_SALIENT, ModelFrame
 from planview.tracking.human_model.measurement import Measurement
@@ -19,7 +20,7 @@ from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.posture import MAX_SHARED, Posture
 from planview.tracking.human_model.scene import SEARCH_SIGMAS, ModelScene
 from planview.tracking.human_model.target import SPEED_STD_MPS, Target
-from planview.tracking.identity import Appearance, IdentityLayer
+from planview.tracking.identity import IdentityLayer
 from planview.tracking.kalman import FloorKalman, PositionNoise
 from planview.tracking.lifecycle import LifeCycle
 

@@ -134,37 +134,14 @@ def inside_of(rho2, b, soft, far2):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def cost_of(mask: F32, ellipse: F64, window: I64, free: F64, match: Match) -> float:
-    """What ``normal_equations`` returns."""
-    x0, y0, a, b, angle = ellipse
-    s = math.sin(angle)
-    c = math.cos(angle)
-    ia = 1.0 / (a * a)
-    ib = 1.0 / (b * b)
-    r0, r1, c0, c1 = window
-    end, far2 = max(c0, c1 + 1), 1.000001 * (1.0 + EDGE * match.soft / b) ** 2
-    cost = 0.0
-    for r in range(r0, r1 + 1):
-        dy = r - y0
-        values, rest = mask[r, c0:end], free[r - r0, : end - c0]
-        for i in range(np.uintp(len(values))):
-            dx = np.float64(np.int64(i) + c0) - x0
-            u = dx * s + dy * c
-            v = dx * c - dy * s
-            f = values[i]
-            own, _ = inside_of(u * u * ia + v * v * ib, b, match.soft, far2)
-            weight = f + match.background * (1.0 - f)
-            residual = f - (1.0 - (1.0 - own) * rest[i])
-            cost += 0.5 * weight * residual * residual
-    return cost
-
-
-@njit(cache=True, nogil=True)
-def normal_equations(mask: F32, ellipse: F64, window: I64, free: F64, match: Match, grad: F64, hess: F64) -> float:
+def normal_equations(
+    mask: F32, ellipse: F64, window: I64, free: F64, match: Match, grad: F64, hess: F64, derive: bool
+) -> float:
     """Half the weighted squared residual of the union of ellipses against the mask in a window.
 
     Residual of a cell: mask - (1 - (1 - inside) free), weight 1 for foreground and ``match.background`` for the rest.
-    grad (5,) and hess (5, 5) receive the Gauss-Newton terms for (x, y, ln a, ln b, angle) of the ellipse.
+    grad (5,) and hess (5, 5) receive the Gauss-Newton terms for (x, y, ln a, ln b, angle) of the ellipse, where
+    they are asked for by ``derive``.
     """
     x0, y0, a, b, angle = ellipse
     s = math.sin(angle)
@@ -172,8 +149,9 @@ def normal_equations(mask: F32, ellipse: F64, window: I64, free: F64, match: Mat
     ia = 1.0 / (a * a)
     ib = 1.0 / (b * b)
     r0, r1, c0, c1 = window
-    grad[:] = 0.0
-    hess[:, :] = 0.0
+    if derive:
+        grad[:] = 0.0
+        hess[:, :] = 0.0
     end, far2 = max(c0, c1 + 1), 1.000001 * (1.0 + EDGE * match.soft / b) ** 2
     cost = 0.0
     for r in range(r0, r1 + 1):
@@ -189,6 +167,8 @@ def normal_equations(mask: F32, ellipse: F64, window: I64, free: F64, match: Mat
             weight = f + match.background * (1.0 - f)
             residual = f - (1.0 - (1.0 - own) * others)
             cost += 0.5 * weight * residual * residual
+            if not derive:
+                continue
             slope = others * own * (1.0 - own) * b / match.soft
             if slope < 1e-4:
                 continue
@@ -227,14 +207,14 @@ def refine(mask: F32, ellipses: F64, law: SizeLaw, prior: Prior, match: Match, s
         for k in range(ellipses.shape[0]):
             window[0], window[1], window[2], window[3] = window_of(ellipses, k, match.soft, n_rows, n_cols)
             free_of(ellipses, edges, k, match.soft, window, free)
-            cost = normal_equations(mask, ellipses[k], window, free, match, grad, hess) * precision
+            cost = normal_equations(mask, ellipses[k], window, free, match, grad, hess, True) * precision
             cost += add_prior(ellipses[k], law, prior, precision, grad, hess)
             old = ellipses[k].copy()
             for i in range(5):
                 hess[i, i] = hess[i, i] * (1.0 + damping[k]) + 1e-3 * precision
             step[:] = np.linalg.solve(hess, grad)
             move(ellipses[k], step, law, prior)
-            after = cost_of(mask, ellipses[k], window, free, match) * precision
+            after = normal_equations(mask, ellipses[k], window, free, match, grad, hess, False) * precision
             after += add_prior(ellipses[k], law, prior, precision, grad, hess)
             if after <= cost:
                 damping[k] = max(1e-4, damping[k] * 0.3)

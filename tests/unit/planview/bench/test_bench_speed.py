@@ -14,14 +14,14 @@ from toy_stereo import toy_rig
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from planview.bench.clip import Clip
-from planview.bench.commands.bench_memory import bench_memory
-from planview.bench.commands.bench_speed import bench_speed, merged, print_changes, print_speed
+from planview.bench.commands.bench_speed import merged, print_changes, print_speed
 from planview.bench.memory import resident_mb
 from planview.bench.one_core import one_core
 from planview.bench.side_by_side import counted
 from planview.bench.single_speed import human_model_beside_mog2
 from planview.bench.speed import LIMITS, Speed
 from planview.bench.yardstick import Yardstick
+from planview.cli import main
 
 
 def test_missing_recording_is_refused_by_name(tmp_path: Path) -> None:
@@ -29,10 +29,11 @@ def test_missing_recording_is_refused_by_name(tmp_path: Path) -> None:
         Clip(tmp_path / "nowhere", 10)
 
 
-@pytest.mark.parametrize("command", [bench_speed, bench_memory])
-def test_too_few_frames_are_refused(command) -> None:
-    with pytest.raises(InputError, match="--frames"):
-        command(frames=1)
+@pytest.mark.parametrize("command", ["speed", "memory"])
+def test_too_few_frames_are_refused(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["bench", command, "--frames", "1"])
+    assert "--frames" in capsys.readouterr().err
 
 
 def test_resident_memory_is_that_of_a_python_with_numpy() -> None:

@@ -4,7 +4,6 @@ import time
 
 import pytest
 
-from planview.runs.memory import return_unused_memory
 from planview.runs.schedule import Schedule
 
 
@@ -31,7 +30,3 @@ def test_schedule_of_no_time_is_never_due(clock: list[float]) -> None:
     schedule = Schedule(0.0)
     clock[0] += 1000.0
     assert not schedule.due(stopping=True)
-
-
-def test_unused_memory_is_returned_without_an_error_on_any_system() -> None:
-    return_unused_memory()

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from planview.tracking.identity import Appearance, IdentityLayer, IdentityParams
+from planview.tracking.appearance_model import Appearance
+from planview.tracking.identity import IdentityLayer, IdentityParams
 from planview.tracking.lifecycle import Existence, LifeCycle
 
 RED = Appearance(np.array([[1.0, 0.0, 0.0]], np.float32), 1.70)

@@ -22,7 +22,6 @@ from planview.tracking.ellipse_particle.fit._em import em_step
 from planview.tracking.ellipse_particle.fit._lm import (
     Match,
     Prior,
-    cost_of,
     free_of,
     normal_equations,
     refine,
@@ -142,8 +141,8 @@ def test_normal_equations_are_the_slope_of_the_squared_residual():
     free_of(ellipses, soft_edges(ellipses, soft), 0, soft, window, free)
     np.testing.assert_allclose(1 - free, reference.soft_union(ellipses[1:], shape, soft, ellipses[1:, 3]), atol=8e-3)
     match = Match(0.7, background, soft)
-    squared = normal_equations(mask, ellipses[0], window, free, match, grad, hess)
-    assert cost_of(mask, ellipses[0], window, free, match) == squared
+    squared = normal_equations(mask, ellipses[0], window, free, match, grad, hess, True)
+    assert normal_equations(mask, ellipses[0], window, free, match, grad, hess, False) == squared
     weight = mask + background * (1 - mask)
 
     def cost(step: np.ndarray) -> float:

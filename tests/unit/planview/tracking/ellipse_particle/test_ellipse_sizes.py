@@ -1,0 +1,131 @@
+"""Which sizes of people are learned from painted foreground, and told by a camera."""
+
+import math
+
+import numpy as np
+import pytest
+
+from calib.ground_camera import GroundCamera
+from planview.tracking.ellipse_particle.camera_size import size_of_camera
+from planview.tracking.ellipse_particle.fit.ellipses import paint_union
+from planview.tracking.ellipse_particle.fit.prior import SizePrior
+from planview.tracking.ellipse_particle.size_learning import SizeLearner, front_lengths, log_density, weights
+
+
+def test_size_is_that_of_one_person_where_people_hide_one_another():
+    rng, learner = np.random.default_rng(0), SizeLearner(60.0)
+    for frame in range(60):
+        y = rng.uniform([30, 30, 15], [70, 70, 60])
+        behind = y[2] + rng.uniform(8, 14)
+        places = [(20.0, y[0]), (55.0, y[1]), (90.0, y[2]), (90.0, behind)]
+        people = np.array([[*place, a, 0.35 * a, 0.0] for place, a in zip(places, rng.normal(10, 0.8, 4), strict=True)])
+        for moment in (frame, frame + 0.5):
+            belief = learner.update(paint_union(people, (100, 120)).astype(np.float32), moment / 10)
+    assert belief is not None
+    assert belief.prior.half_length(45) == pytest.approx(10, rel=0.1)
+
+
+def test_large_person_who_falls_to_pieces_is_one_person():
+    rng, learner = np.random.default_rng(0), SizeLearner(60.0)
+    for frame in range(30):
+        # One body of 60 cells with a gap at the waist, and ten specks that fall off it, each for two frames.
+        if frame % 2 == 0:
+            specks = np.column_stack([rng.uniform(5, 110, 10), rng.uniform(10, 90, 10)])
+        body = [[30.0 + frame, y, 14.5, 10, 0] for y in (35, 65)]
+        people = np.array([*body, *([*s, 4, 2, 0] for s in specks)])
+        belief = learner.update(paint_union(people, (100, 120)).astype(np.float32), frame / 10)
+    assert belief is not None
+    assert belief.prior.half_length(50) == pytest.approx(30, rel=0.2)
+    assert belief.confidence > 0.6
+
+
+def test_size_that_explains_most_is_kept_when_people_fall_to_pieces():
+    rng, learner, sizes = np.random.default_rng(0), SizeLearner(60.0), []
+    for frame in range(120):
+        # A person of 60 cells, 40 frames long; then a second one from whom the frame's noise leaves only pieces too.
+        people = [[30.0 + frame / 2, 50, 30, 12, 0]]
+        if frame >= 40:
+            people += [[130.0 + rng.uniform(-3, 3), y, 7, 4, 0] for y in (25, 45, 65, 85)]
+        belief = learner.update(paint_union(np.array(people), (100, 160)).astype(np.float32), frame / 10)
+        sizes += [belief.prior.half_length(50)] if belief else []
+    assert sizes == pytest.approx([30] * len(sizes), rel=0.15)
+
+
+def test_person_whom_the_border_always_cuts_is_one_person():
+    learner = SizeLearner(60.0)
+    for frame in range(30):
+        mask = np.zeros((100, 160), np.float32)
+        mask[10:, 20 + 2 * frame : 55 + 2 * frame] = 1
+        belief = learner.update(mask, frame / 10)
+    assert belief is not None
+    assert 2 * belief.prior.half_length(55) == pytest.approx(90, rel=0.1)
+
+
+def belief_of_walkers(angles_deg: np.ndarray, half_length: float) -> SizePrior:
+    """One walker after another across a grid of 120 x 160 cells, each at an angle of its own."""
+    learner, frame = SizeLearner(60.0), 0
+    for angle in np.radians(angles_deg):
+        for step in range(6):
+            ellipse = np.array([[60.0 + 6 * step, 60, half_length, 0.5 * half_length, angle]])
+            learner.update(paint_union(ellipse, (120, 160)).astype(np.float32), frame / 10)
+            frame += 1
+    assert learner.belief is not None
+    return learner.belief.prior
+
+
+def test_large_people_who_lie_in_all_directions_are_seen_from_above():
+    prior = belief_of_walkers(np.arange(0.0, 180.0, 22.5), 38.0)
+    assert prior.any_direction
+    assert prior.half_length(60) == pytest.approx(38, rel=0.2)
+    assert prior.aspect == pytest.approx(0.5, rel=0.2)
+
+
+@pytest.mark.parametrize(("angles_deg", "half_length"), [(np.zeros(8), 38.0), (np.arange(0.0, 180.0, 22.5), 12.0)])
+def test_upright_or_small_people_are_upright_ellipses(angles_deg, half_length):
+    assert not belief_of_walkers(angles_deg, half_length).any_direction
+
+
+def test_circles_have_the_area_of_their_ellipses():
+    prior = SizePrior(20.0, 0.1, 0.25)
+    assert prior.rounded().half_length(50) ** 2 == pytest.approx(0.25 * prior.half_length(50) ** 2)
+
+
+def test_what_does_not_move_teaches_no_size():
+    learner, mask = SizeLearner(60.0), paint_union(np.array([[40.0, 30, 15, 6, 0]]), (60, 80)).astype(np.float32)
+    for frame in range(20):
+        assert learner.update(mask, frame / 10, np.zeros(mask.shape, np.bool_)) is None
+
+
+def test_camera_gives_the_length_of_an_adult_by_row():
+    # 3 m above the floor at a tilt of 60 degrees: feet in some row are those of a head 1.7 m above them.
+    camera = GroundCamera(640, 480, 500.0, 3.0, math.radians(60.0))
+    prior = size_of_camera(camera, 4.0, 0.36)
+    assert prior is not None
+    foot, head = camera.project(np.array([[0.0, 5.0, 0.0], [0.0, 5.0, 1.7]]))[:, 1]
+    centre = ((foot + head) / 2 - 1.5) / 4.0
+    assert 2 * prior.half_length(centre) * 4.0 == pytest.approx(foot - head, rel=0.1)
+
+
+@pytest.mark.parametrize(("height_m", "tilt_deg"), [(3.0, 10.0), (1.3, 85.0)])
+def test_steep_or_low_camera_leaves_the_size_to_be_learned(height_m, tilt_deg):
+    assert size_of_camera(GroundCamera(640, 480, 500.0, height_m, math.radians(tilt_deg)), 4.0, 0.36) is None
+
+
+def test_density_of_lengths_is_largest_for_one_person_and_group_beats_speck():
+    expected = np.full(4, 20.0)
+    one, group, piece, odd = log_density(np.array([20.0, 32, 8, 80]), expected, expected, np.zeros(4, np.bool_))
+    assert one > piece > odd
+    assert one > group > odd
+
+
+def test_front_of_a_group_in_depth_is_as_long_as_a_person_with_the_same_feet():
+    # Length = 10 + row / 2: a person centred in row 40 is 30 long, with feet in row 55.
+    level, slope = np.array([[10.0], [30.0]]), np.array([[0.5], [0.0]])
+    front = front_lengths(np.array([40.0, 25]), np.array([30.0, 60]), level, slope)
+    np.testing.assert_allclose(front, [[30, 30], [30, 30]])
+
+
+def test_samples_that_are_alike_share_their_weight():
+    samples = np.array([[30.0, 20, 7, 100, 0]] * 4 + [[60, 30, 9, 100, 0]])
+    each, other = weights(samples)[[0, 4]]
+    assert other == pytest.approx(2 * each)
