@@ -15,8 +15,8 @@ from calib.params import Params
 from calib.types import U8
 from planview.doctor.check import Check
 from planview.doctor.steadiness import Steadiness, Steady
-from planview.foreground.ghosts import GhostParams, find_ghosts
-from planview.foreground.masks import BACKGROUND, PERSON, WALKER
+from planview.foreground.ghosts import GhostParams, find_ghosts, find_still, find_uncovered
+from planview.foreground.masks import BACKGROUND, FOREGROUND, PERSON, WALKER
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
 from planview.tracking.base import Observation
@@ -63,7 +63,8 @@ class SingleCamera:
         self._foreground = Foreground(params.foreground, shape)
         self._past: deque[tuple[float, U8]] = deque()
         self._ghosts: U8 = np.zeros(shape, np.uint8)
-        self._searched_s = -math.inf
+        self._moved_s = np.zeros(shape, np.float32)
+        self._searched_s, self._first_s = -math.inf, math.nan
         self._steadiness = Steadiness()
 
     def reset(self) -> None:
@@ -75,7 +76,8 @@ class SingleCamera:
         self._foreground.reset()
         self._past.clear()
         self._ghosts[:] = 0
-        self._searched_s = -math.inf
+        self._moved_s[:] = 0.0
+        self._searched_s, self._first_s = -math.inf, math.nan
 
     def checks(self) -> list[Check]:
         """Whether the camera stands still and shows one scene, from the frames so far."""
@@ -106,15 +108,29 @@ class SingleCamera:
         mask = self._foreground.update(image, None, frame.timestamp_s, known)
         grey = as_grey(image)
         motion = self._motion(frame.timestamp_s, grey)
-        if frame.timestamp_s - self._searched_s >= self.params.ghosts.interval_s - 5e-4:
-            self._searched_s = frame.timestamp_s
-            background = self._foreground.background_luma()
-            self._ghosts = find_ghosts(grey, background, mask, motion, self.params.ghosts)
-            if feedback is not None:
-                self._ghosts[self._resized(feedback, cv2.INTER_NEAREST) == WALKER] = 0
+        if math.isnan(self._first_s):
+            self._first_s = frame.timestamp_s
+        self._search_ghosts(frame.timestamp_s, grey, mask, motion, feedback)
         if cv2.countNonZero(self._ghosts):
             mask[self._ghosts > 0] = 0
         return Observation(frame.index, frame.timestamp_s, frame.image, mask, motion, shadow=self._foreground.shadow)
+
+    def _search_ghosts(self, now_s: float, grey: U8, mask: U8, motion: U8, feedback: U8 | None) -> None:
+        """Where people of the first frames have left: from time to time, and in every frame while they set out."""
+        params = self.params.ghosts
+        self._moved_s[motion > 0] = now_s - self._first_s
+        starting = now_s - self._first_s <= params.start_s
+        if not starting and now_s - self._searched_s < params.interval_s - 5e-4:
+            return
+        self._searched_s = now_s
+        background = self._foreground.background_luma()
+        self._ghosts = find_ghosts(grey, background, mask, motion, params)
+        if starting:
+            self._ghosts |= find_uncovered(grey, background, mask, params)
+            moved = np.where(self._moved_s > now_s - self._first_s - params.still_s, FOREGROUND, 0).astype(np.uint8)
+            self._ghosts |= find_still(mask, moved, params)
+        if feedback is not None:
+            self._ghosts[self._resized(feedback, cv2.INTER_NEAREST) == WALKER] = 0
 
     def _resized(self, image: U8, interpolation: int) -> U8:
         if self._reduced == self.size:

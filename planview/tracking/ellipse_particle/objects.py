@@ -133,11 +133,9 @@ class Objects:
             self.cycle.miss(e.who, "too little of it shows outside older objects" if e.shares else few, covered)
 
     def watch_move(self, n: int, prior: SizePrior) -> None:
-        """An object has moved when its centre is half a length or a width from its first place."""
+        """An object has moved when its centre is half a length from its first place."""
         e, centre = self.evidence[n], self.states[n, [X, Y]]
-        offset = centre - e.spawned_at
-        a = prior.half_length(float(centre[1]))
-        e.moved = e.moved or bool(np.hypot(offset[0] / (2 * a * prior.aspect), offset[1] / a) > 1.0)
+        e.moved = e.moved or bool(np.hypot(*(centre - e.spawned_at)) > prior.half_length(float(centre[1])))
 
     def spawn(
         self, ellipse: F64, fill: float, candidates: int, prior: SizePrior, cells_per_m: float, where: str
@@ -193,11 +191,13 @@ class Objects:
     def resize(self, before: SizePrior, after: SizePrior, limit: float, shape: tuple[int, int]) -> None:
         """Forget objects that are doubles now that another size is expected.
 
-        Where the expected size changes by more than ``limit``, either way, several objects may have been found in one
-        person; of those only the oldest stays, and others of which it covers little.
+        Where the expected length or width changes by more than ``limit``, either way, several objects may have been
+        found in one person; of those only the oldest stays, and others of which it covers little.
         """
         rows = self.states[:, Y]
-        changed = np.abs(np.log(after.half_lengths(rows) / before.half_lengths(rows))) > math.log(limit)
+        longer = np.log(after.half_lengths(rows) / before.half_lengths(rows))
+        wider = longer + math.log(after.aspect / before.aspect)
+        changed = np.maximum(np.abs(longer), np.abs(wider)) > math.log(limit)
         if not changed.any():
             return
         ellipses = self.ellipses(after)

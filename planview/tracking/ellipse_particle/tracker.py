@@ -22,6 +22,9 @@ from planview.trajectories.state import TrackState
 NO_ELLIPSES: F64 = np.zeros((0, 5))
 STEP_MAX_S = 1.0
 """A gap in the recording longer than this is predicted over as if it were this long [s]."""
+SETTING_OUT_S = 3.0
+"""Time from the first frame in which only what has moved is confirmed in an image [s]: people of that frame set out,
+and leave foreground behind where they stood until the background is known there. Our choice: as long as that takes."""
 REPLAYED = 10
 """Frames before the size was known that are tracked once it is; a bound on the time of that one frame. Our choice."""
 PROTECTED = 1.3
@@ -49,6 +52,7 @@ class EllipseParticleTracker:
         self._objects = Objects(self._params.filter, self._params.existence, self._plane.model, rng)
         self._plane.reset()
         self._time_s: float | None = None
+        self._first_s = 0.0
         self._view: PlaneView | None = None
         self._prior: SizePrior | None = None
         self._measured = NO_ELLIPSES
@@ -117,7 +121,9 @@ class EllipseParticleTracker:
         return draw(self._plane.name, self._view, *shapes, ids)
 
     def _step(self, time_s: float) -> float:
-        dt = 0.0 if self._time_s is None else min(max(time_s - self._time_s, 0.0), STEP_MAX_S)
+        if self._time_s is None:
+            self._first_s = self._time_s = time_s
+        dt = min(max(time_s - self._time_s, 0.0), STEP_MAX_S)
         self._time_s = time_s
         return dt
 
@@ -184,6 +190,11 @@ class EllipseParticleTracker:
 
     def _confirmable(self, n: int, view: PlaneView) -> bool:
         """Whether nothing but time speaks against confirming an object."""
+        setting_out = (
+            view.observation.motion is not None and view.observation.timestamp_s < self._first_s + SETTING_OUT_S
+        )
+        if setting_out and not self._objects.evidence[n].moved:
+            return False
         cell, known = self._objects.states[n, [X, Y]], self._known()
         return self._plane.is_person(view, cell, known) and self._plane.is_separate(view, cell, known)
 
