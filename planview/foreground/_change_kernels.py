@@ -11,7 +11,7 @@ from numba import njit
 from calib.types import F32, U8
 from planview.foreground._block_kernels import ACTIVITY, BLOCK, KIND_LEADER, N_SCRATCH, stage
 from planview.foreground._gaussian_kernels import NO_MATCH, WEIGHT, UpdateConstants
-from planview.foreground._leader_kernels import match_leaders
+from planview.foreground._leader_kernels import match_colours
 
 
 @njit(cache=True, nogil=True)
@@ -34,7 +34,7 @@ def find_changes(lead: F32, image: U8, channels: int, step: int, s: UpdateConsta
             # All of a block, on vector registers, is faster than a part of it.
             stage(flat, no_disparity, empty, empty, start, min(BLOCK, n_pixels - start), channels > 1, s, obs)
             leaders = lead[block]
-            match_leaders(leaders, obs, s)
+            match_colours(leaders, obs, s)
             while column < columns and first + step * column < start + BLOCK:
                 i = first + step * column - start
                 young = leaders[WEIGHT * BLOCK + i] <= s.background_weight

@@ -14,6 +14,7 @@ import numpy as np
 from calib.rig import Floor
 from calib.types import F32, U8
 from planview.foreground.mixture import Foreground
+from planview.pipeline._gate_kernels import forgive_known, remember_known
 from planview.trajectories.state import TrackState
 from stereo.gate import SAMPLE, Gate, MatchingParams, Window
 from stereo.matcher import (
@@ -58,8 +59,8 @@ class MatchingMemory:
         gate: place of the refresh.
         disparity: (h, w) float32 [px] as measured last, at the analysis size.
         foreground: (h, w) uint8 mask of the last frame.
-        background: every SAMPLE-th row and column of the analysed image, uint8, as it looked when it was last measured
-            as background.
+        background: (h, w, C) uint8, every SAMPLE-th row and column of the analysed image as it looked when it was last
+            measured as background.
         boxes: left, top, width, height of the people who were not found in the last frame [px]; those who were are part
             of the foreground.
     """
@@ -156,10 +157,8 @@ class GatedMatching:
         """
         changed = foreground.changed(image, SAMPLE)
         if self.memory.background is not None:
-            apart = cv2.absdiff(_sampled(image), self.memory.background)
-            same = cv2.inRange(apart, (0,) * 4, (SAME_LEVELS,) * 4)
-            changed[same > 0] = 0
-        before = solid(_sampled(self.memory.foreground), self._grain)
+            forgive_known(_channels(image), self.memory.background, SAMPLE, SAME_LEVELS, changed)
+        before = solid(np.ascontiguousarray(self.memory.foreground[::SAMPLE, ::SAMPLE]), self._grain)
         return np.asarray(cv2.bitwise_or(solid(changed, self._grain), before), dtype=np.uint8)
 
     def learn(self, image: U8, foreground: U8, measured: U8, tracks: Sequence[TrackState]) -> None:
@@ -169,11 +168,9 @@ class GatedMatching:
             image, foreground, measured: of this frame, at the analysis size.
             tracks: people, with their boxes in the rectified image.
         """
-        few = _sampled(image)
         if self.memory.background is None:
-            self.memory.background = few.copy()
-        known = cv2.bitwise_and(_sampled(measured), cv2.bitwise_not(_sampled(foreground)))
-        cv2.copyTo(few, known, self.memory.background)
+            self.memory.background = _channels(image)[::SAMPLE, ::SAMPLE].copy()
+        remember_known(_channels(image), measured, foreground, SAMPLE, self.memory.background)
         self.memory.foreground = foreground
         self.memory.boxes = tuple(
             track.box_px for track in tracks if track.state == "lost" and not math.isnan(track.box_px[0])
@@ -209,6 +206,6 @@ def samples(window: Window, step: int) -> tuple[slice, slice]:
     return rows, columns
 
 
-def _sampled(image: U8) -> U8:
-    """Every SAMPLE-th row and column."""
-    return np.ascontiguousarray(image[::SAMPLE, ::SAMPLE])
+def _channels(image: U8) -> U8:
+    """(H, W, C), of a grey image too."""
+    return image.reshape(*image.shape[:2], -1)

@@ -13,6 +13,7 @@ from pydantic import Field
 from calib.params import Params
 from calib.types import F32, F64, Bool
 from planview.maps.builder import PlanViewMaps, Viewpoint
+from planview.tracking._near_kernels import pairs_within
 from planview.tracking.body_axis import BodyAxis
 
 _MAX_CANDIDATES = 20
@@ -203,10 +204,6 @@ def inseparable(view: Viewpoint, one_m: tuple[float, float], other_m: tuple[floa
 
 def inseparable_pairs(view: Viewpoint, places_m: F64, distance_m: float) -> list[tuple[int, int]]:
     """All i < j for which places i and j of (K, 2) are ``inseparable`` [m]."""
-    ellipses = [view.footprint(x, y, distance_m, sigmas=4.0) for x, y in places_m.tolist()]
-    axes = np.array([(across, along, *ray) for across, along, ray in ellipses]).reshape(-1, 4, 1)
-    across, along, ray_x, ray_y = axes.transpose(1, 0, 2)
-    dx, dy = (places_m[None] - places_m[:, None]).transpose(2, 0, 1)
-    radial, lateral = dx * ray_x + dy * ray_y, -dx * ray_y + dy * ray_x
-    near = (radial / along) ** 2 + (lateral / across) ** 2 < 1.0
-    return [(int(i), int(j)) for i, j in np.argwhere(np.triu(near, 1))]
+    footprints = [view.footprint(x, y, distance_m, sigmas=4.0) for x, y in places_m.tolist()]
+    ellipses = np.array([(across, along, *ray) for across, along, ray in footprints]).reshape(-1, 4)
+    return [(i, j) for i, j in pairs_within(places_m, ellipses).tolist()]

@@ -21,7 +21,8 @@ CONTACT_M = 0.5
 
 
 LEARN_S = 0.2
-"""Time between two measurements of a person whose identity is not in doubt [s]: a person hardly turns in less."""
+"""Time between two measurements of a person whose identity is not in doubt [s]: a person hardly turns in less. All who
+are clear are measured together, so that most frames need no colours."""
 HEAD_ROOM_M = 0.05
 """A height is measured only where this much above the head is in the image too [m]: else the image may cut it off."""
 
@@ -49,16 +50,7 @@ class Identities:
             return
         nearest = self._contacts(maps, people)
         clear = [q for q, apart in zip(people, nearest, strict=True) if q.observed and self._clear(maps, q, apart)]
-        if clear:
-            others = [q for q in people if q.observed and q not in clear]
-            measured = [*clear, *others]
-            looks = appearances(
-                maps.points, [q.at_m for q in measured], [q.tallest_m for q in measured],
-                [q.height_m for q in measured], self._params.reach_m,
-            )  # fmt: skip
-            for person, look in zip(clear, looks, strict=False):
-                person.clear_s = self._life.now_s
-                self._layer.learn(person.existence, look)
+        self._learn(maps, self._due(clear), [q for q in people if q.observed])
         remember_s = self._params.identity.remember_s
         self._gone = [q for q in self._gone if self._life.unobserved_s(q.existence) <= remember_s]
         self._layer.retain([q.existence for q in (*people, *self._gone)])
@@ -116,12 +108,29 @@ class Identities:
         return nearest
 
     def _clear(self, maps: PlanViewMaps, person: TemplatePerson, nearest_m: float) -> bool:
-        """Whether a measurement now is the person's alone; one every ``LEARN_S`` is enough without doubt."""
-        doubtful = self._layer.in_doubt(person.existence) or not person.existence.confirmed
-        rested = doubtful or self._life.now_s - person.clear_s >= LEARN_S
+        """Whether a measurement now is the person's alone."""
         apart = nearest_m > (1.0 if self._layer.in_doubt(person.existence) else 2.0) * CONTACT_M
         well = person.head and person.score <= self._params.match.score_max / 2
-        return rested and apart and well and maps.view.sees(*person.at_m, person.height_m + HEAD_ROOM_M)
+        return apart and well and maps.view.sees(*person.at_m, person.height_m + HEAD_ROOM_M)
+
+    def _due(self, clear: Sequence[TemplatePerson]) -> list[TemplatePerson]:
+        """Who is measured: those in doubt, and all others as soon as one of these has not been for ``LEARN_S``."""
+        doubtful = [q for q in clear if self._layer.in_doubt(q.existence) or not q.existence.confirmed]
+        rested = any(self._life.now_s - q.clear_s >= LEARN_S for q in clear if q not in doubtful)
+        return list(clear) if rested else doubtful
+
+    def _learn(self, maps: PlanViewMaps, due: Sequence[TemplatePerson], observed: Sequence[TemplatePerson]) -> None:
+        """Measure the appearance of those due; points nearer to others are the others'."""
+        if not due:
+            return
+        measured = [*due, *(q for q in observed if q not in due)]
+        looks = appearances(
+            maps.points, [q.at_m for q in measured], [q.tallest_m for q in measured],
+            [q.height_m for q in measured], self._params.reach_m,
+        )  # fmt: skip
+        for person, look in zip(due, looks, strict=False):
+            person.clear_s = self._life.now_s
+            self._layer.learn(person.existence, look)
 
     def _mend(self, exchange: Exchange, people: Sequence[TemplatePerson]) -> None:
         """Identities move; what belongs to a person and not to a place moves along."""

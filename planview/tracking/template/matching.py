@@ -116,7 +116,8 @@ class JointMatcher:
     def _place(self, order: Sequence[int]) -> list[Placement]:
         """Search for people one after the other, clearing the maps under all people found."""
         placements = []
-        self._expected[list(order)] = ~self._lost[list(order)]
+        for i in order:
+            self._expected[i] = not self._lost[i]
         for i in order:
             self._expected[i] = False
             placement = self._search(i)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from planview.tracking._near_kernels import CELLS_MAX, cell_of, near_people
-from tests.reference.near import people_within
+from planview.tracking._near_kernels import CELLS_MAX, cell_of, near_people, pairs_within
+from tests.reference import near as reference
 
 
 def listed(people: np.ndarray, reach_m: float, x_m: float, y_m: float) -> list[int]:
@@ -20,7 +20,7 @@ def test_cell_lists_all_people_within_reach_once_and_in_order(extent_m: float, c
     for x, y in [*rng.uniform(-extent_m, extent_m, (200, 2)), *people[:, :2]]:
         found = listed(people, 0.6, x, y)
         assert found == sorted(set(found))
-        assert set(people_within(people, 0.6, x, y)) <= set(found)
+        assert set(reference.people_within(people, 0.6, x, y)) <= set(found)
 
 
 def test_people_far_away_are_not_listed() -> None:
@@ -37,3 +37,12 @@ def test_nobody_gives_no_cells() -> None:
 def test_wide_floor_has_wide_cells() -> None:
     near = near_people(np.array([[0.0, 0.0], [1000.0, 0.0]]), 0.5)
     assert near.cols <= CELLS_MAX
+
+
+@pytest.mark.parametrize("count", [0, 1, 20])
+def test_pairs_within_equal_their_reference(count: int) -> None:
+    rng = np.random.default_rng(count)
+    angles = rng.uniform(0.0, 2 * np.pi, count)
+    ellipses = np.column_stack([*rng.uniform(0.5, 2.0, (2, count)), np.cos(angles), np.sin(angles)])
+    places = rng.uniform(-2.0, 2.0, (count, 2))
+    np.testing.assert_array_equal(pairs_within(places, ellipses), reference.pairs_within(places, ellipses))
