@@ -188,8 +188,8 @@ class Objects:
         inside = (x >= -0.5 - dx) & (x <= cols - 0.5 + dx) & (y >= -0.5 - dy) & (y <= rows - 0.5 + dy)
         return np.asarray(~inside)
 
-    def resize(self, before: SizePrior, after: SizePrior, limit: float, shape: tuple[int, int]) -> None:
-        """Forget objects that are doubles now that another size is expected.
+    def resize(self, before: SizePrior, after: SizePrior, limit: float, shape: tuple[int, int]) -> bool:
+        """Forget objects that are doubles now that another size is expected; returns whether it is where objects are.
 
         Where the expected length or width changes by more than ``limit``, either way, several objects may have been
         found in one person; of those only the oldest stays, and others of which it covers little.
@@ -199,11 +199,12 @@ class Objects:
         wider = longer + math.log(after.aspect / before.aspect)
         changed = np.maximum(np.abs(longer), np.abs(wider)) > math.log(limit)
         if not changed.any():
-            return
+            return False
         ellipses = self.ellipses(after)
         everywhere = np.array([[shape[1] / 2, shape[0] / 2, 2.0 * max(shape), 2.0 * max(shape), 0.0]])
         own = measured_shares(everywhere, ellipses, shape)[:, 1]
         self.discard(changed & (own < 1.0 - self._params.min_overlap), "another size of people: an older object has it")
+        return True
 
     def rescale(self, ratio: float, x: float, y: float) -> None:
         """Go over to another grid: cells become ``ratio`` times as many, cell (0, 0) is at (x, y) there."""

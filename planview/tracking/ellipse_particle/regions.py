@@ -19,8 +19,13 @@ THINNEST = 0.2 * 0.75 * math.pi / 4
 """Least area over squared length: people are at least 0.2 times as wide as long, and fill three quarters of their
 ellipse. Thinner are poles and their shadows."""
 JOINED = 0.1
-"""Regions nearer to each other than this share of the larger one's height are one: a person whose belt looks like the
-wall behind. Our choice: 17 cm of a person."""
+"""Regions above one another and nearer to each other than this share of the larger one's height are one: a person whose
+belt looks like the wall behind. Our choice: 17 cm of a person."""
+BESIDE = 0.03
+"""The same of regions beside one another, unless one is a piece: people who walk side by side leave a gap, and a body
+has none upwards. Our choice: 5 cm of a person."""
+PIECE = 0.3
+"""A region of less than this share of the area of one beside it is a piece of that: an arm. Our choice."""
 SAME_SIZE, SAME_PLACE = 1.25, 0.3
 """Largest ratio of lengths and least intersection over union of the boxes of one region in two frames. Our choice: at
 7 frames per second a walker moves by a third of a width."""
@@ -34,14 +39,15 @@ class RegionPairs:
     def __init__(self) -> None:
         self._before: F64 = np.zeros((0, 4))
 
-    def update(self, mask: F32, moving: Bool | None) -> F64:
+    def update(self, mask: F32, moving: Bool | None, beside: float = BESIDE) -> F64:
         """(N, 8) float64 regions, columns ``ROW`` to ``LEAN``.
 
         Args:
             mask: (R, C) float32 foreground share of each cell.
             moving: (R, C) cells that move; None where that is not known.
+            beside: largest gap between regions side by side that are one, as a share of the larger one's height.
         """
-        boxes, sums, moved = regions(mask, moving)
+        boxes, sums, moved = regions(mask, moving, beside)
         together = _paired(boxes, self._before) & moved
         self._before = boxes
         boxes, sums = boxes[together], sums[together]
@@ -56,7 +62,7 @@ class RegionPairs:
         return np.asarray(samples[fits])
 
 
-def regions(mask: F32, moving: Bool | None) -> tuple[F64, F64, Bool]:
+def regions(mask: F32, moving: Bool | None, beside: float = BESIDE) -> tuple[F64, F64, Bool]:
     """Boxes (N, 4) left, top, width, height, sums (N, 6), and which move, of regions that are joined where near.
 
     The sums are over cells: their number, x, y, x^2, x y, y^2.
@@ -67,11 +73,11 @@ def regions(mask: F32, moving: Bool | None) -> tuple[F64, F64, Bool]:
     region_sums(blobs.labels, np.zeros((0, 0), np.bool_) if moving is None else moving, sums, moved)
     sums, moved = sums[1:], (sums[1:, 0] if moving is None else moved[1:])
     kept = sums[:, 0] >= AREA_MIN / 3
-    boxes, sums, moved = joined(boxes[kept], sums[kept], moved[kept])
+    boxes, sums, moved = joined(boxes[kept], sums[kept], moved[kept], beside)
     return boxes, sums, np.asarray(moved >= MOVING * sums[:, 0])
 
 
-def joined(boxes: F64, sums: F64, moved: F64) -> tuple[F64, F64, F64]:
+def joined(boxes: F64, sums: F64, moved: F64, beside: float) -> tuple[F64, F64, F64]:
     """Regions with those near a larger one added to it: its box grows, sums and moving areas add up."""
     order = np.argsort(-sums[:, 0], kind="stable")
     boxes, sums, moved = boxes[order].copy(), sums[order].copy(), moved[order].copy()
@@ -82,7 +88,9 @@ def joined(boxes: F64, sums: F64, moved: F64) -> tuple[F64, F64, F64]:
             continue
         free[k] = False
         while True:
-            near = free & (_gap(boxes[k], boxes) <= JOINED * boxes[k, 3])
+            aside, above = _gaps(boxes[k], boxes).T
+            wide = np.where(sums[:, 0] < PIECE * sums[k, 0], JOINED, beside)
+            near = free & (aside <= wide * boxes[k, 3]) & (above <= JOINED * boxes[k, 3])
             if not near.any():
                 break
             free[near] = False
@@ -106,11 +114,10 @@ def axes_of(sums: F64) -> F64:
     return np.column_stack([4 * np.sqrt(mean + half), 4 * np.sqrt(np.maximum(mean - half, 1 / 12)), lean])
 
 
-def _gap(box: F64, others: F64) -> F64:
-    """(N,) cells between a box and others, 0 where they overlap."""
+def _gaps(box: F64, others: F64) -> F64:
+    """(N, 2) cells across and down between a box and others, 0 where they overlap."""
     low, high = others[:, :2], others[:, :2] + others[:, 2:]
-    apart = np.maximum(0.0, np.maximum(low - (box[:2] + box[2:]), box[:2] - high))
-    return np.asarray(apart.max(axis=1))
+    return np.asarray(np.maximum(0.0, np.maximum(low - (box[:2] + box[2:]), box[:2] - high)))
 
 
 def _paired(boxes: F64, before: F64) -> Bool:

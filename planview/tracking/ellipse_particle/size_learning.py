@@ -9,10 +9,24 @@ import numpy as np
 
 from calib.types import F32, F64, I64, Bool
 from planview.tracking.ellipse_particle.fit.prior import SizePrior
-from planview.tracking.ellipse_particle.regions import AREA, CUT, LEAN, LENGTH, MAJOR, MINOR, ROW, WIDTH, RegionPairs
+from planview.tracking.ellipse_particle.regions import (
+    AREA,
+    BESIDE,
+    CUT,
+    JOINED,
+    LEAN,
+    LENGTH,
+    MAJOR,
+    MINOR,
+    ROW,
+    WIDTH,
+    RegionPairs,
+)
 
 FIRST_WHOLE = 4
 """Whole regions needed before a size is used. Our choice: one person in four frames, or two in two."""
+SETTING_OUT_S = 3.0
+"""Time from the first frame in which people who were in it set out [s]: as long as the background needs to be known."""
 FIRST_CUT = 15
 """Regions cut by the border that are enough where none is whole: people may be too large ever to show as a whole."""
 PER_FRAME = 12
@@ -111,7 +125,8 @@ class SizeLearner:
         if time_s > self._learn_s and self.belief is not None:
             return self.belief
         self._frames += 1
-        new = self._pairs.update(mask, moving)
+        # Of people who set out both edges are foreground before the rest.
+        new = self._pairs.update(mask, moving, BESIDE if time_s > SETTING_OUT_S else JOINED)
         if (self._frames - 1) % self._stride:
             return self.belief
         new = new[np.argsort(-new[:, AREA], kind="stable")[:PER_FRAME]]

@@ -17,14 +17,12 @@ from planview.tracking.ellipse_particle.image_plane import FLOODED
 from planview.tracking.ellipse_particle.objects import Objects
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
 from planview.tracking.ellipse_particle.planes import Estimates, PlaneView, TrackingPlane
+from planview.tracking.ellipse_particle.size_learning import SETTING_OUT_S
 from planview.trajectories.state import TrackState
 
 NO_ELLIPSES: F64 = np.zeros((0, 5))
 STEP_MAX_S = 1.0
 """A gap in the recording longer than this is predicted over as if it were this long [s]."""
-SETTING_OUT_S = 3.0
-"""Time from the first frame in which only what has moved is confirmed in an image [s]: people of that frame set out,
-and leave foreground behind where they stood until the background is known there. Our choice: as long as that takes."""
 REPLAYED = 10
 """Frames before the size was known that are tracked once it is; a bound on the time of that one frame. Our choice."""
 PROTECTED = 1.3
@@ -55,6 +53,7 @@ class EllipseParticleTracker:
         self._first_s = 0.0
         self._view: PlaneView | None = None
         self._prior: SizePrior | None = None
+        self._judged: tuple[SizePrior, PlaneView] | None = None
         self._measured = NO_ELLIPSES
         self._unsized: list[tuple[float, Observation]] = []
 
@@ -105,8 +104,7 @@ class EllipseParticleTracker:
         self._objects.aim(self._plane.model)
         if before is None:
             self._replay(self._prior)
-        else:
-            self._objects.resize(before, self._prior, SIZE_LIMIT, view.mask.shape)
+        self._resize(view, self._prior)
         self._track(dt, view, self._prior)
         self._plane.protect(self._moved_people(view, self._prior))
         return tuple(self._plane.states(view, self._estimates(view, self._prior)))
@@ -135,6 +133,12 @@ class EllipseParticleTracker:
         ratio = before.scale / view.scale
         self._objects.rescale(ratio, *(float(v) for v in view.to_cells(before.to_plane(np.zeros(2)))))
         return regridded(prior, before, view)
+
+    def _resize(self, view: PlaneView, prior: SizePrior) -> None:
+        """Forget doubles once the size has changed much since it was last done, be it little by little."""
+        was, on = self._judged or (prior, view)
+        if self._judged is None or self._objects.resize(regridded(was, on, view), prior, SIZE_LIMIT, view.mask.shape):
+            self._judged = prior, view
 
     def _measure(self, view: PlaneView) -> F64:
         """(M, 5) ellipses fitted to the foreground, by the size that is expected now."""
@@ -189,7 +193,11 @@ class EllipseParticleTracker:
             objects.observe(n, bool(covered >= min_overlap), alone, dt, confirmable, float(covered))
 
     def _confirmable(self, n: int, view: PlaneView) -> bool:
-        """Whether nothing but time speaks against confirming an object."""
+        """Whether nothing but time speaks against confirming an object.
+
+        People of the first frame leave foreground behind where they stood: until the background is known there, only
+        what has moved is confirmed.
+        """
         setting_out = (
             view.observation.motion is not None and view.observation.timestamp_s < self._first_s + SETTING_OUT_S
         )
