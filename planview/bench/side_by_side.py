@@ -86,6 +86,8 @@ def take_turns(clip: Clip, rivals: Mapping[str, Callable[..., object]], settled:
     """The engine over a clip's decoded frames, and after ``settled`` of them the rivals on every TURN-th."""
     engine = clip.pipeline
     engine.reset()
+    if settled >= len(clip.frames):  # a clip that short is timed in its second half
+        settled = len(clip.frames) // 2
     spent: list[float] = []
     results: list[tuple[int, dict[str, float], float]] = []
     theirs: dict[str, list[float]] = {name: [] for name in rivals}
@@ -95,7 +97,7 @@ def take_turns(clip: Clip, rivals: Mapping[str, Callable[..., object]], settled:
         spent.append(1e3 * (time.perf_counter() - start))
         results.append((people_in(result), result.stages_ms, result.matched_share))
         for name, rival in rivals.items():
-            if n >= min(settled, len(clip.frames) // 2) and (n % TURN == 0 or not theirs[name]):
+            if n >= settled and (n % TURN == 0 or not theirs[name]):
                 theirs[name].append(seconds(rival, frame.left, frame.right) * 1e3)
             elif theirs[name]:
                 theirs[name].append(theirs[name][-1])

@@ -46,8 +46,8 @@ PARTS = ("engine", "foreground", "after-disparity", "single", "start", "worst-ca
 """What is measured, in order."""
 USUAL = tuple(part for part in PARTS if part not in CURVES)
 """What is measured when nothing is named: the curves take some minutes more."""
-OVERHEAD_FRAMES = 60
-"""Of the real overhead pair, after SETTLED."""
+OVERHEAD_FRAMES = 200
+"""Of the real overhead pair, after SETTLED: a person walks through the view in the second half."""
 FULL = ("rectify.working_px=0", "analysis.width_px=1280")
 LIMITS = {
     "engine_to_yardstick_grey": 0.5,
