@@ -75,14 +75,18 @@ class RerunLog:
         application = "planview" if self._stereo else "planview-single"
         self._stream = rr.RecordingStream(application, recording_id=f"planview-{path.parent.name}")
         self._frames_in_part = 0
-        self._write_to(self._parts.open_path)
+        self._stream.save(str(self._parts.open_path), default_blueprint=blueprint(self._engine, self._bounds))
         self._series = SeriesBlocks()
         self._scene = StaticScene(engine.stereo) if engine.stereo else None
         self._log_static()
 
     def _write_to(self, path: Path) -> None:
-        """Close the file written so far and begin another: a new stream for each would keep 2 MB for good."""
-        self._stream.save(str(path), default_blueprint=blueprint(self._engine, self._bounds))
+        """Close the file written so far and begin another.
+
+        Without a layout, which the first part has: rerun makes a stream for each that it is given, and a stream keeps
+        2 MB for good.
+        """
+        self._stream.save(str(path))
 
     def _next_part(self) -> None:
         """rerun keeps a table of all that it has written of a file: files of bounded length bound its memory."""
