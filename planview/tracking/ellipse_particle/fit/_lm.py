@@ -133,6 +133,15 @@ def inside_of(rho2, b, soft, far2):  # type: ignore[no-untyped-def]
     return 0.0 if z > EDGE else 1.0 / (1.0 + math.exp(z)), rho
 
 
+@njit(cache=True, nogil=True, inline="always")
+def add_cell(row, weight, residual, grad, hess):  # type: ignore[no-untyped-def]
+    """Add a cell's terms, of its five slopes, to the gradient and to the lower triangle of the Hessian."""
+    for i in range(5):
+        grad[i] += weight * residual * row[i]
+        for j in range(i + 1):
+            hess[i, j] += weight * row[i] * row[j]
+
+
 @njit(cache=True, nogil=True)
 def normal_equations(
     mask: F32, ellipse: F64, window: I64, free: F64, match: Match, grad: F64, hess: F64, derive: bool
@@ -181,10 +190,7 @@ def normal_equations(
                 slope * v * v * ib,
                 -slope * u * v * (ia - ib),
             )
-            for i in range(5):
-                grad[i] += weight * residual * row[i]
-                for j in range(i + 1):
-                    hess[i, j] += weight * row[i] * row[j]
+            add_cell(row, weight, residual, grad, hess)
     for i in range(5):
         for j in range(i):
             hess[j, i] = hess[i, j]
