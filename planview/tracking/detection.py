@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -103,7 +103,7 @@ class PersonDetector:
             if peak < self.params.area_min_m2:
                 break
             candidate = self._candidate(maps, occupancy, taken, (row0 + row, col0 + col), cells, peak)
-            if candidate and not any(self._one_body(maps, candidate, (c.x_m, c.y_m)) for c in found):
+            if candidate and self._owner(maps, candidate, [(c.x_m, c.y_m) for c in found]) is None:
                 found.append(replace(candidate, part_of=self._owner(maps, candidate, taken)))
             r = cells
             area[max(0, row - r) : row + r + 1, max(0, col - r) : col + r + 1] = 0.0
@@ -176,10 +176,8 @@ class PersonDetector:
     def _owner(
         self, maps: PlanViewMaps, candidate: PersonCandidate, taken: Sequence[tuple[float, float]]
     ) -> int | None:
-        return next((i for i, other in enumerate(taken) if self._one_body(maps, candidate, other)), None)
-
-    def _one_body(self, maps: PlanViewMaps, candidate: PersonCandidate, other: tuple[float, float]) -> bool:
-        return inseparable(maps.view, (candidate.x_m, candidate.y_m), other, self.params.separation_m)
+        may_be = inseparable_from(maps.view, (candidate.x_m, candidate.y_m), self.params.separation_m)
+        return next((i for i, other in enumerate(taken) if may_be(other)), None)
 
 
 def free_cells(maps: PlanViewMaps, occupancy: F32, xyz: F32) -> Bool:
@@ -196,10 +194,21 @@ def inseparable(view: Viewpoint, one_m: tuple[float, float], other_m: tuple[floa
     Matching favours whole disparities, so a far body may fall into two clumps one disparity step apart: four of its
     standard deviations of 0.25 px.
     """
-    across, along, ray = view.footprint(*one_m, distance_m, sigmas=4.0)
-    dx, dy = other_m[0] - one_m[0], other_m[1] - one_m[1]
-    radial, lateral = dx * ray[0] + dy * ray[1], -dx * ray[1] + dy * ray[0]
-    return (radial / along) ** 2 + (lateral / across) ** 2 < 1.0
+    return inseparable_from(view, one_m, distance_m)(other_m)
+
+
+def inseparable_from(
+    view: Viewpoint, one_m: tuple[float, float], distance_m: float
+) -> Callable[[tuple[float, float]], bool]:
+    """``inseparable`` of one place and any other."""
+    across, along, (ray_x, ray_y) = view.footprint(*one_m, distance_m, sigmas=4.0)
+
+    def test(other_m: tuple[float, float]) -> bool:
+        dx, dy = other_m[0] - one_m[0], other_m[1] - one_m[1]
+        radial, lateral = dx * ray_x + dy * ray_y, -dx * ray_y + dy * ray_x
+        return (radial / along) ** 2 + (lateral / across) ** 2 < 1.0
+
+    return test
 
 
 def inseparable_pairs(view: Viewpoint, places_m: F64, distance_m: float) -> list[tuple[int, int]]:

@@ -34,11 +34,16 @@ class Existence:
     observed: bool = True
 
     @property
+    def lost(self) -> bool:
+        """Confirmed, and not observed in the current frame."""
+        return self.confirmed and not self.observed
+
+    @property
     def state(self) -> State:
         """As reported in ``tracks.csv``."""
         if not self.confirmed:
             return "tentative"
-        return "confirmed" if self.observed else "lost"
+        return "lost" if self.lost else "confirmed"
 
 
 class LifeCycle:
@@ -88,7 +93,7 @@ class LifeCycle:
 
     def observe(self, who: Existence, reason: str = "", value: float = math.nan, terms: ScoreTerms = NO_TERMS) -> None:
         """The track is observed in this frame; a lost one is thereby reacquired, for the reason given."""
-        if who.state == "lost":
+        if who.lost:
             self.log(who, "reacquired", reason, value, terms)
         elif reason:
             self.log(who, "matched", reason, value, terms)
@@ -96,7 +101,7 @@ class LifeCycle:
 
     def miss(self, who: Existence, reason: str, value: float = math.nan, terms: ScoreTerms = NO_TERMS) -> None:
         """The track is not observed in this frame; a confirmed one is lost from now on."""
-        if who.state == "confirmed":
+        if who.confirmed and who.observed:
             self.log(who, "lost", reason, value, terms)
         who.observed = False
 

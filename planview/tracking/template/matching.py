@@ -49,10 +49,10 @@ class JointMatcher:
         self, frame: TemplateFrame, people: Sequence[TemplatePerson], params: TemplateTrackerParams, height_max_m: float
     ) -> None:
         self._frame, self._params, self._height_max_m = frame, params, height_max_m
-        self._people = sorted(people, key=lambda q: (q.state == "lost", q.kalman.position_std_m, q.existence.track_id))
+        self._people = sorted(people, key=lambda q: (q.lost, q.kalman.position_std_m, q.existence.track_id))
         self._cells = frame.padded_cells([q.predicted_m for q in self._people])
         self._placed, self._n_placed = np.empty((len(people), 2)), 0
-        self._lost: Bool = np.array([q.state == "lost" for q in self._people], dtype=np.bool_)
+        self._lost: Bool = np.array([q.lost for q in self._people], dtype=np.bool_)
         self._expected = ~self._lost  # who is still to be placed, near where predicted
         self._result = np.empty(7)
 
@@ -74,19 +74,27 @@ class JointMatcher:
 
     def _groups(self) -> Iterator[list[int]]:
         """People in contact with one another, or one alone."""
-        apart = self._cells[:, None] - self._cells[None]
-        reach = 2 * self._params.width_m / self._frame.maps.grid.cell_m
-        touch = np.hypot(apart[..., 0], apart[..., 1]) < reach
-        left = np.ones(len(touch), dtype=np.bool_)
-        for first in range(len(touch)):
+        touching = self._touching() if self._params.joint else [[] for _ in self._people]
+        left = [True] * len(touching)
+        for first in range(len(touching)):
             if not left[first]:
                 continue
             group, left[first] = [first], False
-            for member in group if self._params.joint else ():
-                near = np.flatnonzero(touch[member] & left)[: JOINT_MAX - len(group)]
-                left[near] = False
-                group += near.tolist()
+            for member in group:
+                near = [other for other in touching[member] if left[other]][: JOINT_MAX - len(group)]
+                for other in near:
+                    left[other] = False
+                group += near
             yield group
+
+    def _touching(self) -> list[list[int]]:
+        """Of each person all whose templates overlap, in order."""
+        apart = self._cells[:, None] - self._cells[None]
+        reach = 2 * self._params.width_m / self._frame.maps.grid.cell_m
+        touching: list[list[int]] = [[] for _ in self._people]
+        for one, other in np.argwhere(np.hypot(apart[..., 0], apart[..., 1]) < reach).tolist():
+            touching[one].append(other)
+        return touching
 
     def _best(self, group: list[int]) -> tuple[list[int], list[Placement]]:
         """The order with the smallest total score, placed; its maps stay cleared.
@@ -152,7 +160,7 @@ class JointMatcher:
 
     def _plausible(self, person: TemplatePerson, cell: tuple[float, float]) -> bool:
         """A lost person is only found again where something about as tall is."""
-        if person.state != "lost":
+        if not person.lost:
             return True
         row, col, n = int(cell[0]), int(cell[1]), len(person.template_height)
         tall = float(self._frame.free_height[row : row + n, col : col + n].max())

@@ -14,7 +14,6 @@ from planview.maps.raster import occupied_part
 from planview.tracking.base import NO_TERMS, ScoreTerms
 from planview.tracking.kalman import FloorKalman
 from planview.tracking.lifecycle import Existence
-from planview.trajectories.state import State
 
 
 @dataclass(eq=False)
@@ -65,9 +64,14 @@ class TemplatePerson:
         return self.existence.observed
 
     @property
-    def state(self) -> State:
-        """As reported."""
-        return self.existence.state
+    def lost(self) -> bool:
+        """Confirmed, and not matched in this frame."""
+        return self.existence.lost
+
+    @property
+    def confirmed(self) -> bool:
+        """No newcomer any more."""
+        return self.existence.confirmed
 
     @property
     def predicted_m(self) -> tuple[float, float]:

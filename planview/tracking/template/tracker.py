@@ -85,7 +85,7 @@ class TemplateTracker:
         p = self.params
         for person in self._people:
             kalman, axis = person.kalman, person.axis
-            if person.state == "lost":
+            if person.lost:
                 kalman, axis = kalman.slowed(dt, p.slow_down_s), axis.slowed(dt, p.slow_down_s)
             person.kalman = kalman.predicted(dt, p.acceleration_std_mps2)
             person.axis = axis.predicted(dt, p.acceleration_std_mps2)
@@ -96,9 +96,9 @@ class TemplateTracker:
         for person in self._people:
             score = f"score {person.score:.2f}"
             if person in found:
-                why = f"matched where predicted, {score}" if person.state == "lost" else score
+                why = f"matched where predicted, {score}" if person.lost else score
                 self._life.observe(person.existence, why, person.score, person.terms)
-            elif person.state != "lost":
+            elif not person.lost:
                 why = f"nothing like the templates within {person.reach_cells} cells, {score}"
                 self._life.miss(person.existence, why, person.score, person.terms)
 
@@ -159,10 +159,10 @@ class TemplateTracker:
     def _confirm(self, frame: TemplateFrame) -> None:
         """Confirm who was tracked long enough and is a body of its own."""
         p, separate = self.params, Separate(frame.maps, self.params, self._life.now_s)
-        known = [person for person in self._people if person.state == "confirmed"]
+        known = [person for person in self._people if person.confirmed and person.observed]
         for person in list(self._people):
             age = self._life.age_s(person.existence)
-            if person.state != "tentative" or not person.observed or age < p.confirm_s - 1e-9:
+            if person.confirmed or not person.observed or age < p.confirm_s - 1e-9:
                 continue
             if not separate(person, known) or self._life.now_s - person.alone_s < p.confirm_s - 1e-9:
                 continue
@@ -180,7 +180,7 @@ class TemplateTracker:
         finder = PersonDetector(self.params.detection, axis, self.params.width_m)
         known = [person for person in self._people if person.observed]
         free = frame.free_height[frame.inner], frame.free_occupancy[frame.inner]
-        lost = [person.at_m for person in self._people if person.state == "lost"]
+        lost = [person.at_m for person in self._people if person.lost]
         for candidate in finder(frame.maps, *free, [person.at_m for person in known], lost):
             if candidate.part_of is not None:
                 continue
@@ -195,7 +195,7 @@ class TemplateTracker:
         p, best, best_cost = self.params, None, math.inf
         others = [person for person in self._people if person.observed]
         for person in self._people:
-            if person.state != "lost" or self._at_border(person, frame.maps.view):
+            if not person.lost or self._at_border(person, frame.maps.view):
                 continue
             distance = min(math.dist((candidate.x_m, candidate.y_m), at) for at in (person.predicted_m, person.at_m))
             reach_m = p.reach_m + p.speed_max_mps * self._life.unobserved_s(person.existence)
@@ -246,11 +246,11 @@ class TemplateTracker:
         keep = []
         for person in self._people:
             gone = self._life.unobserved_s(person.existence)
-            if person.state == "tentative" and not person.observed:
+            if not person.confirmed and not person.observed:
                 self._life.prune(person.existence, "missed before it was confirmed")
-            elif person.state == "tentative" and person.too_low:
+            elif not person.confirmed and person.too_low:
                 self._life.prune(person.existence, "too low for a person before it was confirmed")
-            elif person.state == "lost" and gone > self.params.lost_s:
+            elif person.lost and gone > self.params.lost_s:
                 self._life.prune(person.existence, f"lost for {gone:.1f} s", gone)
                 self._identities.remember(person)
             else:
@@ -263,7 +263,7 @@ class TemplateTracker:
         A person who left the view is recognised by appearance, not by the place of an entrance.
         """
         p, gone_s = self.params, self._life.unobserved_s(person.existence)
-        return person.state == "lost" and gone_s > p.confirm_s + p.recognise_s and self._at_border(person, view)
+        return person.lost and gone_s > p.confirm_s + p.recognise_s and self._at_border(person, view)
 
     def _at_border(self, person: TemplatePerson, view: Viewpoint) -> bool:
         """Where the head vanished, give or take a torso, is outside of the image."""
@@ -284,4 +284,4 @@ class TemplateTracker:
 def _state(person: TemplatePerson) -> TrackState:
     a = person.axis
     height_m = person.height_m if person.head_in_view else math.nan
-    return TrackState(person.existence.track_id, person.state, a.x_m, a.y_m, a.vx_mps, a.vy_mps, height_m)
+    return TrackState(person.existence.track_id, person.existence.state, a.x_m, a.y_m, a.vx_mps, a.vy_mps, height_m)
