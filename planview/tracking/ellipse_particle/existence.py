@@ -58,7 +58,7 @@ class ExistenceEvidence:
     @property
     def observed(self) -> bool:
         """Measured, and not hidden behind an older object for so long that its place is only a prediction."""
-        return self.measured and not (self.shares and self.shared_s > HIDDEN_S)
+        return self.measured and self.shared_s <= HIDDEN_S
 
     @property
     def waited_s(self) -> float:
