@@ -27,9 +27,9 @@ def test_pets_view_1_is_tracked_without_calibration(shared_data: Path, tmp_path:
     truth = truth.where(truth.frame < FRAMES)
     tracks = read_tracks(path)
     scores = evaluate_tracks(tracks, truth, EvaluationParams(match_on="boxes"))
-    assert scores.clear.mota is not None and scores.clear.mota >= 0.55
-    assert scores.identity.idf1 is not None and scores.identity.idf1 >= 0.55
-    assert tracking_errors(truth, tracks).total <= 47
+    assert scores.clear.mota is not None and scores.clear.mota >= 0.68
+    assert scores.identity.idf1 is not None and scores.identity.idf1 >= 0.75
+    assert tracking_errors(truth, tracks).total <= 22
 
 
 def test_tracking_errors_of_perfect_tracks_are_none(shared_data: Path) -> None:
