@@ -15,10 +15,11 @@ def forgive_known(image: U8, background: U8, step: int, levels: int, changed: U8
     """
     for row in range(changed.shape[0]):
         for col in range(changed.shape[1]):
-            apart = 0
+            alike = True
             for c in range(image.shape[2]):
-                apart = max(apart, abs(np.int64(image[step * row, step * col, c]) - np.int64(background[row, col, c])))
-            if apart <= levels:
+                apart = np.int64(image[step * row, step * col, c]) - np.int64(background[row, col, c])
+                alike = alike and bool(abs(apart) <= levels)
+            if alike:
                 changed[row, col] = 0
 
 

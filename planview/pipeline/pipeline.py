@@ -249,7 +249,9 @@ class SingleCameraPipeline:
         self.recording, self.tracker, self.camera = recording, tracker, camera
         self.config = config or Config()
         self.size = recording.size
-        self._source = SingleCamera(self.config.single_camera, recording.size, tracker.foreground_columns)
+        self._source = SingleCamera(
+            self.config.single_camera, recording.size, tracker.foreground_columns, tracker.dark_clothes
+        )
 
     @property
     def checks(self) -> Sequence[Check]:

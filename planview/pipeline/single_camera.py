@@ -50,13 +50,16 @@ class SingleCameraParams(Params):
 class SingleCamera:
     """Turns the frames of one camera into observations; ``observe`` once per frame, in order."""
 
-    def __init__(self, params: SingleCameraParams, size: tuple[int, int], columns: int | None = None) -> None:
+    def __init__(
+        self, params: SingleCameraParams, size: tuple[int, int], columns: int | None = None, dark_clothes: bool = True
+    ) -> None:
         """Start without a background.
 
         Args:
             size: (width, height) of all frames [px].
             columns: foreground and motion of so many columns are enough; wider frames are reduced by the smallest
                 whole factor that does it, and averaged pixels are less noisy. None: those of the frames.
+            dark_clothes: what is too dark for a shadow of the scene is foreground.
         """
         self.params = params
         self.size = size
@@ -64,7 +67,8 @@ class SingleCamera:
         self._reduced = max(1, size[0] // factor), max(1, size[1] // factor)
         shape = self._reduced[::-1]
         self._foreground = Foreground(params.foreground, shape)
-        self._shadows = ShadowDepth(params.shadows)
+        judged = dark_clothes and params.foreground.remove_colour_shadows
+        self._shadows = ShadowDepth(params.shadows) if judged else None
         self._past: deque[tuple[float, U8]] = deque()
         self._ghosts: U8 = np.zeros(shape, np.uint8)
         self._moved_s = np.zeros(shape, np.float32)
@@ -78,7 +82,8 @@ class SingleCamera:
 
     def _forget_background(self) -> None:
         self._foreground.reset()
-        self._shadows.reset()
+        if self._shadows is not None:
+            self._shadows.reset()
         self._past.clear()
         self._ghosts[:] = 0
         self._moved_s[:] = 0.0
@@ -112,7 +117,7 @@ class SingleCamera:
         known = self._known(feedback)
         mask = self._foreground.update(image, None, frame.timestamp_s, known)
         grey, shadow = as_grey(image), self._foreground.shadow
-        if self.params.foreground.remove_colour_shadows:
+        if self._shadows is not None:
             clothes = self._shadows.update(
                 grey, self._foreground.background_luma(), shadow, self._step(frame.timestamp_s)
             )

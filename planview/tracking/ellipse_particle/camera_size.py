@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.ground_camera import GroundCamera
 from planview.tracking.ellipse_particle.fit.prior import SizePrior
-from planview.tracking.ellipse_particle.size_learning import STEEPEST
+from planview.tracking.ellipse_particle.size_lines import STEEPEST
 
 PERSON_M = 1.7
 """Body height of an adult [m]."""

@@ -22,6 +22,7 @@ from planview.tracking.ellipse_particle.regions import (
     WIDTH,
     RegionPairs,
 )
+from planview.tracking.ellipse_particle.size_lines import deviation, front_lengths, line, lines, log_density
 
 FIRST_WHOLE = 4
 """Whole regions needed before a size is used. Our choice: one person in four frames, or two in two."""
@@ -33,27 +34,8 @@ PER_FRAME = 12
 """Largest regions kept of a frame; a frame full of specks must not outvote the others."""
 KEPT = 600
 """Samples kept, evenly thinned; bounds time and memory."""
-PAIRED = 40
-"""Samples, evenly spread over the rows, between which lines are tried."""
 WIDEST = 1.6
 """Two people side by side are at least so much wider for their length than one."""
-SPREAD = 0.12
-"""Deviation of the logarithm of a person's length from the law: a step, and ragged edges. Our choice."""
-ROUNDING = 0.5
-"""The same in cells: both ends are rounded. Our choice."""
-ONE, GROUP, PIECE = 0.6, 0.25, 0.15
-"""Shares of whole regions that are one person, several behind one another (up to ``GROUPED`` times as long as one), and
-pieces of one. Our choice."""
-GROUPED = 2.5
-"""Longest group, in lengths of the person in front: with perspective the others add less than where all are of one
-size."""
-SMALLER = 0.4
-"""Of sizes that explain the regions alike the smaller is believed: the density of length falls with its power. Our
-choice: between that of lengths (1) and that of their logarithms (0)."""
-CLUTTER = 0.004
-"""Density of the logarithm of length for everything else; bounds what one region can say against a line."""
-STEEPEST = 1.5
-"""Length gained per row, more than a camera 2 m above the floor sees: k / (1 - k/2), k = 1.7 m / 2 m."""
 FILLED = 0.75
 """Share of its ellipse that a silhouette fills. Our choice: measured 0.7 to 0.8 on people walking in all directions."""
 NARROWEST, BROADEST = 0.2, 1.3
@@ -108,7 +90,7 @@ class SizeLearner:
         self._learn_s = learn_s
         self._pairs = RegionPairs()
         self._samples: F64 = np.zeros((0, 8))
-        self._frames = 0
+        self._frames, self._first_s = 0, 0.0
         self._stride = 1
         self._taken = 0
         self._next_fit = 0
@@ -119,14 +101,17 @@ class SizeLearner:
 
         Args:
             mask: (R, C) float32 foreground share of each cell.
-            time_s: seconds since the first frame.
+            time_s: of the frame [s].
             moving: (R, C) cells that move; None where that is not known.
         """
-        if time_s > self._learn_s and self.belief is not None:
+        if self._frames == 0:
+            self._first_s = time_s
+        since_s = time_s - self._first_s
+        if since_s > self._learn_s and self.belief is not None:
             return self.belief
         self._frames += 1
         # Of people who set out both edges are foreground before the rest.
-        new = self._pairs.update(mask, moving, BESIDE if time_s > SETTING_OUT_S else JOINED)
+        new = self._pairs.update(mask, moving, BESIDE if since_s > SETTING_OUT_S else JOINED)
         if (self._frames - 1) % self._stride:
             return self.belief
         new = new[np.argsort(-new[:, AREA], kind="stable")[:PER_FRAME]]
@@ -236,55 +221,6 @@ def lengthened(disc: SizePrior, aspect: float) -> SizePrior:
     return SizePrior(*lengths, aspect, k * disc.half_length_min, any_direction=True)
 
 
-def lines(row: F64, length: F64, n_rows: int) -> tuple[F64, F64]:
-    """(level at row 0, slope) of the lines to be tried, (L,) each: horizontal ones, and rising ones through pairs."""
-    chosen = np.argsort(row, kind="stable")[np.linspace(0, len(row) - 1, min(len(row), PAIRED)).astype(np.int64)]
-    i, j = (chosen[k] for k in np.triu_indices(len(chosen), 1))
-    apart = np.abs(row[i] - row[j]) > 0.1 * n_rows
-    i, j = i[apart], j[apart]
-    slope = (length[i] - length[j]) / (row[i] - row[j])
-    rising = (slope > 0) & (slope < STEEPEST)
-    i, slope = i[rising], slope[rising]
-    levels = np.concatenate([length[chosen], length[i] - slope * row[i]])
-    return levels, np.concatenate([np.zeros(len(chosen)), slope])
-
-
-def deviation(fitted: F64) -> F64:
-    """Standard deviation of the logarithm of one person's length."""
-    return np.asarray(np.hypot(SPREAD, ROUNDING / fitted))
-
-
-def front_lengths(row: F64, length: F64, level: F64, slope: F64) -> F64:
-    """Length expected of a person whose feet are where each region ends: the front of a group in depth.
-
-    With foot = centre + length / 2 the line of centres, length = level + slope * centre, is one of feet.
-
-    Args:
-        row, length: (N,) of the regions.
-        level, slope: of lines, (..., 1).
-    """
-    return np.asarray(np.maximum((level + slope * (row + length / 2)) / (1 + slope / 2), 1.0))
-
-
-def log_density(length: F64, fitted: F64, front: F64, cut: Bool) -> F64:
-    """Logarithm of the density of the logarithms of (N,) lengths.
-
-    Args:
-        fitted: (..., N) expected of one person centred where the region is.
-        front: (..., N) expected of one person who ends where the region does.
-    """
-    ratio, lined_up = length / fitted, length / front
-    sigma = deviation(fitted)
-    one = np.exp(-0.5 * (np.log(ratio) / sigma) ** 2) / (math.sqrt(2 * math.pi) * sigma)
-    group = ((lined_up > 1) & (lined_up < GROUPED)) / math.log(GROUPED)
-    # A piece, or the part inside the border, may have any length up to all of it: evenly spread in length.
-    part = np.where(ratio < 1, ratio, 0.0)
-    whole = ONE * one + GROUP * group + PIECE * part
-    # The border may just graze a person: the density ends softly.
-    grazed = (1 - GROUP) * np.where(ratio < 1, ratio, np.exp(-0.5 * (np.log(ratio) / sigma) ** 2)) + GROUP * group
-    return np.asarray(np.log(np.where(cut, grazed, whole) + CLUTTER) - SMALLER * np.log(fitted))
-
-
 def weights(samples: F64) -> F64:
     """(N,) what each sample counts: see ``SizeLearner``; alike are samples within 3 rows and 2 cells of length."""
     alike = np.stack([samples[:, ROW] // 3, samples[:, LENGTH] // 2])
@@ -303,13 +239,3 @@ def alone(samples: F64, across: int = WIDTH, along: int = LENGTH) -> F64:
     whole = ratio[samples[:, CUT] == 0]
     limit = WIDEST * np.percentile(whole if len(whole) else ratio, 30)
     return np.asarray(samples[(ratio <= limit) | (samples[:, CUT] > 0)])
-
-
-def line(x: F64, y: F64, weight: F64, tilted: bool) -> tuple[float, float]:
-    """(level at x = 0, slope >= 0) of a weighted least-squares line; slope 0 unless tilted."""
-    mean_x, mean_y = np.average(x, weights=weight), np.average(y, weights=weight)
-    spread = np.average((x - mean_x) ** 2, weights=weight)
-    slope = 0.0
-    if tilted and spread > 1e-9:
-        slope = max(0.0, float(np.average((x - mean_x) * (y - mean_y), weights=weight) / spread))
-    return float(mean_y - slope * mean_x), slope

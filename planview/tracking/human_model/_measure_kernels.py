@@ -60,9 +60,9 @@ def measure_models(
     images: Images, spans: Spans, people: MapArrays, position: F64, scale: F64, ring: float, claim: float, claimed: U8,
     votes: I64, found: Coverage,
 ) -> None:  # fmt: skip
-    """What each placed model covers.
+    """What each placed model covers; fills ``found``, zero before.
 
-    Fills ``found``, zero before. Marks the model and ``claim`` times its mean width beside it in ``claimed``. ``votes``
+    Marks the model and ``claim`` times its mean width beside it in ``claimed``. ``votes``
     is a zeroed workspace with one cell per label.
     """
     evidence, cover, left, right = images.evidence, images.cover, spans.left, spans.right

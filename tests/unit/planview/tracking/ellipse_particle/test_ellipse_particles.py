@@ -12,7 +12,8 @@ from planview.tracking.ellipse_particle.groups import group, overlaps
 from planview.tracking.ellipse_particle.params import ExistenceParams, ParticleFilterParams
 from planview.tracking.ellipse_particle.particles import ParticleFilter, ellipses_of, normalised, union_prefix
 from planview.tracking.ellipse_particle.regions import RegionPairs
-from planview.tracking.ellipse_particle.size_learning import SizeLearner, line
+from planview.tracking.ellipse_particle.size_learning import SizeLearner
+from planview.tracking.ellipse_particle.size_lines import line
 from planview.tracking.lifecycle import Existence
 
 PRIOR = SizePrior(12.0, 0.0, 0.4)

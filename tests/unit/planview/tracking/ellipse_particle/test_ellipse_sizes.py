@@ -9,7 +9,8 @@ from calib.ground_camera import GroundCamera
 from planview.tracking.ellipse_particle.camera_size import size_of_camera
 from planview.tracking.ellipse_particle.fit.ellipses import paint_union
 from planview.tracking.ellipse_particle.fit.prior import SizePrior
-from planview.tracking.ellipse_particle.size_learning import SizeLearner, front_lengths, log_density, weights
+from planview.tracking.ellipse_particle.size_learning import SizeLearner, weights
+from planview.tracking.ellipse_particle.size_lines import front_lengths, log_density
 
 
 def test_size_is_that_of_one_person_where_people_hide_one_another():
