@@ -55,8 +55,8 @@ class RerunLog:
         engine: whose frames will come.
         path: the file to write.
         position: of ``mark``, to go on from there; what was written after it is dropped.
-        every: images, clouds and maps of every n-th frame only; people, decisions and curves of all. It doubles
-            whenever half of the room that was left of JOINED_BYTES_MAX is used, so that a run of any length is bounded.
+        every: images, clouds and maps of every n-th frame only; people, decisions and curves of all. It doubles when
+            half of the room left of RECORDED_BYTES_MAX is used, so that a run of any length is bounded.
     Raises:
         InputError: what was written up to the position is not there any more.
         WorkError: too little free disk space.

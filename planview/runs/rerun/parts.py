@@ -13,9 +13,11 @@ from calib.errors import InputError, WorkError
 from calib.files import sync, whole_file
 from calib.text import reason
 
-JOINED_BYTES_MAX = 2 * 2**30
-"""Parts that are larger together stay apart: rerun joins in memory (our choice)."""
-
+JOINED_BYTES_MAX = 2**28
+"""Parts that are larger together stay apart: rerun joins in memory, and takes eleven times their size (our choice: at
+most 3 GB)."""
+RECORDED_BYTES_MAX = 2 * 2**30
+"""What a run of any length takes of the disk (our choice: an hour that can be copied)."""
 DOUBLED_MAX = 12
 """Images become rarer so many times at most: every 4096th is one in five minutes at 15 Hz (our choice)."""
 
@@ -106,7 +108,7 @@ class RrdParts:
         return self._path.with_name(f"{self._path.stem}-{number}{self._path.suffix}")
 
 
-def rarer(written: int, room: int = JOINED_BYTES_MAX) -> int:
+def rarer(written: int, room: int = RECORDED_BYTES_MAX) -> int:
     """Of how many frames' images one is still written: twice as many for every half of the room left that is used.
 
     Args:
