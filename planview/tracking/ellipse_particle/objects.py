@@ -188,6 +188,13 @@ class Objects:
         inside = (x >= -0.5 - dx) & (x <= cols - 0.5 + dx) & (y >= -0.5 - dy) & (y <= rows - 0.5 + dy)
         return np.asarray(~inside)
 
+    def is_cut(self, n: int, shape: tuple[int, int], prior: SizePrior) -> bool:
+        """Whether the border cuts an object's ellipse."""
+        x, y = self.states[n, [X, Y]]
+        half = float(prior.half_length(float(y)))
+        wide = half * prior.aspect
+        return not (wide <= x <= shape[1] - 1 - wide and half <= y <= shape[0] - 1 - half)
+
     def resize(self, before: SizePrior, after: SizePrior, limit: float, shape: tuple[int, int]) -> bool:
         """Forget objects that are doubles now that another size is expected; returns whether it is where objects are.
 

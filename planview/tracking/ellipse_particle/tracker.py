@@ -194,20 +194,19 @@ class EllipseParticleTracker:
         for n, (covered, own) in enumerate(shares):
             objects.watch_move(n, prior)
             alone = bool(own >= min_overlap and long[n])
-            confirmable = objects.evidence[n].who.confirmed or self._confirmable(n, view)
+            confirmable = objects.evidence[n].who.confirmed or self._confirmable(n, view, prior)
             objects.observe(n, bool(covered >= min_overlap), alone, dt, confirmable, float(covered))
 
-    def _confirmable(self, n: int, view: PlaneView) -> bool:
+    def _confirmable(self, n: int, view: PlaneView, prior: SizePrior) -> bool:
         """Whether nothing but time speaks against confirming an object.
 
-        People of the first frame leave foreground behind where they stood: until the background is known there, only
-        what has moved is confirmed.
+        In an image, two kinds must have moved. People of the first frame leave foreground behind where they stood until
+        the background is known there. And what the border cuts may be a limb of a person who comes or goes.
         """
-        setting_out = (
-            view.observation.motion is not None and view.observation.timestamp_s < self._first_s + SETTING_OUT_S
-        )
-        if setting_out and not self._objects.evidence[n].moved:
-            return False
+        if view.observation.motion is not None and not self._objects.evidence[n].moved:
+            setting_out = view.observation.timestamp_s < self._first_s + SETTING_OUT_S
+            if setting_out or self._objects.is_cut(n, view.mask.shape, prior):
+                return False
         cell, known = self._objects.states[n, [X, Y]], self._known()
         return self._plane.is_person(view, cell, known) and self._plane.is_separate(view, cell, known)
 
