@@ -30,8 +30,9 @@ if TYPE_CHECKING:
     from planview.pipeline.config import Config, load_config
     from planview.pipeline.engine import Engine, FrameResult
     from planview.pipeline.factory import open_engine
-    from planview.pipeline.pipeline import Pipeline, SingleCameraPipeline
+    from planview.pipeline.pipeline import Pipeline
     from planview.pipeline.setup import set_up
+    from planview.pipeline.single_camera_pipeline import SingleCameraPipeline
     from planview.runs.script import run
     from planview.tracking.base import Decision, Observation, Tracker, TrackerDebug
     from planview.tracking.ellipse_particle.make import floor_ellipse_tracker, image_ellipse_tracker
@@ -53,7 +54,8 @@ _HOMES = {
     "planview.pipeline.config": ("Config", "load_config"),
     "planview.pipeline.engine": ("Engine", "FrameResult"),
     "planview.pipeline.factory": ("open_engine",),
-    "planview.pipeline.pipeline": ("Pipeline", "SingleCameraPipeline"),
+    "planview.pipeline.pipeline": ("Pipeline",),
+    "planview.pipeline.single_camera_pipeline": ("SingleCameraPipeline",),
     "planview.pipeline.setup": ("set_up",),
     "planview.runs.script": ("run",),
     "planview.tracking.base": ("Decision", "Observation", "Tracker", "TrackerDebug"),

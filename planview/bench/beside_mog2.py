@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from calib.types import F64, U8
-from planview.pipeline.pipeline import SingleCameraPipeline
+from planview.pipeline.single_camera_pipeline import SingleCameraPipeline
 from stereo.recording import Skipped, VideoFrame
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.types import U8
 from planview.bench.beside_mog2 import PaintedVideo, TimesBesideMog2, beside_mog2
-from planview.pipeline.pipeline import SingleCameraPipeline
+from planview.pipeline.single_camera_pipeline import SingleCameraPipeline
 from planview.tracking.ellipse_particle import EllipseParticleParams, ImagePlaneParams, image_ellipse_tracker
 
 SMALL, LARGE = (480, 360), (640, 480)

@@ -23,7 +23,7 @@ from planview.bench.counting import (
     table_of,
     track_single,
 )
-from planview.pipeline.pipeline import SingleCameraPipeline
+from planview.pipeline.single_camera_pipeline import SingleCameraPipeline
 from planview.trajectories.table import read_tracks
 from stereo.recording import Video, VideoFrame
 

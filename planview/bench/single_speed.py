@@ -13,7 +13,7 @@ from calib.ground_camera import GroundCamera
 from calib.human.model import HumanModel
 from calib.types import U8
 from planview.bench.beside_mog2 import PaintedVideo, TimesBesideMog2, beside_mog2
-from planview.pipeline.pipeline import SingleCameraPipeline
+from planview.pipeline.single_camera_pipeline import SingleCameraPipeline
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.tracker import HumanModelTracker
 

@@ -18,8 +18,9 @@ from planview.evaluation.result import Evaluation
 from planview.pipeline.config import Config
 from planview.pipeline.engine import Engine
 from planview.pipeline.factory import FloorTrackerName, floor_tracker, image_tracker
-from planview.pipeline.pipeline import Pipeline, SingleCameraPipeline
+from planview.pipeline.pipeline import Pipeline
 from planview.pipeline.setup import Setup, set_up
+from planview.pipeline.single_camera_pipeline import SingleCameraPipeline
 from planview.trajectories.table import Trajectories, TrajectoryCollector
 from stereo.recording import Recording, Skipped, VideoFrame
 

@@ -42,7 +42,7 @@ class GhostParams(Params):
     told from people who overlap them. Twice the time in which the background settles."""
     still_s: float = Field(0.7, gt=0, le=10)
     """In that time, a blob that has not moved for so long is a ghost, unless a tracked person has walked there [s].
-    Whoever comes in walks; who stays for this long, half a step, and has not walked is where a person was."""
+    People who come in walk: what stays for this long, half a step, and has not walked is where a person was."""
     motion: float = Field(0.02, ge=0, le=1)
     """Largest moving share of a ghost's pixels, for noise. A passer-by merges with it into one blob, which is examined
     again when the person has passed."""

@@ -13,7 +13,8 @@ from planview.maps.recording import MapsRecording, is_maps
 from planview.pipeline.config import Config
 from planview.pipeline.engine import Engine
 from planview.pipeline.kept_setup import KeptSetup
-from planview.pipeline.pipeline import Pipeline, SingleCameraPipeline
+from planview.pipeline.pipeline import Pipeline
+from planview.pipeline.single_camera_pipeline import SingleCameraPipeline
 from planview.tracking.base import ImageTracker, Tracker
 from planview.tracking.template import TemplateTracker
 from stereo.matcher import Matcher

@@ -8,7 +8,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from calib.ground_camera import GroundCamera
 from calib.types import U8
 from planview.doctor.check import Check
 from planview.doctor.motion import STEP_PX, sampled_thumbnails, thumbnails
@@ -19,22 +18,20 @@ from planview.maps.view import StereoView
 from planview.pipeline.ablations import ablated
 from planview.pipeline.boxes import BodyBoxes
 from planview.pipeline.config import Config
-from planview.pipeline.describe import StereoDescription, ground_camera_info, ground_floor_info
-from planview.pipeline.engine import FrameResult, StageClock, beyond, timed_steps
+from planview.pipeline.describe import StereoDescription
+from planview.pipeline.engine import FrameResult, StageClock, beyond
 from planview.pipeline.feedback import Feedback
 from planview.pipeline.frames import MatchedFrame, Separated
 from planview.pipeline.front_end import FrontEnd
-from planview.pipeline.info import CameraInfo, FloorInfo
 from planview.pipeline.kept_setup import KeptSetup, set_up_kept
 from planview.pipeline.setup import AnySetup
-from planview.pipeline.single_camera import SingleCamera
-from planview.tracking.base import ImageTracker, Observation, Tracker
+from planview.tracking.base import Observation, Tracker
 from planview.tracking.template import TemplateTracker
 from planview.trajectories.state import TrackState
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, open_any
 from stereo.readers.prefetch import prefetch
-from stereo.recording import Recording, RgbdFrame, RgbdRecording, StereoFrame, Video, VideoFrame
+from stereo.recording import Recording, RgbdFrame, RgbdRecording, StereoFrame
 from stereo.rectify import RectifiedPair
 from stereo.sampled import SampledDisparity
 
@@ -227,76 +224,3 @@ class Pipeline(StereoDescription):
         """The image that the foreground gets."""
         whole, size = self.stereo.reduction == 1, self.maps.shape[::-1]
         return image if whole else np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
-class SingleCameraPipeline:
-    """Separate foreground and track with one camera: an ``Engine`` for videos.
-
-    Attributes:
-        camera: calibration above the floor, None where the tracker needs none.
-        recording, config, tracker: see ``Engine``.
-    """
-
-    stereo = None
-
-    def __init__(
-        self,
-        recording: Video,
-        tracker: ImageTracker,
-        config: Config | None = None,
-        camera: GroundCamera | None = None,
-    ) -> None:
-        self.recording, self.tracker, self.camera = recording, tracker, camera
-        self.config = config or Config()
-        self.size = recording.size
-        self._source = SingleCamera(
-            self.config.single_camera, recording.size, tracker.foreground_columns, tracker.dark_clothes
-        )
-
-    @property
-    def checks(self) -> Sequence[Check]:
-        """Whether the camera stands still and shows one scene, from the frames so far."""
-        return self._source.checks()
-
-    def camera_info(self) -> CameraInfo | None:
-        """See ``Engine``."""
-        return ground_camera_info(self.camera) if self.camera else None
-
-    def floor_info(self) -> FloorInfo | None:
-        """See ``Engine``."""
-        return ground_floor_info(self.camera) if self.camera else None
-
-    def reset(self) -> None:
-        """Forget people and background."""
-        self.tracker.reset()
-        self._source.reset()
-
-    def step(self, frame: VideoFrame) -> FrameResult:
-        """Track the next frame.
-
-        Raises:
-            InputError: a frame of another size.
-        """
-        return self._track(frame, StageClock())
-
-    def __iter__(self) -> Iterator[FrameResult]:
-        """``step`` over the recording from its first frame."""
-        self.reset()
-        yield from self.after(-1)
-
-    def memory(self) -> dict[str, object]:
-        """See ``Engine``."""
-        return {"tracker": self.tracker, "source": self._source}
-
-    def after(self, frame: int) -> Iterator[FrameResult]:
-        """See ``Engine``."""
-        yield from timed_steps(beyond(self.recording, frame), self._track)
-
-    def _track(self, frame: VideoFrame, clock: StageClock) -> FrameResult:
-        observation = self._source.observe(frame, self.tracker.feedback())
-        clock.record("foreground")
-        tracks = self.tracker.update(observation)
-        clock.record("track")
-        return FrameResult(
-            frame.index, frame.timestamp_s, tracks, self.tracker.decisions, observation, None, clock.stages_ms
-        )

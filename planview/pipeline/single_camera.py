@@ -137,8 +137,9 @@ class SingleCamera:
     def _search_ghosts(self, now_s: float, grey: U8, mask: U8, motion: U8, feedback: U8 | None) -> None:
         """Where people of the first frames have left: from time to time, and in every frame while they set out."""
         params = self.params.ghosts
-        self._moved_s[motion > 0] = now_s - self._first_s
         starting = now_s - self._first_s <= params.start_s
+        if starting:
+            self._moved_s[motion > 0] = now_s - self._first_s
         if not starting and now_s - self._searched_s < params.interval_s - 5e-4:
             return
         self._searched_s = now_s

@@ -8,7 +8,8 @@ from toy_run import EMPTY
 
 from calib.types import U8
 from planview.pipeline.engine import Engine, FrameResult
-from planview.pipeline.pipeline import Pipeline, SingleCameraPipeline
+from planview.pipeline.pipeline import Pipeline
+from planview.pipeline.single_camera_pipeline import SingleCameraPipeline
 from planview.tracking.ellipse_particle import image_ellipse_tracker
 from stereo.recording import Skipped, VideoFrame
 

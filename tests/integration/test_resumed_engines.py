@@ -13,7 +13,8 @@ from calib.types import U8
 from planview.maps.recording import MapsRecording
 from planview.pipeline.engine import Engine
 from planview.pipeline.maps_pipeline import MapsPipeline
-from planview.pipeline.pipeline import Pipeline, SingleCameraPipeline
+from planview.pipeline.pipeline import Pipeline
+from planview.pipeline.single_camera_pipeline import SingleCameraPipeline
 from planview.runs.checkpoint.decode import decode
 from planview.runs.checkpoint.encode import Encoded, encode
 from planview.runs.maps_log import MapsLog

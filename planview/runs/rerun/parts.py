@@ -14,8 +14,8 @@ from calib.files import sync, whole_file
 from calib.text import reason
 
 JOINED_BYTES_MAX = 2**28
-"""Parts that are larger together stay apart: rerun joins in memory, and takes eleven times their size (our choice: at
-most 3 GB)."""
+"""Parts that are larger together stay apart: rerun joins in memory, and takes thirteen times their size (our choice:
+at most 3.5 GB)."""
 RECORDED_BYTES_MAX = 2 * 2**30
 """What a run of any length takes of the disk (our choice: an hour that can be copied)."""
 DOUBLED_MAX = 12

@@ -176,10 +176,8 @@ def normal_equations(
             weight = f + match.background * (1.0 - f)
             residual = f - (1.0 - (1.0 - own) * others)
             cost += 0.5 * weight * residual * residual
-            if not derive:
-                continue
             slope = others * own * (1.0 - own) * b / match.soft
-            if slope < 1e-4:
+            if slope < 1e-4 or not derive:
                 continue
             # d union / d p = -slope * d rho / d p; the residual falls as the union grows.
             slope /= rho
