@@ -19,7 +19,6 @@ from planview.foreground.ghosts import GhostParams, find_ghosts, find_still, fin
 from planview.foreground.masks import BACKGROUND, FOREGROUND, PERSON, WALKER
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
-from planview.foreground.shadow_depth import ShadowDepth, ShadowDepthParams
 from planview.tracking.base import Observation
 from stereo.recording import VideoFrame
 
@@ -37,8 +36,6 @@ class SingleCameraParams(Params):
     where colours are all there is, clothes like the wall behind must be told from it, and noise above is learned."""
     ghosts: GhostParams = GhostParams()
     """Foreground without a person: where a person of the first frames, learned as background, has left."""
-    shadows: ShadowDepthParams = ShadowDepthParams()
-    """Which of the shadows that colour gives away are dark clothes."""
     motion_level: float = Field(default=10.0, gt=0, le=255)
     """Change of luma, averaged over 3x3 pixels, between two frames that is motion (levels of 255). Our choice: 8-bit
     video has a noise of 3 to 4 levels, 1.3 in the average and 1.9 between two frames; five times that."""
@@ -50,16 +47,13 @@ class SingleCameraParams(Params):
 class SingleCamera:
     """Turns the frames of one camera into observations; ``observe`` once per frame, in order."""
 
-    def __init__(
-        self, params: SingleCameraParams, size: tuple[int, int], columns: int | None = None, dark_clothes: bool = True
-    ) -> None:
+    def __init__(self, params: SingleCameraParams, size: tuple[int, int], columns: int | None = None) -> None:
         """Start without a background.
 
         Args:
             size: (width, height) of all frames [px].
             columns: foreground and motion of so many columns are enough; wider frames are reduced by the smallest
                 whole factor that does it, and averaged pixels are less noisy. None: those of the frames.
-            dark_clothes: what is too dark for a shadow of the scene is foreground.
         """
         self.params = params
         self.size = size
@@ -67,8 +61,6 @@ class SingleCamera:
         self._reduced = max(1, size[0] // factor), max(1, size[1] // factor)
         shape = self._reduced[::-1]
         self._foreground = Foreground(params.foreground, shape)
-        judged = dark_clothes and params.foreground.remove_colour_shadows
-        self._shadows = ShadowDepth(params.shadows) if judged else None
         self._past: deque[tuple[float, U8]] = deque()
         self._ghosts: U8 = np.zeros(shape, np.uint8)
         self._moved_s = np.zeros(shape, np.float32)
@@ -82,8 +74,6 @@ class SingleCamera:
 
     def _forget_background(self) -> None:
         self._foreground.reset()
-        if self._shadows is not None:
-            self._shadows.reset()
         self._past.clear()
         self._ghosts[:] = 0
         self._moved_s[:] = 0.0
@@ -116,23 +106,14 @@ class SingleCamera:
             feedback = None
         known = self._known(feedback)
         mask = self._foreground.update(image, None, frame.timestamp_s, known)
-        grey, shadow = as_grey(image), self._foreground.shadow
-        if self._shadows is not None:
-            clothes = self._shadows.update(
-                grey, self._foreground.background_luma(), shadow, self._step(frame.timestamp_s)
-            )
-            mask, shadow = mask | clothes, shadow & ~clothes
+        grey = as_grey(image)
         motion = self._motion(frame.timestamp_s, grey)
         if math.isnan(self._first_s):
             self._first_s = frame.timestamp_s
         self._search_ghosts(frame.timestamp_s, grey, mask, motion, feedback)
         if cv2.countNonZero(self._ghosts):
             mask[self._ghosts > 0] = 0
-        return Observation(frame.index, frame.timestamp_s, frame.image, mask, motion, shadow=shadow)
-
-    def _step(self, now_s: float) -> float:
-        """Time since the frame before [s]; nothing is known of longer than a second."""
-        return min(max(0.0, now_s - self._past[-1][0]), 1.0) if self._past else 0.0
+        return Observation(frame.index, frame.timestamp_s, frame.image, mask, motion, shadow=self._foreground.shadow)
 
     def _search_ghosts(self, now_s: float, grey: U8, mask: U8, motion: U8, feedback: U8 | None) -> None:
         """Where people of the first frames have left: from time to time, and in every frame while they set out."""

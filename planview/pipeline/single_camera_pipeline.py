@@ -35,9 +35,7 @@ class SingleCameraPipeline:
         self.recording, self.tracker, self.camera = recording, tracker, camera
         self.config = config or Config()
         self.size = recording.size
-        self._source = SingleCamera(
-            self.config.single_camera, recording.size, tracker.foreground_columns, tracker.dark_clothes
-        )
+        self._source = SingleCamera(self.config.single_camera, recording.size, tracker.foreground_columns)
 
     @property
     def checks(self) -> Sequence[Check]:

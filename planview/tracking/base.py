@@ -133,9 +133,5 @@ class ImageTracker(Tracker, Protocol):
     def foreground_columns(self) -> int | None:
         """Columns of foreground and motion that are enough; None: those of the image."""
 
-    @property
-    def dark_clothes(self) -> bool:
-        """Whether what is too dark for a shadow is foreground: whole people, and the darkest shadows with them."""
-
     def feedback(self) -> U8 | None:
         """What the tracker knows about pixels, for ``Foreground``; None when it gives no feedback."""

@@ -73,11 +73,6 @@ class EllipseParticleTracker:
         return self._plane.notes
 
     @property
-    def dark_clothes(self) -> bool:
-        """See ``ImageTracker``: the size of people is learned from whole ones."""
-        return True
-
-    @property
     def foreground_columns(self) -> int | None:
         """Columns of foreground that are enough; None for all."""
         return self._plane.foreground_columns

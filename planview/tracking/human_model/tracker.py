@@ -73,11 +73,6 @@ class HumanModelTracker:
         return self._life.decisions
 
     @property
-    def dark_clothes(self) -> bool:
-        """See ``ImageTracker``: a model covers legs that are missing, but a shadow beside it looks like a sitter."""
-        return False
-
-    @property
     def foreground_columns(self) -> int | None:
         """Those of the image."""
         return None
