@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from calib.types import F64, Bool
 from planview.tracking.ellipse_particle.fit import _area as kernels
+from planview.tracking.ellipse_particle.fit.ellipses import paint_union
 from planview.tracking.ellipse_particle.particles import union_prefix
 
 INSIDE_MIN = 0.25
@@ -32,10 +34,34 @@ def measured_shares(measured: F64, objects: F64, shape: tuple[int, int]) -> F64:
 
 
 def uncovered(measured: F64, objects: F64, shape: tuple[int, int], share: float) -> Bool:
-    """(M,) measurements of which objects cover less than a share."""
+    """(M,) measurements that have no object: objects cover less than a share of them, or leave as much beside them.
+
+    One object that lies across two measurements covers enough of both, wherever it is. So each object is given the
+    measurement that it covers most, and one that is left over has none when objects leave as much free of it and of
+    those that they cover with it as they leave of an uncovered one. Our choice; the paper has no association.
+    """
+    covers = np.array([_covered(one[None], measured, shape)[0] for one in objects]).reshape(len(objects), len(measured))
+    covered, areas = _covered(objects, measured, shape)
+    out = np.asarray(covered < share * areas)
+    if len(measured) <= len(objects) or not len(objects):
+        return out
+    left = ~out
+    left[linear_sum_assignment(covers, maximize=True)[1]] = False
+    free = paint_union(objects, shape) == 0
+    for m in np.flatnonzero(left):
+        near = (covers[covers[:, m] > 0] > 0).any(axis=0)
+        beside = np.count_nonzero(free & (paint_union(measured[near], shape) > 0))
+        if beside >= (1 - share) * areas[m]:
+            out[m] = True
+            free &= paint_union(measured[m : m + 1], shape) == 0
+    return out
+
+
+def _covered(objects: F64, measured: F64, shape: tuple[int, int]) -> tuple[F64, F64]:
+    """(M,) cells of each measurement that objects cover, and (M,) all its cells inside the grid, at least one."""
     out = np.zeros((len(measured), 4))
     kernels.claim(union_prefix(objects, shape), measured, np.arange(len(measured)), out)
-    return np.asarray(out[:, kernels.VALUE] < share * np.maximum(out[:, kernels.AREA], 1.0))
+    return out[:, kernels.VALUE], np.maximum(out[:, kernels.AREA], 1.0)
 
 
 def reachable(

@@ -35,6 +35,30 @@ def test_measurement_that_no_object_covers_is_uncovered():
     assert uncovered(np.array([HERE, BESIDE]), HERE[None], SHAPE, 0.35).tolist() == [False, True]
 
 
+def test_all_measurements_are_uncovered_where_no_object_is():
+    assert uncovered(np.array([HERE, BESIDE]), np.zeros((0, 5)), SHAPE, 0.35).tolist() == [True, True]
+
+
+def side_by_side(gap: float) -> np.ndarray:
+    """(3, 5) two measurements 8 cells wide whose centres are so far apart, and an object between them."""
+    return np.array([[24.0 + dx, 30, 10, 4, 0] for dx in (-gap / 2, gap / 2, 0)])
+
+
+def test_one_of_two_measurements_that_an_object_lies_across_is_uncovered():
+    *both, between = side_by_side(8.0)
+    assert sum(uncovered(np.array(both), between[None], SHAPE, 0.35)) == 1
+
+
+def test_two_measurements_of_one_object_are_not_uncovered():
+    *both, between = side_by_side(2.0)
+    assert not uncovered(np.array(both), between[None], SHAPE, 0.35).any()
+
+
+def test_two_measurements_with_two_objects_are_not_uncovered():
+    *both, _ = side_by_side(8.0)
+    assert not uncovered(np.array(both), np.array(both), SHAPE, 0.35).any()
+
+
 def test_nearest_measurement_within_reach_comes_first():
     positions, spread = np.array([[20.0, 30], [44.0, 30]]), np.full((2, 2), 0.1)
     # 10 cells are a metre: object 1 is 0.6 m from the second measurement, too far; object 0 is at the first.
