@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,9 @@ HEIGHTS = 5
 HEIGHT_PRICE = 0.3
 """Price of a height that differs from the average by all of it, in matching scores (our choice): equal outlines are
 taken for a person of average height."""
+MIDDLE_SHARE = 0.625
+"""Smallest person that is looked for, as a fraction of one in the middle of the image (our choice): that is where a
+camera is pointed, however small people are there."""
 WHOLE_BLOB = 0.95
 """Part of a blob from which on a candidate has it to itself (our choice)."""
 
@@ -49,6 +53,10 @@ class CandidateFinder:
 
     def __init__(self, scene: ModelScene, params: HumanModelParams) -> None:
         self._scene, self._params = scene, params
+        width, height = scene.model_map.camera.size
+        entry = int(scene.model_map.entry_at((width / 2, height / 2)))
+        middle_px = float(scene.map_boxes[entry, 2:].max()) if entry >= 0 else math.inf
+        self._min_px = min(params.spawn.min_height_px, MIDDLE_SHARE * middle_px)
 
     def __call__(self, frame: ModelFrame) -> list[ModelCandidate]:
         """The best model of each unclaimed blob that meets the criteria; at most one per blob and frame.
@@ -81,7 +89,7 @@ class CandidateFinder:
         """Foot pixels of the map whose models are mostly over the blob's box and of a size to match its area."""
         scene = self._scene
         box, area_px = blobs.box_px[label].astype(np.float64), float(blobs.area_px[label])
-        limits = kernels.BoxLimits(MIN_COMMON, MIN_BLOB, self._params.spawn.min_height_px)
+        limits = kernels.BoxLimits(MIN_COMMON, MIN_BLOB, self._min_px)
         fits = np.zeros(len(scene.model_map), np.bool_)
         kernels.boxes_over(scene.map_boxes, scene.map_inside, box, area_px, limits, fits)
         return np.asarray(scene.model_map.foot_px[fits], dtype=np.float64)
