@@ -40,11 +40,11 @@ def uncovered(measured: F64, objects: F64, shape: tuple[int, int], share: float)
     measurement that it covers most, and one that is left over has none when objects leave as much free of it and of
     those that they cover with it as they leave of an uncovered one. Our choice; the paper has no association.
     """
-    covers = np.array([_covered(one[None], measured, shape)[0] for one in objects]).reshape(len(objects), len(measured))
     covered, areas = _covered(objects, measured, shape)
     out = np.asarray(covered < share * areas)
     if len(measured) <= len(objects) or not len(objects):
         return out
+    covers = np.array([_covered(one[None], measured, shape)[0] for one in objects])
     left = ~out
     left[linear_sum_assignment(covers, maximize=True)[1]] = False
     free = paint_union(objects, shape) == 0
