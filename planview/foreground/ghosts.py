@@ -48,20 +48,21 @@ class GhostParams(Params):
     again when the person has passed."""
 
 
-def find_ghosts(luma: U8, background: U8, mask: U8, motion: U8, params: GhostParams) -> U8:
+def find_ghosts(luma: U8, background: U8, blobs: Blobs, motion: U8, params: GhostParams) -> U8:
     """Blobs of the foreground whose outline is in the background and not in the image.
 
     Args:
         luma: (H, W) uint8, the image.
         background: (H, W) uint8, luma of the learned background.
-        mask, motion: (H, W) uint8, foreground and moving pixels are not 0.
+        blobs: of the foreground.
+        motion: (H, W) uint8, moving pixels are not 0.
     Returns:
         (H, W) uint8, 255 in ghosts.
     """
-    blobs = find_blobs(mask)
     count, labels = len(blobs), blobs.labels
+    mask = (labels > 0).astype(np.uint8)
     if count < 2:
-        return np.zeros(mask.shape, np.uint8)
+        return mask
     rim = (mask > 0) & (cv2.erode(mask, np.ones((3, 3), np.uint8)) == 0)
     which = labels[rim]
     length = np.maximum(1, np.bincount(which, minlength=count))
@@ -71,15 +72,15 @@ def find_ghosts(luma: U8, background: U8, mask: U8, motion: U8, params: GhostPar
     return np.asarray(np.where(ghost[labels], 255, 0), dtype=np.uint8)
 
 
-def find_still(mask: U8, moved: U8, params: GhostParams) -> U8:
+def find_still(blobs: Blobs, moved: U8, params: GhostParams) -> U8:
     """Blobs of the foreground that have not moved for a while.
 
     Args:
-        mask, moved: (H, W) uint8, foreground and pixels that have moved are not 0.
+        blobs: of the foreground.
+        moved: (H, W) uint8, pixels that have moved are not 0.
     Returns:
         (H, W) uint8, 255 in such blobs.
     """
-    blobs = find_blobs(mask)
     return np.asarray(np.where(_still(blobs, moved, params)[blobs.labels], 255, 0), dtype=np.uint8)
 
 

@@ -15,6 +15,7 @@ from calib.params import Params
 from calib.types import U8
 from planview.doctor.check import Check
 from planview.doctor.steadiness import Steadiness, Steady
+from planview.foreground.blobs import find_blobs
 from planview.foreground.ghosts import GhostParams, find_ghosts, find_still, find_uncovered
 from planview.foreground.masks import BACKGROUND, FOREGROUND, PERSON, WALKER
 from planview.foreground.mixture import Foreground
@@ -96,7 +97,8 @@ class SingleCamera:
         if (width, height) != self.size:
             raise InputError(f"frame {frame.index}: expected {self.size[0]}x{self.size[1]} px, found {width}x{height}")
         image = self._resized(frame.image, cv2.INTER_AREA)
-        steady = self._steadiness.update(frame.index, frame.timestamp_s, as_grey(image))
+        grey = as_grey(image)
+        steady = self._steadiness.update(frame.index, frame.timestamp_s, grey)
         if steady is Steady.BREAK:
             nothing = np.zeros(image.shape[:2], np.uint8)
             return Observation(frame.index, frame.timestamp_s, frame.image, nothing, nothing, shadow=nothing)
@@ -106,7 +108,6 @@ class SingleCamera:
             feedback = None
         known = self._known(feedback)
         mask = self._foreground.update(image, None, frame.timestamp_s, known)
-        grey = as_grey(image)
         motion = self._motion(frame.timestamp_s, grey)
         if math.isnan(self._first_s):
             self._first_s = frame.timestamp_s
@@ -125,11 +126,12 @@ class SingleCamera:
             return
         self._searched_s = now_s
         background = self._foreground.background_luma()
-        self._ghosts = find_ghosts(grey, background, mask, motion, params)
+        blobs = find_blobs(mask)
+        self._ghosts = find_ghosts(grey, background, blobs, motion, params)
         if starting:
             self._ghosts |= find_uncovered(grey, background, mask, params)
             moved = np.where(self._moved_s > now_s - self._first_s - params.still_s, FOREGROUND, 0).astype(np.uint8)
-            self._ghosts |= find_still(mask, moved, params)
+            self._ghosts |= find_still(blobs, moved, params)
         if feedback is not None:
             self._ghosts[self._resized(feedback, cv2.INTER_NEAREST) == WALKER] = 0
 

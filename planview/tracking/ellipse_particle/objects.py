@@ -167,7 +167,7 @@ class Objects:
 
     def prune(self, shape: tuple[int, int], prior: SizePrior) -> None:
         """Remove objects that have left; at once those of which less than a quarter is inside the grid."""
-        outside = self._outside(shape, prior)
+        outside = self._beyond(OUTSIDE, shape, prior)
         keep = np.ones(len(self), dtype=np.bool_)
         for n, e in enumerate(self.evidence):
             probability = departure(e, self._params)
@@ -180,20 +180,17 @@ class Objects:
                 self.cycle.prune(e.who, why, probability)
         self.keep(keep)
 
-    def _outside(self, shape: tuple[int, int], prior: SizePrior) -> Bool:
-        """(N,) objects that are out of the grid but for a quarter."""
+    def are_cut(self, shape: tuple[int, int], prior: SizePrior) -> Bool:
+        """(N,) objects that the border of the grid cuts."""
+        return self._beyond(-1.0, shape, prior)
+
+    def _beyond(self, share: float, shape: tuple[int, int], prior: SizePrior) -> Bool:
+        """(N,) objects whose centre is farther outside the grid than a share of their half axes, inside if negative."""
         x, y = self.states[:, X], self.states[:, Y]
-        dy = OUTSIDE * prior.half_lengths(y)
+        dy = share * prior.half_lengths(y)
         dx, (rows, cols) = dy * prior.aspect, shape
         inside = (x >= -0.5 - dx) & (x <= cols - 0.5 + dx) & (y >= -0.5 - dy) & (y <= rows - 0.5 + dy)
         return np.asarray(~inside)
-
-    def is_cut(self, n: int, shape: tuple[int, int], prior: SizePrior) -> bool:
-        """Whether the border cuts an object's ellipse."""
-        x, y = self.states[n, [X, Y]]
-        half = float(prior.half_length(float(y)))
-        wide = half * prior.aspect
-        return not (wide <= x <= shape[1] - 1 - wide and half <= y <= shape[0] - 1 - half)
 
     def resize(self, before: SizePrior, after: SizePrior, limit: float, shape: tuple[int, int]) -> bool:
         """Forget objects that are doubles now that another size is expected; returns whether it is where objects are.

@@ -186,13 +186,14 @@ class EllipseParticleTracker:
         ellipses = objects.ellipses(prior)
         shares = measured_shares(self._measured, ellipses, view.mask.shape)
         long = self._plane.long_enough(view, ellipses, np.arange(len(ellipses)), objects.confirmed, prior)
+        cut = objects.are_cut(view.mask.shape, prior)
         for n, (covered, own) in enumerate(shares):
             objects.watch_move(n, prior)
             alone = bool(own >= min_overlap and long[n])
-            confirmable = objects.evidence[n].who.confirmed or self._confirmable(n, view, prior)
+            confirmable = objects.evidence[n].who.confirmed or self._confirmable(n, view, bool(cut[n]))
             objects.observe(n, bool(covered >= min_overlap), alone, dt, confirmable, float(covered))
 
-    def _confirmable(self, n: int, view: PlaneView, prior: SizePrior) -> bool:
+    def _confirmable(self, n: int, view: PlaneView, cut: bool) -> bool:
         """Whether nothing but time speaks against confirming an object.
 
         In an image, two kinds must have moved. People of the first frame leave foreground behind where they stood until
@@ -200,7 +201,7 @@ class EllipseParticleTracker:
         """
         if view.observation.motion is not None and not self._objects.evidence[n].moved:
             setting_out = view.observation.timestamp_s < self._first_s + SETTING_OUT_S
-            if setting_out or self._objects.is_cut(n, view.mask.shape, prior):
+            if setting_out or cut:
                 return False
         cell, known = self._objects.states[n, [X, Y]], self._known()
         return self._plane.is_person(view, cell, known) and self._plane.is_separate(view, cell, known)

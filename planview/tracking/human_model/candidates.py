@@ -23,9 +23,6 @@ HEIGHTS = 5
 HEIGHT_PRICE = 0.3
 """Price of a height that differs from the average by all of it, in matching scores (our choice): equal outlines are
 taken for a person of average height."""
-MIDDLE_SHARE = 0.625
-"""Smallest person that is looked for, as a fraction of one in the middle of the image (our choice): that is where a
-camera is pointed, however small people are there."""
 WHOLE_BLOB = 0.95
 """Part of a blob from which on a candidate has it to itself (our choice)."""
 
@@ -53,10 +50,9 @@ class CandidateFinder:
 
     def __init__(self, scene: ModelScene, params: HumanModelParams) -> None:
         self._scene, self._params = scene, params
-        width, height = scene.model_map.camera.size
-        entry = int(scene.model_map.entry_at((width / 2, height / 2)))
-        middle_px = float(scene.map_boxes[entry, 2:].max()) if entry >= 0 else math.inf
-        self._min_px = min(params.spawn.min_height_px, MIDDLE_SHARE * middle_px)
+        middle, spawn = 0.5 * np.array(scene.model_map.camera.size, dtype=np.float64), params.spawn
+        middle_px = scene.longest_side(middle) if scene.visibility(middle) > 0 else math.inf
+        self._min_px = min(spawn.min_height_px, spawn.min_share * middle_px)
 
     def __call__(self, frame: ModelFrame) -> list[ModelCandidate]:
         """The best model of each unclaimed blob that meets the criteria; at most one per blob and frame.

@@ -159,11 +159,11 @@ class ModelScene:
         Returns:
             the score and its (2,) foot pixel.
         """
-        reach = SHIFT * self._longest(position) * reference
+        reach = SHIFT * self.longest_side(position) * reference
         offsets = np.linspace(-reach, reach, 7)
         du, dv = np.meshgrid(offsets / 2, offsets)
         near = np.column_stack([position[0] + du.ravel(), position[1] + dv.ravel(), np.full(du.size, scale)])
-        window = 2.0 * self._longest(position) * max(scale, reference)
+        window = 2.0 * self.longest_side(position) * max(scale, reference)
         height, width = evidence.shape
         top, bottom = max(0, int(position[1] - window)), min(height, int(position[1] + window) + 1)
         kernels.row_prefix(evidence, self.cover, self.hiding, kernels.Window(0, width, top, bottom), self._sums)
@@ -232,8 +232,8 @@ class ModelScene:
         inside = 0 <= row < index.shape[0] and 0 <= col < index.shape[1]
         return int(index[row, col]) if inside else -1
 
-    def _longest(self, position: F64) -> float:
-        """Longest side of the model's box at a foot pixel [px]."""
+    def longest_side(self, position: F64) -> float:
+        """Longest side of the model's box at a (2,) foot pixel [px]; 1 where no person is possible."""
         entry = self._entry(position)
         return float(self.map_boxes[entry, 2:].max()) if entry >= 0 else 1.0
 

@@ -153,10 +153,8 @@ def normal_equations(
     they are asked for by ``derive``.
     """
     x0, y0, a, b, angle = ellipse
-    s = math.sin(angle)
-    c = math.cos(angle)
-    ia = 1.0 / (a * a)
-    ib = 1.0 / (b * b)
+    s, c = math.sin(angle), math.cos(angle)
+    ia, ib = 1.0 / (a * a), 1.0 / (b * b)
     r0, r1, c0, c1 = window
     if derive:
         grad[:] = 0.0
@@ -176,8 +174,10 @@ def normal_equations(
             weight = f + match.background * (1.0 - f)
             residual = f - (1.0 - (1.0 - own) * others)
             cost += 0.5 * weight * residual * residual
+            if not derive:
+                continue
             slope = others * own * (1.0 - own) * b / match.soft
-            if slope < 1e-4 or not derive:
+            if slope < 1e-4:
                 continue
             # d union / d p = -slope * d rho / d p; the residual falls as the union grows.
             slope /= rho

@@ -1,6 +1,7 @@
 import numpy as np
 
 from calib.types import U8
+from planview.foreground.blobs import find_blobs
 from planview.foreground.ghosts import GhostParams, find_ghosts, find_still, find_uncovered
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
@@ -24,23 +25,23 @@ def mask_of(*bodies: tuple[slice, slice]) -> U8:
 
 
 def test_blob_with_its_outline_in_the_background_is_a_ghost():
-    ghosts = find_ghosts(scene(), scene(BODY), mask_of(BODY), NOTHING, GhostParams())
+    ghosts = find_ghosts(scene(), scene(BODY), find_blobs(mask_of(BODY)), NOTHING, GhostParams())
     np.testing.assert_array_equal(ghosts, mask_of(BODY))
 
 
 def test_person_standing_still_has_the_outline_in_the_image():
-    assert not find_ghosts(scene(BODY), scene(), mask_of(BODY), NOTHING, GhostParams()).any()
+    assert not find_ghosts(scene(BODY), scene(), find_blobs(mask_of(BODY)), NOTHING, GhostParams()).any()
 
 
 def test_ghost_with_a_walker_in_front_waits_until_the_walker_has_passed():
     walker = slice(20, 45), slice(40, 50)
     image, mask = scene(walker), mask_of(BODY, walker)
-    assert not find_ghosts(image, scene(BODY), mask, mask_of(walker), GhostParams()).any()
+    assert not find_ghosts(image, scene(BODY), find_blobs(mask), mask_of(walker), GhostParams()).any()
 
 
 def test_ghosts_are_told_apart_from_people_beside_them():
     other = slice(20, 45), slice(55, 65)
-    ghosts = find_ghosts(scene(other), scene(BODY), mask_of(BODY, other), NOTHING, GhostParams())
+    ghosts = find_ghosts(scene(other), scene(BODY), find_blobs(mask_of(BODY, other)), NOTHING, GhostParams())
     np.testing.assert_array_equal(ghosts, mask_of(BODY))
 
 
@@ -58,12 +59,16 @@ def test_person_in_one_blob_with_another_is_not_uncovered():
 
 def test_still_blobs_are_those_in_which_nothing_has_moved():
     other = slice(20, 45), slice(55, 65)
-    np.testing.assert_array_equal(find_still(mask_of(BODY, other), mask_of(other), GhostParams()), mask_of(BODY))
+    np.testing.assert_array_equal(
+        find_still(find_blobs(mask_of(BODY, other)), mask_of(other), GhostParams()), mask_of(BODY)
+    )
 
 
 def test_empty_and_full_masks_have_no_ghosts():
-    assert not find_ghosts(scene(), scene(BODY), NOTHING, NOTHING, GhostParams()).any()
-    assert not find_ghosts(scene(), scene(BODY), np.full(SHAPE, 255, np.uint8), NOTHING, GhostParams()).any()
+    assert not find_ghosts(scene(), scene(BODY), find_blobs(NOTHING), NOTHING, GhostParams()).any()
+    assert not find_ghosts(
+        scene(), scene(BODY), find_blobs(np.full(SHAPE, 255, np.uint8)), NOTHING, GhostParams()
+    ).any()
 
 
 def test_background_luma_is_the_luma_of_the_first_images():

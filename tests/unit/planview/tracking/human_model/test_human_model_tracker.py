@@ -64,9 +64,12 @@ class World:
 
 
 def _run(
-    path: Callable[[float], Iterable[Drawn]], seconds: float, hidden: slice | None = None
+    path: Callable[[float], Iterable[Drawn]],
+    seconds: float,
+    hidden: slice | None = None,
+    params: HumanModelParams = PARAMS,
 ) -> tuple[HumanModelTracker, list[tuple[TrackState, ...]], list[str]]:
-    tracker, world = HumanModelTracker(PARAMS, CAMERA, MAP), World()
+    tracker, world = HumanModelTracker(params, CAMERA, MAP), World()
     states, kinds = [], []
     for k in range(int(seconds * FPS)):
         states.append(tracker.update(world.observe(k, path(k / FPS), hidden)))
@@ -101,6 +104,16 @@ def test_box_is_the_amodal_model() -> None:
     assert left < foot[0] < left + width
     assert top == pytest.approx(head[1], abs=3)
     assert top + height == pytest.approx(foot[1], abs=4)
+
+
+@pytest.mark.parametrize(("share", "people"), [(0.625, 1), (1.0, 0)])
+def test_people_below_the_smallest_height_are_followed_where_those_in_the_middle_are_small_too(
+    share: float, people: int
+) -> None:
+    # People are 26 px high in the middle of the image, and 21 px where this one walks: below 30 px, and 0.83 of it.
+    params = PARAMS.model_copy(update={"spawn": NewTargetParams(min_share=share)})
+    _, states, _ = _run(lambda t: [(-2.5 + 1.2 * t, 10.0, RED)], 3.0, params=params)
+    assert len(_confirmed(states[-1])) == people
 
 
 def test_two_who_enter_side_by_side_are_split() -> None:
