@@ -11,6 +11,7 @@ from calib.types import F64, U8
 from planview.foreground.blobs import Blobs, find_blobs
 from planview.tracking.human_model import _candidate_kernels as kernels
 from planview.tracking.human_model.frame import ModelFrame
+from planview.tracking.human_model.model_map import HumanModelMap
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.scene import ModelScene
 
@@ -23,6 +24,10 @@ HEIGHTS = 5
 HEIGHT_PRICE = 0.3
 """Price of a height that differs from the average by all of it, in matching scores (our choice): equal outlines are
 taken for a person of average height."""
+APART_TAKEN = 0.1
+"""Part of a model that others may cover while it still stands apart from them (our choice)."""
+APART_VISIBLE = 0.5
+"""Part of a model inside the image from which on a person who fills less of it is told (our choice)."""
 WHOLE_BLOB = 0.95
 """Part of a blob from which on a candidate has it to itself (our choice)."""
 
@@ -53,6 +58,9 @@ class CandidateFinder:
         middle, spawn = 0.5 * np.array(scene.model_map.camera.size, dtype=np.float64), params.spawn
         middle_px = scene.longest_side(middle) if scene.visibility(middle) > 0 else math.inf
         self._min_px = min(spawn.min_height_px, spawn.min_share * middle_px)
+        self._apart_precision = spawn.min_precision + _steepness(scene.model_map) * (
+            min(spawn.steep_precision, spawn.min_precision) - spawn.min_precision
+        )
 
     def __call__(self, frame: ModelFrame) -> list[ModelCandidate]:
         """The best model of each unclaimed blob that meets the criteria; at most one per blob and frame.
@@ -101,7 +109,9 @@ class CandidateFinder:
         local = inner / np.maximum(1.0, inner + ring)
         entry = model_map.entry_at(candidates[:, :2])
         visible = np.where(entry >= 0, model_map.visibility[entry], 0.0)
-        ok = (counts.area > 0) & (precision >= spawn.min_precision)
+        apart = (counts.taken <= APART_TAKEN * counts.area) & (visible >= APART_VISIBLE) & (not splits)
+        minimum = np.where(apart, self._apart_precision[entry], spawn.min_precision)
+        ok = (counts.area > 0) & (precision >= minimum)
         ok &= visible >= spawn.min_visible
         # A person's height does not show while the head or the feet are outside the image.
         ok &= (visible == 1.0) | (candidates[:, 2] == 1.0)
@@ -122,6 +132,14 @@ class CandidateFinder:
         salient = (mask[window] > 0) & (evidence[window] > 1)
         moving = int((salient & (motion[window] > 0)).sum())
         return moving >= 0.5 * self._params.states.internal_motion * int(salient.sum())
+
+
+def _steepness(model_map: HumanModelMap) -> F64:
+    """(N,) how steeply the camera looks down at the middle of each entry's body: 0 up to 45 degrees, 1 from 60 on."""
+    above_m = model_map.camera.height_m - 0.5 * model_map.model.height_m
+    away_m = np.hypot(model_map.floor_m[:, 0], model_map.floor_m[:, 1]).astype(np.float64)
+    # 2 (sin^2 - cos^2) of the angle.
+    return np.asarray(np.clip(-2.0 * np.cos(2.0 * np.arctan2(above_m, away_m)), 0.0, 1.0), np.float64)
 
 
 def _attached(rest: Blobs, label: int, whole: Blobs) -> bool:

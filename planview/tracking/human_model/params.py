@@ -83,6 +83,11 @@ class NewTargetParams(Params):
     min_precision: float = Field(default=0.6, gt=0, lt=1)
     """Size and shape: foreground fraction of the model's free part. Our choice: a walker fills three quarters of the
     outline; less when clothes are partly like the floor."""
+    steep_precision: float = Field(default=0.45, gt=0, lt=1)
+    """The same for a blob apart from known people where the camera looks down at it by 60 degrees or more: from
+    straight above a body that is half as deep as wide fills three quarters of what it fills from the side, and its size
+    in the image hardly depends on the place, so that a part of a person is not taken for a smaller person farther away.
+    Beside known people, it may be an arm or a shadow of theirs. Our choice."""
     min_height_px: float = Field(default=30.0, ge=0, le=1000)
     """Size and shape: longest side of a person's box in the image [px]. Our choice: the head is then under 3 px wide,
     and a person is told from a bird or a bag by size alone. Known people are followed to ``map.min_height_px``."""
