@@ -22,7 +22,7 @@ from planview.tracking.ellipse_particle._kernels import (
     Y,
 )
 from planview.tracking.ellipse_particle.fit import _area as ellipse_kernels
-from planview.tracking.ellipse_particle.fit.ellipses import SIZE_LIMIT, paint_union
+from planview.tracking.ellipse_particle.fit.ellipses import paint_union
 from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
 from planview.tracking.ellipse_particle.params import ParticleFilterParams
 
@@ -104,10 +104,7 @@ class ParticleFilter:
         spread = np.array([p.shape_spread, p.shape_spread, self.plane.angle_walk])
         fresh = math.sqrt(1.0 - keep * keep) * spread
         kernels.propagate(self.particles, noise, Transition(dt_s, pull, push, keep, fresh), self._surprise)
-        # Larger, or leaning further, than anything measured, one object would cover two people who hide one another.
-        if self.plane.separation == 0:
-            shape = self.particles[..., LN_A:ANGLE]
-            np.minimum(shape, math.log(SIZE_LIMIT), out=shape)
+        # Leaning further than anything measured, one object would cover two people behind one another.
         if self.plane.upright:
             angle = self.particles[..., ANGLE]
             np.clip(angle, -self.plane.angle_limit, self.plane.angle_limit, out=angle)

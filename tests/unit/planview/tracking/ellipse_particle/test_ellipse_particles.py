@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planview.tracking.ellipse_particle.existence import ExistenceEvidence, departure, spawn_log_odds
-from planview.tracking.ellipse_particle.fit.ellipses import SIZE_LIMIT, paint_union
+from planview.tracking.ellipse_particle.fit.ellipses import paint_union
 from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
 from planview.tracking.ellipse_particle.groups import group, overlaps
 from planview.tracking.ellipse_particle.params import ExistenceParams, ParticleFilterParams
@@ -43,13 +43,6 @@ def test_predicted_ellipses_lean_no_more_than_measured_ones():
     particles.particles[:, 0, 6] = 1.0
     particles.predict(0.1, np.array([14.0]))
     assert particles.means()[0, 6] == pytest.approx(UPRIGHT.angle_limit)
-
-
-def test_predicted_ellipses_that_may_hide_one_another_are_no_larger_than_measured_ones():
-    particles = filter_with(HERE)
-    particles.particles[:, 0, 4:6] = 1.0
-    particles.predict(0.1, np.array([14.0]))
-    assert particles.means()[0, 4:6] == pytest.approx(math.log(SIZE_LIMIT))
 
 
 def test_likelihood_is_largest_where_ellipses_cover_the_measurement():
