@@ -49,6 +49,18 @@ def model_rows(model_map: HumanModelMap, u: float, v: float, scale: float) -> in
     return max(0, min(model_map.camera.height, int(np.floor(y.max())) + 1) - max(0, int(np.ceil(y.min()))))
 
 
+def first_row_of_legs(model_map: HumanModelMap, u: float, v: float, scale: float) -> int:
+    """First row of the lower half of a model that is upright in the image; below the image for any other."""
+    entry = _entry(model_map, u, v)
+    head_up = model_map.foot_px[:, 1] - model_map.head_px[:, 1]
+    if entry < 0 or head_up[entry] < 0.5 * model_map.boxes()[entry, 2:].max():
+        return model_map.camera.height
+    # In the order of the kernel, since rows are rounded.
+    y = model_map.hull_px[entry, :, 1]
+    waist = float(y.max()) - 0.5 * float(y.max() - y.min())
+    return int(np.ceil(scale * waist + (v - scale * float(model_map.foot_px[entry, 1]))))
+
+
 def with_ring(mask: Bool, n_rows: int, ring: float) -> Bool:
     """A model's pixels and, on both sides of each row, ``ring`` times its mean width."""
     margin = int(ring * mask.sum() / max(1, n_rows) + 0.5)
@@ -59,13 +71,17 @@ def with_ring(mask: Bool, n_rows: int, ring: float) -> Bool:
     return wide
 
 
-def counts(mask: Bool, n_rows: int, evidence: U8, cover: U8, hiding: U8, ring: float) -> tuple[int, ...]:
-    """Area, free evidence, taken pixels, free evidence in the ring, and free pixels hidden by the scene."""
+def counts(
+    mask: Bool, n_rows: int, legs_from: int, evidence: U8, cover: U8, hiding: U8, ring: float
+) -> tuple[int, ...]:
+    """Area, free evidence, taken pixels, free evidence in the ring, free pixels hidden by the scene, and twice the
+    background from a row on."""
     free = np.where(cover > 0, 0, evidence).astype(np.int64)
     outside = with_ring(mask, n_rows, ring) & ~mask
     hidden = mask & (cover == 0) & (evidence == 0) & (hiding > 0)
     sums = int(mask.sum()), int(free[mask].sum()), int((cover[mask] > 0).sum()), int(free[outside].sum())
-    return (*sums, int(hidden.sum()))
+    legs = mask & (np.arange(len(mask))[:, None] >= legs_from) & (cover == 0) & ~hidden
+    return (*sums, int(hidden.sum()), 2 * int(legs.sum()) - int(free[legs].sum()))
 
 
 def measured(mask: Bool, evidence: U8, motion: U8, cover: U8, hiding: U8) -> tuple[int, ...]:
@@ -92,6 +108,29 @@ def hiding_times(mask: Bool, evidence: U8, cover: U8, dt_s: float, expected_s: F
     alone = mask & (cover == 1)
     added = np.float32(dt_s) * alone
     return expected_s + added, shown_s + added * (evidence > 0)
+
+
+def open_distances(mask: Bool, evidence: U8, cover: U8, away_m: float, open_m: F32) -> F32:
+    """Greatest distance of a person whom only this model covers, where it shows foreground."""
+    return np.where(mask & (cover == 1) & (evidence > 0), np.maximum(open_m, np.float32(away_m)), open_m)
+
+
+def unclaimed_times(
+    evidence: U8, motion: U8, labels: I32, dt_s: float, now_s: float, limits: tuple[float, float, float], stay_s: F32,
+    moved_s: F32,
+) -> tuple[F32, F32, I64, I64]:  # fmt: skip
+    """For how long pixels have been evidence, when they last moved, and each blob's pixels of foreground, and of those
+    that moved lately."""
+    there, step, n = evidence > 0, np.float32(dt_s), int(labels.max()) + 1
+    stay = np.where(
+        there,
+        np.minimum(np.float32(limits[0]), stay_s + step),
+        np.maximum(np.float32(0), np.minimum(stay_s, np.float32(limits[1])) - step),
+    )
+    moved = np.where(there & (motion > 0), np.float32(now_s), moved_s)
+    salient = evidence > 1
+    recent = salient & (moved >= np.float32(now_s - limits[2]))
+    return stay, moved, np.bincount(labels[salient], minlength=n), np.bincount(labels[recent], minlength=n)
 
 
 def histogram(mask: Bool, image: U8, evidence: U8, cover: U8, level: U8, n_levels: int, parts: int) -> F32:

@@ -15,6 +15,11 @@ TAKEN_BIT, HIDDEN_BIT = 20, 40
 """Three running sums share an int64, since they are always read together: their differences along a row do not borrow
 from one another. Rows are shorter than 2^19 pixels."""
 LOW_BITS = (1 << TAKEN_BIT) - 1
+WAIST = 0.5
+"""Share of a model's rows that are below the waist: tables and backs of chairs reach up to there (our choice)."""
+LEGS_COST = 0.8
+"""Price of background below the waist, over that above it (our choice): legs are hidden by furniture, or show the floor
+between them, and heads are not."""
 ZERO, TAKEN, HIDDEN = np.int64(0), np.int64(1 << TAKEN_BIT), np.int64(1 << HIDDEN_BIT)
 
 
@@ -25,6 +30,7 @@ class MapArrays(NamedTuple):
         entries: (rows, cols) entry of a node, -1 where no person is possible.
         origin_u, origin_v: pixel of node (0, 0); step: distance of nodes [px].
         foot: (N, 2) foot pixels; hull: (N, K, 2) outlines [px].
+        upright: (N,) not 0 where the head is above the foot in the image.
     """
 
     entries: I32
@@ -33,6 +39,15 @@ class MapArrays(NamedTuple):
     step: int
     foot: F32
     hull: F32
+    upright: U8
+
+
+class Rows(NamedTuple):
+    """Rows top <= y < bottom of a model; those from ``legs`` on are below the waist."""
+
+    top: int
+    bottom: int
+    legs: int
 
 
 class Spans(NamedTuple):
@@ -60,20 +75,21 @@ class Window(NamedTuple):
 
 class MatchCounts(NamedTuple):
     """What a model covers: its area, twice its free foreground, pixels taken by others, twice the ring's foreground,
-    free pixels hidden by the scene."""
+    free pixels hidden by the scene, twice the background below the waist of a model that is upright in the image."""
 
     area: int
     free: int
     taken: int
     ring: int
     hidden: int
+    legs: int
 
 
 @njit(cache=True, nogil=True)
-def fill_spans(people: MapArrays, u: float, v: float, scale: float, width: int, spans: Spans) -> tuple[int, int]:
+def fill_spans(people: MapArrays, u: float, v: float, scale: float, width: int, spans: Spans) -> Rows:
     """Rows of the model with its foot at (u, v): the nearest map entry, moved and scaled about the foot.
 
-    Fills ``spans`` and returns (top, bottom), (0, 0) where no person is possible.
+    Fills ``spans``; no rows where no person is possible.
     """
     left, right = spans.left, spans.right
     col = math.floor((u - people.origin_u) / people.step + 0.5)
@@ -85,7 +101,7 @@ def fill_spans(people: MapArrays, u: float, v: float, scale: float, width: int, 
         or col >= people.entries.shape[1]
         or people.entries[row, col] < 0
     ):
-        return 0, 0
+        return Rows(0, 0, 0)
     entry = people.entries[row, col]
     shape = people.hull[entry]
     du, dv = u - scale * people.foot[entry, 0], v - scale * people.foot[entry, 1]
@@ -97,14 +113,15 @@ def fill_spans(people: MapArrays, u: float, v: float, scale: float, width: int, 
     top = max(0, math.ceil(scale * low + dv))
     bottom = min(left.shape[0], math.floor(scale * high + dv) + 1)
     if top >= bottom:
-        return 0, 0
+        return Rows(0, 0, 0)
+    waist = math.ceil(scale * (high - WAIST * (high - low)) + dv) if people.upright[entry] > 0 else bottom
     lows, highs = spans.low[: bottom - top], spans.high[: bottom - top]
     _trace_edges(shape, scale, du, dv - top, lows, highs)
     lefts, rights = left[top:bottom], right[top:bottom]
     for i in range(np.uintp(bottom - top)):
         lefts[i] = np.int32(np.ceil(min(max(lows[i], 0.0), np.float64(width))))
         rights[i] = np.int32(np.floor(min(max(highs[i], -1.0), width - 1.0))) + np.int32(1)
-    return top, bottom
+    return Rows(top, bottom, waist)
 
 
 @njit(cache=True, nogil=True)
@@ -171,29 +188,33 @@ def row_prefix(foreground: U8, cover: U8, hiding: U8, window: Window, sums: I64)
 
 
 @njit(cache=True, nogil=True)
-def span_counts(sums: I64, spans: Spans, top: int, bottom: int, x0: int, x1: int, ring: float) -> MatchCounts:
+def span_counts(sums: I64, spans: Spans, rows: Rows, x0: int, x1: int, ring: float) -> MatchCounts:
     """What a model covers within columns x0 to x1.
 
     The ring continues each row by ``ring`` times the model's mean width on both sides.
     """
+    top, bottom, legs_from = rows
     lefts, rights = spans.left[top:bottom], spans.right[top:bottom]
     n = np.uintp(bottom - top)
     area = 0
     for i in range(n):
         area += int(max(0, rights[i] - lefts[i]))
     margin = int(ring * area / max(1, bottom - top) + 0.5)
-    n_free, n_taken, n_wide, n_hidden = 0, 0, 0, 0
+    n_free, n_taken, n_wide, n_hidden, n_legs = 0, 0, 0, 0, 0
     for i in range(n):
         l, r = max(int(lefts[i]), x0), min(int(rights[i]), x1)  # noqa: E741
         if l >= r:
             continue
         row = sums[top + int(i)]
         within = row[np.uintp(r)] - row[np.uintp(l)]
-        n_free += within & LOW_BITS
-        n_taken += (within >> TAKEN_BIT) & LOW_BITS
-        n_hidden += within >> HIDDEN_BIT
+        free, taken, hidden = within & LOW_BITS, (within >> TAKEN_BIT) & LOW_BITS, within >> HIDDEN_BIT
+        n_free += free
+        n_taken += taken
+        n_hidden += hidden
+        if top + int(i) >= legs_from:
+            n_legs += 2 * (r - l - taken - hidden) - free
         n_wide += (row[np.uintp(min(r + margin, x1))] - row[np.uintp(max(l - margin, x0))]) & LOW_BITS
-    return MatchCounts(area, n_free, n_taken, n_wide - n_free, n_hidden)
+    return MatchCounts(area, n_free, n_taken, n_wide - n_free, n_hidden, n_legs)
 
 
 @njit(cache=True, nogil=True)
@@ -204,19 +225,19 @@ def matching_score(counts: MatchCounts, reference: float, overlap: float) -> flo
     foreground in the ring counts half: it is the part of a person that is wider than the cylinders (our addition).
     Where the scene hides people, nothing is told either way (our addition).
     """
-    background = counts.area - counts.taken - counts.hidden - 0.5 * counts.free
+    background = counts.area - counts.taken - counts.hidden - 0.5 * counts.free - 0.5 * (1.0 - LEGS_COST) * counts.legs
     return (0.5 * counts.free + 0.25 * counts.ring - background - overlap * counts.taken) / reference
 
 
 @njit(cache=True, nogil=True)
 def score_candidates(
     sums: I64, spans: Spans, people: MapArrays, candidates: F64, ring: float, area: I64, free: I64, taken: I64,
-    in_ring: I64, hidden: I64,
+    in_ring: I64, hidden: I64, legs: I64,
 ) -> None:  # fmt: skip
-    """``MatchCounts`` of models at (N, 3) foot pixels and scales, filled into five (N,) columns."""
+    """``MatchCounts`` of models at (N, 3) foot pixels and scales, filled into six (N,) columns."""
     width = sums.shape[1] - 1
     for i in range(len(candidates)):
-        top, bottom = fill_spans(people, candidates[i, 0], candidates[i, 1], candidates[i, 2], width, spans)
-        found = span_counts(sums, spans, top, bottom, 0, width, ring)
+        rows = fill_spans(people, candidates[i, 0], candidates[i, 1], candidates[i, 2], width, spans)
+        found = span_counts(sums, spans, rows, 0, width, ring)
         area[i], free[i], taken[i], in_ring[i] = found.area, found.free, found.taken, found.ring
-        hidden[i] = found.hidden
+        hidden[i], legs[i] = found.hidden, found.legs

@@ -11,6 +11,7 @@ from numba import njit
 from calib.types import F64, I64, U8, Bool
 from planview.tracking.human_model._kernels import (
     MapArrays,
+    Rows,
     Spans,
     Window,
     fill_spans,
@@ -60,7 +61,7 @@ def match_models(
     alone, stale, seen = np.zeros(n, np.bool_), np.ones(n, np.bool_), np.zeros((n, 4), np.int64)
     for t in range(n):
         position[t, 0], position[t, 1] = targets.foot[t, 0], targets.foot[t, 1]
-        top, bottom = fill_spans(people, position[t, 0], position[t, 1], targets.scale[t], width, spans)
+        top, bottom, _ = fill_spans(people, position[t, 0], position[t, 1], targets.scale[t], width, spans)
         paint(cover, spans, top, bottom, 1)
     for sweep in range(sweeps):
         for t in targets.order:
@@ -68,14 +69,14 @@ def match_models(
             if sweep > 0 and not stale[t]:
                 continue
             u, v = position[t]
-            top, bottom = fill_spans(people, u, v, targets.scale[t], width, spans)
+            top, bottom, _ = fill_spans(people, u, v, targets.scale[t], width, spans)
             paint(cover, spans, top, bottom, -1)
             before = _box(spans, top, bottom, width)
             window = _search_window(before, position[t], targets, t, weights.ring, width, height)
             was_alone, alone[t] = alone[t], row_prefix(foreground, cover, hiding, window, sums) == 0
             if sweep == 0 or not (was_alone and alone[t]):
                 _search(sums, spans, people, targets, t, position[t], window, weights)
-            top, bottom = fill_spans(people, position[t, 0], position[t, 1], targets.scale[t], width, spans)
+            top, bottom, _ = fill_spans(people, position[t, 0], position[t, 1], targets.scale[t], width, spans)
             paint(cover, spans, top, bottom, 1)
             stale[t] = False
             seen[t, 0], seen[t, 1], seen[t, 2], seen[t, 3] = window.x0, window.x1, window.y0, window.y1
@@ -123,7 +124,7 @@ def _search(
     width = sums.shape[1] - 1
     predicted, radius, scale = targets.foot[t], targets.radius[t], targets.scale[t]
     inform = targets.information[t]
-    top, bottom = fill_spans(people, predicted[0], predicted[1], scale, width, spans)
+    top, bottom, _ = fill_spans(people, predicted[0], predicted[1], scale, width, spans)
     reference = 1.0
     for y in range(top, bottom):
         reference += max(0, spans.right[y] - spans.left[y])
@@ -136,11 +137,11 @@ def _search(
                 if reach == 1 and i == 0 and j == 0:
                     continue
                 u, v = centre_u + i * du, centre_v + j * dv
-                top, bottom = fill_spans(people, u, v, scale, width, spans)
-                top, bottom = max(top, window.y0), min(bottom, window.y1)
-                if top >= bottom:
+                top, bottom, legs = fill_spans(people, u, v, scale, width, spans)
+                rows = Rows(max(top, window.y0), min(bottom, window.y1), legs)
+                if rows.top >= rows.bottom:
                     continue
-                counts = span_counts(sums, spans, top, bottom, window.x0, window.x1, weights.ring)
+                counts = span_counts(sums, spans, rows, window.x0, window.x1, weights.ring)
                 eu, ev = u - predicted[0], v - predicted[1]
                 off = inform[0] * eu * eu + 2 * inform[1] * eu * ev + inform[2] * ev * ev
                 score = matching_score(counts, reference, weights.overlap) - weights.prior * off

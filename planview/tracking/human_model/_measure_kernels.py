@@ -1,6 +1,5 @@
 """Compiled kernels of what a placed model covers; ``tests/reference/human_model.py`` defines them in plain numpy."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -68,7 +67,7 @@ def measure_models(
     evidence, cover, left, right = images.evidence, images.cover, spans.left, spans.right
     width = evidence.shape[1]
     for t in range(len(scale)):
-        top, bottom = fill_spans(people, position[t, 0], position[t, 1], scale[t], width, spans)
+        top, bottom, _ = fill_spans(people, position[t, 0], position[t, 1], scale[t], width, spans)
         area = 0
         for y in range(top, bottom):
             area += max(0, right[y] - left[y])
@@ -110,6 +109,18 @@ def measure_models(
 
 
 @njit(cache=True, nogil=True)
+def count_covered(cover: U8, hiding: U8, spans: Spans, top: int, bottom: int) -> tuple[int, int]:
+    """Pixels of a model, and those of them that more than one model covers or where the scene hides people."""
+    area, covered = 0, 0
+    for y in range(top, bottom):
+        for x in range(spans.left[y], spans.right[y]):
+            area += 1
+            if cover[y, x] > 1 or hiding[y, x] > 0:
+                covered += 1
+    return area, covered
+
+
+@njit(cache=True, nogil=True)
 def learn_hiding(
     evidence: U8, cover: U8, spans: Spans, top: int, bottom: int, dt_s: float, limits: HidingLimits, expected_s: F32,
     shown_s: F32, hiding: U8,
@@ -131,6 +142,15 @@ def learn_hiding(
                 shown_s[y, x] += dt_s
             long = expected_s[y, x] >= limits.expected_s
             hiding[y, x] = long and shown_s[y, x] < limits.shown * expected_s[y, x]
+
+
+@njit(cache=True, nogil=True)
+def learn_open(evidence: U8, cover: U8, spans: Spans, top: int, bottom: int, away_m: float, open_m: F32) -> None:
+    """Remember the greatest distance at which a person has been observed at each pixel: nothing nearer hides it."""
+    for y in range(top, bottom):
+        for x in range(spans.left[y], spans.right[y]):
+            if cover[y, x] == 1 and evidence[y, x] > 0:
+                open_m[y, x] = max(open_m[y, x], np.float32(away_m))
 
 
 @njit(cache=True, nogil=True)
@@ -164,88 +184,6 @@ def largest(row: U8) -> int:
     for x in range(np.uintp(len(row))):
         value = max(value, row[x])
     return int(value)
-
-
-class Axis(NamedTuple):
-    """A body's axis in the image [px]: the foot, the way from foot to head, half the body's width."""
-
-    foot_u: float
-    foot_v: float
-    along_u: float
-    along_v: float
-    half_width: float
-
-
-class BodyLine(NamedTuple):
-    """A body's axis, its length [px], and where the ends of the outline lie along it: the foot 0 and the head 1."""
-
-    axis: Axis
-    length: float
-    low: float
-    high: float
-
-
-@njit(cache=True, nogil=True)
-def line_of(foot: F32, head: F32, hull: F32, scale: float, position: F64) -> BodyLine:
-    """Axis of a scaled model that stands at a (2,) foot pixel.
-
-    foot, head: (2,) of the map's entry; hull: (K, 2) its outline [px].
-    """
-    along_u, along_v = scale * np.float64(head[0] - foot[0]), scale * np.float64(head[1] - foot[1])
-    length = math.hypot(along_u, along_v)
-    low, high, across = math.inf, -math.inf, 0.0
-    for k in range(len(hull)):
-        u, v = scale * np.float64(hull[k, 0] - foot[0]), scale * np.float64(hull[k, 1] - foot[1])
-        share = (u * along_u + v * along_v) / length**2 if length > 0.0 else 0.0
-        low, high = min(low, share), max(high, share)
-        across = max(across, abs(u * along_v - v * along_u))
-    half_width = across / length if length > 0.0 else 0.0
-    return BodyLine(Axis(position[0], position[1], along_u, along_v, half_width), length, low, high)
-
-
-@njit(cache=True, nogil=True)
-def body_extent(evidence: U8, cover: U8, axis: Axis, bins: I64) -> tuple[float, float]:
-    """How far evidence that no other model covers reaches along a body's axis: (low, high), foot 0 and head 1.
-
-    Pixels within ``half_width`` of the axis are counted in ``bins`` from -0.4 to 1.4 of the axis; from the middle
-    outwards, the body ends where two bins in a row hold less than a tenth of its width. (0, 0) where there is none.
-    """
-    n = len(bins)
-    bins[:] = 0
-    foot_u, foot_v, axis_u, axis_v, half_width = axis
-    height, width = evidence.shape
-    length2 = axis_u * axis_u + axis_v * axis_v
-    length = math.sqrt(length2)
-    reach_u, reach_v = 0.5 * half_width + half_width, 1.5 * half_width
-    x0 = max(0, math.floor(min(foot_u - 0.4 * axis_u, foot_u + 1.4 * axis_u) - reach_u))
-    x1 = min(width, math.ceil(max(foot_u - 0.4 * axis_u, foot_u + 1.4 * axis_u) + reach_u) + 1)
-    y0 = max(0, math.floor(min(foot_v - 0.4 * axis_v, foot_v + 1.4 * axis_v) - reach_v))
-    y1 = min(height, math.ceil(max(foot_v - 0.4 * axis_v, foot_v + 1.4 * axis_v) + reach_v) + 1)
-    for y in range(y0, y1):
-        for x in range(x0, x1):
-            if evidence[y, x] == 0 or cover[y, x] > 1:
-                continue
-            du, dv = x - foot_u, y - foot_v
-            if abs(du * axis_v - dv * axis_u) > half_width * length:
-                continue
-            k = math.floor(((du * axis_u + dv * axis_v) / length2 + 0.4) / 1.8 * n)
-            if 0 <= k < n:
-                bins[k] += evidence[y, x]
-    minimum = 0.1 * 2.0 * (2.0 * half_width) * (1.8 * length / n)
-    middle = int(0.9 / 1.8 * n)
-    if bins[middle] < minimum and bins[middle - 1] < minimum:
-        return 0.0, 0.0
-    low = middle
-    while low > 0 and (bins[low - 1] >= minimum or (low > 1 and bins[low - 2] >= minimum)):
-        low -= 1
-    high = middle
-    while high < n - 1 and (bins[high + 1] >= minimum or (high < n - 2 and bins[high + 2] >= minimum)):
-        high += 1
-    while low < high and bins[low] < minimum:
-        low += 1
-    while high > low and bins[high] < minimum:
-        high -= 1
-    return low / n * 1.8 - 0.4, (high + 1) / n * 1.8 - 0.4
 
 
 @njit(cache=True, nogil=True)

@@ -8,12 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.types import F64, U8
-from planview.foreground.blobs import Blobs, find_blobs
+from planview.foreground.blobs import Blobs
 from planview.tracking.human_model import _candidate_kernels as kernels
 from planview.tracking.human_model.frame import ModelFrame
 from planview.tracking.human_model.model_map import HumanModelMap
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.scene import ModelScene
+from planview.tracking.human_model.unclaimed import Unclaimed
 
 MIN_BLOB = 0.3
 """Smallest blob, as a fraction of the model's box, that may be a person (our choice): slim legs and a torso."""
@@ -41,6 +42,7 @@ class ModelCandidate(NamedTuple):
         score: how well it fits.
         precision: foreground fraction of the model's free part.
         splits: whether the rest of the blob is another target's.
+        whole: whether it is a whole person, with few gaps.
     """
 
     foot_px: F64
@@ -48,6 +50,15 @@ class ModelCandidate(NamedTuple):
     score: float
     precision: float
     splits: bool
+    whole: bool = True
+
+
+class _Partial(NamedTuple):
+    """A candidate in part: its (2,) foot pixel, since when and when last it was found [s]."""
+
+    foot_px: F64
+    since_s: float
+    last_s: float
 
 
 class CandidateFinder:
@@ -58,36 +69,65 @@ class CandidateFinder:
         middle, spawn = 0.5 * np.array(scene.model_map.camera.size, dtype=np.float64), params.spawn
         middle_px = scene.longest_side(middle) if scene.visibility(middle) > 0 else math.inf
         self._min_px = min(spawn.min_height_px, spawn.min_share * middle_px)
+        self._part_precision = min(spawn.alone_precision, spawn.min_precision)
         self._apart_precision = spawn.min_precision + _steepness(scene.model_map) * (
-            min(spawn.steep_precision, spawn.min_precision) - spawn.min_precision
+            self._part_precision - spawn.min_precision
         )
+        self.reset()
 
-    def __call__(self, frame: ModelFrame) -> list[ModelCandidate]:
+    def reset(self) -> None:
+        """No candidates in part."""
+        self._partial: list[_Partial] = []
+
+    def __call__(self, frame: ModelFrame, unclaimed: Unclaimed) -> list[ModelCandidate]:
         """The best model of each unclaimed blob that meets the criteria; at most one per blob and frame.
 
         ``scene.cover`` and ``scene.claimed`` hold the existing targets.
         """
-        scene = self._scene
-        evidence = np.where(scene.claimed > 0, 0, frame.evidence).astype(np.uint8)
-        rest = find_blobs(evidence)
+        scene, evidence, rest = self._scene, unclaimed.evidence, unclaimed.blobs
         large = np.flatnonzero(rest.area_px[1:] >= MIN_BLOB * scene.map_inside.min()) + 1
         if not len(large):
             return []
         scene.prepare_candidates(evidence, scene.cover)
-        found = [self._best(rest, int(label), frame.blobs) for label in large]
-        return [c for c in found if c is not None and self._moves(c, evidence, frame.motion)]
+        found = [self._whole_or_part(rest, int(label), frame.blobs) for label in large]
+        moving = [c for c in found if c is not None and self._moves(c, evidence, frame.motion)]
+        return self._lasting(moving, frame.now_s)
 
-    def _best(self, rest: Blobs, label: int, whole: Blobs) -> ModelCandidate | None:
+    def _lasting(self, candidates: list[ModelCandidate], now_s: float) -> list[ModelCandidate]:
+        """Those that show whole people, and those in part that have been found for half of ``states.window_s``."""
+        lasting_s, whole, partial = 0.5 * self._params.states.window_s, [], []
+        recent = [p for p in self._partial if now_s - p.last_s < lasting_s]
+        for candidate in candidates:
+            if candidate.whole:
+                whole.append(candidate)
+                continue
+            reach_px = self._scene.box_width(candidate.foot_px)
+            before = [p for p in recent if np.hypot(*(p.foot_px - candidate.foot_px)) <= reach_px]
+            since_s = min((p.since_s for p in before), default=now_s)
+            partial.append(_Partial(candidate.foot_px, since_s, now_s))
+            if now_s - since_s >= lasting_s - 1e-6:
+                whole.append(candidate)
+        self._partial = partial + recent
+        return whole
+
+    def _whole_or_part(self, rest: Blobs, label: int, frame: Blobs) -> ModelCandidate | None:
+        """A whole person or, where none fits and no target has a part of the blob, a person in part."""
+        feet, splits = self._feet(rest, label), _attached(rest, label, frame)
+        blob_px = int(rest.area_px[label])
+        whole = self._best(feet, blob_px, splits, False)
+        if whole is not None or splits:
+            return whole
+        part = self._best(feet, blob_px, splits, True)
+        return None if part is None else part._replace(whole=False)
+
+    def _best(self, feet: F64, blob_px: int, splits: bool, in_part: bool) -> ModelCandidate | None:
         """Coarse over the map, then fine over places and heights."""
-        feet, splits, blob_px = self._feet(rest, label), _attached(rest, label, whole), int(rest.area_px[label])
-        coarse = self._pick(np.column_stack([feet, np.ones(len(feet))]), blob_px, splits)
+        coarse = self._pick(np.column_stack([feet, np.ones(len(feet))]), blob_px, splits, in_part)
         if coarse is None:
             return None
         step, spread = self._scene.model_map.params.step_px, self._params.height_spread
-        offsets = np.arange(-step, step + 1, max(1, step // 4))
-        du, dv, scale = np.meshgrid(offsets, offsets, np.linspace(1 - spread, 1 + spread, HEIGHTS))
-        near = np.column_stack([coarse.foot_px[0] + du.ravel(), coarse.foot_px[1] + dv.ravel(), scale.ravel()])
-        return self._pick(near, blob_px, splits)
+        near = around(coarse.foot_px, step, np.linspace(1 - spread, 1 + spread, HEIGHTS))
+        return self._pick(near, blob_px, splits, in_part)
 
     def _feet(self, blobs: Blobs, label: int) -> F64:
         """Foot pixels of the map whose models are mostly over the blob's box and of a size to match its area."""
@@ -98,7 +138,7 @@ class CandidateFinder:
         kernels.boxes_over(scene.map_boxes, scene.map_inside, box, area_px, limits, fits)
         return np.asarray(scene.model_map.foot_px[fits], dtype=np.float64)
 
-    def _pick(self, candidates: F64, blob_px: int, splits: bool) -> ModelCandidate | None:
+    def _pick(self, candidates: F64, blob_px: int, splits: bool, in_part: bool) -> ModelCandidate | None:
         """The (N, 3) candidate of the highest score among those of plausible shape, visibility and freedom."""
         if not len(candidates):
             return None
@@ -111,7 +151,7 @@ class CandidateFinder:
         visible = np.where(entry >= 0, model_map.visibility[entry], 0.0)
         apart = (counts.taken <= APART_TAKEN * counts.area) & (visible >= APART_VISIBLE) & (not splits)
         minimum = np.where(apart, self._apart_precision[entry], spawn.min_precision)
-        ok = (counts.area > 0) & (precision >= minimum)
+        ok = (counts.area > 0) & (precision >= (self._part_precision if in_part else minimum))
         ok &= visible >= spawn.min_visible
         # A person's height does not show while the head or the feet are outside the image.
         ok &= (visible == 1.0) | (candidates[:, 2] == 1.0)
@@ -140,6 +180,13 @@ def _steepness(model_map: HumanModelMap) -> F64:
     away_m = np.hypot(model_map.floor_m[:, 0], model_map.floor_m[:, 1]).astype(np.float64)
     # 2 (sin^2 - cos^2) of the angle.
     return np.asarray(np.clip(-2.0 * np.cos(2.0 * np.arctan2(above_m, away_m)), 0.0, 1.0), np.float64)
+
+
+def around(foot_px: F64, step: int, scales: F64) -> F64:
+    """(N, 3) candidates within a step of the map about a (2,) foot pixel, at each of (M,) scales."""
+    offsets = np.arange(-step, step + 1, max(1, step // 4))
+    du, dv, scale = np.meshgrid(offsets, offsets, scales)
+    return np.column_stack([foot_px[0] + du.ravel(), foot_px[1] + dv.ravel(), scale.ravel()])
 
 
 def _attached(rest: Blobs, label: int, whole: Blobs) -> bool:

@@ -18,6 +18,7 @@ from planview.tracking.human_model.frame import LESS_SALIENT, ModelFrame
 from planview.tracking.human_model.measurement import Measurement
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.posture import MAX_SHARED, Posture
+from planview.tracking.human_model.refining import Refiner
 from planview.tracking.human_model.scene import SEARCH_SIGMAS, ModelScene
 from planview.tracking.human_model.target import SPEED_STD_MPS, Target
 from planview.tracking.identity import IdentityLayer
@@ -28,6 +29,9 @@ SILHOUETTE = 2.45
 """Half width over the standard deviation of a silhouette's columns: they fall off about like a triangle, sqrt(6)."""
 JACOBIAN_STEP_M = 0.01
 """Step over which the derivative of the projection is taken [m]."""
+DEPTH_M = 1.0
+"""Standard deviation of the distance from the camera of a person neither of whose ends shows [m] (our choice): a table
+hides legs whose feet are so far behind its edge."""
 MAX_WIDTH = 2.0
 """Largest width learned of a person, over the model's (our choice): an umbrella or a pram is no part of the body."""
 
@@ -53,7 +57,8 @@ class Fitter:
     ) -> None:
         self.params, self.camera, self.scene = params, camera, scene
         self._life, self._identity = life, identity
-        self._posture = Posture(params, camera, scene, life)
+        self._refiner = Refiner(params, camera, scene)
+        self.posture = Posture(params, camera, scene, life, self._refiner)
         self._dt_s = 0.0
 
     def predict(self, targets: Sequence[Target], dt_s: float) -> None:
@@ -61,7 +66,7 @@ class Fitter:
         self._dt_s, p = dt_s, self.params.match
         for target in targets:
             if target.seat is not None:
-                self._posture.predict(target, target.seat)
+                self.posture.predict(target, target.seat)
                 continue
             target.kalman = target.kalman.predicted(dt_s, p.acceleration_mps2)
             if not target.existence.observed:
@@ -100,7 +105,7 @@ class Fitter:
     ) -> None:
         """Match a group to what others have ``left`` of a frame."""
         position = self.scene.match(left.evidence, *self._prediction(group))
-        self._posture.review(group, position, targets, frame)
+        self.posture.review(group, position, targets, frame)
         scale = np.array([t.model_scale for t in group])
         measured = self.scene.measure(left, position, scale)
         for i, target in enumerate(group):
@@ -110,7 +115,7 @@ class Fitter:
         places = self._places(position, np.array([t.model_scale for t in group]))
         for i, target in enumerate(group):
             self._update(target, i, measured, places[i], frame)
-            self._posture.watch(target, targets, frame)
+            self.posture.watch(target, targets, frame)
             self._remember(target, i, measured, frame)
             target.score = measured.score(i, self.params.match.overlap_weight)
             self._learn_width(target, i, measured)
@@ -155,19 +160,13 @@ class Fitter:
         return math.exp(-self._identity.unlikelihood(target.existence, appearance)) < self.params.prune.min_likeness
 
     def _refine(self, target: Target, i: int, measured: Measurement, frame: ModelFrame) -> None:
-        """Lay head and foot of a model on the ends of its blob, and learn the person's height, when all of it shows."""
-        p, build = self.params.match, target.build
-        clear = target.inside == 1.0 and measured.hidden[i] == 0 and measured.precision[i] >= p.min_precision
-        if target.seat is not None or not clear:
-            return
-        found = self.scene.extent(frame.evidence, measured.position[i], build.scale)
-        if found is None or found.error > p.refine_reach or abs(found.height - 1.0) > p.refine_reach:
-            return
-        measured.position[i] += found.shift_px
-        if target.stability == "stable":
-            spread = self.params.height_spread
-            scale = build.scale * (1.0 + self._gain() * (found.height - 1.0))
-            build.scale = float(np.clip(scale, 1.0 - spread, 1.0 + spread))
+        """Lay head and foot of a standing model on the ends of its blob."""
+        enough = target.inside == 1.0 and measured.precision[i] >= self.params.match.min_precision
+        target.depth_known = (
+            target.seat is not None
+            or not enough
+            or self._refiner(target, measured.position[i], frame.evidence, self._dt_s)
+        )
 
     def _update(self, target: Target, i: int, measured: Measurement, place: _Place, frame: ModelFrame) -> None:
         p, precision = self.params, float(measured.precision[i])
@@ -184,6 +183,8 @@ class Fitter:
         if matched and not hidden:
             uncertain = target.stability in ("disappearing", "occlusion")
             noise = place.noise.scaled(p.states.uncertain_noise if uncertain else 1.0)
+            if not target.depth_known:
+                noise = noise.stretched(place.x_m, place.y_m, DEPTH_M)
             target.kalman = target.kalman.corrected(place.x_m, place.y_m, noise)
         else:
             target.foot_px = self.camera.project(np.append(target.xy_m, 0.0))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,34 @@ from planview.tracking.human_model import _measure_kernels as measuring
 MIN_VISIBLE = 0.25
 """Part of a model that must be visible for its foreground fraction to be taken at its word (our choice): a head and
 shoulders."""
+
+
+class Extent(NamedTuple):
+    """How an observed body differs from the model along its axis (the paper's "refine target").
+
+    Attributes:
+        axis_px: (2,) from foot to head.
+        low, high: how far the ends of what hangs together with the body's middle are beyond the model's feet and head
+            along it, as a fraction of the height; NaN where the middle does not show.
+        head: the same of the head, looked for by itself; NaN where none shows.
+        height: observed height over the model's; NaN where the middle does not show.
+    """
+
+    axis_px: F64
+    low: float
+    high: float
+    head: float
+    height: float
+
+    @property
+    def shift_px(self) -> F64:
+        """(2,) to move the foot by so that both ends agree best [px]."""
+        return 0.5 * (self.low + self.high) * self.axis_px
+
+    @property
+    def error(self) -> float:
+        """Larger error of an end, as a fraction of the height."""
+        return max(abs(self.low), abs(self.high))
 
 
 @dataclass(eq=False)
@@ -66,7 +95,7 @@ class Measurement:
         """M of model i, in its own areas (``_kernels.matching_score``, without a ring)."""
         taken = int(self.counts.shared[i])
         hidden = int(self.counts.hidden[i])
-        counts = kernels.MatchCounts(int(self.counts.area[i]), int(self.counts.alone[i]), taken, 0, hidden)
+        counts = kernels.MatchCounts(int(self.counts.area[i]), int(self.counts.alone[i]), taken, 0, hidden, 0)
         # In Python: a call of the compiled function costs more than what it computes.
         return float(kernels.matching_score.py_func(counts, float(self.area[i]), overlap_weight))
 

@@ -61,8 +61,9 @@ class StabilityParams(Params):
 class PostureParams(Params):
     """Sitting: the paper's model stands, but its conference room has people on chairs (our choice)."""
 
-    sitting: float = Field(default=0.72, gt=0.3, le=1)
-    """Height of the seated model over the standing one. Our choice: 1.27 m from the floor to the top of the head."""
+    sitting: float = Field(default=0.77, gt=0.3, le=1)
+    """Height of the seated model over the standing one: 0.52 of the stature from the seat to the top of the head, and a
+    seat 0.45 m high. Our choice: anthropometric means."""
     place_m: float = Field(default=0.15, gt=0, le=1)
     """Standard deviation of a seated person's place [m]. Our choice: leaning and turning on a chair; a passer-by in
     front pushes the seated model aside no further."""
@@ -83,11 +84,13 @@ class NewTargetParams(Params):
     min_precision: float = Field(default=0.6, gt=0, lt=1)
     """Size and shape: foreground fraction of the model's free part. Our choice: a walker fills three quarters of the
     outline; less when clothes are partly like the floor."""
-    steep_precision: float = Field(default=0.45, gt=0, lt=1)
-    """The same for a blob apart from known people where the camera looks down at it by 60 degrees or more: from
-    straight above a body that is half as deep as wide fills three quarters of what it fills from the side, and its size
-    in the image hardly depends on the place, so that a part of a person is not taken for a smaller person farther away.
-    Beside known people, it may be an arm or a shadow of theirs. Our choice."""
+    alone_precision: float = Field(default=0.45, gt=0, lt=1)
+    """The same for a blob apart from known people: beside one, it may be an arm or a shadow. Where the camera looks
+    down at it by 60 degrees or more, it is a person at once: from straight above a body that is half as deep as wide
+    fills three quarters of what it fills from the side, and its size in the image hardly depends on the place.
+    Elsewhere, a part that lasts for half of ``states.window_s`` may be a person whose clothes are like the wall or
+    whose legs are hidden; it is confirmed when it has once been observed with ``min_precision``, or has walked
+    ``prune.walked_m``. Our choice."""
     min_height_px: float = Field(default=30.0, ge=0, le=1000)
     """Size and shape: longest side of a person's box in the image [px]. Our choice: the head is then under 3 px wide,
     and a person is told from a bird or a bag by size alone. Known people are followed to ``map.min_height_px``."""
@@ -133,6 +136,12 @@ class PruneParams(Params):
     reacquire_m: float = Field(default=1.5, ge=0, le=10)
     """A new target this near to where a lost one is predicted, and alike, is that one [m]. Our choice: a second of
     walking."""
+    vanished_m: float = Field(default=3.0, ge=0, le=20)
+    """A sitter that is found this near to where a person was lost inside the view is that person [m]. Our choice: two
+    seconds of walking."""
+    vanished_s: float = Field(default=30.0, ge=0, le=3600)
+    """For how long a person who was lost inside the view may be found sitting there [s]. Our choice: ten times
+    ``existence.patience_s``, since others pass before a seat."""
     min_likeness: float = Field(default=1e-6, ge=0, le=1)
     """Likeness of colours (exp of minus ``IdentityLayer.unlikelihood``) below which a target is another person than the
     lost one. Our choice: a Bhattacharyya coefficient of 0.6 between one frame and the memory."""

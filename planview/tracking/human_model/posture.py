@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,6 +12,7 @@ from calib.ground_camera import GroundCamera
 from calib.types import F64
 from planview.tracking.human_model.frame import ModelFrame
 from planview.tracking.human_model.params import HumanModelParams
+from planview.tracking.human_model.refining import Refiner
 from planview.tracking.human_model.scene import CLAIMED_RING, ModelScene
 from planview.tracking.human_model.seat import Seat
 from planview.tracking.human_model.target import SPEED_STD_MPS, Target
@@ -23,13 +26,26 @@ MAX_SHARED = 0.1
 SEAT_APART_M = 0.4
 """Smallest distance between two people who sit [m]: a shoulder's breadth (our choice)."""
 
+SIT_M = 0.3
+"""Standard deviation of where a person sits down from where the person was on the way there [m] (our choice): the depth
+of a seat."""
+SIT_SIGMAS = 2.0
+"""Largest deviation from there, in standard deviations: farther off is another's head (our choice)."""
+SETTLE_GAIN = 0.25
+"""Share of a frame in the place of a person who settles on a seat (our choice)."""
+ODDS = 1.0
+"""Logarithm of the odds from which on a person is taken to sit down (our choice)."""
+
 
 class Posture:
     """Decides between the standing and the seated model of each target (our choice)."""
 
-    def __init__(self, params: HumanModelParams, camera: GroundCamera, scene: ModelScene, life: LifeCycle) -> None:
+    def __init__(
+        self, params: HumanModelParams, camera: GroundCamera, scene: ModelScene, life: LifeCycle, refiner: Refiner
+    ) -> None:
         self.params, self.camera, self.scene = params, camera, scene
         self._life = life
+        self._refiner = refiner
 
     def predict(self, target: Target, seat: Seat) -> None:
         """A seated person stays on the seat."""
@@ -45,7 +61,11 @@ class Posture:
             frame: the current one.
         """
         for target, foot in zip(group, position, strict=True):
-            place = self._place_to_judge(target, foot, frame)
+            settled = target.seat is not None and frame.now_s - target.seat.since_s > self.params.settle_s
+            if not settled and self._sits_down(target, foot, targets, frame):
+                continue
+            told = target.seat is None and self._refiner.head(target, foot, frame.evidence) is not None
+            place = None if told else self._place_to_judge(target, foot, frame)
             if place is None:
                 continue
             self.scene.paint(self.scene.cover, foot, target.model_scale, -1)
@@ -56,6 +76,74 @@ class Posture:
                 foot[:] = found
             self._widen(group, position, target, -1)
             self.scene.paint(self.scene.cover, foot, target.model_scale, 1)
+
+    def _sits_down(self, target: Target, foot: F64, targets: Sequence[Target], frame: ModelFrame) -> bool:
+        """Sit a person down whose head sank on the spot; moves the (2,) foot pixel.
+
+        A head that sinks in the image is that of a person who walks towards the camera or of one who sits down. It
+        tells a place for either, and the place and velocity of a moment ago tell which is likelier. Feet where the
+        standing model has them settle it.
+        """
+        if not target.existence.confirmed or not target.existence.observed:
+            return False
+        head = self._refiner.head(target, foot, frame.evidence)
+        p = self.params
+        if head is None:
+            return False
+        height_m = target.build.scale * p.height_m
+        stands, sits = (self.camera.back_project(head, h) for h in (height_m, p.posture.sitting * height_m))
+        stands_px = self.camera.project(np.append(stands, 0.0))
+        on_feet = self._refiner.has_feet(target, stands_px, frame.evidence)
+        if target.seat is not None:
+            if not self._is_near(target.seat.xy, sits, target):
+                return False
+            return self._settle(target, target.seat, foot, sits, frame)
+        if on_feet or not self._sank(target, stands, sits, frame.now_s):
+            if self._is_near(target.xy_m, stands, target):
+                target.measure(frame.now_s, stands[0], stands[1], p.states.window_s)
+            return False
+        seat_px = self.camera.project(np.append(sits, 0.0))
+        scale = target.build.scale
+        self.scene.paint(self.scene.cover, foot, target.model_scale, -1)
+        score, _ = self.scene.best_near(frame.evidence, seat_px, p.posture.sitting * scale, scale)
+        enough = score > (2.0 * p.match.min_precision - 1.0) * p.posture.sitting
+        if enough and self._change(target, seat_px, targets, frame):
+            self._life.log(target.existence, "state", "sits down")
+            foot[:] = seat_px
+        self.scene.paint(self.scene.cover, foot, target.model_scale, 1)
+        return enough
+
+    def _is_near(self, seat: F64, sits: F64, target: Target) -> bool:
+        """Whether a head is that of the person on a (2,) seat."""
+        std_m = math.hypot(SIT_M, self._refiner.head_std_m(seat, target.build.scale))
+        return float(np.hypot(*(sits - seat))) <= SIT_SIGMAS * std_m
+
+    def _settle(self, target: Target, seat: Seat, foot: F64, sits: F64, frame: ModelFrame) -> bool:
+        """Follow the head of a person who has just begun to sit down."""
+        xy = seat.xy + SETTLE_GAIN * (sits - seat.xy)
+        self.scene.paint(self.scene.cover, foot, target.model_scale, -1)
+        foot[:] = self.camera.project(np.append(xy, 0.0))
+        target.seat = replace(self.seat(xy, foot, seat.scale, frame), since_s=seat.since_s)
+        self.scene.paint(self.scene.cover, foot, target.model_scale, 1)
+        return True
+
+    def _sank(self, target: Target, stands: F64, sits: F64, now_s: float) -> bool:
+        """Whether a head is rather that of the person sitting at one (2,) place than standing at another."""
+        window_s, known = self.params.states.window_s, target.way(now_s, self.params.states.window_s)
+        head_std_m = self._refiner.head_std_m(target.xy_m, target.build.scale)
+        # From far away and not much above, heads do not tell the posture.
+        if known is None or np.hypot(*(stands - sits)) < SIT_SIGMAS * head_std_m:
+            return False
+        (before, velocity, scatter), walk_m = known, 0.5 * self.params.match.acceleration_mps2 * window_s**2
+        way = window_s * velocity
+        # Who walks may stop on the way; who sits down has stopped before.
+        standing, seated = _off(stands - before, way), float(np.hypot(*(sits - before)))
+        variance = 2.0 * head_std_m**2
+        # Places that scatter are not all of one person's head.
+        there = scatter <= SIT_SIGMAS**2 * 0.5 * variance and seated**2 <= SIT_SIGMAS**2 * (SIT_M**2 + variance)
+        return there and _unlikelihood(seated, SIT_M**2 + variance) + ODDS < _unlikelihood(
+            standing, walk_m**2 + variance
+        )
 
     def watch(self, target: Target, targets: Sequence[Target], frame: ModelFrame) -> None:
         """Find out whether the seat that a target has, or seems to have left, is empty."""
@@ -79,7 +167,7 @@ class Posture:
         p = self.params.posture
         kept = seat.observe(frame.evidence, self.scene.cover, frame.now_s, p)
         away = float(np.hypot(*(target.xy_m - seat.xy))) > 2.0 * p.rising_m or not target.existence.observed
-        if frame.now_s - seat.empty_since_s >= p.empty_s or not self._free(seat.xy, targets):
+        if frame.now_s - seat.empty_since_s >= p.empty_s or not self.is_free(seat.xy, targets):
             target.left_seat = None
         elif away and kept >= p.empty:
             target.seat, target.left_seat = seat, None
@@ -87,7 +175,7 @@ class Posture:
             self.predict(target, seat)
             self._life.log(target.existence, "state", "sits as before", kept)
 
-    def _free(self, xy: F64, targets: Sequence[Target]) -> bool:
+    def is_free(self, xy: F64, targets: Sequence[Target]) -> bool:
         """Whether there is room to sit at a (2,) floor point beside those who sit."""
         seats = [t.seat.xy for t in targets if t.seat is not None]
         return all(np.hypot(*(xy - seat)) >= SEAT_APART_M for seat in seats)
@@ -143,17 +231,18 @@ class Posture:
         Not where there is no floor, nor where another person sits.
         """
         xy = self.camera.back_project(foot)
-        if not np.isfinite(xy).all() or (target.seat is None and not self._free(xy, targets)):
+        if not np.isfinite(xy).all() or (target.seat is None and not self.is_free(xy, targets)):
             return False
         if target.seat is None:
             target.left_seat = None
-            target.seat = self._seat(xy, foot, target.build.scale * self.params.posture.sitting, frame)
+            target.seat = self.seat(xy, foot, target.build.scale * self.params.posture.sitting, frame)
         else:
             target.seat, target.left_seat = None, target.seat
             target.kalman = _standing_at(xy, self.params.posture.place_m, SPEED_STD_MPS)
         return True
 
-    def _seat(self, xy: F64, foot: F64, scale: float, frame: ModelFrame) -> Seat:
+    def seat(self, xy: F64, foot: F64, scale: float, frame: ModelFrame) -> Seat:
+        """A seat at a (2,) floor point with its (2,) foot pixel, and what shows there now."""
         model = np.zeros_like(self.scene.cover)
         self.scene.paint(model, foot, scale, 1)
         window = self.scene.window(foot, scale)
@@ -168,6 +257,17 @@ class Posture:
                 )
                 for place in (foot - aside, foot + aside):
                     self.scene.paint(self.scene.cover, place, other.model_scale, amount)
+
+
+def _off(place: F64, way: F64) -> float:
+    """Distance of a (2,) place from the way from 0 to a (2,) other one."""
+    along = float(np.clip(place @ way / max(float(way @ way), 1e-9), 0.0, 1.0))
+    return float(np.hypot(*(place - along * way)))
+
+
+def _unlikelihood(error_m: float, variance_m2: float) -> float:
+    """Negative log-likelihood of the distance of two places told by the head, up to a constant."""
+    return 0.5 * error_m**2 / variance_m2 + math.log(variance_m2)
 
 
 def _standing_at(xy_m: F64, std_m: float, speed_std_mps: float) -> FloorKalman:

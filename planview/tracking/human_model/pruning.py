@@ -21,8 +21,9 @@ attentive listeners show no motion for minutes (our choice)."""
 
 
 def has_walked(target: Target, params: HumanModelParams) -> bool:
-    """Motion salience: a person has walked into the view."""
-    return target.build.travel_m >= params.spawn.min_travel_m
+    """Motion salience: a person has walked into the view; one who has shown in part only, as far as no thing goes."""
+    target.whole |= target.existence.observed and target.precision >= params.spawn.min_precision
+    return target.build.travel_m >= (params.spawn.min_travel_m if target.whole else params.prune.walked_m)
 
 
 def redundant(
@@ -49,7 +50,7 @@ def prune_reason(target: Target, params: HumanModelParams, life: LifeCycle) -> s
     """Why a target is not, or no longer, a person in view; empty if it stays."""
     prune, who = params.prune, target.existence
     if not who.confirmed:
-        if life.age_s(who) > params.settle_s:
+        if life.age_s(who) > params.settle_s * (1.0 if target.whole else 2.0):
             return "never walked"
         if target.matches >= MIN_MATCHES and target.moving_fraction < 0.5 * params.states.internal_motion:
             return "does not move"

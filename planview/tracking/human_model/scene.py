@@ -7,12 +7,13 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from calib.types import F32, F64, I64, U8
+from calib.types import F32, F64, I64, U8, Bool
+from planview.tracking.human_model import _extent_kernels as extents
 from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model import _match_kernels as matching
 from planview.tracking.human_model import _measure_kernels as measuring
 from planview.tracking.human_model.frame import ModelFrame
-from planview.tracking.human_model.measurement import Measurement
+from planview.tracking.human_model.measurement import Extent, Measurement
 from planview.tracking.human_model.model_map import HumanModelMap
 from planview.tracking.human_model.params import HumanMatchParams
 
@@ -32,6 +33,8 @@ SHIFT = 0.05
 whose legs are hidden would seem to sit, higher up."""
 CORE = 0.8
 """Part of a model, about its middle, that a person fills (our choice)."""
+DEPTH_M = 0.5
+"""How much nearer than where a person sits others may pass and still show that nothing hides it [m] (our choice)."""
 HIDING = measuring.HidingLimits(expected_s=0.5, shown=0.15, memory_s=10.0)
 """Our choice: two people have walked there, or one slowly; noise is foreground too; things are moved."""
 COLOUR_PARTS = 2
@@ -49,20 +52,7 @@ class CandidateCounts(NamedTuple):
     taken: I64
     ring: I64
     hidden: I64
-
-
-class Extent(NamedTuple):
-    """How an observed body differs from the model along its axis (the paper's "refine target").
-
-    Attributes:
-        shift_px: (2,) to move the foot by so that both ends agree best.
-        error: remaining error of an end, as a fraction of the height.
-        height: observed height over the model's.
-    """
-
-    shift_px: F64
-    error: float
-    height: float
+    legs: I64
 
 
 class ModelScene:
@@ -85,8 +75,9 @@ class ModelScene:
             model_map.params.step_px,
             np.ascontiguousarray(model_map.foot_px),
             np.ascontiguousarray(model_map.hull_px),
+            upright(model_map),
         )
-        self._expected_s, self._shown_s = np.zeros((2, height, width), np.float32)
+        self._expected_s, self._shown_s, self._open_m = np.zeros((3, height, width), np.float32)
         self.map_boxes = model_map.boxes()
         low = np.maximum(self.map_boxes[:, :2], 0)
         high = np.minimum(self.map_boxes[:, :2] + self.map_boxes[:, 2:], (width, height))
@@ -137,7 +128,7 @@ class ModelScene:
     def reset(self) -> None:
         """No models placed, nothing learned."""
         self.clear()
-        for learned in (self._expected_s, self._shown_s, self.hiding):
+        for learned in (self._expected_s, self._shown_s, self._open_m, self.hiding):
             learned[:] = 0
 
     def prepare_candidates(self, evidence: U8, taken: U8) -> None:
@@ -147,7 +138,7 @@ class ModelScene:
 
     def score(self, candidates: F64) -> CandidateCounts:
         """Counts of models at (N, 3) foot pixels and scales, after ``prepare_candidates``."""
-        counts = CandidateCounts(*np.zeros((5, len(candidates)), np.int64))
+        counts = CandidateCounts(*np.zeros((6, len(candidates)), np.int64))
         kernels.score_candidates(self._sums, self._spans, self._people, candidates, self.params.ring, *counts)
         return counts
 
@@ -189,11 +180,20 @@ class ModelScene:
 
     def learn_hiding(self, evidence: U8, position: F64, scale: float, dt_s: float) -> None:
         """Note where the core of a person's model shows foreground and where it does not, after ``match``."""
+        away_m = self._away_m(position)
         core = self.below(position, -0.5 * (1.0 - CORE) * scale)
         top, bottom = self._fill(core, CORE * scale)
         measuring.learn_hiding(
             evidence, self.cover, self._spans, top, bottom, dt_s, HIDING, self._expected_s, self._shown_s, self.hiding
         )
+        measuring.learn_open(evidence, self.cover, self._spans, top, bottom, away_m, self._open_m)
+
+    def share_in_the_open(self, pixels: Bool, position: F64) -> float:
+        """Share of (H, W) pixels where people at least as far away as a (2,) foot pixel have been observed."""
+        return float((self._open_m[pixels] >= self._away_m(position) - DEPTH_M).mean()) if pixels.any() else 0.0
+
+    def _away_m(self, position: F64) -> float:
+        return float(np.hypot(*self.model_map.camera.back_project(position)))
 
     def watch_still(self, frame: ModelFrame, dt_s: float, still_s: F32) -> None:
         """Update (H, W) times [s] for which unclaimed foreground has been without motion.
@@ -252,15 +252,21 @@ class ModelScene:
         if entry < 0:
             return None
         people = self.model_map
-        line = measuring.line_of(people.foot_px[entry], people.head_px[entry], people.hull_px[entry], scale, position)
+        line = extents.line_of(people.foot_px[entry], people.head_px[entry], people.hull_px[entry], scale, position)
         if line.length < MIN_AXIS * scale * float(self.map_boxes[entry, 2:].max()):
             return None
-        low, high = measuring.body_extent(evidence, self.cover, line.axis, np.zeros(EXTENT_BINS, np.int64))
+        low, high, head = extents.body_extent(evidence, self.cover, line.axis, np.zeros(EXTENT_BINS, np.int64))
+        axis_px = np.array([line.axis.along_u, line.axis.along_v])
+        head = head - line.high if head > 1.0 / EXTENT_BINS else math.nan
         if high <= low:
-            return None
-        ends = low - line.low, high - line.high
-        shift_px = np.array([line.axis.along_u, line.axis.along_v]) * ((ends[0] + ends[1]) / 2)
-        return Extent(shift_px, max(abs(ends[0]), abs(ends[1])), (high - low) / (line.high - line.low))
+            return Extent(axis_px, math.nan, math.nan, head, math.nan)
+        return Extent(axis_px, low - line.low, high - line.high, head, (high - low) / (line.high - line.low))
+
+    def covered(self, position: F64, scale: float) -> float:
+        """Part of a placed model, or of a piece of one, that another covers or the scene hides."""
+        top, bottom = self._fill(position, scale)
+        area, covered = measuring.count_covered(self.cover, self.hiding, self._spans, top, bottom)
+        return covered / max(1, area)
 
     def paint(self, image: U8, position: F64, scale: float, amount: int) -> None:
         """Add ``amount`` to the pixels of the model at a (2,) foot pixel."""
@@ -277,7 +283,13 @@ class ModelScene:
         )
 
     def _fill(self, position: F64, scale: float) -> tuple[int, int]:
-        top, bottom = kernels.fill_spans(
+        top, bottom, _ = kernels.fill_spans(
             self._people, float(position[0]), float(position[1]), scale, self.cover.shape[1], self._spans
         )
         return int(top), int(bottom)
+
+
+def upright(model_map: HumanModelMap) -> U8:
+    """(N,) uint8, 1 where the head is above the foot in the image by half of the model's longest side."""
+    up = model_map.foot_px[:, 1] - model_map.head_px[:, 1]
+    return np.asarray(up >= MIN_AXIS * model_map.boxes()[:, 2:].max(axis=1), np.uint8)

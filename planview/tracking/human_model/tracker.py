@@ -21,7 +21,9 @@ from planview.tracking.human_model.model_map import HumanModelMap, build_model_m
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.pruning import has_walked, prune_reason, reacquirable, redundant
 from planview.tracking.human_model.scene import ModelScene
+from planview.tracking.human_model.seating import Seating
 from planview.tracking.human_model.target import Build, Target
+from planview.tracking.human_model.unclaimed import Unclaimed
 from planview.tracking.identity import IdentityLayer
 from planview.tracking.lifecycle import LifeCycle
 from planview.trajectories.state import TrackState
@@ -54,6 +56,8 @@ class HumanModelTracker:
         self._identity = IdentityLayer(params.identity)
         self._fitter = Fitter(params, camera, self.scene, self._life, self._identity)
         self._find = CandidateFinder(self.scene, params)
+        self._unclaimed = Unclaimed(self.scene, params)
+        self._seating = Seating(params, self.scene, self._life, self._fitter)
         self.reset()
 
     def reset(self) -> None:
@@ -64,6 +68,9 @@ class HumanModelTracker:
         self._life.reset()
         self._identity.reset()
         self.scene.reset()
+        self._find.reset()
+        self._unclaimed.reset()
+        self._seating.reset()
         self._still_s = np.zeros(self.camera.size[::-1], np.float32)
         self._measured: Bool = np.zeros(self.camera.size[::-1], np.bool_)
 
@@ -94,7 +101,10 @@ class HumanModelTracker:
         self._boxes.clear()
         self._confirm()
         self._mend_identities()
+        self._unclaimed.update(frame, dt)
         self._add_targets(frame)
+        self._seating.review(self.targets, self._unclaimed, frame)
+        self._boxes.clear()
         self._merge()
         self._clean()
         self.scene.watch_still(frame, dt, self._still_s)
@@ -108,7 +118,8 @@ class HumanModelTracker:
         a person (signs, tables) and where a lost person is predicted, and scenery that must not be learned becomes
         foreground with the next change of light.
         """
-        mask = (self._still_s >= self.params.prune.still_s) * np.uint8(BACKGROUND)
+        still = (self._still_s >= self.params.prune.still_s) & ~self._unclaimed.lively
+        mask = still * np.uint8(BACKGROUND)
         if any(target.existence.confirmed for target in self.targets):
             np.copyto(mask, np.uint8(PERSON), where=(self.scene.claimed > 0) & self._measured)
         return mask
@@ -147,7 +158,7 @@ class HumanModelTracker:
             self._boxes.clear()
 
     def _add_targets(self, frame: ModelFrame) -> None:
-        for candidate in self._find(frame):
+        for candidate in self._find(frame, self._unclaimed):
             self._add(candidate, frame)
 
     def _add(self, candidate: ModelCandidate, frame: ModelFrame) -> None:
@@ -173,6 +184,7 @@ class HumanModelTracker:
             return
         existence = self._life.spawn(f"score {score:.2f}", score, "split" if candidate.splits else "spawned")
         target = Target(existence, kalman, Build(scale, xy), foot)
+        target.whole = candidate.whole
         target.remember(self._life.now_s, 0.0, candidate.precision, self.params.states.window_s)
         self.targets.append(target)
         if appearance is not None:
@@ -189,6 +201,7 @@ class HumanModelTracker:
             if reason:
                 self.targets.remove(target)
                 self._life.prune(target.existence, reason)
+                self._seating.remember(target)
 
     def _state_of(self, target: Target) -> TrackState:
         k, who = target.kalman, target.existence

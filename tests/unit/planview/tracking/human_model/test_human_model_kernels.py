@@ -10,13 +10,15 @@ from hypothesis import strategies as st
 from calib.ground_camera import GroundCamera
 from planview.foreground.blobs import find_blobs
 from planview.tracking.human_model import _candidate_kernels as candidates
+from planview.tracking.human_model import _extent_kernels as extents
 from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model import _measure_kernels as measuring
+from planview.tracking.human_model import _unclaimed_kernels as unclaimed
 from planview.tracking.human_model.fitting import foot_pixels
 from planview.tracking.human_model.frame import ModelFrame
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
 from planview.tracking.human_model.params import HumanMatchParams
-from planview.tracking.human_model.scene import ModelScene
+from planview.tracking.human_model.scene import ModelScene, upright
 from tests.reference import human_model as reference
 
 CAMERA = GroundCamera(96, 72, 70.0, 3.5, math.radians(62))
@@ -35,7 +37,8 @@ def _spans() -> kernels.Spans:
 
 def _map_arrays() -> kernels.MapArrays:
     nodes = np.ascontiguousarray(MAP.index), *MAP.origin_px, MAP.params.step_px
-    return kernels.MapArrays(*nodes, np.ascontiguousarray(MAP.foot_px), np.ascontiguousarray(MAP.hull_px))
+    outlines = np.ascontiguousarray(MAP.foot_px), np.ascontiguousarray(MAP.hull_px)
+    return kernels.MapArrays(*nodes, *outlines, upright(MAP))
 
 
 def _noise(seed: int, high: int) -> np.ndarray:
@@ -57,9 +60,10 @@ def test_candidate_counts_equal_masks(foot: tuple[float, float, float], seed: in
     sums = np.zeros((72, 97), np.int64)
     kernels.row_prefix(evidence, cover, hiding, kernels.Window(0, 96, 0, 72), sums)
     mask = reference.model_mask(MAP, *foot)
-    found = np.zeros((5, 1), np.int64)
+    found = np.zeros((6, 1), np.int64)
     kernels.score_candidates(sums, _spans(), _map_arrays(), np.array([foot]), RING, *found)
-    assert tuple(found[:, 0]) == reference.counts(mask, reference.model_rows(MAP, *foot), evidence, cover, hiding, RING)
+    rows = reference.model_rows(MAP, *foot), reference.first_row_of_legs(MAP, *foot)
+    assert tuple(found[:, 0]) == reference.counts(mask, *rows, evidence, cover, hiding, RING)
 
 
 @settings(max_examples=25, deadline=None)
@@ -96,7 +100,7 @@ def test_still_times_grow_away_from_claimed_blobs() -> None:
 def test_scene_hides_where_a_model_rarely_shows_foreground() -> None:
     evidence, cover, foot = _noise(1, 2), _noise(2, 3), (48.0, 50.0, 1.0)
     mask, spans = reference.model_mask(MAP, *foot), _spans()
-    top, bottom = kernels.fill_spans(_map_arrays(), *foot, 96, spans)
+    top, bottom, _ = kernels.fill_spans(_map_arrays(), *foot, 96, spans)
     expected_s, shown_s = np.zeros((2, 72, 96), np.float32)
     limits, hiding = measuring.HidingLimits(0.5, 0.15, 10.0), np.zeros((72, 96), np.uint8)
     measuring.learn_hiding(evidence, cover, spans, top, bottom, 0.5, limits, expected_s, shown_s, hiding)
@@ -104,6 +108,28 @@ def test_scene_hides_where_a_model_rarely_shows_foreground() -> None:
     times = reference.hiding_times(mask, evidence, cover, 0.5, zero, zero)
     np.testing.assert_array_equal((expected_s, shown_s), times)
     np.testing.assert_array_equal(hiding > 0, mask & (cover == 1) & (evidence == 0))
+
+
+def test_distance_in_the_open_is_that_of_the_farthest_person_observed() -> None:
+    evidence, cover, foot = _noise(1, 2), _noise(2, 3), (48.0, 50.0, 1.0)
+    mask, spans = reference.model_mask(MAP, *foot), _spans()
+    top, bottom, _ = kernels.fill_spans(_map_arrays(), *foot, 96, spans)
+    before = _noise(3, 8).astype(np.float32)
+    open_m = before.copy()
+    measuring.learn_open(evidence, cover, spans, top, bottom, 4.5, open_m)
+    np.testing.assert_array_equal(open_m, reference.open_distances(mask, evidence, cover, 4.5, before))
+
+
+def test_unclaimed_foreground_that_stays_and_moves_agrees_with_the_twin() -> None:
+    evidence, motion = _noise(1, 3), _noise(2, 2)
+    labels, times = find_blobs(evidence).labels, 0.5 * _noise(3, 5).astype(np.float32)
+    moved_s = _noise(4, 9).astype(np.float32)
+    n, limits = labels.max() + 1, unclaimed.Limits(stay_s=2.0, rest_s=1.0, recent_s=3.0)
+    expected = reference.unclaimed_times(evidence, motion, labels, 0.1, 9.0, (2.0, 1.0, 3.0), times, moved_s)
+    area, moved = np.zeros((2, n), np.int64)
+    unclaimed.watch_unclaimed(evidence, motion, labels, 0.1, 9.0, limits, times, moved_s, area, moved)
+    for found, wanted in zip((times, moved_s, area, moved), expected, strict=True):
+        np.testing.assert_array_equal(found, wanted)
 
 
 def test_models_that_a_blob_may_be_agree_with_the_twin() -> None:
@@ -141,7 +167,7 @@ def test_floor_points_are_projected_as_by_the_camera() -> None:
 def test_line_of_a_model_reaches_its_outline() -> None:
     hull = np.array([[13, 30], [13, 52], [7, 52], [7, 30], [8, 8], [12, 8]], np.float32)
     foot, head = np.array([10, 50], np.float32), np.array([10, 10], np.float32)
-    line = measuring.line_of(foot, head, hull, 2.0, np.array([100.0, 90.0]))
+    line = extents.line_of(foot, head, hull, 2.0, np.array([100.0, 90.0]))
     assert line.axis == pytest.approx((100.0, 90.0, 0.0, -80.0, 6.0))
     # 2 px of 40 below the foot and above the head, at any scale.
     assert (line.length, line.low, line.high) == pytest.approx((80.0, -0.05, 1.05))
@@ -149,7 +175,7 @@ def test_line_of_a_model_reaches_its_outline() -> None:
 
 def test_body_extent_counts_along_the_axis() -> None:
     evidence, cover, bins = _noise(3, 3), np.zeros((72, 96), np.uint8), np.zeros(60, np.int64)
-    measuring.body_extent(evidence, cover, measuring.Axis(48.0, 60.0, 3.0, -40.0, 6.0), bins)
+    extents.body_extent(evidence, cover, extents.Axis(48.0, 60.0, 3.0, -40.0, 6.0), bins)
     expected = reference.along_axis(evidence, cover, np.array([48.0, 60.0]), np.array([3.0, -40.0]), 6.0, 60)
     np.testing.assert_array_equal(bins, expected)
 
@@ -157,23 +183,47 @@ def test_body_extent_counts_along_the_axis() -> None:
 def test_body_extent_ends_where_the_body_does() -> None:
     evidence = np.zeros((72, 96), np.uint8)
     evidence[20:61, 44:53] = 2
-    axis = measuring.Axis(48.0, 60.0, 0.0, -40.0, 6.0)
-    low, high = measuring.body_extent(evidence, np.zeros_like(evidence), axis, np.zeros(60, np.int64))
+    axis = extents.Axis(48.0, 60.0, 0.0, -40.0, 6.0)
+    low, high, head = extents.body_extent(evidence, np.zeros_like(evidence), axis, np.zeros(60, np.int64))
     assert low == pytest.approx(0.0, abs=0.04)
-    assert high == pytest.approx(1.0, abs=0.04)
+    assert high == head == pytest.approx(1.0, abs=0.04)
+
+
+def test_head_ends_where_it_does_though_another_covers_the_middle_of_the_body() -> None:
+    evidence, cover = np.zeros((72, 96), np.uint8), np.zeros((72, 96), np.uint8)
+    evidence[26:61, 44:53] = 2  # the body is 34 px of 40 long
+    cover[36:61] = 2
+    axis = extents.Axis(48.0, 60.0, 0.0, -40.0, 6.0)
+    low, high, head = extents.body_extent(evidence, cover, axis, np.zeros(60, np.int64))
+    assert (low, high) == (0.0, 0.0)
+    assert head == pytest.approx(0.85, abs=0.04)
+
+
+def test_covered_pixels_of_a_model_are_those_of_others_and_those_that_the_scene_hides() -> None:
+    cover, hiding, spans = np.ones((10, 10), np.uint8), np.zeros((10, 10), np.uint8), kernels.Spans.of(10)
+    spans.left[2:6], spans.right[2:6] = 3, 8
+    cover[2, :5], hiding[5] = 2, 1
+    assert measuring.count_covered(cover, hiding, spans, 2, 6) == (20, 2 + 5)
 
 
 def test_matching_score_counts_free_foreground_twice_over_background() -> None:
     # 100 px: 60 free foreground (evidence 120), 10 taken, so 30 background; 8 foreground in the ring (evidence 16).
-    assert kernels.matching_score(kernels.MatchCounts(100, 120, 10, 16, 0), 100.0, 0.3) == pytest.approx(
+    assert kernels.matching_score(kernels.MatchCounts(100, 120, 10, 16, 0, 0), 100.0, 0.3) == pytest.approx(
         (60 + 4 - 30 - 3) / 100
     )
 
 
 def test_matching_score_counts_what_the_scene_hides_as_neither() -> None:
     # As above, but 20 of the 30 pixels without foreground are hidden.
-    assert kernels.matching_score(kernels.MatchCounts(100, 120, 10, 16, 20), 100.0, 0.3) == pytest.approx(
+    assert kernels.matching_score(kernels.MatchCounts(100, 120, 10, 16, 20, 0), 100.0, 0.3) == pytest.approx(
         (60 + 4 - 10 - 3) / 100
+    )
+
+
+def test_matching_score_counts_background_below_the_waist_less() -> None:
+    # As the first, but 20 of the 30 pixels of background are below the waist.
+    assert kernels.matching_score(kernels.MatchCounts(100, 120, 10, 16, 0, 40), 100.0, 0.3) == pytest.approx(
+        (60 + 4 - (10 + 0.8 * 20) - 3) / 100
     )
 
 

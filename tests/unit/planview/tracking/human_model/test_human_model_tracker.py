@@ -311,3 +311,18 @@ def test_grey_video_is_tracked_without_colours() -> None:
         seen = world.observe(k, _walker(k / FPS))
         states = tracker.update(replace(seen, image=seen.image[:, :, 2].copy()))  # type: ignore[index]
     assert len(_confirmed(states)) == 1
+
+
+def test_person_behind_a_table_stays_where_the_head_tells() -> None:
+    """Once the height is known, hidden legs do not put a person farther away."""
+    tracker, world = HumanModelTracker(PARAMS, CAMERA, MAP), World()
+    for k in range(5 * FPS):
+        y = min(6.0, 4.0 + 0.8 * k / FPS)
+        observation = world.observe(k, [(min(0.0, -2.5 + 1.2 * k / FPS), y, RED)])
+        if k >= 3 * FPS:
+            assert observation.foreground is not None
+            foot, head = (CAMERA.project((0.0, 6.0, z))[1] for z in (0.0, 1.76))
+            observation.foreground[round(foot - 0.4 * (foot - head)) :] = 0
+        tracker.update(observation)
+    (target,) = tracker.targets
+    assert abs(target.kalman.y_m - 6.0) < 0.4
