@@ -1,7 +1,6 @@
 """Sitting down without being observed: people found again on seats, and standing models that are sitters in truth.
 
-People come and go over the border of the view: who is lost inside it is still there (our choice). Where nobody has sat
-yet, a part of a person who stands behind a sign is not taken for a sitter.
+Where nobody has sat yet, a part of a person who stands behind a sign is not taken for a sitter.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ import numpy as np
 from calib.types import U8
 from planview.tracking.human_model.fitting import Fitter
 from planview.tracking.human_model.frame import ModelFrame
+from planview.tracking.human_model.missing import Missing
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.scene import ModelScene
 from planview.tracking.human_model.sitters import Seated, Sitter, SitterFinder
@@ -31,31 +31,29 @@ REVIEW_EVERY = 8
 
 
 class Seating:
-    """Seats people who were lost, or whose standing model accounts for less than sitters would."""
+    """Seats people who were lost, or whose standing model accounts for less than sitters would.
 
-    def __init__(self, params: HumanModelParams, scene: ModelScene, life: LifeCycle, fitter: Fitter) -> None:
-        self.params, self._scene, self._life, self._fitter = params, scene, life, fitter
+    Attributes:
+        seats: somebody has sat in this view.
+    """
+
+    def __init__(
+        self, params: HumanModelParams, scene: ModelScene, life: LifeCycle, fitter: Fitter, missing: Missing
+    ) -> None:
+        self.params, self._scene, self._life, self._fitter, self._missing = params, scene, life, fitter, missing
         self._sitters = SitterFinder(scene, params)
         self.reset()
 
     def reset(self) -> None:
-        """Remember no people and no seats."""
-        self._vanished: list[Target] = []
-        self._seats = False
-
-    def remember(self, target: Target) -> None:
-        """Keep a person in mind who was pruned: one who was wholly inside the view may still be there."""
-        if target.existence.lost and target.inside == 1.0:
-            self._vanished.append(target)
+        """Nobody has sat."""
+        self.seats = False
 
     def review(self, targets: list[Target], unclaimed: Unclaimed, frame: ModelFrame) -> None:
         """Seat people; ``targets`` gets those who are found again."""
-        limit_s = self.params.prune.vanished_s
-        self._vanished = [t for t in self._vanished if self._life.unobserved_s(t.existence) <= limit_s]
         for target in list(targets):
             self._review_standing(target, targets, frame)
-        self._seats |= any(t.seat is not None and frame.now_s - t.seat.since_s >= self.params.settle_s for t in targets)
-        if self._seats and (self._vanished or any(t.existence.lost for t in targets)):
+        self.seats |= any(t.seat is not None and frame.now_s - t.seat.since_s >= self.params.settle_s for t in targets)
+        if self.seats and self._lost(targets):
             self._find_again(targets, unclaimed, frame)
 
     def _find_again(self, targets: list[Target], unclaimed: Unclaimed, frame: ModelFrame) -> None:
@@ -74,10 +72,16 @@ class Seating:
         """The nearest person who was lost within reach of a seat."""
         xy = self._fitter.camera.back_project(sitter.foot_px)
         reach_m = self.params.prune.vanished_m
-        lost = [t for t in targets if t.existence.lost and t.inside == 1.0] + self._vanished
+        lost = self._lost(targets)
         near = [(float(np.hypot(*(t.xy_m - xy))), i) for i, t in enumerate(lost)]
         distance, i = min(near, default=(math.inf, -1))
         return lost[i] if distance <= reach_m else None
+
+    def _lost(self, targets: list[Target]) -> list[Target]:
+        """People who were lost inside the view not too long ago to be found sitting."""
+        recent_s = self.params.prune.vanished_s
+        missing = [t for t in self._missing if self._life.unobserved_s(t.existence) <= recent_s]
+        return [t for t in targets if t.existence.lost and t.inside == 1.0] + missing
 
     def _review_standing(self, target: Target, targets: list[Target], frame: ModelFrame) -> None:
         """A standing model that sitters have outdone for ``settle_s`` is those sitters."""
@@ -115,8 +119,7 @@ class Seating:
 
     def _seat(self, target: Target, sitter: Sitter, targets: list[Target], frame: ModelFrame, reason: str = "") -> None:
         """Seat a person, and give a reason if the person was not observed before."""
-        if target in self._vanished:
-            self._vanished.remove(target)
+        self._missing.remove(target)
         if target not in targets:
             targets.append(target)
         kalman = self._standing_on(sitter)

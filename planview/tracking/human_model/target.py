@@ -70,6 +70,8 @@ class Target:
         motion, stability: the two automata.
         trail: the recent past, oldest first.
         inside: visible fraction of the model in the image.
+        seen_m: (2,) footprint when the person was last observed [m].
+        splits: it was found beside another target in one blob.
         still_since_s, moving_since_s, covered_since_s: stationary, moving, covered by others:
             since when without a break, NaN if not now.
         shared: fraction of the model that other models cover too.
@@ -94,6 +96,8 @@ class Target:
     stability: Stability = "appearing"
     trail: deque[Sample] = field(default_factory=lambda: deque(maxlen=256))
     inside: float = 1.0
+    seen_m: F64 = field(init=False)
+    splits: bool = False
     still_since_s: float = math.nan
     moving_since_s: float = math.nan
     covered_since_s: float = math.nan
@@ -106,6 +110,9 @@ class Target:
     precision: float = 1.0
     whole: bool = True
     outdone_since_s: float = math.nan
+
+    def __post_init__(self) -> None:
+        self.seen_m = self.xy_m
 
     @property
     def model_scale(self) -> float:
@@ -121,6 +128,11 @@ class Target:
         """Go on at the place where this lost person is reacquired."""
         self.kalman, self.foot_px, self.build.scale = kalman, foot_px, scale
         self.seat = self.left_seat = None
+
+    def go_on_as(self, other: Target) -> None:
+        """Go on where this lost person was observed as another target."""
+        self.restart(other.kalman, other.foot_px, other.build.scale)
+        self.trail, self.motion, self.inside, self.support_s = other.trail, other.motion, other.inside, other.support_s
 
     def measure(self, now_s: float, x_m: float, y_m: float, window_s: float) -> None:
         """Add a measured place, and forget those older than two windows."""
@@ -148,6 +160,7 @@ class Target:
         while len(self.trail) > 2 and self.trail[1].time_s <= now_s - window_s:
             self.trail.popleft()
         if self.existence.observed:
+            self.seen_m = self.xy_m
             away = math.hypot(self.kalman.x_m - self.build.origin_m[0], self.kalman.y_m - self.build.origin_m[1])
             self.build.travel_m = max(self.build.travel_m, away)
 

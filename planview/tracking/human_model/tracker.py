@@ -12,11 +12,13 @@ from calib.ground_camera import GroundCamera
 from calib.human.model import HumanModel
 from calib.types import F64, U8, Bool
 from planview.foreground.masks import BACKGROUND, PERSON
+from planview.tracking.appearance_model import Appearance
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.human_model.candidates import CandidateFinder, ModelCandidate
 from planview.tracking.human_model.drawing import draw
 from planview.tracking.human_model.fitting import Fitter, foot_pixels
 from planview.tracking.human_model.frame import SALIENT, ModelFrame, frame_of
+from planview.tracking.human_model.missing import Missing
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.pruning import has_walked, prune_reason, reacquirable, redundant
@@ -57,7 +59,8 @@ class HumanModelTracker:
         self._fitter = Fitter(params, camera, self.scene, self._life, self._identity)
         self._find = CandidateFinder(self.scene, params)
         self._unclaimed = Unclaimed(self.scene, params)
-        self._seating = Seating(params, self.scene, self._life, self._fitter)
+        self._missing = Missing(params.prune, lambda xy: self.scene.visibility(self.camera.project(np.append(xy, 0.0))))
+        self._seating = Seating(params, self.scene, self._life, self._fitter, self._missing)
         self.reset()
 
     def reset(self) -> None:
@@ -70,6 +73,7 @@ class HumanModelTracker:
         self.scene.reset()
         self._find.reset()
         self._unclaimed.reset()
+        self._missing.reset()
         self._seating.reset()
         self._still_s = np.zeros(self.camera.size[::-1], np.float32)
         self._measured: Bool = np.zeros(self.camera.size[::-1], np.bool_)
@@ -99,7 +103,7 @@ class HumanModelTracker:
         self._drop_outside()
         self._fitter.fit(self.targets, frame)
         self._boxes.clear()
-        self._confirm()
+        self._confirm(frame)
         self._mend_identities()
         self._unclaimed.update(frame, dt)
         self._add_targets(frame)
@@ -109,7 +113,7 @@ class HumanModelTracker:
         self._clean()
         self.scene.watch_still(frame, dt, self._still_s)
         self._measured = frame.evidence == SALIENT
-        return tuple(self._state_of(target) for target in self.targets)
+        return tuple(self._state_of(target) for target in (*self.targets, *self._believed()))
 
     def feedback(self) -> U8:
         """(H, W) uint8 for ``Foreground``: people who are tracked, and what has been still and unclaimed for long.
@@ -137,18 +141,46 @@ class HumanModelTracker:
                 self.targets.remove(target)
                 self._life.prune(target.existence, "predicted outside the view")
 
-    def _confirm(self) -> None:
-        for target in self.targets:
-            if has_walked(target, self.params):
-                travel_m = target.build.travel_m
-                self._life.confirm(target.existence, f"walked {travel_m:.2f} m", travel_m)
+    def _confirm(self, frame: ModelFrame) -> None:
+        for target in list(self.targets):
+            if not has_walked(target, self.params) or target.existence.confirmed or self._reappears(target, frame):
+                continue
+            travel_m = target.build.travel_m
+            self._life.confirm(target.existence, f"walked {travel_m:.2f} m", travel_m)
+            self._missing.learn(target)
+
+    def _reappears(self, newcomer: Target, frame: ModelFrame) -> bool:
+        """Whether a new target shows a missing person, who then goes on in its place."""
+        lost = [t for t in self.targets if t.existence.lost]
+        appearance = self._fitter.appearance(newcomer.foot_px, newcomer.model_scale, frame)
+        person = self._missing.who_appears(newcomer, lost, lambda target: self._likeness(target, appearance))
+        if person is None:
+            return False
+        self._missing.remove(person)
+        self.targets = [t for t in self.targets if t is not person]
+        self.targets[self.targets.index(newcomer)] = person
+        person.go_on_as(newcomer)
+        new_id, known_id = newcomer.existence.track_id, person.existence.track_id
+        self._life.prune(newcomer.existence, f"is {known_id}, who was missing", kind="merged")
+        self._life.observe(person.existence, f"appeared as {new_id} where nobody comes in")
+        return True
+
+    def _likeness(self, target: Target, appearance: Appearance | None) -> float:
+        """Likeness of a target's memory to colours; NaN where they are not known."""
+        if appearance is None:
+            return math.nan
+        return math.exp(-self._identity.unlikelihood(target.existence, appearance))
+
+    def _believed(self) -> tuple[Target, ...]:
+        """Missing people who are reported as lost: where people sit they stay, elsewhere they may be gone."""
+        return tuple(self._missing) if self._seating.seats else ()
 
     def _mend_identities(self) -> None:
         """After an occlusion, exchange identities where colours say so."""
         for first, second in itertools.combinations(self.targets, 2):
             if min(first.shared, second.shared) > MIN_CONTACT and self._touch(first, second):
                 self._identity.contact(first.existence, second.existence, self._life.now_s)
-        self._identity.retain([t.existence for t in self.targets])
+        self._identity.retain([t.existence for t in (*self.targets, *self._missing)])
         for exchange in self._identity.exchanges([t.existence for t in self.targets], self._life.now_s):
             known = {id(t.existence): t for t in self.targets}
             builds = [known[id(who)].build for who in exchange.identities]
@@ -169,14 +201,10 @@ class HumanModelTracker:
             return
         self.scene.paint(self.scene.cover, foot, scale, 1)
         appearance = self._fitter.appearance(foot, scale, frame)
-
-        def likeness(target: Target) -> float:
-            if appearance is None:
-                return math.nan
-            return math.exp(-self._identity.unlikelihood(target.existence, appearance))
-
         xy = np.array([kalman.x_m, kalman.y_m])
-        lost = reacquirable(self.targets, xy, likeness, self.params, self._life.now_s)
+        lost = reacquirable(
+            self.targets, xy, lambda target: self._likeness(target, appearance), self.params, self._life.now_s
+        )
         if lost is not None:
             lost.restart(kalman, foot, scale)
             self._boxes.pop(id(lost), None)
@@ -184,7 +212,7 @@ class HumanModelTracker:
             return
         existence = self._life.spawn(f"score {score:.2f}", score, "split" if candidate.splits else "spawned")
         target = Target(existence, kalman, Build(scale, xy), foot)
-        target.whole = candidate.whole
+        target.whole, target.splits = candidate.whole, candidate.splits
         target.remember(self._life.now_s, 0.0, candidate.precision, self.params.states.window_s)
         self.targets.append(target)
         if appearance is not None:
@@ -198,10 +226,15 @@ class HumanModelTracker:
     def _clean(self) -> None:
         for target in list(self.targets):
             reason = prune_reason(target, self.params, self._life)
-            if reason:
-                self.targets.remove(target)
+            if not reason:
+                continue
+            self.targets.remove(target)
+            if self._missing.keep(target):
+                self._life.log(target.existence, "state", f"missing: {reason}")
+            else:
                 self._life.prune(target.existence, reason)
-                self._seating.remember(target)
+        for target in self._missing.forgotten(self._life.now_s):
+            self._life.prune(target.existence, f"missing for {self._life.unobserved_s(target.existence):.0f} s")
 
     def _state_of(self, target: Target) -> TrackState:
         k, who = target.kalman, target.existence

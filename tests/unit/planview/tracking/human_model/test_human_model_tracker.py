@@ -151,6 +151,18 @@ def test_id_survives_a_column_in_front() -> None:
     assert kinds.count("reacquired") == 1
 
 
+def _hidden_for_long(t: float) -> list[Drawn]:
+    if t < 2.5:
+        return [(-2.5 + t, 6.0, RED)]
+    return [(2.0 - (t - 9.0), 4.5, RED)] if t >= 9.0 else []
+
+
+def test_person_who_was_hidden_for_long_has_the_same_id_again() -> None:
+    _, states, _ = _run(_hidden_for_long, 12.0)
+    assert {s.track_id for frame in states for s in _confirmed(frame)} == {1}
+    assert [s.state for s in states[-1]] == ["confirmed"]
+
+
 def test_place_behind_a_sign_is_kept_once_the_sign_is_known() -> None:
     """People walk behind a sign that hides the right half of whoever stops beside it."""
     sign = slice(80, 90)
