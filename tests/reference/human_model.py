@@ -3,6 +3,7 @@
 import numpy as np
 
 from calib.types import F32, F64, I32, I64, U8, Bool
+from planview.foreground.masks import BACKGROUND, PERSON
 from planview.tracking.human_model.model_map import HumanModelMap
 
 
@@ -131,6 +132,12 @@ def unclaimed_times(
     salient = evidence > 1
     recent = salient & (moved >= np.float32(now_s - limits[2]))
     return stay, moved, np.bincount(labels[salient], minlength=n), np.bincount(labels[recent], minlength=n)
+
+
+def known(still_s: F32, limit_s: float, labels: I32, lively: Bool, claimed: U8, evidence: U8, people: bool) -> U8:
+    """What is known of pixels: people where foreground proper is claimed, else background where it is long still."""
+    out = np.where((still_s >= limit_s) & ~lively[labels], np.uint8(BACKGROUND), np.uint8(0))
+    return np.where(people & (claimed > 0) & (evidence == 2), np.uint8(PERSON), out)
 
 
 def histogram(mask: Bool, image: U8, evidence: U8, cover: U8, level: U8, n_levels: int, parts: int) -> F32:

@@ -129,28 +129,31 @@ def learn_hiding(
 
     ``hiding`` becomes 1 where that was too seldom, else 0. Beyond ``limits.memory_s`` the older times count less.
     """
+    fading = np.float32(1.0 - dt_s / limits.memory_s)
     for y in range(top, bottom):
-        for x in range(spans.left[y], spans.right[y]):
-            if cover[y, x] != 1:
-                continue
-            if expected_s[y, x] >= limits.memory_s:
-                keep = np.float32(1.0 - dt_s / limits.memory_s)
-                expected_s[y, x] *= keep
-                shown_s[y, x] *= keep
-            expected_s[y, x] += dt_s
-            if evidence[y, x] > 0:
-                shown_s[y, x] += dt_s
-            long = expected_s[y, x] >= limits.expected_s
-            hiding[y, x] = long and shown_s[y, x] < limits.shown * expected_s[y, x]
+        left, right = spans.left[y], max(spans.left[y], spans.right[y])
+        expected, shown, hidden = expected_s[y, left:right], shown_s[y, left:right], hiding[y, left:right]
+        on, models = evidence[y, left:right], cover[y, left:right]
+        # Without branches, on vector registers.
+        for i in range(np.uintp(len(on))):
+            alone = models[i] == 1
+            keep = fading if alone & (expected[i] >= limits.memory_s) else np.float32(1.0)
+            added = dt_s if alone else 0.0
+            expected[i] = expected[i] * keep + added
+            shown[i] = shown[i] * keep + (added if on[i] > 0 else 0.0)
+            hides = (expected[i] >= limits.expected_s) & (shown[i] < limits.shown * expected[i])
+            hidden[i] = np.uint8(hides) if alone else hidden[i]
 
 
 @njit(cache=True, nogil=True)
 def learn_open(evidence: U8, cover: U8, spans: Spans, top: int, bottom: int, away_m: float, open_m: F32) -> None:
     """Remember the greatest distance at which a person has been observed at each pixel: nothing nearer hides it."""
+    away = np.float32(away_m)
     for y in range(top, bottom):
-        for x in range(spans.left[y], spans.right[y]):
-            if cover[y, x] == 1 and evidence[y, x] > 0:
-                open_m[y, x] = max(open_m[y, x], np.float32(away_m))
+        left, right = spans.left[y], max(spans.left[y], spans.right[y])
+        known, on, models = open_m[y, left:right], evidence[y, left:right], cover[y, left:right]
+        for i in range(np.uintp(len(on))):
+            known[i] = max(known[i], away) if (models[i] == 1) & (on[i] > 0) else known[i]
 
 
 @njit(cache=True, nogil=True)
@@ -169,12 +172,15 @@ def watch_still(
     for y in range(height):
         row, labels, times = claimed[y], images.labels[y], still_s[y]
         evidence, motion = images.evidence[y], images.motion[y]
-        if largest(evidence) < 2:
-            times[:] = np.float32(0.0)
-            continue
+        some = False
         for x in range(np.uintp(width)):
-            still = evidence[x] > 1 and motion[x] == 0 and row[x] == 0 and not claimed_blob[labels[x]]
+            still = (evidence[x] > 1) & (motion[x] == 0) & (row[x] == 0)
             times[x] = times[x] + step if still else np.float32(0.0)
+            some |= still
+        if some:
+            for x in range(np.uintp(width)):
+                if times[x] > 0 and claimed_blob[labels[x]]:
+                    times[x] = np.float32(0.0)
 
 
 @njit(cache=True, nogil=True)
