@@ -97,6 +97,14 @@ def measured(mask: Bool, evidence: U8, motion: U8, cover: U8, hiding: U8) -> tup
     )
 
 
+def breadth(mask: Bool, n_rows: int, evidence: U8, cover: U8, ring: float) -> tuple[float, int]:
+    """Squared distances from the rows' middles of foreground of a model and its ring, and the number of pixels."""
+    own = (evidence > 1) & ((cover == 0) | (mask & (cover == 1))) & with_ring(mask, n_rows, ring)
+    rows, x = np.nonzero(own)
+    ends = [np.flatnonzero(mask[y])[[0, -1]] for y in rows]
+    return float(sum((u - 0.5 * (a + b)) ** 2 for u, (a, b) in zip(x, ends, strict=True))), len(x)
+
+
 def still_times(evidence: U8, motion: U8, claimed: U8, labels: I32, dt_s: float, still_s: F32) -> F32:
     """Times for which pixels have been foreground without motion, away from all blobs that are claimed in part."""
     apart = ~np.isin(labels, labels[claimed > 0])

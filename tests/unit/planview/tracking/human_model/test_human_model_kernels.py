@@ -75,13 +75,20 @@ def test_measurement_equals_masks(models: list[tuple[float, float, float]], seed
     scene.hiding[:] = _noise(seed + 2, 2)
     for u, v, scale in models:
         scene.paint(scene.cover, np.array([u, v]), scale, 1)
-    found = scene.measure(ModelFrame(0.0, None, evidence, motion, find_blobs(evidence)), at[:, :2], at[:, 2]).counts
+    evidence *= (np.arange(96) % 5 > 0).astype(np.uint8)
+    blobs = find_blobs(evidence)
+    found = scene.measure(ModelFrame(0.0, None, evidence, motion, blobs), at[:, :2], at[:, 2]).counts
     masks = [reference.model_mask(MAP, *m) for m in models]
     for i, mask in enumerate(masks):
         counted = tuple(
             c[i] for c in (found.area, found.evidence, found.alone, found.shared, found.hidden, found.moving)
         )
         assert counted == reference.measured(mask, evidence, motion, scene.cover, scene.hiding)
+        rows = reference.model_rows(MAP, *models[i])
+        breadth = found.breadth_px2[i], found.breadth_n[i]
+        assert breadth == reference.breadth(mask, rows, evidence, scene.cover, RING)
+        votes = np.bincount(blobs.labels[mask & (evidence > 0)], minlength=1)
+        assert votes[found.blob[i]] == votes[votes.argmax()]
     wide = [reference.with_ring(k, reference.model_rows(MAP, *m), RING / 2) for k, m in zip(masks, models, strict=True)]
     claimed = np.any(wide, axis=0)
     np.testing.assert_array_equal(scene.claimed > 0, claimed)
