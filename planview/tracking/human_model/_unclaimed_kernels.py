@@ -63,6 +63,8 @@ def mark_known(
             long |= times[x] >= limit
         if not long:
             continue
+        blob = labels[y]
+        # Without branches, since these pixels are scattered.
         for x in range(np.uintp(width)):
-            if times[x] >= limit and row[x] == NO_FEEDBACK and not lively[labels[y, x]]:
-                row[x] = BACKGROUND
+            is_thing = (times[x] >= limit) & (row[x] == NO_FEEDBACK) & (not lively[blob[x]])
+            row[x] = np.uint8(BACKGROUND) if is_thing else row[x]
