@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from calib.types import I32, I64, U8
+from planview.foreground import _blob_kernels as kernels
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,18 +31,10 @@ class Blobs:
 def find_blobs(mask: U8) -> Blobs:
     """Group the non-zero pixels of a (H, W) uint8 mask, diagonal neighbours included."""
     height, width = mask.shape
-    left, top, across, down = cv2.boundingRect(mask)
-    # The algorithm looks at blocks of 2x2 pixels: from an even corner it finds the same labels in the same order.
-    right, bottom, left, top = left + across, top + down, left - left % 2, top - top % 2
+    most = height * (width + 1) // 2
+    runs, parents = np.empty((most, 3), np.int32), np.empty(most, np.int32)
+    n = kernels.find_runs(np.ascontiguousarray(mask), runs, parents)
     labels = np.zeros(mask.shape, np.int32)
-    rows = np.zeros((1, 5), np.int64)
-    if across:
-        # On one core this algorithm takes a third of the default's time.
-        found = cv2.connectedComponentsWithStatsWithAlgorithm(
-            np.ascontiguousarray(mask[top:bottom, left:right]), 8, cv2.CV_32S, cv2.CCL_BBDT
-        )
-        labels[top:bottom, left:right] = found[1]
-        rows = np.asarray(found[2], dtype=np.int64)
-        rows[:, :2] += left, top
-    rows[0] = 0, 0, width, height, height * width - rows[1:, cv2.CC_STAT_AREA].sum()
-    return Blobs(labels, rows[:, cv2.CC_STAT_AREA], rows[:, :4].astype(np.int32))
+    area_px, box_px = kernels.label_runs(runs[:n], parents[:n], labels)
+    area_px[0], box_px[0] = height * width - area_px.sum(), (0, 0, width, height)
+    return Blobs(labels, area_px, box_px)

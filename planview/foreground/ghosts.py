@@ -15,14 +15,9 @@ import numpy as np
 from pydantic import Field
 
 from calib.params import Params
-from calib.types import F32, U8, Bool
+from calib.types import F32, I32, U8, Bool
+from planview.foreground import _ghost_kernels as kernels
 from planview.foreground.blobs import Blobs, find_blobs
-
-_STEP_GAIN = 4.0
-"""Response of the 3x3 Sobel operator to a step of one level."""
-_WINDOW = 5
-"""Side of the window in which a pixel is compared with what is around its blob [px]: averages noise and texture, and is
-narrower than a limb of a person of 60 px. Our choice."""
 
 
 class GhostParams(Params):
@@ -59,17 +54,22 @@ def find_ghosts(luma: U8, background: U8, blobs: Blobs, motion: U8, params: Ghos
     Returns:
         (H, W) uint8, 255 in ghosts.
     """
-    count, labels = len(blobs), blobs.labels
-    mask = (labels > 0).astype(np.uint8)
-    if count < 2:
-        return mask
-    rim = (mask > 0) & (cv2.erode(mask, np.ones((3, 3), np.uint8)) == 0)
-    which = labels[rim]
-    length = np.maximum(1, np.bincount(which, minlength=count))
-    inside = _edges(luma)[rim], _edges(background)[rim]
-    here, before = (np.bincount(which, values, minlength=count) / length for values in inside)
-    ghost = (before >= params.edge_levels) & (before >= params.edge_ratio * here) & _still(blobs, motion, params)
-    return np.asarray(np.where(ghost[labels], 255, 0), dtype=np.uint8)
+    length, (here, before) = np.zeros(len(blobs), np.int64), np.zeros((2, len(blobs)))
+    kernels.compare_outlines(blobs.labels, _box_of(blobs), luma, background, length, here, before)
+    here, before = here / np.maximum(1, length), before / np.maximum(1, length)
+    ghost = (before >= params.edge_levels) & (before >= params.edge_ratio * here)
+    return _painted(blobs, ghost & _still(blobs, motion, params))
+
+
+def moved_lately(motion: U8, now_s: float, span_s: float, moved_s: F32) -> U8:
+    """(H, W) uint8, 255 where motion, (H, W) uint8, has not been 0 within a span until now [s].
+
+    Args:
+        moved_s: (H, W) times of the last motion [s], kept up to date.
+    """
+    moved = np.empty_like(motion)
+    kernels.note_motion(motion, now_s, now_s - span_s, moved_s, moved)
+    return moved
 
 
 def find_still(blobs: Blobs, moved: U8, params: GhostParams) -> U8:
@@ -81,13 +81,14 @@ def find_still(blobs: Blobs, moved: U8, params: GhostParams) -> U8:
     Returns:
         (H, W) uint8, 255 in such blobs.
     """
-    return np.asarray(np.where(_still(blobs, moved, params)[blobs.labels], 255, 0), dtype=np.uint8)
+    return _painted(blobs, _still(blobs, moved, params))
 
 
 def _still(blobs: Blobs, motion: U8, params: GhostParams) -> Bool:
     """(n,) whether each blob is large enough and hardly any of it moves; the background is none."""
-    moving = np.bincount(blobs.labels[motion > 0], minlength=len(blobs)) / np.maximum(1, blobs.area_px)
-    still = (moving <= params.motion) & (blobs.area_px >= params.area_px)
+    moving = np.zeros(len(blobs), np.int64)
+    kernels.count_moving(blobs.labels, _box_of(blobs), motion, moving)
+    still = (moving / np.maximum(1, blobs.area_px) <= params.motion) & (blobs.area_px >= params.area_px)
     still[0] = False
     return np.asarray(still)
 
@@ -109,39 +110,42 @@ def find_uncovered(luma: U8, background: U8, mask: U8, params: GhostParams) -> U
     uncovered = np.zeros(mask.shape, np.uint8)
     # One pixel more than the dilation below, so that something around every blob is inside.
     rows, cols = slice(max(0, top - 2), top + height + 2), slice(max(0, left - 2), left + width + 2)
-    inside = mask[rows, cols]
+    inside, luma, background = (np.ascontiguousarray(a[rows, cols]) for a in (mask, luma, background))
     # Pixels at an outline are a mixture of both sides.
     blobs = np.asarray(cv2.dilate(inside, np.ones((3, 3), np.uint8)), dtype=np.uint8)
     if not width or blobs.all():
         return uncovered
-    smooth = np.asarray(cv2.blur(luma[rows, cols], (3, 3)), dtype=np.float32)
-    around = _nearest_outside(smooth, blobs)
-    here, before = (_mean_difference(a[rows, cols], around, inside) for a in (luma, background))
-    alike = (inside > 0) & (before >= params.edge_ratio * here + params.edge_levels)
-    shown = np.where(alike, np.uint8(255), np.uint8(0))
-    uncovered[rows, cols] = cv2.morphologyEx(shown, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    parts = find_blobs(uncovered)
-    uncovered[parts.area_px[parts.labels] < params.area_px] = 0
+    nearest, around = _around(luma, blobs)
+    alike = np.zeros(blobs.shape, np.uint8)
+    kernels.compare_around(luma, background, inside, nearest, around, params.edge_ratio, params.edge_levels, alike)
+    if alike.any():
+        parts = find_blobs(np.asarray(cv2.morphologyEx(alike, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)), np.uint8))
+        large = parts.area_px >= params.area_px
+        large[0] = False
+        uncovered[rows, cols] = _painted(parts, large)
     return uncovered
 
 
-def _nearest_outside(values: F32, mask: U8) -> F32:
-    """(H, W) float32 value at the nearest pixel where the mask is 0."""
+def _around(luma: U8, mask: U8) -> tuple[I32, U8]:
+    """(H, W) int32 number of the nearest pixel where the mask is 0, and the smoothed luma of each by that number."""
     _, nearest = cv2.distanceTransformWithLabels(mask, cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL)
-    by_label = np.zeros(int(nearest.max()) + 1, np.float32)
-    by_label[nearest[mask == 0]] = values[mask == 0]
-    return np.asarray(by_label[nearest])
+    around = np.zeros(mask.size + 1, np.uint8)
+    kernels.by_label(np.asarray(cv2.blur(luma, (3, 3)), np.uint8), mask, around)
+    return np.asarray(nearest, np.int32), around
 
 
-def _mean_difference(luma: U8, around: F32, mask: U8) -> F32:
-    """(H, W) float32 mean absolute difference over the foreground in a window [levels]."""
-    inside = np.asarray(mask > 0, dtype=np.float32)
-    difference = np.abs(luma - around) * inside
-    total, count = (cv2.blur(a, (_WINDOW, _WINDOW)) for a in (difference, inside))
-    return np.asarray(total / np.maximum(count, 1e-3), dtype=np.float32)
+def _painted(blobs: Blobs, chosen: Bool) -> U8:
+    """(H, W) uint8, 255 in the blobs that are chosen, (n,)."""
+    out = np.zeros(blobs.labels.shape, np.uint8)
+    if chosen.any():
+        kernels.paint_blobs(blobs.labels, _box_of(blobs), chosen, out)
+    return out
 
 
-def _edges(luma: U8) -> F32:
-    """(H, W) float32 steps [levels] across each pixel."""
-    right, down = (cv2.Sobel(luma, cv2.CV_32F, dx, 1 - dx, ksize=3) for dx in (1, 0))
-    return np.asarray(cv2.magnitude(right, down) / _STEP_GAIN, dtype=np.float32)
+def _box_of(blobs: Blobs) -> kernels.Box:
+    """What holds all blobs."""
+    if len(blobs) < 2:
+        return kernels.Box(0, 0, 0, 0)
+    low = blobs.box_px[1:, :2].min(axis=0)
+    high = (blobs.box_px[1:, :2] + blobs.box_px[1:, 2:]).max(axis=0)
+    return kernels.Box(int(low[0]), int(high[0]), int(low[1]), int(high[1]))

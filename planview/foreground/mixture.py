@@ -12,7 +12,8 @@ from calib.types import F32, U8
 from planview.foreground import _mixture_kernels as kernels
 from planview.foreground._block_kernels import BLOCK, N_LEAD
 from planview.foreground._change_kernels import find_changes
-from planview.foreground._gaussian_kernels import N_FIELDS, UpdateConstants, Y
+from planview.foreground._gain_kernels import fill_luma
+from planview.foreground._gaussian_kernels import N_FIELDS, UpdateConstants
 from planview.foreground.gain import Exposure, GainFollower
 from planview.foreground.masks import FOREGROUND, SHADOW
 from planview.foreground.params import ForegroundParams
@@ -158,9 +159,9 @@ class Foreground:
 
     def background_luma(self) -> U8:
         """(H, W) uint8 luma of the most common background, as the current exposure shows it; zeros before an update."""
-        lead = self._lead.reshape(-1, N_LEAD, BLOCK)[:, Y].reshape(-1)[: self._mask.size]
-        luma = lead * np.float32(self._gain.gain) + np.float32(self._gain.offset)
-        return np.clip(np.round(luma), 0, 255).astype(np.uint8).reshape(self.shape)
+        luma = np.empty(self._mask.size, np.uint8)
+        fill_luma(self._lead, self._gain.gain, self._gain.offset, luma)
+        return luma.reshape(self.shape)
 
     def _flat_image(self, image: U8) -> U8:
         if image.dtype != np.uint8 or image.shape[:2] != self.shape or image.shape[2:] not in ((), (1,), (3,)):

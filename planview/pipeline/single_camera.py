@@ -16,8 +16,8 @@ from calib.types import U8
 from planview.doctor.check import Check
 from planview.doctor.steadiness import Steadiness, Steady
 from planview.foreground.blobs import find_blobs
-from planview.foreground.ghosts import GhostParams, find_ghosts, find_still, find_uncovered
-from planview.foreground.masks import BACKGROUND, FOREGROUND, PERSON, WALKER
+from planview.foreground.ghosts import GhostParams, find_ghosts, find_still, find_uncovered, moved_lately
+from planview.foreground.masks import BACKGROUND, PERSON, WALKER
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
 from planview.tracking.base import Observation
@@ -113,15 +113,13 @@ class SingleCamera:
             self._first_s = frame.timestamp_s
         self._search_ghosts(frame.timestamp_s, grey, mask, motion, feedback)
         if cv2.countNonZero(self._ghosts):
-            mask[self._ghosts > 0] = 0
+            mask &= ~self._ghosts
         return Observation(frame.index, frame.timestamp_s, frame.image, mask, motion, shadow=self._foreground.shadow)
 
     def _search_ghosts(self, now_s: float, grey: U8, mask: U8, motion: U8, feedback: U8 | None) -> None:
         """Where people of the first frames have left: from time to time, and in every frame while they set out."""
         params = self.params.ghosts
         starting = now_s - self._first_s <= params.start_s
-        if starting:
-            self._moved_s[motion > 0] = now_s - self._first_s
         if not starting and now_s - self._searched_s < params.interval_s - 5e-4:
             return
         self._searched_s = now_s
@@ -130,10 +128,10 @@ class SingleCamera:
         self._ghosts = find_ghosts(grey, background, blobs, motion, params)
         if starting:
             self._ghosts |= find_uncovered(grey, background, mask, params)
-            moved = np.where(self._moved_s > now_s - self._first_s - params.still_s, FOREGROUND, 0).astype(np.uint8)
+            moved = moved_lately(motion, now_s - self._first_s, params.still_s, self._moved_s)
             self._ghosts |= find_still(blobs, moved, params)
         if feedback is not None:
-            self._ghosts[self._resized(feedback, cv2.INTER_NEAREST) == WALKER] = 0
+            np.copyto(self._ghosts, np.uint8(0), where=self._resized(feedback, cv2.INTER_NEAREST) == WALKER)
 
     def _resized(self, image: U8, interpolation: int) -> U8:
         if self._reduced == self.size:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from calib.types import F32, F64, I32, I64, U8, Bool
+from planview.foreground.masks import BACKGROUND, PERSON
 from planview.tracking.human_model.model_map import HumanModelMap
 
 
@@ -96,6 +97,14 @@ def measured(mask: Bool, evidence: U8, motion: U8, cover: U8, hiding: U8) -> tup
     )
 
 
+def breadth(mask: Bool, n_rows: int, evidence: U8, cover: U8, ring: float) -> tuple[float, int]:
+    """Squared distances from the rows' middles of foreground of a model and its ring, and the number of pixels."""
+    own = (evidence > 1) & ((cover == 0) | (mask & (cover == 1))) & with_ring(mask, n_rows, ring)
+    rows, x = np.nonzero(own)
+    ends = [np.flatnonzero(mask[y])[[0, -1]] for y in rows]
+    return float(sum((u - 0.5 * (a + b)) ** 2 for u, (a, b) in zip(x, ends, strict=True))), len(x)
+
+
 def still_times(evidence: U8, motion: U8, claimed: U8, labels: I32, dt_s: float, still_s: F32) -> F32:
     """Times for which pixels have been foreground without motion, away from all blobs that are claimed in part."""
     apart = ~np.isin(labels, labels[claimed > 0])
@@ -131,6 +140,12 @@ def unclaimed_times(
     salient = evidence > 1
     recent = salient & (moved >= np.float32(now_s - limits[2]))
     return stay, moved, np.bincount(labels[salient], minlength=n), np.bincount(labels[recent], minlength=n)
+
+
+def known(still_s: F32, limit_s: float, labels: I32, lively: Bool, claimed: U8, evidence: U8, people: bool) -> U8:
+    """What is known of pixels: people where foreground proper is claimed, else background where it is long still."""
+    out = np.where((still_s >= limit_s) & ~lively[labels], np.uint8(BACKGROUND), np.uint8(0))
+    return np.where(people & (claimed > 0) & (evidence == 2), np.uint8(PERSON), out)
 
 
 def histogram(mask: Bool, image: U8, evidence: U8, cover: U8, level: U8, n_levels: int, parts: int) -> F32:

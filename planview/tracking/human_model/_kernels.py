@@ -20,7 +20,12 @@ WAIST = 0.5
 LEGS_COST = 0.8
 """Price of background below the waist, over that above it (our choice): legs are hidden by furniture, or show the floor
 between them, and heads are not."""
-ZERO, TAKEN, HIDDEN = np.int64(0), np.int64(1 << TAKEN_BIT), np.int64(1 << HIDDEN_BIT)
+ZERO = np.int64(0)
+KIND_TAKEN, KIND_HIDDEN = np.uint8(255), np.uint8(254)
+"""Of pixels; the others are of the kind of their foreground."""
+SUMMANDS: I64 = np.arange(256, dtype=np.int64)
+"""(256,) what a pixel of each kind adds to the running sums."""
+SUMMANDS[KIND_TAKEN], SUMMANDS[KIND_HIDDEN] = 1 << TAKEN_BIT, 1 << HIDDEN_BIT
 
 
 class MapArrays(NamedTuple):
@@ -168,20 +173,20 @@ def row_prefix(foreground: U8, cover: U8, hiding: U8, window: Window, sums: I64)
     """
     n_taken = 0
     n = np.uintp(max(0, window.x1 - window.x0))
-    values = np.empty(n, np.int64)
+    kinds = np.empty(n, np.uint8)
     for y in range(window.y0, window.y1):
         on = foreground[y, window.x0 : window.x1]
         models = cover[y, window.x0 : window.x1]
         scene = hiding[y, window.x0 : window.x1]
-        # Values first, since they are found on vector registers and running sums are not.
+        # Kinds first, since they are found on vector registers and running sums are not.
         for i in range(n):
-            free = np.int64(on[i]) if on[i] > 0 else (HIDDEN if scene[i] > 0 else ZERO)
-            values[i] = TAKEN if models[i] > 0 else free
+            free = on[i] if on[i] > 0 else (KIND_HIDDEN if scene[i] > 0 else np.uint8(0))
+            kinds[i] = KIND_TAKEN if models[i] > 0 else free
         row = sums[y, window.x0 : window.x1 + 1]
         row[0] = 0
         total = ZERO
         for i in range(n):
-            total += values[i]
+            total += SUMMANDS[kinds[i]]
             row[i + np.uintp(1)] = total
         n_taken += int((total >> TAKEN_BIT) & LOW_BITS)
     return n_taken

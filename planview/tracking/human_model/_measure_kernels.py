@@ -54,6 +54,15 @@ class Coverage(NamedTuple):
     breadth_n: I64
 
 
+class Columns(NamedTuple):
+    """Columns of a model in one row, left <= x < right, and of the model with its ring, x0 <= x < x1."""
+
+    left: int
+    right: int
+    x0: int
+    x1: int
+
+
 @njit(cache=True, nogil=True)
 def measure_models(
     images: Images, spans: Spans, people: MapArrays, position: F64, scale: F64, ring: float, claim: float, claimed: U8,
@@ -61,8 +70,8 @@ def measure_models(
 ) -> None:  # fmt: skip
     """What each placed model covers; fills ``found``, zero before.
 
-    Marks the model and ``claim`` times its mean width beside it in ``claimed``. ``votes``
-    is a zeroed workspace with one cell per label.
+    Marks the model and ``claim`` times its mean width beside it in ``claimed``. ``votes`` is a workspace with one cell
+    per label.
     """
     evidence, cover, left, right = images.evidence, images.cover, spans.left, spans.right
     width = evidence.shape[1]
@@ -73,39 +82,66 @@ def measure_models(
             area += max(0, right[y] - left[y])
         margin = int(ring * area / max(1, bottom - top) + 0.5)
         near = int(claim * area / max(1, bottom - top) + 0.5)
-        best = 0
         for y in range(top, bottom):
-            if left[y] >= right[y]:
-                continue
-            middle = 0.5 * (left[y] + right[y] - 1)
-            for x in range(max(0, left[y] - margin), min(width, right[y] + margin)):
-                if left[y] - near <= x < right[y] + near:
-                    claimed[y, x] = 1
-                inside = left[y] <= x < right[y]
-                if evidence[y, x] > 1 and (cover[y, x] == 0 or (inside and cover[y, x] == 1)):
-                    found.breadth_px2[t] += (x - middle) ** 2
-                    found.breadth_n[t] += 1
-                if not inside:
-                    continue
-                if cover[y, x] > 1:
-                    found.shared[t] += 1
-                if images.motion[y, x] > 0:
-                    found.moving[t] += 1
-                if evidence[y, x] > 0:
-                    found.evidence[t] += evidence[y, x]
-                    if cover[y, x] == 1:
-                        found.alone[t] += evidence[y, x]
-                    label = images.labels[y, x]
-                    votes[label] += 1
-                    if best == 0 or votes[label] > votes[best]:
-                        best = label
-                elif images.hiding[y, x] > 0 and cover[y, x] == 1:
-                    found.hidden[t] += 1
+            if left[y] < right[y]:
+                x0, x1 = max(0, left[y] - margin), min(width, right[y] + margin)
+                claimed[y, max(x0, left[y] - near) : min(x1, right[y] + near)] = 1
+                _measure_breadth(evidence[y], cover[y], Columns(left[y], right[y], x0, x1), t, found)
+                _measure_row(images, y, left[y], right[y], t, found)
         found.area[t] = area
-        found.blob[t] = best
-        for y in range(top, bottom):
-            for x in range(left[y], right[y]):
-                votes[images.labels[y, x]] = 0
+        found.blob[t] = _most_of(evidence, images.labels, spans, top, bottom, votes)
+
+
+@njit(cache=True, nogil=True)
+def _measure_breadth(evidence: U8, cover: U8, columns: Columns, t: int, found: Coverage) -> None:
+    """Add a row of model t and of the ring, where foreground is the model's or no model's."""
+    left, right, x0, x1 = columns
+    on, models = evidence[x0:x1], cover[x0:x1]
+    # Twice the distance from the middle is whole: sums of whole numbers are found on vector registers.
+    squares, n, first = np.int64(0), np.int64(0), np.int64(2 * x0 - (left + right - 1))
+    for i in range(np.uintp(len(on))):
+        inside = (np.int64(i) >= left - x0) & (np.int64(i) < right - x0)
+        counts = (on[i] > 1) & ((models[i] == 0) | (inside & (models[i] == 1)))
+        off = first + np.int64(2) * np.int64(i)
+        squares += off * off if counts else np.int64(0)
+        n += np.int64(counts)
+    found.breadth_px2[t] += 0.25 * squares
+    found.breadth_n[t] += n
+
+
+@njit(cache=True, nogil=True)
+def _measure_row(images: Images, y: int, left: int, right: int, t: int, found: Coverage) -> None:
+    """Add what a row of model t covers."""
+    on, models = images.evidence[y, left:right], images.cover[y, left:right]
+    motion, scene = images.motion[y, left:right], images.hiding[y, left:right]
+    shared, moving, evidence, alone, hidden = np.int64(0), np.int64(0), np.int64(0), np.int64(0), np.int64(0)
+    for i in range(np.uintp(len(on))):
+        shared += np.int64(models[i] > 1)
+        moving += np.int64(motion[i] > 0)
+        evidence += np.int64(on[i])
+        alone += np.int64(on[i]) if models[i] == 1 else np.int64(0)
+        hidden += np.int64((on[i] == 0) & (scene[i] > 0) & (models[i] == 1))
+    found.shared[t] += shared
+    found.moving[t] += moving
+    found.evidence[t] += evidence
+    found.alone[t] += alone
+    found.hidden[t] += hidden
+
+
+@njit(cache=True, nogil=True)
+def _most_of(evidence: U8, labels: I32, spans: Spans, top: int, bottom: int, votes: I64) -> int:
+    """The blob that a model covers most; of two, the one that was so first. ``votes`` has a cell per label."""
+    votes[:] = 0
+    best = 0
+    for y in range(top, bottom):
+        on, row = evidence[y], labels[y]
+        for x in range(spans.left[y], spans.right[y]):
+            if on[x] > 0:
+                label = row[x]
+                votes[label] += 1
+                if best == 0 or votes[label] > votes[best]:
+                    best = label
+    return best
 
 
 @njit(cache=True, nogil=True)
@@ -129,28 +165,31 @@ def learn_hiding(
 
     ``hiding`` becomes 1 where that was too seldom, else 0. Beyond ``limits.memory_s`` the older times count less.
     """
+    fading = np.float32(1.0 - dt_s / limits.memory_s)
     for y in range(top, bottom):
-        for x in range(spans.left[y], spans.right[y]):
-            if cover[y, x] != 1:
-                continue
-            if expected_s[y, x] >= limits.memory_s:
-                keep = np.float32(1.0 - dt_s / limits.memory_s)
-                expected_s[y, x] *= keep
-                shown_s[y, x] *= keep
-            expected_s[y, x] += dt_s
-            if evidence[y, x] > 0:
-                shown_s[y, x] += dt_s
-            long = expected_s[y, x] >= limits.expected_s
-            hiding[y, x] = long and shown_s[y, x] < limits.shown * expected_s[y, x]
+        left, right = spans.left[y], max(spans.left[y], spans.right[y])
+        expected, shown, hidden = expected_s[y, left:right], shown_s[y, left:right], hiding[y, left:right]
+        on, models = evidence[y, left:right], cover[y, left:right]
+        # Without branches, on vector registers.
+        for i in range(np.uintp(len(on))):
+            alone = models[i] == 1
+            keep = fading if alone & (expected[i] >= limits.memory_s) else np.float32(1.0)
+            added = dt_s if alone else 0.0
+            expected[i] = expected[i] * keep + added
+            shown[i] = shown[i] * keep + (added if on[i] > 0 else 0.0)
+            hides = (expected[i] >= limits.expected_s) & (shown[i] < limits.shown * expected[i])
+            hidden[i] = np.uint8(hides) if alone else hidden[i]
 
 
 @njit(cache=True, nogil=True)
 def learn_open(evidence: U8, cover: U8, spans: Spans, top: int, bottom: int, away_m: float, open_m: F32) -> None:
     """Remember the greatest distance at which a person has been observed at each pixel: nothing nearer hides it."""
+    away = np.float32(away_m)
     for y in range(top, bottom):
-        for x in range(spans.left[y], spans.right[y]):
-            if cover[y, x] == 1 and evidence[y, x] > 0:
-                open_m[y, x] = max(open_m[y, x], np.float32(away_m))
+        left, right = spans.left[y], max(spans.left[y], spans.right[y])
+        known, on, models = open_m[y, left:right], evidence[y, left:right], cover[y, left:right]
+        for i in range(np.uintp(len(on))):
+            known[i] = max(known[i], away) if (models[i] == 1) & (on[i] > 0) else known[i]
 
 
 @njit(cache=True, nogil=True)
@@ -169,12 +208,15 @@ def watch_still(
     for y in range(height):
         row, labels, times = claimed[y], images.labels[y], still_s[y]
         evidence, motion = images.evidence[y], images.motion[y]
-        if largest(evidence) < 2:
-            times[:] = np.float32(0.0)
-            continue
+        some = False
         for x in range(np.uintp(width)):
-            still = evidence[x] > 1 and motion[x] == 0 and row[x] == 0 and not claimed_blob[labels[x]]
+            still = (evidence[x] > 1) & (motion[x] == 0) & (row[x] == 0)
             times[x] = times[x] + step if still else np.float32(0.0)
+            some |= still
+        if some:
+            for x in range(np.uintp(width)):
+                if times[x] > 0 and claimed_blob[labels[x]]:
+                    times[x] = np.float32(0.0)
 
 
 @njit(cache=True, nogil=True)

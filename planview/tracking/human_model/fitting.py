@@ -14,7 +14,7 @@ from calib.ground_camera import GroundCamera
 from calib.types import F64, I64
 from planview.tracking.appearance_model import Appearance
 from planview.tracking.human_model import _floor_kernels as kernels
-from planview.tracking.human_model.frame import LESS_SALIENT, ModelFrame
+from planview.tracking.human_model.frame import LESS_SALIENT, SALIENT, ModelFrame
 from planview.tracking.human_model.measurement import Measurement
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.posture import MAX_SHARED, Posture
@@ -83,7 +83,8 @@ class Fitter:
         if active:
             self._fit_group(active, targets, frame, frame)
         if lost:
-            evidence = np.where(self.scene.claimed > 0, np.minimum(frame.evidence, LESS_SALIENT), frame.evidence)
+            most = np.where(self.scene.claimed > 0, LESS_SALIENT, SALIENT)
+            evidence = np.minimum(frame.evidence, most)
             self._fit_group(lost, targets, frame, replace(frame, evidence=evidence))
 
     def start(self, foot_px: F64, scale: float) -> FloorKalman | None:

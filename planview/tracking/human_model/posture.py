@@ -62,9 +62,11 @@ class Posture:
         """
         for target, foot in zip(group, position, strict=True):
             settled = target.seat is not None and frame.now_s - target.seat.since_s > self.params.settle_s
-            if not settled and self._sits_down(target, foot, targets, frame):
+            known = not settled and target.existence.confirmed and target.existence.observed
+            head = self._refiner.head(target, foot, frame.evidence) if known else None
+            if head is not None and self._sits_down(target, foot, head, targets, frame):
                 continue
-            told = target.seat is None and self._refiner.head(target, foot, frame.evidence) is not None
+            told = target.seat is None and head is not None
             place = None if told else self._place_to_judge(target, foot, frame)
             if place is None:
                 continue
@@ -77,19 +79,14 @@ class Posture:
             self._widen(group, position, target, -1)
             self.scene.paint(self.scene.cover, foot, target.model_scale, 1)
 
-    def _sits_down(self, target: Target, foot: F64, targets: Sequence[Target], frame: ModelFrame) -> bool:
-        """Sit a person down whose head sank on the spot; moves the (2,) foot pixel.
+    def _sits_down(self, target: Target, foot: F64, head: F64, targets: Sequence[Target], frame: ModelFrame) -> bool:
+        """Sit a person down whose (2,) head [px] sank on the spot; moves the (2,) foot pixel.
 
         A head that sinks in the image is that of a person who walks towards the camera or of one who sits down. It
         tells a place for either, and the place and velocity of a moment ago tell which is likelier. Feet where the
         standing model has them settle it.
         """
-        if not target.existence.confirmed or not target.existence.observed:
-            return False
-        head = self._refiner.head(target, foot, frame.evidence)
         p = self.params
-        if head is None:
-            return False
         height_m = target.build.scale * p.height_m
         stands, sits = (self.camera.back_project(head, h) for h in (height_m, p.posture.sitting * height_m))
         stands_px = self.camera.project(np.append(stands, 0.0))

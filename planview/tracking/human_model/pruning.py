@@ -37,6 +37,9 @@ def redundant(
     found: list[tuple[Target, Target]] = []
     longest = sorted((t for t in targets if t.covered_since_s >= 0), key=lambda t: t.covered_since_s)
     for target in longest:
+        # NaN where the clock does not run.
+        if not now_s - max(target.covered_since_s, target.moving_since_s) >= settle_s:
+            continue
         gone = [merged for merged, _ in found]
         others = [t for t in targets if t is not target and t not in gone and touch(t, target)]
         clocks = [target.covered_since_s, target.moving_since_s, *(t.moving_since_s for t in others)]

@@ -78,8 +78,10 @@ class Refiner:
     def head(self, target: Target, position: F64, evidence: U8) -> F64 | None:
         """(2,) top of the head [px] of a person of known height at a foot pixel; None if hidden."""
         build = target.build
+        if build.measured_s < self.params.match.learning_s:
+            return None
         found = self.scene.extent(evidence, position, build.scale)
-        if found is None or build.measured_s < self.params.match.learning_s:
+        if found is None:
             return None
         if math.isnan(found.height) and target.shared == 0.0:
             return None  # what hides the middle of the body may hide the head

@@ -114,7 +114,7 @@ class ModelScene:
         area, evidence, alone, shared, hidden, moving, blob, breadth_n = np.zeros((8, n), np.int64)
         counts = measuring.Coverage(area, evidence, alone, shared, hidden, moving, blob, np.zeros(n), breadth_n)
         images = measuring.Images(frame.evidence, frame.motion, self.cover, frame.blobs.labels, self.hiding)
-        votes = np.zeros(len(frame.blobs), np.int64)
+        votes = np.empty(len(frame.blobs), np.int64)
         measuring.measure_models(
             images, self._spans, self._people, position, scale, ring, CLAIMED_RING * ring, self.claimed, votes, counts
         )

@@ -10,14 +10,13 @@ import numpy as np
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.human.model import HumanModel
-from calib.types import F64, U8, Bool
-from planview.foreground.masks import BACKGROUND, PERSON
+from calib.types import F64, U8
 from planview.tracking.appearance_model import Appearance
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.human_model.candidates import CandidateFinder, ModelCandidate
 from planview.tracking.human_model.drawing import draw
 from planview.tracking.human_model.fitting import Fitter, foot_pixels
-from planview.tracking.human_model.frame import SALIENT, ModelFrame, frame_of
+from planview.tracking.human_model.frame import ModelFrame, frame_of
 from planview.tracking.human_model.missing import Missing
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
@@ -76,7 +75,7 @@ class HumanModelTracker:
         self._missing.reset()
         self._seating.reset()
         self._still_s = np.zeros(self.camera.size[::-1], np.float32)
-        self._measured: Bool = np.zeros(self.camera.size[::-1], np.bool_)
+        self._evidence: U8 = np.zeros(self.camera.size[::-1], np.uint8)
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
@@ -112,7 +111,7 @@ class HumanModelTracker:
         self._merge()
         self._clean()
         self.scene.watch_still(frame, dt, self._still_s)
-        self._measured = frame.evidence == SALIENT
+        self._evidence = frame.evidence
         return tuple(self._state_of(target) for target in (*self.targets, *self._believed()))
 
     def feedback(self) -> U8:
@@ -122,11 +121,8 @@ class HumanModelTracker:
         a person (signs, tables) and where a lost person is predicted, and scenery that must not be learned becomes
         foreground with the next change of light.
         """
-        still = (self._still_s >= self.params.prune.still_s) & ~self._unclaimed.lively
-        mask = still * np.uint8(BACKGROUND)
-        if any(target.existence.confirmed for target in self.targets):
-            np.copyto(mask, np.uint8(PERSON), where=(self.scene.claimed > 0) & self._measured)
-        return mask
+        people = any(target.existence.confirmed for target in self.targets)
+        return self._unclaimed.known(self._still_s, self._evidence, people)
 
     def debug(self) -> TrackerDebug:
         """Models with their states in the image, footprints on the floor."""
@@ -177,8 +173,8 @@ class HumanModelTracker:
 
     def _mend_identities(self) -> None:
         """After an occlusion, exchange identities where colours say so."""
-        for first, second in itertools.combinations(self.targets, 2):
-            if min(first.shared, second.shared) > MIN_CONTACT and self._touch(first, second):
+        for first, second in itertools.combinations([t for t in self.targets if t.shared > MIN_CONTACT], 2):
+            if self._touch(first, second):
                 self._identity.contact(first.existence, second.existence, self._life.now_s)
         self._identity.retain([t.existence for t in (*self.targets, *self._missing)])
         for exchange in self._identity.exchanges([t.existence for t in self.targets], self._life.now_s):

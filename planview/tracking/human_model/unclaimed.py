@@ -27,7 +27,7 @@ class Unclaimed:
     Attributes:
         evidence: (H, W) uint8 of this frame, 0 where a target claims it.
         blobs: of the evidence.
-        lively: (H, W) bool, pixels of blobs of foreground proper that have moved lately.
+        lively: (n,) bool, which of the blobs have foreground proper that has moved lately.
     """
 
     def __init__(self, scene: ModelScene, params: HumanModelParams) -> None:
@@ -43,12 +43,12 @@ class Unclaimed:
         self._moved_s: F32 = np.full(shape, -math.inf, np.float32)
         self.evidence: U8 = np.zeros(shape, np.uint8)
         self.blobs: Blobs = find_blobs(self.evidence)
-        self.lively: Bool = np.zeros(shape, np.bool_)
+        self.lively: Bool = np.zeros(len(self.blobs), np.bool_)
 
     def update(self, frame: ModelFrame, dt_s: float) -> None:
         """Take in what the targets in ``scene.claimed`` leave of a frame."""
         p = self._params
-        self.evidence = np.where(self._scene.claimed > 0, 0, frame.evidence).astype(np.uint8)
+        self.evidence = frame.evidence * (self._scene.claimed == 0)
         self.blobs = find_blobs(self.evidence)
         self._clock_s += dt_s
         n = len(self.blobs)
@@ -58,9 +58,21 @@ class Unclaimed:
             self.evidence, frame.motion, self.blobs.labels, dt_s, self._clock_s, limits, self._stay_s, self._moved_s,
             area, moved,
         )  # fmt: skip
-        alive = moved >= LIVELY * np.maximum(area, 1)
-        alive[0] = False
-        self.lively = alive[self.blobs.labels]
+        self.lively = moved >= LIVELY * np.maximum(area, 1)
+        self.lively[0] = False
+
+    def known(self, still_s: F32, evidence: U8, people: bool) -> U8:
+        """(H, W) uint8 labels for ``Foreground``: see ``HumanModelTracker.feedback``.
+
+        Args:
+            still_s: (H, W) for how long pixels have been still and unclaimed.
+            evidence: (H, W) uint8 of the last frame.
+            people: whether any have been confirmed.
+        """
+        known = np.empty_like(evidence)
+        limit_s, blobs, claimed = self._params.prune.still_s, self.blobs, self._scene.claimed
+        kernels.mark_known(still_s, limit_s, blobs.labels, self.lively, claimed, evidence, people, known)
+        return known
 
     def moves_on(self, region: Bool) -> bool:
         """Whether a (H, W) region has moved since it has stayed for ``settle_s``: what a person left has not."""

@@ -30,6 +30,16 @@ def test_floor_positions_come_back_from_their_pixels(tilt: float, roll: float, x
         np.testing.assert_allclose(camera.back_project(pixel), [x, y], atol=1e-6)
 
 
+@pytest.mark.parametrize("lens", sorted(LENS_K_320))
+def test_one_point_is_projected_to_the_bit_as_many_are(lens: str) -> None:
+    rng, camera = np.random.default_rng(1), GroundCamera(640, 480, 300.0, 4.0, math.radians(65), lens, 0.1)
+    pixels = np.vstack([rng.uniform(-600, 1200, (300, 2)), [[319.5, 239.5], [np.nan, 3.0]]])
+    points = np.vstack([rng.uniform((-9, -9, 0), (9, 30, 2), (300, 3)), [[np.nan, 1.0, 0.0]]])
+    assert np.isnan(camera.back_project(pixels, 1.1)).any()
+    np.testing.assert_array_equal([camera.back_project(p, 1.1) for p in pixels], camera.back_project(pixels, 1.1))
+    np.testing.assert_array_equal([camera.project(p) for p in points], camera.project(points))
+
+
 def test_camera_survives_saving_and_files_without_roll_have_none(tmp_path: Path) -> None:
     path = tmp_path / "camera.toml"
     camera = GroundCamera(640, 480, 512.3, 4.1, math.radians(61), "normal", math.radians(-2.5))

@@ -75,13 +75,20 @@ def test_measurement_equals_masks(models: list[tuple[float, float, float]], seed
     scene.hiding[:] = _noise(seed + 2, 2)
     for u, v, scale in models:
         scene.paint(scene.cover, np.array([u, v]), scale, 1)
-    found = scene.measure(ModelFrame(0.0, None, evidence, motion, find_blobs(evidence)), at[:, :2], at[:, 2]).counts
+    evidence *= (np.arange(96) % 5 > 0).astype(np.uint8)
+    blobs = find_blobs(evidence)
+    found = scene.measure(ModelFrame(0.0, None, evidence, motion, blobs), at[:, :2], at[:, 2]).counts
     masks = [reference.model_mask(MAP, *m) for m in models]
     for i, mask in enumerate(masks):
         counted = tuple(
             c[i] for c in (found.area, found.evidence, found.alone, found.shared, found.hidden, found.moving)
         )
         assert counted == reference.measured(mask, evidence, motion, scene.cover, scene.hiding)
+        rows = reference.model_rows(MAP, *models[i])
+        breadth = found.breadth_px2[i], found.breadth_n[i]
+        assert breadth == reference.breadth(mask, rows, evidence, scene.cover, RING)
+        votes = np.bincount(blobs.labels[mask & (evidence > 0)], minlength=1)
+        assert votes[found.blob[i]] == votes[votes.argmax()]
     wide = [reference.with_ring(k, reference.model_rows(MAP, *m), RING / 2) for k, m in zip(masks, models, strict=True)]
     claimed = np.any(wide, axis=0)
     np.testing.assert_array_equal(scene.claimed > 0, claimed)
@@ -110,6 +117,18 @@ def test_scene_hides_where_a_model_rarely_shows_foreground() -> None:
     np.testing.assert_array_equal(hiding > 0, mask & (cover == 1) & (evidence == 0))
 
 
+def test_what_was_hidden_long_ago_counts_less() -> None:
+    evidence, cover, hiding = np.ones((3, 72, 96), np.uint8)
+    foot, spans = (48.0, 50.0, 1.0), _spans()
+    top, bottom, _ = kernels.fill_spans(_map_arrays(), *foot, 96, spans)
+    expected_s, shown_s = np.full((72, 96), 10.0, np.float32), np.full((72, 96), 2.0, np.float32)
+    limits, mask = measuring.HidingLimits(0.5, 0.15, 10.0), reference.model_mask(MAP, *foot)
+    measuring.learn_hiding(evidence, cover, spans, top, bottom, 0.5, limits, expected_s, shown_s, hiding)
+    np.testing.assert_array_equal(expected_s, np.where(mask, np.float32(10.0 * 0.95 + 0.5), np.float32(10.0)))
+    np.testing.assert_allclose(shown_s, np.where(mask, 2.0 * 0.95 + 0.5, 2.0), rtol=1e-6)
+    np.testing.assert_array_equal(hiding == 0, mask)
+
+
 def test_distance_in_the_open_is_that_of_the_farthest_person_observed() -> None:
     evidence, cover, foot = _noise(1, 2), _noise(2, 3), (48.0, 50.0, 1.0)
     mask, spans = reference.model_mask(MAP, *foot), _spans()
@@ -130,6 +149,17 @@ def test_unclaimed_foreground_that_stays_and_moves_agrees_with_the_twin() -> Non
     unclaimed.watch_unclaimed(evidence, motion, labels, 0.1, 9.0, limits, times, moved_s, area, moved)
     for found, wanted in zip((times, moved_s, area, moved), expected, strict=True):
         np.testing.assert_array_equal(found, wanted)
+
+
+@pytest.mark.parametrize("people", [False, True])
+def test_what_is_known_of_pixels_agrees_with_the_twin(people: bool) -> None:
+    evidence, claimed, still_s = _noise(1, 3), _noise(2, 2), _noise(3, 5).astype(np.float32)
+    labels = find_blobs(_noise(4, 8) // 7).labels
+    lively = np.arange(labels.max() + 1) % 2 == 1
+    known = np.full((72, 96), 9, np.uint8)
+    unclaimed.mark_known(still_s, 3.0, labels, lively, claimed, evidence, people, known)
+    expected = reference.known(still_s, 3.0, labels, lively, claimed, evidence, people)
+    np.testing.assert_array_equal(known, expected)
 
 
 def test_models_that_a_blob_may_be_agree_with_the_twin() -> None:
@@ -173,10 +203,11 @@ def test_line_of_a_model_reaches_its_outline() -> None:
     assert (line.length, line.low, line.high) == pytest.approx((80.0, -0.05, 1.05))
 
 
-def test_body_extent_counts_along_the_axis() -> None:
-    evidence, cover, bins = _noise(3, 3), np.zeros((72, 96), np.uint8), np.zeros(60, np.int64)
-    extents.body_extent(evidence, cover, extents.Axis(48.0, 60.0, 3.0, -40.0, 6.0), bins)
-    expected = reference.along_axis(evidence, cover, np.array([48.0, 60.0]), np.array([3.0, -40.0]), 6.0, 60)
+@pytest.mark.parametrize("along", [(3.0, -40.0), (-25.0, 31.0), (50.0, 2.0), (40.0, 0.5), (0.0, -90.0)])
+def test_body_extent_counts_along_the_axis(along: tuple[float, float]) -> None:
+    evidence, cover, bins = _noise(3, 3), _noise(4, 3), np.zeros(60, np.int64)
+    extents.body_extent(evidence, cover, extents.Axis(48.3, 60.0, *along, 6.0), bins)
+    expected = reference.along_axis(evidence, cover, np.array([48.3, 60.0]), np.array(along), 6.0, 60)
     np.testing.assert_array_equal(bins, expected)
 
 

@@ -83,8 +83,8 @@ def test_region_that_moves_is_lively_and_one_without_motion_is_not() -> None:
     motion[22, 22:27] = 255
     for k in range(30):
         unclaimed.update(ModelFrame(k / 10, None, evidence, motion, find_blobs(evidence)), 0.1)
-    assert unclaimed.lively[30, 30]
-    assert not unclaimed.lively[30, 90]
+    assert unclaimed.lively[unclaimed.blobs.labels[30, 30]]
+    assert not unclaimed.lively[unclaimed.blobs.labels[30, 90]]
     stays, regions = unclaimed.resting()
     np.testing.assert_array_equal(stays, evidence)
     assert len(regions) == 3
@@ -98,7 +98,7 @@ def test_what_a_person_left_has_not_moved_since_it_stays() -> None:
     for k in range(30):
         motion[20:40, 20:40] = 255 * (k < 5)
         unclaimed.update(ModelFrame(k / 10, None, evidence, motion, find_blobs(evidence)), 0.1)
-    assert unclaimed.lively[30, 30]
+    assert unclaimed.lively[unclaimed.blobs.labels[30, 30]]
     assert not unclaimed.moves_on(evidence > 0)
 
 
