@@ -17,6 +17,14 @@ def _entry(model_map: HumanModelMap, u: float, v: float) -> int:
     return int(model_map.index[row, col]) if inside else -1
 
 
+def image_size(model_map: HumanModelMap, entry: int, scale: float) -> float:
+    """Size in the image over the average person's: head and foot are apart by s / (1 - s h cos(tilt) / Z)."""
+    camera = model_map.camera
+    depth = float(model_map.floor_m[entry, 1]) * np.sin(camera.tilt_rad) + camera.height_m * np.cos(camera.tilt_rad)
+    near = model_map.model.height_m * np.cos(camera.tilt_rad) / depth
+    return float(scale * (1.0 - near) / max(1.0 - scale * near, 0.25 * (1.0 - near)))
+
+
 def model_mask(model_map: HumanModelMap, u: float, v: float, scale: float) -> Bool:
     """(H, W) pixels of the model with its foot at (u, v): per row, the columns between the polygon's borders."""
     width, height = model_map.camera.size
@@ -24,6 +32,7 @@ def model_mask(model_map: HumanModelMap, u: float, v: float, scale: float) -> Bo
     entry = _entry(model_map, u, v)
     if entry < 0:
         return mask
+    scale = image_size(model_map, entry, scale)
     # In the order of the kernel, since rows are rounded.
     moved = np.array([u, v]) - scale * model_map.foot_px[entry].astype(np.float64)
     polygon = scale * model_map.hull_px[entry].astype(np.float64) + moved
@@ -45,6 +54,7 @@ def model_rows(model_map: HumanModelMap, u: float, v: float, scale: float) -> in
     entry = _entry(model_map, u, v)
     if entry < 0:
         return 0
+    scale = image_size(model_map, entry, scale)
     moved = v - scale * float(model_map.foot_px[entry, 1])
     y = scale * model_map.hull_px[entry, :, 1].astype(np.float64) + moved
     return max(0, min(model_map.camera.height, int(np.floor(y.max())) + 1) - max(0, int(np.ceil(y.min()))))
@@ -56,6 +66,7 @@ def first_row_of_legs(model_map: HumanModelMap, u: float, v: float, scale: float
     head_up = model_map.foot_px[:, 1] - model_map.head_px[:, 1]
     if entry < 0 or head_up[entry] < 0.5 * model_map.boxes()[entry, 2:].max():
         return model_map.camera.height
+    scale = image_size(model_map, entry, scale)
     # In the order of the kernel, since rows are rounded.
     y = model_map.hull_px[entry, :, 1]
     waist = float(y.max()) - 0.5 * float(y.max() - y.min())

@@ -20,6 +20,9 @@ WAIST = 0.5
 LEGS_COST = 0.8
 """Price of background below the waist, over that above it (our choice): legs are hidden by furniture, or show the floor
 between them, and heads are not."""
+CLOSEST = 0.25
+"""Least distance of a head from the camera's plane, over that of the average person's head there (our choice): where a
+camera hangs as low as heads are, outlines would have no bounds."""
 ZERO = np.int64(0)
 KIND_TAKEN, KIND_HIDDEN = np.uint8(255), np.uint8(254)
 """Of pixels; the others are of the kind of their foreground."""
@@ -36,6 +39,7 @@ class MapArrays(NamedTuple):
         origin_u, origin_v: pixel of node (0, 0); step: distance of nodes [px].
         foot: (N, 2) foot pixels; hull: (N, K, 2) outlines [px].
         upright: (N,) not 0 where the head is above the foot in the image.
+        nearer: (N,) how much nearer to the camera's plane the head is than the foot, over the foot's distance.
     """
 
     entries: I32
@@ -45,6 +49,7 @@ class MapArrays(NamedTuple):
     foot: F32
     hull: F32
     upright: U8
+    nearer: F64
 
 
 class Rows(NamedTuple):
@@ -91,8 +96,17 @@ class MatchCounts(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
+def image_size(nearer: float, scale: float) -> float:
+    """Size in the image of a person of ``scale`` times the average height, over the average person's at that place.
+
+    A foot at depth Z and a head at depth Z - s h cos(tilt) are apart by s / (1 - s nearer), nearer = h cos(tilt) / Z.
+    """
+    return scale * (1.0 - nearer) / max(1.0 - scale * nearer, CLOSEST * (1.0 - nearer))
+
+
+@njit(cache=True, nogil=True)
 def fill_spans(people: MapArrays, u: float, v: float, scale: float, width: int, spans: Spans) -> Rows:
-    """Rows of the model with its foot at (u, v): the nearest map entry, moved and scaled about the foot.
+    """Rows of the model with its foot at (u, v): the nearest map entry, moved, and of the person's size about the foot.
 
     Fills ``spans``; no rows where no person is possible.
     """
@@ -109,6 +123,7 @@ def fill_spans(people: MapArrays, u: float, v: float, scale: float, width: int, 
         return Rows(0, 0, 0)
     entry = people.entries[row, col]
     shape = people.hull[entry]
+    scale = image_size(people.nearer[entry], scale)
     du, dv = u - scale * people.foot[entry, 0], v - scale * people.foot[entry, 1]
     n = shape.shape[0]
     low, high = shape[0, 1], shape[0, 1]

@@ -7,10 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.types import F64, U8
+from calib.types import F32, F64, I32, I64, U8
 from planview.foreground.blobs import Blobs
 from planview.tracking.human_model import _candidate_kernels as kernels
+from planview.tracking.human_model._kernels import image_size
 from planview.tracking.human_model.frame import ModelFrame
+from planview.tracking.human_model.image_size import inside
 from planview.tracking.human_model.model_map import HumanModelMap
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.scene import ModelScene
@@ -22,6 +24,9 @@ MIN_COMMON = 0.5
 """Smallest fraction of the model's box that must lie over the blob's (our choice)."""
 HEIGHTS = 5
 """Heights tried between the smallest and the tallest person."""
+COARSE = 1.5
+"""Ratio of the sizes of models that blobs are first compared with (our choice): one half as large again as a person
+covers most of the person."""
 HEIGHT_PRICE = 0.3
 """Price of a height that differs from the average by all of it, in matching scores (our choice): equal outlines are
 taken for a person of average height."""
@@ -61,6 +66,14 @@ class _Partial(NamedTuple):
     last_s: float
 
 
+class _Outlines(NamedTuple):
+    """Boxes (N, 4) left, top, width, height of people of one height at all places, and (N,) areas in the image [px]."""
+
+    scale: float
+    boxes: F32
+    inside: F32
+
+
 class CandidateFinder:
     """Looks for new people in what the existing targets leave of a frame."""
 
@@ -70,6 +83,7 @@ class CandidateFinder:
         middle_px = scene.longest_side(middle) if scene.visibility(middle) > 0 else math.inf
         self._min_px = min(spawn.min_height_px, spawn.min_share * middle_px)
         self._part_precision = min(spawn.alone_precision, spawn.min_precision)
+        self._outlines = _outlines(scene, params.height_spread)
         self._apart_precision = spawn.min_precision + _steepness(scene.model_map) * (
             self._part_precision - spawn.min_precision
         )
@@ -85,7 +99,8 @@ class CandidateFinder:
         ``scene.cover`` and ``scene.claimed`` hold the existing targets.
         """
         scene, evidence, rest = self._scene, unclaimed.evidence, unclaimed.blobs
-        large = np.flatnonzero(rest.area_px[1:] >= MIN_BLOB * scene.map_inside.min()) + 1
+        smallest_px = min(float(outline.inside.min()) for outline in self._outlines)
+        large = np.flatnonzero(rest.area_px[1:] >= MIN_BLOB * smallest_px) + 1
         if not len(large):
             return []
         scene.prepare_candidates(evidence, scene.cover)
@@ -112,31 +127,35 @@ class CandidateFinder:
 
     def _whole_or_part(self, rest: Blobs, label: int, frame: Blobs) -> ModelCandidate | None:
         """A whole person or, where none fits and no target has a part of the blob, a person in part."""
-        feet, splits = self._feet(rest, label), _attached(rest, label, frame)
+        coarse, splits = self._coarse(rest, label), _attached(rest, label, frame)
         blob_px = int(rest.area_px[label])
-        whole = self._best(feet, blob_px, splits, False)
+        whole = self._best(coarse, blob_px, splits, False)
         if whole is not None or splits:
             return whole
-        part = self._best(feet, blob_px, splits, True)
+        part = self._best(coarse, blob_px, splits, True)
         return None if part is None else part._replace(whole=False)
 
-    def _best(self, feet: F64, blob_px: int, splits: bool, in_part: bool) -> ModelCandidate | None:
-        """Coarse over the map, then fine over places and heights."""
-        coarse = self._pick(np.column_stack([feet, np.ones(len(feet))]), blob_px, splits, in_part)
+    def _best(self, candidates: F64, blob_px: int, splits: bool, in_part: bool) -> ModelCandidate | None:
+        """The best of (N, 3) coarse candidates, then fine over places and heights about it."""
+        coarse = self._pick(candidates, blob_px, splits, in_part)
         if coarse is None:
             return None
         step, spread = self._scene.model_map.params.step_px, self._params.height_spread
         near = around(coarse.foot_px, step, np.linspace(1 - spread, 1 + spread, HEIGHTS))
         return self._pick(near, blob_px, splits, in_part)
 
-    def _feet(self, blobs: Blobs, label: int) -> F64:
-        """Foot pixels of the map whose models are mostly over the blob's box and of a size to match its area."""
+    def _coarse(self, blobs: Blobs, label: int) -> F64:
+        """(N, 3) foot pixels and scales of models that are mostly over a blob's box and of a size to match its area."""
         scene = self._scene
         box, area_px = blobs.box_px[label].astype(np.float64), float(blobs.area_px[label])
         limits = kernels.BoxLimits(MIN_COMMON, MIN_BLOB, self._min_px)
         fits = np.zeros(len(scene.model_map), np.bool_)
-        kernels.boxes_over(scene.map_boxes, scene.map_inside, box, area_px, limits, fits)
-        return np.asarray(scene.model_map.foot_px[fits], dtype=np.float64)
+        found = []
+        for outline in self._outlines:
+            kernels.boxes_over(outline.boxes, outline.inside, box, area_px, limits, fits)
+            feet = scene.model_map.foot_px[fits].astype(np.float64)
+            found.append(np.column_stack([feet, np.full(len(feet), outline.scale)]))
+        return np.concatenate(found)
 
     def _pick(self, candidates: F64, blob_px: int, splits: bool, in_part: bool) -> ModelCandidate | None:
         """The (N, 3) candidate of the highest score among those of plausible shape, visibility and freedom."""
@@ -148,7 +167,7 @@ class CandidateFinder:
         precision = inner / np.maximum(1.0, counts.area - counts.taken)
         local = inner / np.maximum(1.0, inner + ring)
         entry = model_map.entry_at(candidates[:, :2])
-        visible = np.where(entry >= 0, model_map.visibility[entry], 0.0)
+        visible = self._visible(candidates, entry, counts.area)
         apart = (counts.taken <= APART_TAKEN * counts.area) & (visible >= APART_VISIBLE) & (not splits)
         minimum = np.where(apart, self._apart_precision[entry], spawn.min_precision)
         ok = (counts.area > 0) & (precision >= (self._part_precision if in_part else minimum))
@@ -164,6 +183,14 @@ class CandidateFinder:
         foot, scale = candidates[best, :2].copy(), float(candidates[best, 2])
         return ModelCandidate(foot, scale, float(score[best]), float(precision[best]), splits)
 
+    def _visible(self, candidates: F64, entry: I32, shown_px: I64) -> F64:
+        """(N,) part of each candidate inside the image; 0 where no person is possible."""
+        visible = self._scene.model_map.visibility[entry].astype(np.float64)
+        other = candidates[:, 2] != 1.0
+        feet, scale = candidates[other, :2], candidates[other, 2]
+        visible[other] = self._scene.sizes.visible(entry[other], scale, feet, shown_px[other].astype(np.float64))
+        return np.where(entry >= 0, visible, 0.0)
+
     def _moves(self, candidate: ModelCandidate, evidence: U8, motion: U8) -> bool:
         """Motion salience: enough of the model's foreground proper moves; a ghost of a person who left does not."""
         mask = np.zeros_like(evidence)
@@ -172,6 +199,20 @@ class CandidateFinder:
         salient = (mask[window] > 0) & (evidence[window] > 1)
         moving = int((salient & (motion[window] > 0)).sum())
         return moving >= 0.5 * self._params.states.internal_motion * int(salient.sum())
+
+
+def _outlines(scene: ModelScene, spread: float) -> list[_Outlines]:
+    """Of so many heights that neighbours differ by ``COARSE`` in size: mostly one, more where the camera hangs low."""
+    sizes, n = scene.sizes, len(scene.model_map)
+    nearest = float(np.median(sizes.nearer))
+    low, high = (image_size(nearest, 1.0 + d) for d in (-spread, spread))
+    heights = np.linspace(1.0 - spread, 1.0 + spread, max(1, math.ceil(math.log(high / low) / math.log(COARSE))))
+    entries, feet = np.arange(n, dtype=np.int32), scene.model_map.foot_px.astype(np.float64)
+    found = []
+    for scale in heights if len(heights) > 1 else [1.0]:
+        boxes = sizes.boxes_at(entries, np.full(n, scale), feet).astype(np.float32)
+        found.append(_Outlines(float(scale), boxes, inside(boxes, scene.model_map.camera.size)))
+    return found
 
 
 def _steepness(model_map: HumanModelMap) -> F64:

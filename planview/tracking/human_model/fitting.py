@@ -140,7 +140,7 @@ class Fitter:
         """(N,) standard deviation of a measured foot pixel [px]."""
         entry = self.scene.model_map.entry_at(foot)
         height = np.linalg.norm(self.scene.map_boxes[entry, 2:], axis=1)
-        return np.asarray(1.0 + self.params.match.position_noise * height * scale)
+        return np.asarray(1.0 + self.params.match.position_noise * height * self.scene.sizes.of(entry, scale))
 
     def _places(self, foot: F64, scale: F64) -> list[_Place]:
         """Floor points of measured (N, 2) foot pixels of people of (N,) scales."""
@@ -178,12 +178,14 @@ class Fitter:
         own = was_observed or float(measured.alone[i]) >= p.prune.merge_alone
         matched = hidden or (own and precision >= p.match.min_precision) or target.seat is not None
         target.foot_px, target.precision = measured.position[i], precision
-        target.inside = self.scene.visibility(target.foot_px)
+        target.inside = self.scene.visibility(target.foot_px, target.model_scale)
         self._observe(target, matched, precision)
         target.weigh(self._dt_s, hidden or target.seat is not None, p.existence)
         if matched and not hidden:
             uncertain = target.stability in ("disappearing", "occlusion")
-            noise = place.noise.scaled(p.states.uncertain_noise if uncertain else 1.0)
+            # What fills the model badly tells the place badly, and the next frame is searched farther around.
+            worse = (p.states.uncertain_noise if uncertain else 1.0) / max(precision, p.match.min_precision)
+            noise = place.noise.scaled(worse)
             if not target.depth_known:
                 noise = noise.stretched(place.x_m, place.y_m, DEPTH_M)
             target.kalman = target.kalman.corrected(place.x_m, place.y_m, noise)
@@ -224,7 +226,7 @@ class Fitter:
     def _learn_width(self, target: Target, i: int, measured: Measurement) -> None:
         n = int(measured.counts.breadth_n[i])
         if target.stability == "stable" and target.existence.observed and measured.hidden[i] == 0 and n > 0:
-            half = 0.5 * self.scene.box_width(target.foot_px) * target.model_scale
+            half = 0.5 * self.scene.box_width(target.foot_px, target.model_scale)
             width = SILHOUETTE * math.sqrt(measured.counts.breadth_px2[i] / n) / max(half, 1.0)
             target.build.width += self._gain() * (min(max(width, 1.0), MAX_WIDTH) - target.build.width)
 

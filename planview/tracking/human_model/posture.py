@@ -212,7 +212,7 @@ class Posture:
         now, other = target.model_scale, target.build.scale * (1.0 if target.seat is not None else p.posture.sitting)
         # A person who rises keeps the head where it is at first: the foot of the seated model is too high for that.
         rises = target.seat is not None
-        places = (foot, scene.below(foot, other - now) if rises else place)
+        places = (foot, scene.below(foot, scene.size(foot, other) - scene.size(foot, now)) if rises else place)
         best = max(scene.best_near(frame.evidence, at, now, target.build.scale)[0] for at in places)
         found = [
             scene.best_near(frame.evidence, at, other, target.build.scale) for at in (places if rises else places[1:])
@@ -250,7 +250,7 @@ class Posture:
         for other, foot in zip(group, position, strict=True):
             if other is not target and other.seat is not None and min(other.shared, target.shared) > 0.0:
                 aside = np.array(
-                    [self.params.match.ring * CLAIMED_RING * self.scene.box_width(foot) * other.model_scale, 0.0]
+                    [self.params.match.ring * CLAIMED_RING * self.scene.box_width(foot, other.model_scale), 0.0]
                 )
                 for place in (foot - aside, foot + aside):
                     self.scene.paint(self.scene.cover, place, other.model_scale, amount)

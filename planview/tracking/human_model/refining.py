@@ -119,7 +119,7 @@ class Refiner:
 
     def _clear(self, position: F64, scale: float, from_foot: float) -> bool:
         """Whether nobody and nothing hides an end of a model."""
-        return self.scene.covered(self.scene.below(position, -from_foot * scale), END * scale) <= MAX_COVERED
+        return self.scene.covered(position, scale, from_foot, END) <= MAX_COVERED
 
     def _learn(self, target: Target, height: float, dt_s: float) -> None:
         """The mean of what was measured and of one ``learning_s`` of the average person.

@@ -13,12 +13,11 @@ from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model import _match_kernels as matching
 from planview.tracking.human_model import _measure_kernels as measuring
 from planview.tracking.human_model.frame import ModelFrame
+from planview.tracking.human_model.image_size import MIN_AXIS, ImageSizes, inside, upright
 from planview.tracking.human_model.measurement import Extent, Measurement
 from planview.tracking.human_model.model_map import HumanModelMap
 from planview.tracking.human_model.params import HumanMatchParams
 
-MIN_AXIS = 0.5
-"""Length of the head-foot axis over the model's longest side below which head and foot say little (our choice)."""
 SWEEPS = 2
 """Rounds of the joint maximisation over all targets: the second settles who owns shared pixels (our choice)."""
 SEARCH_SIGMAS = 2.5
@@ -69,6 +68,7 @@ class ModelScene:
         self._nowhere = np.zeros((height, width), np.uint8)
         self._sums = np.zeros((height, width + 1), np.int64)
         self._spans = kernels.Spans.of(height)
+        self.sizes = ImageSizes(model_map)
         self._people = kernels.MapArrays(
             np.ascontiguousarray(model_map.index),
             *model_map.origin_px,
@@ -76,13 +76,11 @@ class ModelScene:
             np.ascontiguousarray(model_map.foot_px),
             np.ascontiguousarray(model_map.hull_px),
             upright(model_map),
+            self.sizes.nearer,
         )
         self._expected_s, self._shown_s, self._open_m = np.zeros((3, height, width), np.float32)
-        self.map_boxes = model_map.boxes()
-        low = np.maximum(self.map_boxes[:, :2], 0)
-        high = np.minimum(self.map_boxes[:, :2] + self.map_boxes[:, 2:], (width, height))
-        self.map_inside = np.prod(np.maximum(high - low, 0), axis=1)
-        """(N,) area of each entry's box inside the image [px^2]."""
+        self.map_boxes = self.sizes.boxes
+        self.map_inside = inside(self.map_boxes, model_map.camera.size)
 
     def match(self, foreground: U8, predicted: F64, scale: F64, covariance: F64, order: I64) -> F64:
         """Joint best foot pixels (N, 2) of these targets; models placed since ``clear`` keep their pixels.
@@ -150,11 +148,11 @@ class ModelScene:
         Returns:
             the score and its (2,) foot pixel.
         """
-        reach = SHIFT * self.longest_side(position) * reference
+        reach = SHIFT * self.longest_side(position, reference)
         offsets = np.linspace(-reach, reach, 7)
         du, dv = np.meshgrid(offsets / 2, offsets)
         near = np.column_stack([position[0] + du.ravel(), position[1] + dv.ravel(), np.full(du.size, scale)])
-        window = 2.0 * self.longest_side(position) * max(scale, reference)
+        window = 2.0 * self.longest_side(position, max(scale, reference))
         height, width = evidence.shape
         top, bottom = max(0, int(position[1] - window)), min(height, int(position[1] + window) + 1)
         kernels.row_prefix(evidence, self.cover, self.hiding, kernels.Window(0, width, top, bottom), self._sums)
@@ -181,8 +179,7 @@ class ModelScene:
     def learn_hiding(self, evidence: U8, position: F64, scale: float, dt_s: float) -> None:
         """Note where the core of a person's model shows foreground and where it does not, after ``match``."""
         away_m = self._away_m(position)
-        core = self.below(position, -0.5 * (1.0 - CORE) * scale)
-        top, bottom = self._fill(core, CORE * scale)
+        top, bottom = self._fill_part(position, scale, 0.5 * (1.0 - CORE), CORE)
         measuring.learn_hiding(
             evidence, self.cover, self._spans, top, bottom, dt_s, HIDING, self._expected_s, self._shown_s, self.hiding
         )
@@ -203,23 +200,31 @@ class ModelScene:
         images = measuring.Images(frame.evidence, frame.motion, self.cover, frame.blobs.labels, self.hiding)
         measuring.watch_still(images, self.claimed, np.zeros(len(frame.blobs), np.bool_), dt_s, still_s)
 
-    def visibility(self, position: F64) -> float:
+    def visibility(self, position: F64, scale: float = 1.0) -> float:
         """Fraction of the model at a (2,) foot pixel that is inside the image."""
         entry = self._entry(position)
-        return float(self.model_map.visibility[entry]) if entry >= 0 else 0.0
+        if entry < 0 or scale == 1.0:
+            return float(self.model_map.visibility[entry]) if entry >= 0 else 0.0
+        top, bottom = self._fill(position, scale)
+        shown_px = np.maximum(0, self._spans.right[top:bottom] - self._spans.left[top:bottom]).sum(keepdims=True)
+        return float(self.sizes.visible(np.array([entry]), np.array([scale]), position[None], shown_px)[0])
+
+    def size(self, position: F64, scale: float) -> float:
+        """Size in the image of a person at a (2,) foot pixel, over the average person's there."""
+        return self.sizes.at(self._entry(position), scale)
 
     def below(self, position: F64, heights: float) -> F64:
-        """The (2,) foot pixel so many model heights below a foot pixel, along the model's axis."""
+        """The (2,) foot pixel so many heights of the average model below a foot pixel, along the model's axis."""
         entry = self._entry(position)
         if entry < 0:
             return position
         axis = self.model_map.head_px[entry] - self.model_map.foot_px[entry]
         return np.asarray(position - heights * axis, np.float64)
 
-    def box_width(self, position: F64) -> float:
-        """Width of the average person's box at a (2,) foot pixel [px]."""
+    def box_width(self, position: F64, scale: float = 1.0) -> float:
+        """Width of a person's box at a (2,) foot pixel [px]."""
         entry = self._entry(position)
-        return float(self.map_boxes[entry, 2]) if entry >= 0 else 1.0
+        return float(self.map_boxes[entry, 2]) * self.sizes.at(entry, scale) if entry >= 0 else 1.0
 
     def _entry(self, position: F64) -> int:
         """As the map's ``entry_at`` for one pixel, without arrays: it is called many times per frame."""
@@ -232,10 +237,10 @@ class ModelScene:
         inside = 0 <= row < index.shape[0] and 0 <= col < index.shape[1]
         return int(index[row, col]) if inside else -1
 
-    def longest_side(self, position: F64) -> float:
-        """Longest side of the model's box at a (2,) foot pixel [px]; 1 where no person is possible."""
+    def longest_side(self, position: F64, scale: float = 1.0) -> float:
+        """Longest side of a model's box at a (2,) foot pixel [px]; 1 where no person is possible."""
         entry = self._entry(position)
-        return float(self.map_boxes[entry, 2:].max()) if entry >= 0 else 1.0
+        return float(self.map_boxes[entry, 2:].max()) * self.sizes.at(entry, scale) if entry >= 0 else 1.0
 
     def colours(self, image: U8, evidence: U8, position: F64, scale: float) -> F32:
         """(COLOUR_PARTS, COLOUR_LEVELS^3) float32 histogram of what only this model covers (after ``match``)."""
@@ -252,19 +257,21 @@ class ModelScene:
         if entry < 0:
             return None
         people = self.model_map
-        line = extents.line_of(people.foot_px[entry], people.head_px[entry], people.hull_px[entry], scale, position)
-        if line.length < MIN_AXIS * scale * float(self.map_boxes[entry, 2:].max()):
+        size = self.sizes.at(entry, scale)
+        line = extents.line_of(people.foot_px[entry], people.head_px[entry], people.hull_px[entry], size, position)
+        if line.length < MIN_AXIS * size * float(self.map_boxes[entry, 2:].max()):
             return None
         low, high, head = extents.body_extent(evidence, self.cover, line.axis, np.zeros(EXTENT_BINS, np.int64))
         axis_px = np.array([line.axis.along_u, line.axis.along_v])
         head = head - line.high if head > 1.0 / EXTENT_BINS else math.nan
         if high <= low:
             return Extent(axis_px, math.nan, math.nan, head, math.nan)
-        return Extent(axis_px, low - line.low, high - line.high, head, (high - low) / (line.high - line.low))
+        height = self.sizes.height_of(entry, size * (high - low) / (line.high - line.low)) / scale
+        return Extent(axis_px, low - line.low, high - line.high, head, height)
 
-    def covered(self, position: F64, scale: float) -> float:
-        """Part of a placed model, or of a piece of one, that another covers or the scene hides."""
-        top, bottom = self._fill(position, scale)
+    def covered(self, position: F64, scale: float, from_foot: float, share: float) -> float:
+        """Part of a piece of a placed model (see ``_fill_part``) that another covers or the scene hides."""
+        top, bottom = self._fill_part(position, scale, from_foot, share)
         area, covered = measuring.count_covered(self.cover, self.hiding, self._spans, top, bottom)
         return covered / max(1, area)
 
@@ -278,18 +285,17 @@ class ModelScene:
         entry = self._entry(position)
         if entry < 0:
             return None
-        return np.asarray(
-            position + scale * (self.model_map.hull_px[entry] - self.model_map.foot_px[entry]), np.float64
-        )
+        size = self.sizes.at(entry, scale)
+        return np.asarray(position + size * (self.model_map.hull_px[entry] - self.model_map.foot_px[entry]), np.float64)
+
+    def _fill_part(self, position: F64, scale: float, from_foot: float, share: float) -> tuple[int, int]:
+        """Rows of a piece of a model: a share of its size, the lower end at ``from_foot`` of it above the foot."""
+        size = self.size(position, scale)
+        low = self.below(position, -from_foot * size)
+        return self._fill(low, self.sizes.height_of(self._entry(low), share * size))
 
     def _fill(self, position: F64, scale: float) -> tuple[int, int]:
         top, bottom, _ = kernels.fill_spans(
             self._people, float(position[0]), float(position[1]), scale, self.cover.shape[1], self._spans
         )
         return int(top), int(bottom)
-
-
-def upright(model_map: HumanModelMap) -> U8:
-    """(N,) uint8, 1 where the head is above the foot in the image by half of the model's longest side."""
-    up = model_map.foot_px[:, 1] - model_map.head_px[:, 1]
-    return np.asarray(up >= MIN_AXIS * model_map.boxes()[:, 2:].max(axis=1), np.uint8)

@@ -66,8 +66,10 @@ class SitterFinder:
         self._scene, self._params = scene, params
         model_map, boxes = scene.model_map, scene.map_boxes
         self._sitting = params.posture.sitting
-        self._head_px = model_map.foot_px + self._sitting * (model_map.head_px - model_map.foot_px)
-        self._long_px = self._sitting * boxes[:, 2:].max(axis=1)
+        everywhere = np.arange(len(model_map), dtype=np.int32)
+        size = scene.sizes.of(everywhere, np.full(len(model_map), self._sitting))
+        self._head_px = model_map.foot_px + size[:, None] * (model_map.head_px - model_map.foot_px)
+        self._long_px = size * boxes[:, 2:].max(axis=1)
         self._whole = model_map.visibility == 1.0
 
     def on_region(self, evidence: U8, cover: U8, regions: Blobs, label: int) -> Sitter | None:
@@ -115,7 +117,7 @@ class SitterFinder:
     def _before(self, foot_px: F64, scale: float, evidence: U8, cover: U8) -> Sitter | None:
         """A sitter with about the feet of a standing model."""
         self._scene.prepare_candidates(evidence, cover)
-        reach = REACH * self._scene.longest_side(foot_px) * scale
+        reach = REACH * self._scene.longest_side(foot_px, scale)
         offsets = np.linspace(-reach, reach, 13)
         du, dv = np.meshgrid(offsets / 2, offsets)
         scales = np.full(du.size, self._sitting * scale)

@@ -16,9 +16,10 @@ from planview.tracking.human_model import _measure_kernels as measuring
 from planview.tracking.human_model import _unclaimed_kernels as unclaimed
 from planview.tracking.human_model.fitting import foot_pixels
 from planview.tracking.human_model.frame import ModelFrame
+from planview.tracking.human_model.image_size import ImageSizes, upright
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
 from planview.tracking.human_model.params import HumanMatchParams
-from planview.tracking.human_model.scene import ModelScene, upright
+from planview.tracking.human_model.scene import ModelScene
 from tests.reference import human_model as reference
 
 CAMERA = GroundCamera(96, 72, 70.0, 3.5, math.radians(62))
@@ -38,7 +39,7 @@ def _spans() -> kernels.Spans:
 def _map_arrays() -> kernels.MapArrays:
     nodes = np.ascontiguousarray(MAP.index), *MAP.origin_px, MAP.params.step_px
     outlines = np.ascontiguousarray(MAP.foot_px), np.ascontiguousarray(MAP.hull_px)
-    return kernels.MapArrays(*nodes, *outlines, upright(MAP))
+    return kernels.MapArrays(*nodes, *outlines, upright(MAP), ImageSizes(MAP).nearer)
 
 
 def _noise(seed: int, high: int) -> np.ndarray:
