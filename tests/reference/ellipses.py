@@ -201,11 +201,19 @@ def equations(
     return 0.5 * float((weight * residual**2).sum()), gradient, np.einsum("rc,irc,jrc->ij", weight, rows, rows)
 
 
+def explained(mask: F32, ellipses: F64, background: float, soft: float) -> float:
+    """Half the weighted squared residual of a mask without ellipses, less that with their soft union."""
+    outside = [1.0 - soft_inside(e, mask.shape, soft)[0] for e in ellipses]
+    union = 1.0 - np.prod(outside, axis=0)
+    weight = mask + background * (1.0 - mask)
+    return float(0.5 * (weight * (mask**2 - (mask - union) ** 2)).sum())
+
+
 def refine(
     mask: F32, ellipses: F64, law: tuple[float, float, float, float], spread: F64, limits: F64,
-    background: float, soft: float, sweeps: int,
+    background: float, soft: float, sweeps: int, members: list[int],
 ) -> F64:  # fmt: skip
-    """Levenberg-Marquardt on one ellipse at a time with Gaussian priors of size and angle."""
+    """Levenberg-Marquardt on one of the members at a time with Gaussian priors of size and angle."""
     half_0, slope, half_min, aspect = law
     out, damping, precision = ellipses.copy(), np.full(len(ellipses), 0.01), spread[3] ** -2
 
@@ -222,7 +230,7 @@ def refine(
         return cost * precision + 0.5 * float(((off / spread[:3]) ** 2).sum()), gradient, hessian
 
     for _ in range(sweeps):
-        for k in range(len(out)):
+        for k in members:
             x, y, a, b, angle = out[k]
             grow = 1.0 + EDGE * soft / b
             reach_y = math.hypot(a * math.cos(angle), b * math.sin(angle)) * grow

@@ -12,14 +12,14 @@ def overlaps(ellipses: F64, others: F64, margin: F64) -> Bool:
 
     Boxes of two thirds of the axes are compared: the corners of a box are not part of its ellipse.
     """
-    reach = _reach(ellipses) * 0.67 + margin
-    reach_others = _reach(others) * 0.67
+    reach = half_extents(ellipses) * 0.67 + margin
+    reach_others = half_extents(others) * 0.67
     gap = np.abs(ellipses[:, None, :2] - others[None, :, :2]) - reach[:, None] - reach_others[None]
     return np.asarray((gap < 0).all(axis=-1))
 
 
-def _reach(ellipses: F64) -> F64:
-    """(N, 2) half width and half height of the boxes around ellipses."""
+def half_extents(ellipses: F64) -> F64:
+    """(N, 2) half width and half height of the boxes around (N, 5) ellipses."""
     _, _, a, b, angle = ellipses.T
     s, c = np.sin(angle), np.cos(angle)
     return np.column_stack([np.hypot(a * s, b * c), np.hypot(a * c, b * s)])

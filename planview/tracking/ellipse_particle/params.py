@@ -25,9 +25,9 @@ class ImagePlaneParams(Params):
     no object covers. Equation (8) alone does not punish it, so objects could drift off wherever another one covers
     their measurement. 1 treats both ways of disagreeing alike; 0 is the paper's equation, with which 7 instead of 8
     people are counted up the pavement clip."""
-    newcomer_length: float = Field(0.6, ge=0, le=1)
-    """Share of a person's length that must show of a new object, outside what others cover. Our choice: a person from
-    the knees up; a suitcase has less."""
+    newcomer_length: float = Field(0.4, ge=0, le=1)
+    """Share of a person's length that must show of a new object, outside what others cover. Our choice: head and
+    torso of a person whom another one hides in part; a suitcase has 0.3."""
     min_length: float = Field(0.5, ge=0, le=1)
     """The same of a known object; what is shorter shares its measurement with an older one (occlusion), or is a thing,
     and is pruned after twice ``existence.patience_s``. Our choice: a person from the hips up."""

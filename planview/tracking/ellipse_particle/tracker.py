@@ -97,7 +97,7 @@ class EllipseParticleTracker:
             return ()
         before = self._carried_over(view)
         self._view = view
-        self._measured = self._measure(view)
+        self._prior = self._plane.prior(view)
         if self._prior is None:
             self._unsized = [*self._unsized, (dt, observation)][-REPLAYED:]
             return ()
@@ -140,31 +140,29 @@ class EllipseParticleTracker:
         if self._judged is None or self._objects.resize(regridded(was, on, view), prior, SIZE_LIMIT, view.mask.shape):
             self._judged = prior, view
 
-    def _measure(self, view: PlaneView) -> F64:
-        """(M, 5) ellipses fitted to the foreground, by the size that is expected now."""
-        self._prior = self._plane.prior(view)
-        return self._fit(view, self._prior)
-
-    def _fit(self, view: PlaneView, prior: SizePrior | None) -> F64:
-        if prior is None or float(view.mask.mean()) > FLOODED:
+    def _fit(self, view: PlaneView, prior: SizePrior) -> F64:
+        """(M, 5) ellipses fitted to the foreground, from nothing and from where known people are expected."""
+        if float(view.mask.mean()) > FLOODED:
             return NO_ELLIPSES
-        return fit_ellipses(view.mask, prior, self._params.fit, self._plane.model)
+        objects = self._objects
+        known = objects.ellipses(prior)[objects.confirmed & objects.measured]
+        return fit_ellipses(view.mask, prior, self._params.fit, self._plane.model, known)
 
     def _replay(self, prior: SizePrior) -> None:
         """Catch up with the frames that taught the size, so that people in them are confirmed once it is known."""
-        measured, cycle = self._measured, self._objects.cycle
+        cycle = self._objects.cycle
         now_s = cycle.now_s
         for dt, observation in self._unsized:
             view = self._plane.view(observation)
             if view is None:
                 continue
             cycle.now_s = observation.timestamp_s
-            self._measured = self._fit(view, prior)
             self._track(dt, view, prior)
-        self._unsized, self._measured, cycle.now_s = [], measured, now_s
+        self._unsized, cycle.now_s = [], now_s
 
     def _track(self, dt: float, view: PlaneView, prior: SizePrior) -> None:
         self._objects.predict(dt, self._plane.cells_per_m(view, prior, self._objects.states[:, Y]))
+        self._measured = self._fit(view, prior)
         self._weigh(view, prior)
         self._observe(dt, view, prior)
         self._spawn(view, prior)

@@ -196,8 +196,8 @@ def normal_equations(
 
 
 @njit(cache=True, nogil=True)
-def refine(mask: F32, ellipses: F64, law: SizeLaw, prior: Prior, match: Match, sweeps: int) -> None:
-    """Levenberg-Marquardt on one ellipse at a time, the others held, ``sweeps`` times round; in place."""
+def refine(mask: F32, ellipses: F64, members: I64, law: SizeLaw, prior: Prior, match: Match, sweeps: int) -> None:
+    """Levenberg-Marquardt on one of the members (K,) at a time, all others held, ``sweeps`` times round; in place."""
     n_rows, n_cols = mask.shape
     grad = np.empty(5)
     hess = np.empty((5, 5))
@@ -208,7 +208,7 @@ def refine(mask: F32, ellipses: F64, law: SizeLaw, prior: Prior, match: Match, s
     window = np.empty(4, dtype=np.int64)
     edges = soft_edges(ellipses, match.soft)
     for _ in range(sweeps):
-        for k in range(ellipses.shape[0]):
+        for k in members:
             window[0], window[1], window[2], window[3] = window_of(ellipses, k, match.soft, n_rows, n_cols)
             free_of(ellipses, edges, k, match.soft, window, free)
             cost = normal_equations(mask, ellipses[k], window, free, match, grad, hess, True) * precision

@@ -8,7 +8,11 @@ The paper gives no equations for it; the steps below are our choice:
 2. expectation-maximisation of a mixture of ellipses moves them, with a prior on their covariance;
 3. Levenberg-Marquardt matches the union of all soft ellipses to the mask, with priors on size and orientation,
    so that an object hidden in part keeps its full size (a merged region is explained by several ellipses);
-4. an ellipse that explains too little by itself is dropped (a split region keeps one ellipse).
+4. an ellipse without which the others, refined again, explain as much is dropped (a split region keeps one ellipse).
+
+Where people hide one another this is done twice, from nothing and from where known objects are expected, and in each
+region the fit that explains more is kept: two who have merged stay two. On a floor, where bodies keep apart, an ellipse
+that explains too little by itself is dropped.
 """
 
 from __future__ import annotations
@@ -24,6 +28,7 @@ from planview.tracking.ellipse_particle.fit import _area as kernels
 from planview.tracking.ellipse_particle.fit._cover import cover
 from planview.tracking.ellipse_particle.fit._em import em_step
 from planview.tracking.ellipse_particle.fit._lm import Match, Prior, refine
+from planview.tracking.ellipse_particle.fit.explanation import SWEEPS, Judge, best_of, own_shares
 from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
 
 SIZE_LIMIT = 1.4
@@ -32,8 +37,6 @@ EM_STEPS = 4
 """Steps of expectation-maximisation. Our choice: the start is within a third of a width already."""
 PRIOR_MASS = 0.5
 """Weight of the prior covariance in expectation-maximisation, in object areas. Our choice."""
-SWEEPS = 3
-"""Rounds of Levenberg-Marquardt over all ellipses. Our choice."""
 SOFT_EDGE = 0.7
 """Width of an ellipse's logistic edge in the refinement [cells]. Our choice: a cell is covered within about two."""
 STRAY = 0.02
@@ -55,12 +58,17 @@ class EllipseFitParams(Params):
     """Smallest gain that an ellipse must add on its own, as a share of its area. Our choice: a silhouette that fills
     two thirds gains 0.53, so a person hidden by half is still proposed, and a bag or a shadow of a third of a person
     is not."""
+    known_gain: float = Field(0.05, ge=0, lt=1)
+    """The same of a known object, where people hide one another: this frame alone need not prove that it is there. Our
+    choice: a head beside another person."""
     cell_deviation: float = Field(0.7, gt=0, le=10)
     """Deviation of a cell's residual, correlation of neighbouring cells included. Our choice: a residual of 0.35 per
     cell (holes, limbs), the same over patches of 2 x 2 cells: 0.35 sqrt(4)."""
 
 
-def fit_ellipses(mask: F32, prior: SizePrior, params: EllipseFitParams, plane: PlaneModel) -> F64:
+def fit_ellipses(
+    mask: F32, prior: SizePrior, params: EllipseFitParams, plane: PlaneModel, known: F64 | None = None
+) -> F64:
     """Fit one ellipse to each object in a foreground mask.
 
     Args:
@@ -68,6 +76,7 @@ def fit_ellipses(mask: F32, prior: SizePrior, params: EllipseFitParams, plane: P
         prior: size expected per row.
         params: weights.
         plane: directions and distances that are possible.
+        known: (K, 5) where known objects are expected, as the result; none by default.
     Returns:
         (N, 5) float64: x, y, half length, half width [cells], angle of the length axis from the +row direction [rad].
     Raises:
@@ -75,27 +84,43 @@ def fit_ellipses(mask: F32, prior: SizePrior, params: EllipseFitParams, plane: P
     """
     if mask.ndim != 2 or mask.dtype != np.float32:
         raise ValueError(f"expected a (R, C) float32 mask, got {mask.shape} {mask.dtype}")
+    known = np.zeros((0, 5)) if known is None else known
+    fresh = _fitted(mask, known[:0], prior, params, plane)
+    if plane.separation > 0:
+        return _needed(mask, _apart(mask, fresh, prior, params, plane), params)
+    starts = [fresh, _fitted(mask, known, prior, params, plane)] if len(known) else [fresh]
+    gains = params.min_gain, params.known_gain
+    return best_of(
+        Judge(mask, kernels.row_prefix(mask), prior, _about(params, plane), _match(params), *gains, known), starts
+    )
+
+
+def _fitted(mask: F32, known: F64, prior: SizePrior, params: EllipseFitParams, plane: PlaneModel) -> F64:
+    """Known objects, and a greedy cover of what they leave, moved to the foreground."""
     score = mask - np.float32(params.background_weight) * (1 - mask)
+    score[paint_union(known, mask.shape) > 0] = 0
     start = prior.rounded() if prior.any_direction else prior
     lengths = start.half_lengths(np.arange(mask.shape[0], dtype=np.float64))
     stride = max(1, round(0.4 * start.aspect * float(np.median(lengths))))
     accept = plane.proposal * params.min_gain
-    found = cover(score, lengths, start.aspect, stride, accept, MAX_ELLIPSES)
-    if not len(found):
-        return found
-    _expect_and_maximise(mask, found, prior, params, plane)
-    refine_ellipses(mask, found, prior, params, plane)
-    apart = _apart(mask, found, prior, plane.separation)
-    if len(apart) < len(found):
-        refine_ellipses(mask, apart, prior, params, plane)
-    return _needed(mask, apart, params)
+    found = np.concatenate([known, cover(score, lengths, start.aspect, stride, accept, MAX_ELLIPSES)])
+    if len(found):
+        _expect_and_maximise(mask, found, prior, params, plane)
+        refine_ellipses(mask, found, prior, params, plane)
+    return found
 
 
 def refine_ellipses(mask: F32, ellipses: F64, prior: SizePrior, params: EllipseFitParams, plane: PlaneModel) -> None:
     """Levenberg-Marquardt refinement of (N, 5) ellipses against the mask, in place."""
-    about = Prior(params.size_spread, plane.angle_spread, math.log(SIZE_LIMIT), plane.angle_limit)
-    match = Match(params.cell_deviation, params.background_weight, SOFT_EDGE)
-    refine(mask, ellipses, prior.law, about, match, SWEEPS)
+    refine(mask, ellipses, np.arange(len(ellipses)), prior.law, _about(params, plane), _match(params), SWEEPS)
+
+
+def _about(params: EllipseFitParams, plane: PlaneModel) -> Prior:
+    return Prior(params.size_spread, plane.angle_spread, math.log(SIZE_LIMIT), plane.angle_limit)
+
+
+def _match(params: EllipseFitParams) -> Match:
+    return Match(params.cell_deviation, params.background_weight, SOFT_EDGE)
 
 
 def _expect_and_maximise(
@@ -114,23 +139,22 @@ def _expect_and_maximise(
     ellipses[:, 4] = np.clip(ellipses[:, 4], -plane.angle_limit, plane.angle_limit)
 
 
-def _apart(mask: F32, ellipses: F64, prior: SizePrior, separation: float) -> F64:
-    """Drop the one that covers less of any two ellipses that are too close to be two objects.
-
-    Args:
-        separation: smallest distance of two centres, in half lengths.
-    """
-    if separation == 0 or len(ellipses) < 2:
+def _apart(mask: F32, ellipses: F64, prior: SizePrior, params: EllipseFitParams, plane: PlaneModel) -> F64:
+    """Drop the one that covers less of any two ellipses that are too close to be two objects; the rest is refined."""
+    if len(ellipses) < 2:
         return ellipses
     prefix = kernels.row_prefix(mask)
     covered = np.array([kernels.ellipse_sum(prefix, *ellipse)[0] for ellipse in ellipses])
-    distance_min = separation * prior.half_lengths(ellipses[:, 1])
+    distance_min = plane.separation * prior.half_lengths(ellipses[:, 1])
     kept: list[int] = []
     for k in np.argsort(-covered, kind="stable"):
         distance = np.hypot(*(ellipses[kept, :2] - ellipses[k, :2]).T)
         if (distance >= distance_min[k]).all():
             kept.append(int(k))
-    return ellipses[sorted(kept)]
+    apart = ellipses[sorted(kept)]
+    if len(apart) < len(ellipses):
+        refine_ellipses(mask, apart, prior, params, plane)
+    return apart
 
 
 def _needed(mask: F32, ellipses: F64, params: EllipseFitParams) -> F64:
@@ -143,18 +167,6 @@ def _needed(mask: F32, ellipses: F64, params: EllipseFitParams) -> F64:
             break
         ellipses = np.delete(ellipses, worst, axis=0)
     return ellipses
-
-
-def own_shares(prefix: F64, ellipses: F64, background_weight: float) -> F64:
-    """Gain of each ellipse over the union of the others, as a share of its area, (N,) float64.
-
-    Of an object that is cut by the border only the part inside counts, or half where less is inside.
-    """
-    out = np.zeros((len(ellipses), 4))
-    kernels.exclusive(prefix, ellipses, out)
-    value, cells = out[:, kernels.OWN_VALUE], out[:, kernels.OWN_AREA]
-    area = np.clip(out[:, kernels.AREA], 0.5 * np.pi * ellipses[:, 2] * ellipses[:, 3], None)
-    return np.asarray((value - background_weight * (cells - value)) / np.maximum(area, 1e-9))
 
 
 def paint_union(ellipses: F64, shape: tuple[int, int]) -> U8:

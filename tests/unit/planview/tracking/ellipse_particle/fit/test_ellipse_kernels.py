@@ -19,6 +19,7 @@ from planview.tracking.ellipse_particle._region_kernels import region_sums
 from planview.tracking.ellipse_particle.fit import _area as kernels
 from planview.tracking.ellipse_particle.fit._cover import cover
 from planview.tracking.ellipse_particle.fit._em import em_step
+from planview.tracking.ellipse_particle.fit._evidence import explained
 from planview.tracking.ellipse_particle.fit._lm import (
     Match,
     Prior,
@@ -163,9 +164,28 @@ def test_refine_agrees_with_its_twin():
     mask = reference.paint(np.array([[20.0, 20, 12, 4.5, 0.1], [27, 22, 11, 4, -0.1]]), SHAPE).astype(np.float32)
     start = np.array([[18.5, 18, 10, 4, 0.0], [28, 24, 12, 4.5, 0.05]])
     law, spread, limits = SizeLaw(9.0, 0.05, 2.0, 0.4), np.array([0.12, 0.12, 0.1, 0.7]), np.array([0.34, 0.35])
-    expected = reference.refine(mask, start, law, spread, limits, 0.4, 0.7, 3)
-    refine(mask, start, law, Prior(0.12, 0.1, 0.34, 0.35), Match(0.7, 0.4, 0.7), 3)
-    np.testing.assert_allclose(start, expected, atol=1e-6)
+    for members in [0, 1], [1]:
+        moved = start.copy()
+        expected = reference.refine(mask, start, law, spread, limits, 0.4, 0.7, 3, members)
+        refine(mask, moved, np.array(members), law, Prior(0.12, 0.1, 0.34, 0.35), Match(0.7, 0.4, 0.7), 3)
+        np.testing.assert_allclose(moved, expected, atol=1e-6)
+    np.testing.assert_array_equal(moved[0], start[0])
+
+
+@pytest.mark.parametrize("count", [1, 5])
+def test_explained_agrees_with_its_twin(count):
+    rng = np.random.default_rng(11)
+    mask, ellipses = random_mask(rng), random_ellipses(rng, count)
+    expected = reference.explained(mask, ellipses, 0.4, 0.7)
+    assert explained(mask, ellipses, Match(0.7, 0.4, 0.7)) == pytest.approx(expected, abs=1e-6)
+
+
+def test_an_ellipse_explains_half_of_the_foreground_in_it_and_loses_background():
+    match, ellipse = Match(0.7, 0.4, 0.05), np.array([[100.0, 100, 60, 20, 0.0]])
+    full, area = np.ones((200, 200), dtype=np.float32), math.pi * 60 * 20
+    assert explained(full, ellipse, match) == pytest.approx(0.5 * area, rel=0.02)
+    assert explained(0 * full, ellipse, match) == pytest.approx(-0.5 * 0.4 * area, rel=0.02)
+    assert explained(full, ellipse[:0], match) == 0.0
 
 
 def test_shown_rows_agree_with_their_twin():
