@@ -18,10 +18,16 @@ def _entry(model_map: HumanModelMap, u: float, v: float) -> int:
 
 
 def image_size(model_map: HumanModelMap, entry: int, scale: float) -> float:
-    """Size in the image over the average person's: head and foot are apart by s / (1 - s h cos(tilt) / Z)."""
-    camera = model_map.camera
-    depth = float(model_map.floor_m[entry, 1]) * np.sin(camera.tilt_rad) + camera.height_m * np.cos(camera.tilt_rad)
-    near = model_map.model.height_m * np.cos(camera.tilt_rad) / depth
+    """Size in the image over the average person's: head and foot are apart by s / (1 - s h cos(tilt) / Z).
+
+    In proportion where heads are mostly nearer than feet by less than half of the feet's distance.
+    """
+    camera, away_m = model_map.camera, model_map.floor_m[:, 1].astype(np.float64)
+    depth = away_m * np.sin(camera.tilt_rad) + camera.height_m * np.cos(camera.tilt_rad)
+    nearer = model_map.model.height_m * np.cos(camera.tilt_rad) / depth
+    if np.median(nearer) < 0.5:
+        return scale
+    near = float(nearer[entry])
     return float(scale * (1.0 - near) / max(1.0 - scale * near, 0.25 * (1.0 - near)))
 
 

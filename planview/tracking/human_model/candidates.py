@@ -186,7 +186,7 @@ class CandidateFinder:
     def _visible(self, candidates: F64, entry: I32, shown_px: I64) -> F64:
         """(N,) part of each candidate inside the image; 0 where no person is possible."""
         visible = self._scene.model_map.visibility[entry].astype(np.float64)
-        other = candidates[:, 2] != 1.0
+        other = (candidates[:, 2] != 1.0) & (not self._scene.sizes.proportional)
         feet, scale = candidates[other, :2], candidates[other, 2]
         visible[other] = self._scene.sizes.visible(entry[other], scale, feet, shown_px[other].astype(np.float64))
         return np.where(entry >= 0, visible, 0.0)

@@ -183,9 +183,7 @@ class Fitter:
         target.weigh(self._dt_s, hidden or target.seat is not None, p.existence)
         if matched and not hidden:
             uncertain = target.stability in ("disappearing", "occlusion")
-            # What fills the model badly tells the place badly, and the next frame is searched farther around.
-            worse = (p.states.uncertain_noise if uncertain else 1.0) / max(precision, p.match.min_precision)
-            noise = place.noise.scaled(worse)
+            noise = place.noise.scaled(p.states.uncertain_noise if uncertain else 1.0)
             if not target.depth_known:
                 noise = noise.stretched(place.x_m, place.y_m, DEPTH_M)
             target.kalman = target.kalman.corrected(place.x_m, place.y_m, noise)

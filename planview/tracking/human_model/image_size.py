@@ -14,6 +14,10 @@ from calib.types import F32, F64, I32, U8
 from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model.model_map import HumanModelMap
 
+LOW = 0.5
+"""How much nearer heads must be than feet, over the distance of the feet, for perspective to be minded (our choice): one
+per cent of the height is then two of the size. Elsewhere sizes are in proportion to heights: with perspective everywhere,
+remains of people became short people (conference rooms 410 to 416: right in 66 % of the time in place of 72 %)."""
 MIN_AXIS = 0.5
 """Length of the head-foot axis over the model's longest side below which head and foot say little (our choice)."""
 
@@ -25,7 +29,9 @@ class ImageSizes:
         model_map: of the average person.
         boxes: (N, 4) float32 left, top, width, height of the average person [px].
         areas: (N,) of the average person's outline [px^2].
-        nearer: (N,) how much nearer to the camera's plane the head is than the foot, over the foot's distance.
+        proportional: people are as much larger as they are taller.
+        nearer: (N,) how much nearer to the camera's plane the head is than the foot, over the foot's distance; 0 where
+            sizes are in proportion.
     """
 
     def __init__(self, model_map: HumanModelMap) -> None:
@@ -36,7 +42,9 @@ class ImageSizes:
         )
         camera, away_m = model_map.camera, model_map.floor_m[:, 1].astype(np.float64)
         ahead, down = math.sin(camera.tilt_rad), math.cos(camera.tilt_rad)
-        self.nearer: F64 = model_map.model.height_m * down / (away_m * ahead + camera.height_m * down)
+        nearer = model_map.model.height_m * down / (away_m * ahead + camera.height_m * down)
+        self.proportional = bool(np.median(nearer) < LOW)
+        self.nearer: F64 = np.zeros(len(nearer)) if self.proportional else nearer
 
     def at(self, entry: int, scale: float) -> float:
         """Size of a person of ``scale`` times the average height; where no person is possible (-1), as far away."""

@@ -77,11 +77,8 @@ class Missing:
         xy_m = newcomer.build.origin_m
         if self._visibility(xy_m) < 1.0 or self._at_entrance(xy_m):
             return None
-        since_s, near_m = newcomer.existence.spawned_s, self._params.reacquire_m
-        before = [
-            t for t in lost
-            if t.inside == 1.0 and (t.existence.observed_s < since_s or math.dist(t.xy_m, newcomer.xy_m) <= near_m)
-        ]  # fmt: skip
+        since_s = newcomer.existence.spawned_s
+        before = [t for t in lost if t.existence.observed_s < since_s and t.inside == 1.0]
         near = sorted((*self._people, *before), key=lambda t: math.dist(t.seen_m, xy_m))
         return next((t for t in near if not likeness(t) < self._params.min_likeness), None)
 

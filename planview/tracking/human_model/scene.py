@@ -203,7 +203,7 @@ class ModelScene:
     def visibility(self, position: F64, scale: float = 1.0) -> float:
         """Fraction of the model at a (2,) foot pixel that is inside the image."""
         entry = self._entry(position)
-        if entry < 0 or scale == 1.0:
+        if entry < 0 or scale == 1.0 or self.sizes.proportional:
             return float(self.model_map.visibility[entry]) if entry >= 0 else 0.0
         top, bottom = self._fill(position, scale)
         shown_px = np.maximum(0, self._spans.right[top:bottom] - self._spans.left[top:bottom]).sum(keepdims=True)

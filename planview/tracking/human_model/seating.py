@@ -16,7 +16,7 @@ from planview.tracking.human_model.missing import Missing
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.scene import ModelScene
 from planview.tracking.human_model.sitters import Seated, Sitter, SitterFinder
-from planview.tracking.human_model.target import Target
+from planview.tracking.human_model.target import Build, Target
 from planview.tracking.human_model.unclaimed import Unclaimed
 from planview.tracking.kalman import FloorKalman
 from planview.tracking.lifecycle import LifeCycle
@@ -107,9 +107,15 @@ class Seating:
         self._life.log(target.existence, "state", "sits", seated.gain)
         self._seat(target, seated.front, targets, frame)
         if seated.back is not None and self._is_free(seated.back, targets):
-            other = self._nearest_lost(seated.back, targets)
-            if other is not None:
-                self._seat(other, seated.back, targets, frame, "sits behind another")
+            other = self._nearest_lost(seated.back, targets) or self._newcomer(seated.back)
+            self._seat(other, seated.back, targets, frame, "sits behind another")
+            self._life.confirm(other.existence, "sits behind another", seated.gain)
+
+    def _newcomer(self, sitter: Sitter) -> Target:
+        """A target for a person whom another's standing model has hidden."""
+        existence = self._life.spawn("sits behind another", sitter.score, "split")
+        kalman = self._standing_on(sitter)
+        return Target(existence, kalman, Build(1.0, np.array([kalman.x_m, kalman.y_m])), sitter.foot_px)
 
     def _seat(self, target: Target, sitter: Sitter, targets: list[Target], frame: ModelFrame, reason: str = "") -> None:
         """Seat a person, and give a reason if the person was not observed before."""
