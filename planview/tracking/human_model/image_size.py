@@ -15,9 +15,9 @@ from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model.model_map import HumanModelMap
 
 LOW = 0.5
-"""How much nearer heads must be than feet, over the distance of the feet, for perspective to be minded (our choice): one
-per cent of the height is then two of the size. Elsewhere sizes are in proportion to heights: with perspective everywhere,
-remains of people became short people (conference rooms 410 to 416: right in 66 % of the time in place of 72 %)."""
+"""How much nearer heads must be than feet, over the distance of the feet, for perspective to be minded (our choice):
+one per cent of the height is then two of the size. Elsewhere sizes are in proportion to heights: with perspective
+everywhere, remains of people became short people in conference rooms."""
 MIN_AXIS = 0.5
 """Length of the head-foot axis over the model's longest side below which head and foot say little (our choice)."""
 

@@ -206,8 +206,8 @@ class ModelScene:
         if entry < 0 or scale == 1.0 or self.sizes.proportional:
             return float(self.model_map.visibility[entry]) if entry >= 0 else 0.0
         top, bottom = self._fill(position, scale)
-        shown_px = np.maximum(0, self._spans.right[top:bottom] - self._spans.left[top:bottom]).sum(keepdims=True)
-        return float(self.sizes.visible(np.array([entry]), np.array([scale]), position[None], shown_px)[0])
+        shown = np.maximum(0, self._spans.right[top:bottom] - self._spans.left[top:bottom]).sum(keepdims=True)
+        return float(self.sizes.visible(np.array([entry]), np.array([scale]), position[None], shown)[0])
 
     def size(self, position: F64, scale: float) -> float:
         """Size in the image of a person at a (2,) foot pixel, over the average person's there."""
