@@ -9,9 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 
+import numpy as np
+
 from calib.types import F64
 from planview.tracking.human_model.params import PruneParams
 from planview.tracking.human_model.pruning import PERSON_PATIENCE
+from planview.tracking.human_model.scene import ModelScene
 from planview.tracking.human_model.target import Target
 
 TWICE = 2
@@ -23,11 +26,11 @@ class Missing:
 
     Args:
         params: of pruning.
-        visibility: part of a person at a (2,) floor point that is inside the image.
+        scene: tells what part of a person is inside the image.
     """
 
-    def __init__(self, params: PruneParams, visibility: Callable[[F64], float]) -> None:
-        self._params, self._visibility = params, visibility
+    def __init__(self, params: PruneParams, scene: ModelScene) -> None:
+        self._params, self._scene = params, scene
         self.reset()
 
     def reset(self) -> None:
@@ -61,7 +64,7 @@ class Missing:
     def learn(self, newcomer: Target) -> None:
         """A person who appears inside the view while nobody is missing has come in there."""
         xy_m = newcomer.build.origin_m
-        if not self._people and not newcomer.splits and self._visibility(xy_m) == 1.0:
+        if not self._people and not newcomer.splits and self._whole(xy_m):
             self._appeared.append(xy_m)
 
     def who_appears(
@@ -75,12 +78,16 @@ class Missing:
             likeness: of a target's memory to the new target; NaN where it is not known.
         """
         xy_m = newcomer.build.origin_m
-        if self._visibility(xy_m) < 1.0 or self._at_entrance(xy_m):
+        if not self._whole(xy_m) or self._at_entrance(xy_m):
             return None
         since_s = newcomer.existence.spawned_s
         before = [t for t in lost if t.existence.observed_s < since_s and t.inside == 1.0]
         near = sorted((*self._people, *before), key=lambda t: math.dist(t.seen_m, xy_m))
         return next((t for t in near if not likeness(t) < self._params.min_likeness), None)
+
+    def _whole(self, xy_m: F64) -> bool:
+        """Whether all of a person at a (2,) floor point is inside the image."""
+        return self._scene.visibility(self._scene.model_map.camera.project(np.append(xy_m, 0.0))) == 1.0
 
     def _at_entrance(self, xy_m: F64) -> bool:
         near = [place for place in self._appeared if math.dist(place, xy_m) <= self._params.vanished_m]

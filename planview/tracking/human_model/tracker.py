@@ -58,7 +58,7 @@ class HumanModelTracker:
         self._fitter = Fitter(params, camera, self.scene, self._life, self._identity)
         self._find = CandidateFinder(self.scene, params)
         self._unclaimed = Unclaimed(self.scene, params)
-        self._missing = Missing(params.prune, lambda xy: self.scene.visibility(self.camera.project(np.append(xy, 0.0))))
+        self._missing = Missing(params.prune, self.scene)
         self._seating = Seating(params, self.scene, self._life, self._fitter, self._missing)
         self.reset()
 

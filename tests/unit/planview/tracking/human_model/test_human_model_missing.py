@@ -1,12 +1,15 @@
 """People who are missing: kept in mind, recognised when somebody appears where nobody comes in, forgotten at last."""
 
 import math
+from typing import cast
 
 import numpy as np
 import pytest
 
+from calib.types import F64
 from planview.tracking.human_model.missing import Missing
 from planview.tracking.human_model.params import PruneParams
+from planview.tracking.human_model.scene import ModelScene
 from planview.tracking.human_model.target import Build, Target
 from planview.tracking.kalman import FloorKalman
 from planview.tracking.lifecycle import Existence
@@ -15,9 +18,21 @@ PARAMS = PruneParams()
 FAR = 2.0 * PARAMS.vanished_m
 
 
+class _View:
+    """A camera that looks straight down with 1 px per metre; the border of its image is at x = -1."""
+
+    def __init__(self) -> None:
+        self.model_map = self.camera = self
+
+    def project(self, xyz_m: F64) -> F64:
+        return xyz_m[:2]
+
+    def visibility(self, position: F64) -> float:
+        return 1.0 if position[0] > -1.0 else 0.5
+
+
 def _missing() -> Missing:
-    """In a view whose border is at x = -1."""
-    return Missing(PARAMS, lambda xy: 1.0 if xy[0] > -1.0 else 0.5)
+    return Missing(PARAMS, cast("ModelScene", _View()))
 
 
 def _at(x_m: float, track_id: int = 1, since_s: float = 0.0, confirmed: bool = True) -> Target:
