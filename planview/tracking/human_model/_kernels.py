@@ -105,6 +105,13 @@ def image_size(nearer: float, scale: float) -> float:
 
 
 @njit(cache=True, nogil=True)
+def image_sizes(nearer: F64, scale: F64, out: F64) -> None:
+    """``image_size`` of many people, into (N,) ``out``."""
+    for i in range(np.uintp(len(out))):
+        out[i] = image_size(nearer[i], scale[i])
+
+
+@njit(cache=True, nogil=True)
 def fill_spans(people: MapArrays, u: float, v: float, scale: float, width: int, spans: Spans) -> Rows:
     """Rows of the model with its foot at (u, v): the nearest map entry, moved, and of the person's size about the foot.
 

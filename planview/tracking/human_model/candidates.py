@@ -84,6 +84,7 @@ class CandidateFinder:
         self._min_px = min(spawn.min_height_px, spawn.min_share * middle_px)
         self._part_precision = min(spawn.alone_precision, spawn.min_precision)
         self._outlines = _outlines(scene, params.height_spread)
+        self._smallest_px = min(float(outline.inside.min()) for outline in self._outlines)
         self._apart_precision = spawn.min_precision + _steepness(scene.model_map) * (
             self._part_precision - spawn.min_precision
         )
@@ -99,8 +100,7 @@ class CandidateFinder:
         ``scene.cover`` and ``scene.claimed`` hold the existing targets.
         """
         scene, evidence, rest = self._scene, unclaimed.evidence, unclaimed.blobs
-        smallest_px = min(float(outline.inside.min()) for outline in self._outlines)
-        large = np.flatnonzero(rest.area_px[1:] >= MIN_BLOB * smallest_px) + 1
+        large = np.flatnonzero(rest.area_px[1:] >= MIN_BLOB * self._smallest_px) + 1
         if not len(large):
             return []
         scene.prepare_candidates(evidence, scene.cover)

@@ -52,8 +52,9 @@ class ImageSizes:
 
     def of(self, entries: I32, scale: F64) -> F64:
         """(N,) sizes at (N,) entries of people of (N,) scales."""
-        near = np.where(entries >= 0, self.nearer[entries], 0.0)
-        return np.asarray(scale * (1.0 - near) / np.maximum(1.0 - scale * near, kernels.CLOSEST * (1.0 - near)))
+        out = np.empty(len(entries))
+        kernels.image_sizes(np.where(entries >= 0, self.nearer[entries], 0.0), scale, out)
+        return out
 
     def boxes_at(self, entries: I32, scale: F64, foot_px: F64) -> F64:
         """(N, 4) left, top, width, height of people of (N,) scales at (N, 2) foot pixels, nearest to (N,) entries."""

@@ -13,6 +13,7 @@ from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model import _match_kernels as matching
 from planview.tracking.human_model import _measure_kernels as measuring
 from planview.tracking.human_model.frame import ModelFrame
+from planview.tracking.human_model.hiding import Hiding
 from planview.tracking.human_model.image_size import MIN_AXIS, ImageSizes, inside, upright
 from planview.tracking.human_model.measurement import Extent, Measurement
 from planview.tracking.human_model.model_map import HumanModelMap
@@ -32,10 +33,6 @@ SHIFT = 0.05
 whose legs are hidden would seem to sit, higher up."""
 CORE = 0.8
 """Part of a model, about its middle, that a person fills (our choice)."""
-DEPTH_M = 0.5
-"""How much nearer than where a person sits others may pass and still show that nothing hides it [m] (our choice)."""
-HIDING = measuring.HidingLimits(expected_s=0.5, shown=0.15, memory_s=10.0)
-"""Our choice: two people have walked there, or one slowly; noise is foreground too; things are moved."""
 COLOUR_PARTS = 2
 """Parts of the body (upper, lower) with a colour histogram each."""
 COLOUR_LEVELS = 6
@@ -63,8 +60,8 @@ class ModelScene:
         width, height = model_map.camera.size
         self.cover = np.zeros((height, width), np.uint8)
         self.claimed = np.zeros((height, width), np.uint8)
-        self.hiding = np.zeros((height, width), np.uint8)
-        """(H, W) uint8, not 0 where the scene hides people: none of their foreground is expected there."""
+        self._hiding = Hiding((height, width))
+        self.hiding = self._hiding.mask
         self._nowhere = np.zeros((height, width), np.uint8)
         self._sums = np.zeros((height, width + 1), np.int64)
         self._spans = kernels.Spans.of(height)
@@ -78,7 +75,6 @@ class ModelScene:
             upright(model_map),
             self.sizes.nearer,
         )
-        self._expected_s, self._shown_s, self._open_m = np.zeros((3, height, width), np.float32)
         self.map_boxes = self.sizes.boxes
         self.map_inside = inside(self.map_boxes, model_map.camera.size)
 
@@ -126,8 +122,7 @@ class ModelScene:
     def reset(self) -> None:
         """No models placed, nothing learned."""
         self.clear()
-        for learned in (self._expected_s, self._shown_s, self._open_m, self.hiding):
-            learned[:] = 0
+        self._hiding.reset()
 
     def prepare_candidates(self, evidence: U8, taken: U8) -> None:
         """Count unclaimed evidence once, before ``score``; a new person is expected to show wherever it is."""
@@ -178,16 +173,12 @@ class ModelScene:
 
     def learn_hiding(self, evidence: U8, position: F64, scale: float, dt_s: float) -> None:
         """Note where the core of a person's model shows foreground and where it does not, after ``match``."""
-        away_m = self._away_m(position)
-        top, bottom = self._fill_part(position, scale, 0.5 * (1.0 - CORE), CORE)
-        measuring.learn_hiding(
-            evidence, self.cover, self._spans, top, bottom, dt_s, HIDING, self._expected_s, self._shown_s, self.hiding
-        )
-        measuring.learn_open(evidence, self.cover, self._spans, top, bottom, away_m, self._open_m)
+        rows = self._fill_part(position, scale, 0.5 * (1.0 - CORE), CORE)
+        self._hiding.learn(evidence, self.cover, self._spans, rows, self._away_m(position), dt_s)
 
     def share_in_the_open(self, pixels: Bool, position: F64) -> float:
         """Share of (H, W) pixels where people at least as far away as a (2,) foot pixel have been observed."""
-        return float((self._open_m[pixels] >= self._away_m(position) - DEPTH_M).mean()) if pixels.any() else 0.0
+        return self._hiding.share_in_the_open(pixels, self._away_m(position))
 
     def _away_m(self, position: F64) -> float:
         return float(np.hypot(*self.model_map.camera.back_project(position)))
