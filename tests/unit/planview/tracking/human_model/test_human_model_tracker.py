@@ -88,6 +88,20 @@ def test_person_who_was_hidden_for_long_has_the_same_id_again() -> None:
     assert [s.state for s in states[-1]] == ["confirmed"]
 
 
+def _through_a_door_in_view(t: float) -> list[Drawn]:
+    """Two come out of a door at x = 0.5 m and leave to the left; then one goes in and another comes out, in turns."""
+    person, s = divmod(t, 9.0)
+    if s > 4.0:
+        return []
+    goes_in = person > 1 and person % 2 == 0
+    return [(s - 3.5 if goes_in else 0.5 - s, 6.5, RED)]
+
+
+def test_people_who_use_a_door_in_view_have_ids_of_their_own() -> None:
+    _, states, _ = run(_through_a_door_in_view, 6 * 9.0)
+    assert {s.track_id for frame in states for s in confirmed(frame)} == {1, 2, 3, 4, 5, 6}
+
+
 def test_place_behind_a_sign_is_kept_once_the_sign_is_known() -> None:
     """People walk behind a sign that hides the right half of whoever stops beside it."""
     sign = slice(80, 90)
