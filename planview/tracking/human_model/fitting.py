@@ -195,7 +195,7 @@ class Fitter:
         """The recent past and the states that follow from it."""
         visible = target.inside * (1.0 if target.hidden else target.precision)
         target.remember(frame.now_s, float(measured.moving[i]), visible, self.params.states.window_s)
-        self._advance_states(target, float(measured.alone[i]), frame.now_s)
+        self._advance_states(target, frame.now_s)
 
     def _observe(self, target: Target, matched: bool, precision: float) -> None:
         lost = target.existence.state == "lost"
@@ -206,7 +206,7 @@ class Fitter:
         elif target.existence.observed:
             self._life.miss(target.existence, reason, precision)
 
-    def _advance_states(self, target: Target, alone: float, now_s: float) -> None:
+    def _advance_states(self, target: Target, now_s: float) -> None:
         motion = target.next_motion(self.params.states)
         stability = target.next_stability(self.params.states)
         if motion != target.motion:
@@ -215,7 +215,10 @@ class Fitter:
             change = f"{target.stability} -> {stability}"
             self._life.log(target.existence, "state", change, target.trail[-1].visible)
         target.motion, target.stability = motion, stability
-        target.advance(now_s, alone < self.params.prune.merge_alone and target.shared > 0.0)
+        if motion != "stationary":
+            target.still_since_s = math.nan
+        elif math.isnan(target.still_since_s):
+            target.still_since_s = now_s
 
     def _gain(self) -> float:
         """Weight of this frame in what is learned of a person."""

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from calib.types import F64
-from planview.tracking.human_model.params import PruneParams
+from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.pruning import PERSON_PATIENCE
 from planview.tracking.human_model.scene import ModelScene
 from planview.tracking.human_model.target import Target
@@ -25,21 +25,28 @@ class Missing:
     """Keeps in mind who is missing, and where people come in.
 
     Args:
-        params: of pruning.
+        params: of the tracker.
         scene: tells what part of a person is inside the image.
     """
 
-    def __init__(self, params: PruneParams, scene: ModelScene) -> None:
-        self._params, self._scene = params, scene
+    def __init__(self, params: HumanModelParams, scene: ModelScene) -> None:
+        self._params, self._scene, self._patience_s = params.prune, scene, params.existence.patience_s
         self.reset()
 
     def reset(self) -> None:
         """Nobody is missing, and no entrance is known."""
         self._people: list[Target] = []
+        self._hidden: list[Target] = []
         self._appeared: list[F64] = []
+        self._seen_s = math.nan
 
     def __iter__(self) -> Iterator[Target]:
         return iter(tuple(self._people))
+
+    @property
+    def hidden(self) -> tuple[Target, ...]:
+        """Those who may still be in the view, hidden by others."""
+        return tuple(self._hidden)
 
     def keep(self, target: Target) -> bool:
         """Keep a person in mind who is no longer looked for; whether that person may still be in the view."""
@@ -47,11 +54,13 @@ class Missing:
         if not inside or self._at_entrance(target.seen_m):
             return False
         self._people.append(target)
+        self._hidden.append(target)
         return True
 
     def remove(self, target: Target) -> None:
         """A person is no longer missing, if so before."""
         self._people = [person for person in self._people if person is not target]
+        self._hidden = [person for person in self._hidden if person is not target]
 
     def forgotten(self, now_s: float) -> list[Target]:
         """Those who have been missing for as long as a person may stay motionless; they are not kept any longer."""
@@ -60,6 +69,15 @@ class Missing:
         for target in old:
             self.remove(target)
         return old
+
+    def watch(self, now_s: float, observed: bool) -> None:
+        """Where nobody is observed for ``existence.patience_s``, nobody hides the missing: they left behind others.
+
+        They are kept in mind, since the scene may hide them, too.
+        """
+        self._seen_s = now_s if observed or math.isnan(self._seen_s) else self._seen_s
+        if now_s - self._seen_s > self._patience_s:
+            self._hidden = []
 
     def learn(self, newcomer: Target) -> None:
         """A person who appears inside the view while nobody is missing has come in there."""

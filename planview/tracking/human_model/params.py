@@ -101,7 +101,8 @@ class NewTargetParams(Params):
     min_visible: float = Field(default=0.4, gt=0, le=1)
     """Visibility: fraction of the model inside the image. Our choice."""
     min_travel_m: float = Field(default=0.4, ge=0, le=5)
-    """Motion salience: distance walked before a target is confirmed [m]. Our choice: a torso's width."""
+    """Motion salience: distance walked before a target is confirmed [m], beyond what may be an error of measurement.
+    Our choice: a torso's width."""
 
 
 class ExistenceParams(Params):
@@ -119,8 +120,9 @@ class PruneParams(Params):
     """Merging, losing, reacquiring and pruning (section 4)."""
 
     merge_alone: float = Field(default=0.2, ge=0, lt=1)
-    """Foreground that only this model covers, as a fraction of its area, below which the target adds nothing to the
-    matching score. Our choice: a head, an arm or noise."""
+    """Gain of the matching score by a second model over one in place of two, in model areas, below which they are one
+    person; and foreground of its own, as a fraction of its area, that brings a lost target back. Our choice: a head, an
+    arm or noise."""
     border_visible: float = Field(default=0.6, gt=0, le=1)
     """Visible fraction when last observed below which an unobserved target has left the view. Our choice."""
     gone_visible: float = Field(default=0.25, ge=0, lt=1)
@@ -156,9 +158,10 @@ class HumanModelParams(Params):
     height_spread: float = Field(default=0.15, ge=0, le=0.5)
     """Largest deviation of a person's height from the average, as a fraction of it. Our choice: 1.5 to 2.0 m."""
     settle_s: float = Field(default=2.0, gt=0, le=30)
-    """Time for which a change is provisional [s]: a target that has not walked by then is pruned, walkers that cover
-    each other for longer are one person, and a new target beside a person who sat down less long ago is that person.
-    Our choice: people who cross overlap for less, and it takes a second to walk out of what was taken for a sitter."""
+    """Time for which a change is provisional [s]: a target that has not walked by then is pruned, walkers of whom one
+    model accounts for both for longer are one person, and a new target beside a person who sat down less long ago is
+    that person. Our choice: people who cross overlap for less, and it takes a second to walk out of what was taken for
+    a sitter."""
     map: HumanModelMapParams = HumanModelMapParams()
     """Where people are expected."""
     match: HumanMatchParams = HumanMatchParams()

@@ -1,11 +1,9 @@
-"""Which targets to confirm, to merge, to reacquire and to prune (section 4)."""
+"""Which targets to confirm, to reacquire and to prune (section 4)."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-
-import numpy as np
 
 from calib.types import F64
 from planview.tracking.human_model.params import HumanModelParams
@@ -24,29 +22,6 @@ def has_walked(target: Target, params: HumanModelParams) -> bool:
     """Motion salience: a person has walked into the view; one who has shown in part only, as far as no thing goes."""
     target.whole |= target.existence.observed and target.precision >= params.spawn.min_precision
     return target.build.travel_m >= (params.spawn.min_travel_m if target.whole else params.prune.walked_m)
-
-
-def redundant(
-    targets: Sequence[Target], settle_s: float, now_s: float, touch: Callable[[Target, Target], bool]
-) -> list[tuple[Target, Target]]:
-    """Targets that add nothing to the matching score, with whom each is one.
-
-    Others have covered it for long while all of them walked: two people who walk are rarely one behind the other
-    for so long (the paper's merge rule).
-    """
-    found: list[tuple[Target, Target]] = []
-    longest = sorted((t for t in targets if t.covered_since_s >= 0), key=lambda t: t.covered_since_s)
-    for target in longest:
-        # NaN where the clock does not run.
-        if not now_s - max(target.covered_since_s, target.moving_since_s) >= settle_s:
-            continue
-        gone = [merged for merged, _ in found]
-        others = [t for t in targets if t is not target and t not in gone and touch(t, target)]
-        clocks = [target.covered_since_s, target.moving_since_s, *(t.moving_since_s for t in others)]
-        # NaN where one of the clocks does not run.
-        if others and now_s - float(np.max(clocks)) >= settle_s:
-            found.append((target, others[0]))
-    return found
 
 
 def prune_reason(target: Target, params: HumanModelParams, life: LifeCycle) -> str:

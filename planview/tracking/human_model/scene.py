@@ -147,14 +147,19 @@ class ModelScene:
         offsets = np.linspace(-reach, reach, 7)
         du, dv = np.meshgrid(offsets / 2, offsets)
         near = np.column_stack([position[0] + du.ravel(), position[1] + dv.ravel(), np.full(du.size, scale)])
-        window = 2.0 * self.longest_side(position, max(scale, reference))
-        height, width = evidence.shape
-        top, bottom = max(0, int(position[1] - window)), min(height, int(position[1] + window) + 1)
-        kernels.row_prefix(evidence, self.cover, self.hiding, kernels.Window(0, width, top, bottom), self._sums)
+        counts = self.score_left(evidence, self.cover, near, 2.0 * self.longest_side(position, max(scale, reference)))
         area = max(1, int(self.score(np.array([[*position, reference]])).area[0]))
-        gains = self.matching_scores(self.score(near), area)
+        gains = self.matching_scores(counts, area)
         best = int(np.argmax(gains))
         return float(gains[best]), near[best, :2]
+
+    def score_left(self, evidence: U8, cover: U8, models: F64, reach_px: float) -> CandidateCounts:
+        """Counts of (N, 3) models that reach so far below or above their feet, on what a cover leaves of evidence."""
+        height, width = evidence.shape
+        top, bottom = int(models[:, 1].min() - reach_px), int(models[:, 1].max() + reach_px) + 1
+        window = kernels.Window(0, width, max(0, top), min(height, bottom))
+        kernels.row_prefix(evidence, cover, self.hiding, window, self._sums)
+        return self.score(models)
 
     def matching_scores(self, counts: CandidateCounts, area_px: float) -> F64:
         """(N,) matching scores of equation 1 in units of an area [px^2]."""

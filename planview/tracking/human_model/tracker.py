@@ -14,21 +14,25 @@ from calib.types import F64, U8
 from planview.tracking.appearance_model import Appearance
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.human_model.candidates import CandidateFinder, ModelCandidate
+from planview.tracking.human_model.doubles import Doubles
 from planview.tracking.human_model.drawing import draw
 from planview.tracking.human_model.fitting import Fitter, foot_pixels
 from planview.tracking.human_model.frame import ModelFrame, frame_of
 from planview.tracking.human_model.missing import Missing
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
-from planview.tracking.human_model.pruning import has_walked, prune_reason, reacquirable, redundant
+from planview.tracking.human_model.pruning import has_walked, prune_reason, reacquirable
 from planview.tracking.human_model.scene import ModelScene
 from planview.tracking.human_model.seating import Seating
-from planview.tracking.human_model.target import Build, Target
+from planview.tracking.human_model.target import FIRST_WIDTH, Build, Target
 from planview.tracking.human_model.unclaimed import Unclaimed
 from planview.tracking.identity import IdentityLayer
+from planview.tracking.kalman import FloorKalman
 from planview.tracking.lifecycle import LifeCycle
 from planview.trajectories.state import TrackState
 
+Box = tuple[float, float, float, float]
+"""Left, top, width and height [px]."""
 MIN_CONTACT = 0.05
 """Part of each of two models that is shared when two people are in contact (our choice)."""
 
@@ -58,7 +62,8 @@ class HumanModelTracker:
         self._fitter = Fitter(params, camera, self.scene, self._life, self._identity)
         self._find = CandidateFinder(self.scene, params)
         self._unclaimed = Unclaimed(self.scene, params)
-        self._missing = Missing(params.prune, self.scene)
+        self._missing = Missing(params, self.scene)
+        self._doubles = Doubles(self.scene, params)
         self._seating = Seating(params, self.scene, self._life, self._fitter, self._missing)
         self.reset()
 
@@ -66,13 +71,14 @@ class HumanModelTracker:
         """Forget all people; ids start again at 1."""
         self.targets: list[Target] = []
         # Boxes of this frame, since many pairs are compared.
-        self._boxes: dict[int, tuple[float, float, float, float]] = {}
+        self._boxes: dict[int, Box] = {}
         self._life.reset()
         self._identity.reset()
         self.scene.reset()
         self._find.reset()
         self._unclaimed.reset()
         self._missing.reset()
+        self._doubles.reset()
         self._seating.reset()
         self._still_s = np.zeros(self.camera.size[::-1], np.float32)
         self._evidence: U8 = np.zeros(self.camera.size[::-1], np.uint8)
@@ -108,7 +114,7 @@ class HumanModelTracker:
         self._add_targets(frame)
         self._seating.review(self.targets, self._unclaimed, frame)
         self._boxes.clear()
-        self._merge()
+        self._merge(frame, dt)
         self._clean()
         self.scene.watch_still(frame, dt, self._still_s)
         self._evidence = frame.evidence
@@ -169,7 +175,7 @@ class HumanModelTracker:
 
     def _believed(self) -> tuple[Target, ...]:
         """Missing people who are reported as lost: where people sit they stay, elsewhere they may be gone."""
-        return tuple(self._missing) if self._seating.seats else ()
+        return self._missing.hidden if self._seating.seats else ()
 
     def _mend_identities(self) -> None:
         """After an occlusion, exchange identities where colours say so."""
@@ -195,6 +201,8 @@ class HumanModelTracker:
         kalman = self._fitter.start(foot, scale)
         if kalman is None:
             return
+        if candidate.splits and self._is_known(candidate, kalman, frame):
+            return
         self.scene.paint(self.scene.cover, foot, scale, 1)
         appearance = self._fitter.appearance(foot, scale, frame)
         xy = np.array([kalman.x_m, kalman.y_m])
@@ -214,10 +222,28 @@ class HumanModelTracker:
         if appearance is not None:
             self._identity.learn(existence, appearance)
 
-    def _merge(self) -> None:
-        for target, other in redundant(self.targets, self.params.settle_s, self._life.now_s, self._touch):
-            self.targets.remove(target)
-            self._life.prune(target.existence, f"walks on {other.existence.track_id}", kind="merged")
+    def _is_known(self, candidate: ModelCandidate, kalman: FloorKalman, frame: ModelFrame) -> bool:
+        """Whether a candidate is a target's double; the target moves there where the candidate explains more."""
+        foot, scale = candidate.foot_px, candidate.scale
+        beside = [t for t in self.targets if t.seat is None and t.existence.observed]
+        for target in (t for t in beside if _overlap(self._box(t), self._box_at(foot, scale, FIRST_WIDTH))):
+            needless, better = self._doubles.needless(target, np.array([*foot, scale]), self.targets, frame.evidence)
+            if needless and better:
+                target.restart(kalman, foot, scale)
+                self._boxes.pop(id(target), None)
+                self._life.log(target.existence, "recentred", f"fits better with score {candidate.score:.2f}")
+            if needless:
+                return True
+        return False
+
+    def _merge(self, frame: ModelFrame, dt_s: float) -> None:
+        for better, other in self._doubles.find(self.targets, frame.evidence, dt_s, self._touch):
+            older, younger = sorted((better, other), key=lambda t: t.existence.spawned_s)
+            if older is not better:
+                older.go_on_as(younger)
+                self._boxes.pop(id(older), None)
+            self.targets.remove(younger)
+            self._life.prune(younger.existence, f"walks on {older.existence.track_id}", kind="merged")
 
     def _clean(self) -> None:
         for target in list(self.targets):
@@ -229,6 +255,8 @@ class HumanModelTracker:
                 self._life.log(target.existence, "state", f"missing: {reason}")
             else:
                 self._life.prune(target.existence, reason)
+        observed = any(t.existence.confirmed and t.existence.observed for t in self.targets)
+        self._missing.watch(self._life.now_s, observed)
         for target in self._missing.forgotten(self._life.now_s):
             self._life.prune(target.existence, f"missing for {self._life.unobserved_s(target.existence):.0f} s")
 
@@ -237,25 +265,30 @@ class HumanModelTracker:
         height = self.model.height_m * target.model_scale
         return TrackState(who.track_id, who.state, k.x_m, k.y_m, k.vx_mps, k.vy_mps, height, self._box(target))
 
-    def _box(self, target: Target) -> tuple[float, float, float, float]:
+    def _box(self, target: Target) -> Box:
         """Box of the whole model where the footprint is, as wide as the person was observed; hidden parts are in it."""
         if id(target) not in self._boxes:
             others = [t for t in self.targets if id(t) not in self._boxes and t is not target]
             asked = [target, *others]
             feet, _ = foot_pixels(self.camera, np.array([(t.kalman.x_m, t.kalman.y_m) for t in asked]))
-            self._boxes |= {id(t): self._box_at(t, foot) for t, foot in zip(asked, feet, strict=True)}
+            self._boxes |= {
+                id(t): self._box_at(foot, t.model_scale, t.build.width) for t, foot in zip(asked, feet, strict=True)
+            }
         return self._boxes[id(target)]
 
-    def _box_at(self, target: Target, foot: F64) -> tuple[float, float, float, float]:
-        hull = self.scene.hull(foot, target.model_scale)
+    def _box_at(self, foot_px: F64, scale: float, width: float) -> Box:
+        hull = self.scene.hull(foot_px, scale)
         if hull is None:
             return (math.nan, math.nan, math.nan, math.nan)
         (left, top), (right, bottom) = hull.min(axis=0), hull.max(axis=0)
-        middle, half = 0.5 * (left + right), 0.5 * (right - left) * target.build.width
+        middle, half = 0.5 * (left + right), 0.5 * (right - left) * width
         return float(middle - half), float(top), float(2 * half), float(bottom - top)
 
     def _touch(self, first: Target, second: Target) -> bool:
-        """Whether the boxes overlap by at least half of the smaller width."""
-        a, b = self._box(first), self._box(second)
-        wide = min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0]) > 0.5 * min(a[2], b[2])
-        return wide and min(a[1] + a[3], b[1] + b[3]) > max(a[1], b[1])
+        return _overlap(self._box(first), self._box(second))
+
+
+def _overlap(a: Box, b: Box) -> bool:
+    """Whether two boxes overlap by at least half of the smaller width."""
+    wide = min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0]) > 0.5 * min(a[2], b[2])
+    return wide and min(a[1] + a[3], b[1] + b[3]) > max(a[1], b[1])

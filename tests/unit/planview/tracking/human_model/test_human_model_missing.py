@@ -8,14 +8,14 @@ import pytest
 
 from calib.types import F64
 from planview.tracking.human_model.missing import Missing
-from planview.tracking.human_model.params import PruneParams
+from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.scene import ModelScene
 from planview.tracking.human_model.target import Build, Target
 from planview.tracking.kalman import FloorKalman
 from planview.tracking.lifecycle import Existence
 
-PARAMS = PruneParams()
-FAR = 2.0 * PARAMS.vanished_m
+PARAMS = HumanModelParams()
+FAR = 2.0 * PARAMS.prune.vanished_m
 
 
 class _View:
@@ -106,3 +106,14 @@ def test_missing_people_are_forgotten_after_ten_minutes() -> None:
     assert not missing.forgotten(600.0)
     assert missing.forgotten(600.1) == [person]
     assert not list(missing)
+
+
+def test_who_is_missing_where_nobody_is_left_to_hide_them_has_gone() -> None:
+    missing, person = _missing(), _at(0.0)
+    missing.keep(person)
+    missing.watch(10.0, observed=True)
+    missing.watch(10.0 + PARAMS.existence.patience_s, observed=False)
+    assert missing.hidden == (person,)
+    missing.watch(10.1 + PARAMS.existence.patience_s, observed=False)
+    assert missing.hidden == ()
+    assert list(missing) == [person]

@@ -1,4 +1,4 @@
-"""States of single targets, and the rules that merge, reacquire and prune them, on hand-made targets."""
+"""States of single targets, and the rules that reacquire and prune them, on hand-made targets."""
 
 import math
 from collections.abc import Iterable
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from planview.tracking.human_model.params import ExistenceParams, HumanModelParams, StabilityParams
-from planview.tracking.human_model.pruning import prune_reason, reacquirable, redundant
+from planview.tracking.human_model.pruning import prune_reason, reacquirable
 from planview.tracking.human_model.seat import Seat
 from planview.tracking.human_model.target import Build, Target
 from planview.tracking.kalman import FloorKalman
@@ -96,6 +96,12 @@ def test_travel_counts_only_while_observed() -> None:
     assert target.build.travel_m == 0.0
 
 
+@pytest.mark.parametrize(("std_m", "walked_m"), [(0.1, 0.9), (1.0, 0.0)])
+def test_what_may_be_an_error_of_measurement_is_no_walk(std_m: float, walked_m: float) -> None:
+    target = _trail(_target(kalman=FloorKalman.at(0.0, 0.0, std_m, 1.5)), 1.0, 0.1, [1.0] * 10)
+    assert target.build.travel_m == pytest.approx(walked_m)
+
+
 @pytest.mark.parametrize(("likeness", "found"), [(0.5, True), (0.0, False), (math.nan, True)])
 def test_lost_target_nearby_is_reacquired_unless_it_looks_different(likeness: float, found: bool) -> None:
     target = _target(observed=False)
@@ -110,15 +116,3 @@ def test_person_who_has_just_sat_down_and_walks_on_is_the_same(now_s: float, lik
     target.seat = Seat(np.zeros(2), 0.0, 0.7, (slice(0), slice(0)), empty > 0, empty)
     same = reacquirable([target], np.array([0.5, 0.0]), lambda _: likeness, PARAMS, now_s)
     assert (same is target) == found
-
-
-def test_covered_walkers_merge_only_after_long() -> None:
-    first, second = (_target(track_id=k, moving_since_s=0.0) for k in (1, 2))
-    second.covered_since_s = 1.0
-    assert not redundant([first, second], 2.0, 2.5, lambda a, b: True)
-    assert redundant([first, second], 2.0, 3.1, lambda a, b: True) == [(second, first)]
-
-
-def test_covered_people_who_stand_do_not_merge() -> None:
-    first, second = _target(track_id=1), _target(track_id=2, moving_since_s=0.0, covered_since_s=0.0)
-    assert not redundant([first, second], 2.0, 9.0, lambda a, b: True)

@@ -1,0 +1,131 @@
+"""Two models on one person: how many models a piece of foreground needs (Zhang et al. 2008, section 4, merging)."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.types import F64, U8
+from planview.tracking.human_model.params import HumanModelParams
+from planview.tracking.human_model.scene import SHIFT, CandidateCounts, ModelScene
+from planview.tracking.human_model.target import Target
+
+Touch = Callable[[Target, Target], bool]
+BETWEEN = 5
+"""Places tried on the way from one model to the other."""
+
+
+class Explained(NamedTuple):
+    """Matching scores (equation 1) of two models together, of each by itself, and of the best one in place of both, in
+    mean areas of the two."""
+
+    two: float
+    first: float
+    second: float
+    one: float
+
+
+class Doubles:
+    """Tells which targets are the doubles of others, by evidence over time.
+
+    People are hidden by others for a moment, two models on one person never come apart. While both walk, time counts
+    in full where the second model gains nothing over one in place of both, not at all where it gains as much as tells a
+    person (``prune.merge_alone``), and is taken back where it gains more or the two are apart: so it takes longer to
+    take two for one who have been apart.
+
+    Args:
+        scene: scores models.
+        params: of the tracker.
+    """
+
+    def __init__(self, scene: ModelScene, params: HumanModelParams) -> None:
+        self._scene, self._params = scene, params
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing is known of any pair."""
+        self._one_s: dict[frozenset[int], float] = {}
+
+    def find(self, targets: Sequence[Target], evidence: U8, dt_s: float, touch: Touch) -> list[tuple[Target, Target]]:
+        """Pairs that have been one for ``settle_s``, the one whose model explains more first.
+
+        Args:
+            targets: all of them.
+            evidence: (H, W) uint8 of the frame.
+            dt_s: time since the last frame [s].
+            touch: whether the boxes of two targets overlap.
+        """
+        before, self._one_s = self._one_s, {}
+        found: list[tuple[Target, Target]] = []
+        for first, second in itertools.combinations(targets, 2):
+            pair = frozenset((first.existence.track_id, second.existence.track_id))
+            one_s = before.get(pair, 0.0)
+            if _observed(first) and _observed(second):
+                if first.shared == 0.0 or second.shared == 0.0:
+                    one_s -= dt_s
+                elif first.motion == second.motion == "moving" and touch(first, second):
+                    explained = self._explained(first, row_of(second), self._cover(targets, first, second), evidence)
+                    gain = (explained.two - explained.one) / self._params.prune.merge_alone
+                    one_s += dt_s * min(1.0, max(-1.0, 1.0 - gain))
+                    taken = any(t is first or t is second for t in itertools.chain(*found))
+                    if one_s >= self._params.settle_s and not taken:
+                        found.append((first, second) if explained.first >= explained.second else (second, first))
+            self._one_s[pair] = max(one_s, -self._params.existence.patience_s)
+        return found
+
+    def needless(self, known: Target, new: F64, targets: Sequence[Target], evidence: U8) -> tuple[bool, bool]:
+        """Whether one model would do for a target and a new (3,) model, and whether the new one explains more."""
+        explained = self._explained(known, new, self._cover(targets, known), evidence)
+        least = self._params.prune.merge_alone
+        return explained.two - explained.one < least, explained.second - explained.first > least
+
+    def _explained(self, first: Target, second: F64, cover: U8, evidence: U8) -> Explained:
+        """What a target's model and another (3,) model explain of what a cover by others leaves.
+
+        The one in place of both has the height of either and stands between them, or ``SHIFT`` beside.
+        """
+        scene, one, two = self._scene, row_of(first), second
+        reach = 2.0 * max(scene.longest_side(m[:2], m[2]) for m in (one, two))
+
+        def counts(*models: F64) -> CandidateCounts:
+            return scene.score_left(evidence, cover, np.vstack(models), reach)
+
+        apart = counts(one, two, self._between(one, two))
+        area = max(1.0, 0.5 * float(apart.area[0] + apart.area[1]))
+        scene.paint(cover, two[:2], two[2], 1)
+        ring = counts(one).ring  # what is in the first model's ring and not the second's
+        scene.paint(cover, two[:2], two[2], -1)
+        scene.paint(cover, one[:2], one[2], 1)
+        beside = scene.matching_scores(counts(two), area)[0]
+        scores = scene.matching_scores(apart, area)
+        first_beside = scores[0] + 0.25 * float(ring[0] - apart.ring[0]) / area
+        return Explained(float(first_beside + beside), float(scores[0]), float(scores[1]), float(scores[2:].max()))
+
+    def _between(self, first: F64, second: F64) -> F64:
+        """(N, 3) models of either height on the way from one model to the other, and ``SHIFT`` beside it."""
+        shift = SHIFT * self._scene.longest_side(first[:2], first[2])
+        aside, scales = np.array([-shift, 0.0, shift]), np.array([first[2], second[2]])
+        along, du, dv, scale = (a.ravel() for a in np.meshgrid(np.linspace(0.0, 1.0, BETWEEN), aside, aside, scales))
+        feet = first[:2] + along[:, None] * (second[:2] - first[:2]) + np.column_stack([du, dv])
+        return np.column_stack([feet, scale])
+
+    def _cover(self, targets: Sequence[Target], *without: Target) -> U8:
+        """(H, W) number of observed people at each pixel, without some."""
+        cover = np.zeros_like(self._scene.cover)
+        for target in targets:
+            if target.existence.observed and not any(target is t for t in without):
+                self._scene.paint(cover, target.foot_px, target.model_scale, 1)
+        return cover
+
+
+def _observed(target: Target) -> bool:
+    """Whether a person who does not sit is observed."""
+    return target.seat is None and target.existence.observed
+
+
+def row_of(target: Target) -> F64:
+    """(3,) foot pixel and scale of a target's model."""
+    return np.array([*target.foot_px, target.model_scale])

@@ -1,0 +1,74 @@
+"""Two models on one person, and two people who hide one another, on drawn silhouettes."""
+
+import numpy as np
+import pytest
+
+from calib.types import U8
+from planview.tracking.human_model.doubles import Doubles
+from planview.tracking.human_model.scene import ModelScene
+from planview.tracking.human_model.target import Build, Motion, Target
+from planview.tracking.kalman import FloorKalman
+from planview.tracking.lifecycle import LifeCycle
+from tests.human_model_world import CAMERA, MAP, PARAMS
+
+DT_S = 0.1
+SCENE = ModelScene(MAP, PARAMS.match)
+
+
+def _targets(*places: tuple[float, float], motion: Motion = "moving") -> list[Target]:
+    """Walkers at floor points [m], whose models share pixels."""
+    life = LifeCycle()
+    found = []
+    for k, (x, y) in enumerate(places):
+        life.begin(DT_S * k)
+        kalman = FloorKalman.at(x, y, 0.1, 1.0)
+        foot_px = CAMERA.project((x, y, 0.0))
+        found.append(Target(life.spawn("test"), kalman, Build(1.0, np.array([x, y])), foot_px, motion=motion))
+        found[-1].shared = 0.3
+    return found
+
+
+def _people(*places: tuple[float, float]) -> U8:
+    """(H, W) evidence of people at floor points [m]."""
+    evidence = np.zeros((120, 160), np.uint8)
+    for x, y in places:
+        one = np.zeros_like(evidence)
+        SCENE.paint(one, CAMERA.project((x, y, 0.0)), 1.0, 1)
+        evidence[one > 0] = 2
+    return evidence
+
+
+def _found_after_s(targets: list[Target], evidence: U8, doubles: Doubles | None = None) -> float:
+    """Time after which one is found to be the other's double [s], infinity if not within ten seconds."""
+    doubles = doubles or Doubles(SCENE, PARAMS)
+    for k in range(1, 101):
+        found = doubles.find(targets, evidence, DT_S, lambda a, b: True)
+        if found:
+            assert found == [(targets[1], targets[0])]
+            return k * DT_S
+    return float("inf")
+
+
+def test_two_models_on_one_person_become_the_older() -> None:
+    targets = _targets((-0.12, 6.0), (0.12, 6.0))
+    assert _found_after_s(targets, _people((0.0, 6.0))) == pytest.approx(PARAMS.settle_s, abs=DT_S)
+
+
+def test_two_people_side_by_side_stay_two() -> None:
+    places = (-0.2, 6.0), (0.2, 6.0)
+    assert _found_after_s(_targets(*places), _people(*places)) == float("inf")
+
+
+def test_those_who_have_been_apart_are_not_one_soon() -> None:
+    targets, evidence = _targets((-0.12, 6.0), (0.12, 6.0)), _people((0.0, 6.0))
+    doubles = Doubles(SCENE, PARAMS)
+    targets[0].shared = 0.0
+    assert _found_after_s(targets, evidence, doubles) == float("inf")
+    targets[0].shared = 0.3
+    after_s = PARAMS.settle_s + PARAMS.existence.patience_s
+    assert _found_after_s(targets, evidence, doubles) == pytest.approx(after_s, abs=2 * DT_S)
+
+
+def test_people_who_stand_do_not_become_one() -> None:
+    targets = _targets((-0.12, 6.0), (0.12, 6.0), motion="stopped")
+    assert _found_after_s(targets, _people((0.0, 6.0))) == float("inf")
