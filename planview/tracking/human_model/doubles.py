@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.types import F64, U8
 from planview.tracking.human_model.params import HumanModelParams
-from planview.tracking.human_model.scene import SHIFT, CandidateCounts, ModelScene
+from planview.tracking.human_model.scene import SEARCH_SIGMAS, SHIFT, CandidateCounts, ModelScene
 from planview.tracking.human_model.target import Target
 
 Touch = Callable[[Target, Target], bool]
@@ -31,10 +31,10 @@ class Explained(NamedTuple):
 class Doubles:
     """Tells which targets are the doubles of others, by evidence over time.
 
-    People are hidden by others for a moment, two models on one person never come apart. While both walk, time counts
-    in full where the second model gains nothing over one in place of both, not at all where it gains as much as tells a
-    person (``prune.merge_alone``), and is taken back where it gains more or the two are apart: so it takes longer to
-    take two for one who have been apart.
+    People are hidden by others for a moment, two models on one person never come apart. While both walk at one place,
+    time counts in full where the second model gains nothing over one in place of both, not at all where it gains as
+    much as tells a person (``prune.merge_alone``), and is taken back where it gains more or the two are apart: so it
+    takes longer to take two for one who have been apart.
 
     Args:
         scene: scores models.
@@ -59,6 +59,7 @@ class Doubles:
             touch: whether the boxes of two targets overlap.
         """
         before, self._one_s = self._one_s, {}
+        cover: U8 | None = None
         found: list[tuple[Target, Target]] = []
         for first, second in itertools.combinations(targets, 2):
             pair = frozenset((first.existence.track_id, second.existence.track_id))
@@ -66,8 +67,13 @@ class Doubles:
             if _observed(first) and _observed(second):
                 if first.shared == 0.0 or second.shared == 0.0:
                     one_s -= dt_s
-                elif first.motion == second.motion == "moving" and touch(first, second):
-                    explained = self._explained(first, row_of(second), self._cover(targets, first, second), evidence)
+                elif (
+                    first.motion == second.motion == "moving" and touch(first, second) and _at_one_place(first, second)
+                ):
+                    cover = self._cover(targets) if cover is None else cover
+                    self._paint(cover, second, -1)
+                    explained = self._explained(first, row_of(second), cover, evidence)
+                    self._paint(cover, second, 1)
                     gain = (explained.two - explained.one) / self._params.prune.merge_alone
                     one_s += dt_s * min(1.0, max(-1.0, 1.0 - gain))
                     taken = any(t is first or t is second for t in itertools.chain(*found))
@@ -78,14 +84,20 @@ class Doubles:
 
     def needless(self, known: Target, new: F64, targets: Sequence[Target], evidence: U8) -> tuple[bool, bool]:
         """Whether one model would do for a target and a new (3,) model, and whether the new one explains more."""
-        explained = self._explained(known, new, self._cover(targets, known), evidence)
+        explained = self._explained(known, new, self._cover(targets), evidence)
         least = self._params.prune.merge_alone
         return explained.two - explained.one < least, explained.second - explained.first > least
 
     def _explained(self, first: Target, second: F64, cover: U8, evidence: U8) -> Explained:
-        """What a target's model and another (3,) model explain of what a cover by others leaves.
+        """What a target's model and another (3,) model explain of what others leave.
 
         The one in place of both has the height of either and stands between them, or ``SHIFT`` beside.
+
+        Args:
+            first: an observed target.
+            second: the other model.
+            cover: (H, W) uint8 number of models at each pixel, the first among them and the second not.
+            evidence: (H, W) uint8 of the frame.
         """
         scene, one, two = self._scene, row_of(first), second
         reach = 2.0 * max(scene.longest_side(m[:2], m[2]) for m in (one, two))
@@ -93,16 +105,18 @@ class Doubles:
         def counts(*models: F64) -> CandidateCounts:
             return scene.score_left(evidence, cover, np.vstack(models), reach)
 
+        beside = counts(two)
+        self._paint(cover, first, -1)
         apart = counts(one, two, self._between(one, two))
-        area = max(1.0, 0.5 * float(apart.area[0] + apart.area[1]))
         scene.paint(cover, two[:2], two[2], 1)
         ring = counts(one).ring  # what is in the first model's ring and not the second's
         scene.paint(cover, two[:2], two[2], -1)
-        scene.paint(cover, one[:2], one[2], 1)
-        beside = scene.matching_scores(counts(two), area)[0]
+        self._paint(cover, first, 1)
+        area = max(1.0, 0.5 * float(apart.area[0] + apart.area[1]))
         scores = scene.matching_scores(apart, area)
         first_beside = scores[0] + 0.25 * float(ring[0] - apart.ring[0]) / area
-        return Explained(float(first_beside + beside), float(scores[0]), float(scores[1]), float(scores[2:].max()))
+        together = first_beside + scene.matching_scores(beside, area)[0]
+        return Explained(float(together), float(scores[0]), float(scores[1]), float(scores[2:].max()))
 
     def _between(self, first: F64, second: F64) -> F64:
         """(N, 3) models of either height on the way from one model to the other, and ``SHIFT`` beside it."""
@@ -112,18 +126,28 @@ class Doubles:
         feet = first[:2] + along[:, None] * (second[:2] - first[:2]) + np.column_stack([du, dv])
         return np.column_stack([feet, scale])
 
-    def _cover(self, targets: Sequence[Target], *without: Target) -> U8:
-        """(H, W) number of observed people at each pixel, without some."""
+    def _cover(self, targets: Sequence[Target]) -> U8:
+        """(H, W) number of observed people at each pixel."""
         cover = np.zeros_like(self._scene.cover)
         for target in targets:
-            if target.existence.observed and not any(target is t for t in without):
-                self._scene.paint(cover, target.foot_px, target.model_scale, 1)
+            if target.existence.observed:
+                self._paint(cover, target, 1)
         return cover
+
+    def _paint(self, cover: U8, target: Target, amount: int) -> None:
+        self._scene.paint(cover, target.foot_px, target.model_scale, amount)
 
 
 def _observed(target: Target) -> bool:
     """Whether a person who does not sit is observed."""
     return target.seat is None and target.existence.observed
+
+
+def _at_one_place(first: Target, second: Target) -> bool:
+    """Whether the places of two targets differ by no more than their errors may: people in file are apart."""
+    a, b, off = first.kalman, second.kalman, first.xy_m - second.xy_m
+    spread = np.array([[a.c_xx + b.c_xx, a.c_xy + b.c_xy], [a.c_xy + b.c_xy, a.c_yy + b.c_yy]])
+    return bool(off @ np.linalg.solve(spread, off) <= SEARCH_SIGMAS**2)
 
 
 def row_of(target: Target) -> F64:

@@ -69,6 +69,10 @@ def test_those_who_have_been_apart_are_not_one_soon() -> None:
     assert _found_after_s(targets, evidence, doubles) == pytest.approx(after_s, abs=2 * DT_S)
 
 
+def test_people_in_file_stay_two() -> None:
+    assert _found_after_s(_targets((0.0, 6.0), (0.0, 7.2)), _people((0.0, 6.0))) == float("inf")
+
+
 def test_people_who_stand_do_not_become_one() -> None:
     targets = _targets((-0.12, 6.0), (0.12, 6.0), motion="stopped")
     assert _found_after_s(targets, _people((0.0, 6.0))) == float("inf")
