@@ -161,13 +161,17 @@ class Target:
             self.trail.popleft()
         if self.existence.observed:
             self.seen_m = self.xy_m
-            self.build.travel_m = max(self.build.travel_m, self._way_m())
+            self._travel()
 
-    def _way_m(self) -> float:
-        """Distance from the origin [m], 0 where it may be an error of measurement: far away a pixel is metres."""
-        off, k = self.xy_m - self.build.origin_m, self.kalman
-        spread = np.array([[k.c_xx, k.c_xy], [k.c_xy, k.c_yy]])
-        return math.hypot(*off) if off @ np.linalg.solve(spread, off) >= WALKED_SIGMAS**2 else 0.0
+    def _travel(self) -> None:
+        """How far it has been, unless that may be an error of measurement: far away a pixel is metres."""
+        k = self.kalman
+        x, y = k.x_m - float(self.build.origin_m[0]), k.y_m - float(self.build.origin_m[1])
+        way_m = math.hypot(x, y)
+        # The squared distance in deviations, times the determinant of their matrix.
+        off, determinant = k.c_yy * x * x - 2.0 * k.c_xy * x * y + k.c_xx * y * y, k.c_xx * k.c_yy - k.c_xy**2
+        if way_m > self.build.travel_m and off >= WALKED_SIGMAS**2 * determinant:
+            self.build.travel_m = way_m
 
     def weigh(self, dt_s: float, hidden: bool, params: ExistenceParams) -> None:
         """Weigh what the last ``dt_s`` showed for the person's existence: own foreground, none, or nothing either way.
