@@ -171,7 +171,7 @@ class CandidateFinder:
         apart = (counts.taken <= APART_TAKEN * counts.area) & (visible >= APART_VISIBLE) & (not splits)
         minimum = np.where(apart, self._apart_precision[entry], spawn.min_precision)
         ok = (counts.area > 0) & (precision >= (self._part_precision if in_part else minimum))
-        ok &= visible >= spawn.min_visible
+        ok &= visible >= self._params.prune.gone_visible
         # A person's height does not show while the head or the feet are outside the image.
         ok &= (visible == 1.0) | (candidates[:, 2] == 1.0)
         if not ok.any():

@@ -16,6 +16,8 @@ from planview.tracking.human_model.target import Target
 Touch = Callable[[Target, Target], bool]
 BETWEEN = 5
 """Places tried on the way from one model to the other."""
+LIMB = 0.5
+"""Largest length of a limb over the person's height: a leg is 0.48 of it, an arm with its hand 0.44."""
 
 
 class Explained(NamedTuple):
@@ -87,6 +89,23 @@ class Doubles:
         explained = self._explained(known, new, self._cover(targets), evidence)
         least = self._params.prune.merge_alone
         return explained.two - explained.one < least, explained.second - explained.first > least
+
+    def is_limb(self, new: F64, targets: Sequence[Target]) -> bool:
+        """Whether a new (3,) model is no longer than a limb of an observed person and lies where that person's are."""
+        scene, length = self._scene, self._scene.longest_side(new[:2], new[2])
+        model, aside = np.zeros_like(scene.cover), np.zeros(2)
+        scene.paint(model, new[:2], new[2], 1)
+        for target in targets:
+            foot, scale = target.foot_px, target.model_scale
+            if not target.existence.observed or length > LIMB * scene.longest_side(foot, scale):
+                continue
+            limbs = np.zeros_like(scene.cover)
+            aside[0] = self._params.match.ring * scene.box_width(foot, scale)
+            for place in (foot - aside, foot, foot + aside):
+                scene.paint(limbs, place, scale, 1)
+            if np.count_nonzero(model & (limbs > 0)) > 0.5 * np.count_nonzero(model):
+                return True
+        return False
 
     def _explained(self, first: Target, second: F64, cover: U8, evidence: U8) -> Explained:
         """What a target's model and another (3,) model explain of what others leave.

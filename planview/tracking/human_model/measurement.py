@@ -35,11 +35,6 @@ class Extent(NamedTuple):
     height: float
 
     @property
-    def shift_px(self) -> F64:
-        """(2,) to move the foot by so that both ends agree best [px]."""
-        return 0.5 * (self.low + self.high) * self.axis_px
-
-    @property
     def error(self) -> float:
         """Larger error of an end, as a fraction of the height."""
         return max(abs(self.low), abs(self.high))

@@ -98,8 +98,6 @@ class NewTargetParams(Params):
     """Smallest such side as a share of that of a person in the middle of the image, where this is less than
     ``min_height_px``: a camera is pointed at people, however small they are there. Our choice; on drawn views of unseen
     seeds worth 0.6 % of the crossings, and all people of a view in which everybody is below 30 px."""
-    min_visible: float = Field(default=0.4, gt=0, le=1)
-    """Visibility: fraction of the model inside the image. Our choice."""
     min_travel_m: float = Field(default=0.4, ge=0, le=5)
     """Motion salience: distance walked before a target is confirmed [m], beyond what may be an error of measurement.
     Our choice: a torso's width."""
@@ -126,7 +124,8 @@ class PruneParams(Params):
     border_visible: float = Field(default=0.6, gt=0, le=1)
     """Visible fraction when last observed below which an unobserved target has left the view. Our choice."""
     gone_visible: float = Field(default=0.25, ge=0, lt=1)
-    """Fraction of the model inside the image below which a target has left, blob or not. Our choice."""
+    """Visibility: fraction of the model inside the image below which nobody is looked for, and a target has left, blob
+    or not. Our choice: a head and shoulders."""
     inanimate_s: float = Field(default=20.0, gt=0, le=600)
     """Time without any internal motion after which a target is a thing [s]. Our choice: seated people move a hand or
     the head more often."""

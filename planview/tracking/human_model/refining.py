@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from calib.types import F64, U8
 from planview.tracking.human_model.measurement import Extent
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.scene import SEARCH_SIGMAS, ModelScene
-from planview.tracking.human_model.target import Target
+from planview.tracking.human_model.target import Build, Target
 
 END = 0.25
 """Part of a model that tells where its end is (our choice): head and shoulders, or feet and shins."""
@@ -31,6 +32,32 @@ BOB = 0.03
 
 TILT_RAD = math.radians(0.5)
 """Standard deviation of the camera's tilt [rad] (our choice): what calibrations from different people differ by."""
+
+
+STEP = 0.05
+"""Standard deviation of where the feet of a walker end, as a fraction of the height. Our choice: a third of half a
+step; with twice as much or half of it no figure changes."""
+HEIGHT = 0.06
+"""Standard deviation of people's heights, as a fraction of the average: adults."""
+NEAREST = 0.9
+"""Largest difference of the distances of foot and head over the foot's that is reckoned with (our choice)."""
+
+
+class Ends(NamedTuple):
+    """What the ends of a body tell, as fractions of the height of its model.
+
+    With the foot a way up the axis, the head is (1 - h / H) (Z_foot / Z_head)^2 times as far up, and a height larger by
+    a share raises it by Z_foot / Z_head times that: h and H the heights of person and camera, Z distances from the
+    camera's plane. So a camera that hangs no higher than heads tells distances by the feet alone: a model that ends
+    too low and too high is too near there, and not only too tall.
+
+    Attributes:
+        shift: how far up the axis the foot is.
+        height: the person's, where the feet are.
+    """
+
+    shift: float
+    height: float
 
 
 class Refiner:
@@ -58,22 +85,40 @@ class Refiner:
         if found is None:
             return True
         head, feet = self._clear(position, build.scale, 1.0 - END), self._clear(position, build.scale, 0.0)
-        as_long = abs(found.height - 1.0) <= (SHORTER if known else reach)
+        ends = self._ends(position, found, build)
+        as_long = abs(ends.height - 1.0) <= (SHORTER if known else reach)
         if head and feet and as_long and found.error <= reach:
-            position += found.shift_px
+            position += ends.shift * found.axis_px
             if target.stability == "stable":
-                self._learn(target, found.height, dt_s)
+                self._learn(target, ends.height, dt_s)
             return True
         if known and head and abs(found.head) <= reach:
             foot = self._by_head(position, found, build.scale)
             off_m = float(np.hypot(*(self.camera.back_project(foot) - self.camera.back_project(position))))
             if off_m <= SEARCH_SIGMAS * self.head_std_m(target.xy_m, build.scale) and found.error <= reach:
-                position += found.shift_px
+                position += ends.shift * found.axis_px
                 return True
             if self._reachable(target, foot):
                 position[:] = foot
                 return True
         return not known
+
+    def _ends(self, position: F64, found: Extent, build: Build) -> Ends:
+        """The likeliest place and height for both ends of a body and what is known of the person's height."""
+        height_m = build.scale * self._height_m
+        nearer = self._nearer(position, height_m)
+        lift = (1.0 - height_m / self.camera.height_m) / (1.0 - nearer) ** 2
+        height_std = HEIGHT / math.hypot(1.0, build.measured_s / self.params.match.learning_s)
+        feet, head = 1.0 / STEP**2, 1.0 / (BOB**2 + (height_std / (1.0 - nearer)) ** 2)
+        shift = (feet * found.low + head * lift * found.high) / (feet + head * lift**2)
+        longer = found.high - lift * found.low
+        return Ends(shift, 1.0 + longer * (1.0 - nearer) / (1.0 + longer * nearer))
+
+    def _nearer(self, position: F64, height_m: float) -> float:
+        """How much nearer to the camera's plane the head is than a (2,) foot pixel, over the foot's distance."""
+        ahead, down = math.sin(self.camera.tilt_rad), math.cos(self.camera.tilt_rad)
+        away_m = float(self.camera.back_project(position)[1]) * ahead + self.camera.height_m * down
+        return min(height_m * down / away_m, NEAREST)
 
     def head(self, target: Target, position: F64, evidence: U8) -> F64 | None:
         """(2,) top of the head [px] of a person of known height at a foot pixel; None if hidden."""

@@ -223,8 +223,10 @@ class HumanModelTracker:
             self._identity.learn(existence, appearance)
 
     def _is_known(self, candidate: ModelCandidate, kalman: FloorKalman, frame: ModelFrame) -> bool:
-        """Whether a candidate is a target's double; the target moves there where the candidate explains more."""
+        """Whether a candidate is a target's arm or double; the target moves there where the double explains more."""
         foot, scale = candidate.foot_px, candidate.scale
+        if self._doubles.is_limb(np.array([*foot, scale]), self.targets):
+            return True
         beside = [t for t in self.targets if t.seat is None and t.existence.observed]
         for target in (t for t in beside if _overlap(self._box(t), self._box_at(foot, scale, FIRST_WIDTH))):
             needless, better = self._doubles.needless(target, np.array([*foot, scale]), self.targets, frame.evidence)

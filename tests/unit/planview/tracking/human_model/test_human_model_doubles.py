@@ -1,10 +1,14 @@
 """Two models on one person, and two people who hide one another, on drawn silhouettes."""
 
+import math
+
 import numpy as np
 import pytest
 
+from calib.ground_camera import GroundCamera
 from calib.types import U8
 from planview.tracking.human_model.doubles import Doubles
+from planview.tracking.human_model.model_map import build_model_map
 from planview.tracking.human_model.scene import ModelScene
 from planview.tracking.human_model.target import Build, Motion, Target
 from planview.tracking.kalman import FloorKalman
@@ -15,14 +19,14 @@ DT_S = 0.1
 SCENE = ModelScene(MAP, PARAMS.match)
 
 
-def _targets(*places: tuple[float, float], motion: Motion = "moving") -> list[Target]:
+def _targets(*places: tuple[float, float], motion: Motion = "moving", camera: GroundCamera = CAMERA) -> list[Target]:
     """Walkers at floor points [m], whose models share pixels."""
     life = LifeCycle()
     found = []
     for k, (x, y) in enumerate(places):
         life.begin(DT_S * k)
         kalman = FloorKalman.at(x, y, 0.1, 1.0)
-        foot_px = CAMERA.project((x, y, 0.0))
+        foot_px = camera.project((x, y, 0.0))
         found.append(Target(life.spawn("test"), kalman, Build(1.0, np.array([x, y])), foot_px, motion=motion))
         found[-1].shared = 0.3
     return found
@@ -76,3 +80,18 @@ def test_people_in_file_stay_two() -> None:
 def test_people_who_stand_do_not_become_one() -> None:
     targets = _targets((-0.12, 6.0), (0.12, 6.0), motion="stopped")
     assert _found_after_s(targets, _people((0.0, 6.0))) == float("inf")
+
+
+def test_an_arm_is_no_newcomer_and_who_is_beside_it_is() -> None:
+    """Under a camera at the height of elbows, where an arm 2 m away is as large as a person 7 m away."""
+    camera = GroundCamera(320, 240, 250.0, 1.3, math.radians(85))
+    scene = ModelScene(build_model_map(camera, params=PARAMS.map), PARAMS.match)
+    near = _targets((0.0, 2.0), camera=camera)
+    doubles = Doubles(scene, PARAMS)
+
+    def far(x: float) -> np.ndarray:
+        return np.array([*camera.project((x, 7.0, 0.0)), 1.0])
+
+    assert doubles.is_limb(far(0.33 * 3.5), near)
+    assert not doubles.is_limb(far(0.7 * 3.5), near)
+    assert not doubles.is_limb(np.array([*camera.project((0.1, 2.2, 0.0)), 1.0]), near)
