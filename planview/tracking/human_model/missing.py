@@ -30,7 +30,7 @@ class Missing:
     """
 
     def __init__(self, params: HumanModelParams, scene: ModelScene) -> None:
-        self._params, self._scene, self._patience_s = params.prune, scene, params.existence.patience_s
+        self._params, self._scene = params.prune, scene
         self.reset()
 
     def reset(self) -> None:
@@ -38,7 +38,6 @@ class Missing:
         self._people: list[Target] = []
         self._hidden: list[Target] = []
         self._appeared: list[F64] = []
-        self._seen_s = math.nan
 
     def __iter__(self) -> Iterator[Target]:
         return iter(tuple(self._people))
@@ -70,14 +69,13 @@ class Missing:
             self.remove(target)
         return old
 
-    def watch(self, now_s: float, observed: bool) -> None:
-        """Where nobody is observed for ``existence.patience_s``, nobody hides the missing: they left behind others.
+    def watch(self, observed: Sequence[Target]) -> None:
+        """Who is hidden is hidden by somebody: with nobody left within ``prune.vanished_m``, a missing person has gone.
 
-        They are kept in mind, since the scene may hide them, too.
+        Such a person left behind others, and is kept in mind all the same, since the scene may hide people, too.
         """
-        self._seen_s = now_s if observed or math.isnan(self._seen_s) else self._seen_s
-        if now_s - self._seen_s > self._patience_s:
-            self._hidden = []
+        reach_m, places = self._params.vanished_m, [target.xy_m for target in observed]
+        self._hidden = [p for p in self._hidden if any(math.dist(p.seen_m, xy_m) <= reach_m for xy_m in places)]
 
     def learn(self, newcomer: Target) -> None:
         """A person who appears inside the view while nobody is missing has come in there."""

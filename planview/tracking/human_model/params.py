@@ -138,9 +138,9 @@ class PruneParams(Params):
     """A new target this near to where a lost one is predicted, and alike, is that one [m]. Our choice: a second of
     walking."""
     vanished_m: float = Field(default=3.0, ge=0, le=20)
-    """A sitter that is found this near to where a person was lost inside the view is that person; and people who have
-    appeared this near to one another inside the view came in by one entrance [m]. Our choice: two seconds of
-    walking."""
+    """A sitter that is found this near to where a person was lost inside the view is that person, whom nobody farther
+    away hides; and people who have appeared this near to one another inside the view came in by one entrance [m]. Our
+    choice: two seconds of walking."""
     vanished_s: float = Field(default=30.0, ge=0, le=3600)
     """For how long a person who was lost inside the view may be found sitting there [s]. Our choice: ten times
     ``existence.patience_s``, since others pass before a seat."""

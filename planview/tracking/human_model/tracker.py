@@ -257,8 +257,7 @@ class HumanModelTracker:
                 self._life.log(target.existence, "state", f"missing: {reason}")
             else:
                 self._life.prune(target.existence, reason)
-        observed = any(t.existence.confirmed and t.existence.observed for t in self.targets)
-        self._missing.watch(self._life.now_s, observed)
+        self._missing.watch([t for t in self.targets if t.existence.confirmed and t.existence.observed])
         for target in self._missing.forgotten(self._life.now_s):
             self._life.prune(target.existence, f"missing for {self._life.unobserved_s(target.existence):.0f} s")
 

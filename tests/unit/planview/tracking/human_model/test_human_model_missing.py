@@ -111,9 +111,8 @@ def test_missing_people_are_forgotten_after_ten_minutes() -> None:
 def test_who_is_missing_where_nobody_is_left_to_hide_them_has_gone() -> None:
     missing, person = _missing(), _at(0.0)
     missing.keep(person)
-    missing.watch(10.0, observed=True)
-    missing.watch(10.0 + PARAMS.existence.patience_s, observed=False)
+    missing.watch([_at(0.9 * PARAMS.prune.vanished_m, 2), _at(FAR, 3)])
     assert missing.hidden == (person,)
-    missing.watch(10.1 + PARAMS.existence.patience_s, observed=False)
+    missing.watch([_at(FAR, 3)])
     assert missing.hidden == ()
     assert list(missing) == [person]
