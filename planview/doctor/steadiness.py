@@ -45,6 +45,9 @@ CUT_SHARE = 0.25
 """Share of the textured blocks below which a frame has nothing in common with another."""
 SETTLED_S = 1.0
 """Time without motion after which a camera stands still again [s]."""
+BREAK_MAX_S = 1.0
+"""Time with nothing of the view before after which the scene is cut [s]: who steps in close before the camera hides all
+of it for some tenths of a second, and walks on."""
 MOVING_MAX_S = 0.5
 """Longest motion of the camera that a run keeps to itself [s]: a knock at the mast."""
 
@@ -57,9 +60,9 @@ class Steady(Enum):
     MOVING = "moving"
     """The camera moves, or has until a second ago."""
     BREAK = "break"
-    """Nothing of the last view shows: a damaged frame or a cut, which the next frame tells."""
+    """Nothing of the last view shows: a damaged frame, someone close before the camera, or a cut."""
     CUT = "cut"
-    """The frame after a break, which has nothing in common with the view before either."""
+    """Nothing of the view before the break has shown for BREAK_MAX_S."""
 
 
 class _Kept(NamedTuple):
@@ -70,17 +73,24 @@ class _Kept(NamedTuple):
     corners: F32
 
 
+class _Break(NamedTuple):
+    """The last frame with anything of the view, and the first one without [s]."""
+
+    thumbnail: U8
+    frame: int
+    time_s: float
+
+
 class Steadiness:
     """Watches the frames of one camera: ``update`` once per frame, in order."""
 
     def __init__(self) -> None:
         self._kept: deque[_Kept] = deque(maxlen=KEPT)
         self._last: U8 | None = None
-        self._before_break: U8 | None = None
+        self._before_break: _Break | None = None
         self._lasting: Bool = np.zeros(_BLOCKS, np.bool_)
         self._moved_s = -math.inf
         self._now_s = 0.0
-        self._frame = -1
         self._moving_s = 0.0
         self._first_moving_s = math.nan
         self._cuts: list[int] = []
@@ -94,10 +104,8 @@ class Steadiness:
         """
         thumbnail = np.asarray(cv2.resize(grey, THUMBNAIL, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         step_s, self._now_s = max(0.0, timestamp_s - self._now_s), timestamp_s
-        found = self._judge(timestamp_s, thumbnail)
+        found = self._judge(frame, timestamp_s, thumbnail)
         self._last = thumbnail
-        if found is Steady.CUT:
-            self._cuts.append(frame - 1)
         if found is Steady.MOVING:
             self._moving_s += min(step_s, SETTLED_S)
             if math.isnan(self._first_moving_s):
@@ -119,20 +127,23 @@ class Steadiness:
             ),
         ]  # fmt: skip
 
-    def _judge(self, now_s: float, thumbnail: U8) -> Steady:
-        before, self._before_break = self._before_break, None
-        if before is not None and self._last is not None and not unrelated(before, thumbnail, self._lasting):
-            self._last = before  # one damaged frame
-        elif before is not None:
+    def _judge(self, frame: int, now_s: float, thumbnail: U8) -> Steady:
+        last, broken = self._last, self._before_break
+        if broken is not None and unrelated(broken.thumbnail, thumbnail, self._lasting):
+            # Half a millisecond of slack: time stamps are rounded.
+            if now_s - broken.time_s < BREAK_MAX_S - 5e-4:
+                return Steady.BREAK
+            self._cuts.append(broken.frame)
             self._restart(now_s, thumbnail)
             return Steady.CUT
-        last = self._last
-        if (
+        if broken is not None:
+            self._before_break = None
+        elif (
             last is not None
             and unrelated(last, thumbnail, self._lasting)
             and not moved(last, _corners(last), thumbnail)
         ):
-            self._before_break = last
+            self._before_break = _Break(last, frame, now_s)
             return Steady.BREAK
         self._look(now_s, thumbnail)
         return Steady.MOVING if now_s - self._moved_s < SETTLED_S else Steady.STILL
@@ -153,6 +164,7 @@ class Steadiness:
     def _restart(self, now_s: float, thumbnail: U8) -> None:
         self._kept.clear()
         self._kept.append(_Kept(now_s, thumbnail, _corners(thumbnail)))
+        self._before_break = None
         self._moved_s = -math.inf
         self._lasting = np.zeros(_BLOCKS, np.bool_)
 

@@ -37,6 +37,8 @@ WHOLE_FROM = np.float32(2**23)
 """From here on single precision has whole numbers only."""
 PIXELS_MIN = 16
 """Smallest number of pixels for a fit."""
+ANY_LUMA = 0.1
+"""Share of the pixels that may have any luma, all alike: a wall all of one luma tells a little, too."""
 
 
 @njit(cache=True, nogil=True)
@@ -70,6 +72,40 @@ def fill_luma(lead: F32, gain: float, offset: float, luma: U8) -> None:
 
 
 @njit(cache=True, nogil=True)
+def fill_information(luma: F32, tolerance: float, information: F32) -> None:
+    """What each pixel tells for a line that it lies on [nat]: the less, the more of the image has its luma by chance.
+
+    Whatever covers most of the image in one luma lies on any line of that luma.
+    """
+    below = np.zeros(257)
+    for i in range(luma.size):
+        below[int(luma[i]) + 1] += 1.0 / luma.size
+    for level in range(256):
+        below[level + 1] += below[level]
+    reach = int(tolerance)
+    of_level = np.empty(256, np.float32)
+    for level in range(256):
+        first, last = max(level - reach, 0), min(level + reach, 255)
+        by_chance = (1.0 - ANY_LUMA) * (below[last + 1] - below[first]) + ANY_LUMA * (last + 1 - first) / 256.0
+        of_level[level] = -math.log(by_chance)
+    for i in range(luma.size):
+        information[i] = of_level[int(luma[i])]
+
+
+@njit(cache=True, nogil=True)
+def inlier_information(
+    model: F32, luma: F32, information: F32, gain: float, offset: float, clip: float, tolerance: float, step: int
+) -> float:
+    """What the pixels, of every step-th, tell whose luma is within the tolerance of the line (clipped at both ends)."""
+    total = 0.0
+    for i in range(0, model.size, step):
+        expected = min(max(gain * model[i] + offset, 0.0), clip)
+        if abs(min(luma[i], clip) - expected) <= tolerance:
+            total += information[i]
+    return total
+
+
+@njit(cache=True, nogil=True)
 def count_inliers(model: F32, luma: F32, gain: float, offset: float, clip: float, tolerance: float, step: int) -> int:
     """Pixels, of every step-th, whose luma is within the tolerance of the line, which clips at both ends."""
     n = 0
@@ -81,11 +117,11 @@ def count_inliers(model: F32, luma: F32, gain: float, offset: float, clip: float
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def consensus_line(
-    model: F32, luma: F32, gain: float, offset: float, clip: float, tolerance: float
+    model: F32, luma: F32, information: F32, gain: float, offset: float, clip: float, tolerance: float
 ) -> tuple[float, float]:
-    """The line through two pixels, or the given one, with most inliers (consensus over fixed pairs)."""
+    """The line through two pixels, or the given one, whose inliers tell most (consensus over fixed pairs)."""
     best = gain, offset
-    best_count = count_inliers(model, luma, gain, offset, clip, tolerance, THINNING)
+    most = inlier_information(model, luma, information, gain, offset, clip, tolerance, THINNING)
     n = model.size
     for k in range(PAIRS):
         i, j = (k * PAIR_STEP) % n, (k * PAIR_STEP + n // 2 + k) % n
@@ -95,21 +131,21 @@ def consensus_line(
         gain = (luma[j] - luma[i]) / run
         offset = luma[i] - gain * model[i]
         if 1.0 / GAIN_MAX < gain < GAIN_MAX and abs(offset) < OFFSET_MAX:
-            count = count_inliers(model, luma, gain, offset, clip, tolerance, THINNING)
-            if count > best_count:
-                best, best_count = (gain, offset), count
+            told = inlier_information(model, luma, information, gain, offset, clip, tolerance, THINNING)
+            if told > most:
+                best, most = (gain, offset), told
     return best
 
 
 @njit(cache=True, nogil=True)
-def consensus_scale(model: F32, luma: F32, clip: float, tolerance: float) -> float:
-    """The smallest gain of a ladder with most inliers, without offset: it works on clipped images, too."""
-    best, best_count = 1.0, 0
+def consensus_scale(model: F32, luma: F32, information: F32, clip: float, tolerance: float) -> float:
+    """The smallest gain of a ladder whose inliers tell most, without offset: it works on clipped images, too."""
+    best, most = 1.0, 0.0
     for k in range(-LADDER_STEPS, LADDER_STEPS + 1):
         gain = math.exp(k * LADDER_STEP)
-        count = count_inliers(model, luma, gain, 0.0, clip, tolerance, THINNING)
-        if count > best_count:
-            best, best_count = gain, count
+        told = inlier_information(model, luma, information, gain, 0.0, clip, tolerance, THINNING)
+        if told > most:
+            best, most = gain, told
     return best
 
 

@@ -16,8 +16,9 @@ INLIERS_TRUSTED = 0.7
 """Fraction of inliers above which no other gain is searched (our choice)."""
 INLIERS_MIN = 0.3
 """Fraction of inliers below which the last gain is kept: the scene changed, not the camera (our choice)."""
-INLIER_RATIO_MIN = 1.1
-"""A new gain must have so many times the inliers of the last one: a large person is no gain step (our choice)."""
+INFORMATION_RATIO_MIN = 1.1
+"""The inliers of a new gain must tell so many times what those of the last one do: a large person is no gain step
+(our choice)."""
 KEPT_GAIN_MAX = 32.0
 """A refined gain beyond this, or below its reciprocal, is not taken over: the fit failed (our choice)."""
 
@@ -36,8 +37,9 @@ class Exposure(NamedTuple):
 class GainFollower:
     """Finds image luma = gain * model luma + offset by consensus of subsampled pixels (our method).
 
-    The last gain, refined, competes with the line through two pixels and the pure gain that have most inliers: all
-    survive people in nearly half of the image. Clipped pixels count as inliers but take no part in the fit.
+    The last gain, refined, competes with the line through two pixels and the pure gain whose inliers tell most: pixels
+    of a common luma tell little, so that a plain shirt which fills most of the image is no change of the exposure.
+    Clipped pixels count as inliers but take no part in the fit.
 
     Attributes:
         gain, offset: as of the last update.
@@ -51,7 +53,7 @@ class GainFollower:
         while math.gcd(self._stride, shape[1]) > 1:
             self._stride += 1
         size = -(-self._n_pixels // self._stride)
-        self._model, self._luma = np.zeros(size, np.float32), np.zeros(size, np.float32)
+        self._model, self._luma, self._information = (np.zeros(size, np.float32) for _ in range(3))
         self._clip, self._tolerance = clip, tolerance
 
     def reset(self) -> None:
@@ -69,16 +71,25 @@ class GainFollower:
         model, luma = self._model[:n], self._luma[:n]
         gain, offset, inliers = self._refined(model, luma, self.gain, self.offset)
         if inliers < INLIERS_TRUSTED * n:
-            for start in self._candidates(model, luma, gain, offset):
-                other = self._refined(model, luma, *start)
-                if other[2] > INLIER_RATIO_MIN * inliers:
-                    gain, offset, inliers = other
+            gain, offset, inliers = self._searched(model, luma, gain, offset, inliers)
         if inliers >= max(INLIERS_MIN * n, kernels.PIXELS_MIN) and 1 / KEPT_GAIN_MAX < gain < KEPT_GAIN_MAX:
             self.gain, self.offset = gain, offset
 
-    def _candidates(self, model: F32, luma: F32, gain: float, offset: float) -> tuple[tuple[float, float], ...]:
-        line = kernels.consensus_line(model, luma, gain, offset, self._clip, self._tolerance)
-        return line, (kernels.consensus_scale(model, luma, self._clip, self._tolerance), 0.0)
+    def _searched(self, model: F32, luma: F32, gain: float, offset: float, inliers: int) -> tuple[float, float, int]:
+        """The line given, or one that the image tells more for."""
+        information = self._information[: len(luma)]
+        kernels.fill_information(luma, self._tolerance, information)
+        best = gain, offset, inliers
+        limits = self._clip, self._tolerance
+        most = kernels.inlier_information(model, luma, information, gain, offset, *limits, 1)
+        line = kernels.consensus_line(model, luma, information, gain, offset, *limits)
+        scale = kernels.consensus_scale(model, luma, information, *limits)
+        for start in (line, (scale, 0.0)):
+            other = self._refined(model, luma, *start)
+            told = kernels.inlier_information(model, luma, information, other[0], other[1], *limits, 1)
+            if told > INFORMATION_RATIO_MIN * most:
+                best, most = other, told
+        return best
 
     def _refined(self, model: F32, luma: F32, gain: float, offset: float) -> tuple[float, float, int]:
         gain, offset = kernels.refine_gain(model, luma, gain, offset, self._clip, self._tolerance)

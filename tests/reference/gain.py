@@ -15,11 +15,30 @@ def count_inliers(
     return int((np.abs(np.minimum(luma[::step], clip) - expected) <= tolerance).sum())
 
 
-def consensus_scale(model: np.ndarray, luma: np.ndarray, clip: float, tolerance: float) -> float:
-    """The smallest gain of the ladder with most inliers."""
+def information(luma: np.ndarray, tolerance: float) -> np.ndarray:
+    """What each pixel tells for a line that it lies on [nat]: minus the logarithm of its luma's share of the image."""
+    level = luma.astype(int)
+    alike = (np.abs(level[:, None] - level) <= int(tolerance)).mean(axis=1)
+    levels = np.minimum(level + int(tolerance), 255) - np.maximum(level - int(tolerance), 0) + 1
+    return np.asarray(-np.log((1 - kernels.ANY_LUMA) * alike + kernels.ANY_LUMA * levels / 256))
+
+
+def inlier_information(
+    model: np.ndarray, luma: np.ndarray, information: np.ndarray, gain: float, offset: float, clip: float,
+    tolerance: float, step: int,
+) -> float:  # fmt: skip
+    """What the pixels, of every step-th, tell whose luma is within the tolerance of the line (clipped at both ends)."""
+    expected = np.clip(gain * model[::step].astype(float) + offset, 0, clip)
+    return float(information[::step][np.abs(np.minimum(luma[::step], clip) - expected) <= tolerance].sum())
+
+
+def consensus_scale(
+    model: np.ndarray, luma: np.ndarray, information: np.ndarray, clip: float, tolerance: float
+) -> float:
+    """The smallest gain of the ladder whose inliers tell most."""
     gains = np.exp(kernels.LADDER_STEP * np.arange(-kernels.LADDER_STEPS, kernels.LADDER_STEPS + 1))
-    counts = [count_inliers(model, luma, gain, 0.0, clip, tolerance, kernels.THINNING) for gain in gains]
-    return float(gains[int(np.argmax(counts))]) if max(counts) else 1.0
+    told = [inlier_information(model, luma, information, g, 0.0, clip, tolerance, kernels.THINNING) for g in gains]
+    return float(gains[int(np.argmax(told))]) if max(told) > 0 else 1.0
 
 
 def refine_gain(

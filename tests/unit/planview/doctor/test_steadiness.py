@@ -36,10 +36,18 @@ def test_panning_camera_moves_until_a_second_after() -> None:
     assert found[-1] is Steady.STILL
 
 
-def test_cut_is_told_a_frame_after_its_break() -> None:
-    found = judged([window(SCENE)] * 4 + [window(OTHER)] * 4)
-    assert found[4:6] == [Steady.BREAK, Steady.CUT]
-    assert set(found[:4] + found[6:]) == {Steady.STILL}
+def test_cut_is_told_a_second_after_its_break() -> None:
+    watch = Steadiness()
+    found = [watch.update(i, 0.1 * i, window(SCENE if i < 4 else OTHER)) for i in range(18)]
+    assert found[4:15] == [Steady.BREAK] * 10 + [Steady.CUT]
+    assert set(found[:4] + found[15:]) == {Steady.STILL}
+    assert "first at frame 4" in watch.checks()[1].note
+
+
+def test_person_close_before_the_camera_is_a_break_without_a_cut() -> None:
+    found = judged([window(SCENE)] * 4 + [window(OTHER, i) for i in range(9)] + [window(SCENE)] * 4)
+    assert set(found[4:13]) == {Steady.BREAK}
+    assert set(found[13:]) == {Steady.STILL}
 
 
 def test_one_damaged_frame_is_a_break_without_a_cut() -> None:

@@ -22,6 +22,16 @@ def _lumas(seed: int, gain: float, offset: float, outliers: float) -> tuple[np.n
     return model, luma.clip(0, 255).astype(np.float32)
 
 
+def _information(luma: np.ndarray) -> np.ndarray:
+    information = np.empty_like(luma)
+    kernels.fill_information(luma, TOLERANCE, information)
+    return information
+
+
+def _told(model: np.ndarray, luma: np.ndarray, information: np.ndarray, gain: float) -> float:
+    return kernels.inlier_information(model, luma, information, gain, 0.0, CLIP, TOLERANCE, kernels.THINNING)
+
+
 @settings(max_examples=30, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
@@ -38,16 +48,21 @@ def test_gain_kernels_agree_with_numpy(seed: int, gain: float, offset: float, ou
         assert abs(kernels.count_inliers(*args) - reference.count_inliers(*args)) <= 2
     ours = kernels.refine_gain(model, luma, start, offset, CLIP, TOLERANCE)
     assert ours == pytest.approx(reference.refine_gain(model, luma, start, offset, CLIP, TOLERANCE), rel=1e-2, abs=0.1)
-    scale = kernels.consensus_scale(model, luma, CLIP, TOLERANCE)
-    theirs = reference.consensus_scale(model, luma, CLIP, TOLERANCE)
-    counts = [kernels.count_inliers(model, luma, g, 0.0, CLIP, TOLERANCE, kernels.THINNING) for g in (scale, theirs)]
-    assert abs(counts[0] - counts[1]) <= 2
+    information = _information(luma)
+    assert information == pytest.approx(reference.information(luma, TOLERANCE), rel=1e-4)
+    scale = kernels.consensus_scale(model, luma, information, CLIP, TOLERANCE)
+    theirs = reference.consensus_scale(model, luma, information, CLIP, TOLERANCE)
+    told = [_told(model, luma, information, gain) for gain in (scale, theirs)]
+    assert told[0] == pytest.approx(told[1], abs=2 * float(information.max()))
+    assert told[0] == pytest.approx(
+        reference.inlier_information(model, luma, information, scale, 0.0, CLIP, TOLERANCE, 4), abs=10
+    )
 
 
 @pytest.mark.parametrize(("gain", "offset"), [(1.0, 0.0), (0.6, 20.0), (1.8, -40.0), (0.9, -80.0)])
 def test_line_is_found_from_nowhere_with_forty_percent_outliers(gain: float, offset: float) -> None:
     model, luma = _lumas(3, gain, offset, 0.4)
-    found = kernels.consensus_line(model, luma, 1.0, 0.0, CLIP, TOLERANCE)
+    found = kernels.consensus_line(model, luma, _information(luma), 1.0, 0.0, CLIP, TOLERANCE)
     refined = kernels.refine_gain(model, luma, *found, CLIP, TOLERANCE)
     levels = np.array([60.0, 150.0])
     assert refined[0] * levels + refined[1] == pytest.approx(gain * levels + offset, abs=3)
@@ -57,8 +72,14 @@ def test_scale_is_found_on_an_image_that_is_nearly_all_clipped() -> None:
     rng = np.random.default_rng(0)
     model = rng.uniform(100, 200, 2000).astype(np.float32)
     luma = np.minimum(2.4 * model + rng.normal(0, 2, 2000), 255).astype(np.float32)
-    gain = kernels.consensus_scale(model, luma, CLIP, TOLERANCE)
+    gain = kernels.consensus_scale(model, luma, _information(luma), CLIP, TOLERANCE)
     assert kernels.count_inliers(model, luma, gain, 0.0, CLIP, TOLERANCE, 1) > 1900
+
+
+def test_pixel_tells_the_less_the_more_of_the_image_has_its_luma() -> None:
+    luma = np.array([100.0] * 90 + [200.0] * 10, np.float32)
+    by_chance = np.array([0.9 * 0.9, 0.9 * 0.1]) + 0.1 * 25 / 256
+    assert _information(luma)[[0, -1]] == pytest.approx(-np.log(by_chance), rel=1e-5)
 
 
 def _follow(gains: list[float]) -> Foreground:
@@ -75,6 +96,18 @@ def _follow(gains: list[float]) -> Foreground:
 def test_gain_is_followed() -> None:
     foreground = _follow([1.0] * 10 + [1.3])
     assert foreground._gain.gain == pytest.approx(1.3, abs=0.03)
+
+
+def test_plain_shirt_over_most_of_the_image_is_no_gain() -> None:
+    rng = np.random.default_rng(0)
+    wall = rng.uniform(40, 160, (60, 80))
+    foreground = Foreground(ForegroundParams(), wall.shape)
+    for i in range(11):
+        image = (1.1 if i == 10 else 1.0) * wall + rng.normal(0, 2, wall.shape)
+        if i == 10:
+            image[:, 28:] = 105 + rng.normal(0, 2, (60, 52))
+        foreground.update(image.clip(0, 255).astype(np.uint8), None, i / 10)
+    assert foreground._gain.gain == pytest.approx(1.1, abs=0.03)
 
 
 def test_model_moves_to_the_exposure_of_the_image_when_that_is_far_away() -> None:
