@@ -54,7 +54,8 @@ def body_extent(evidence: U8, cover: U8, axis: Axis, bins: I64) -> tuple[float, 
     """How far evidence that no other model covers reaches along a body's axis: (low, high, head), foot 0 and head 1.
 
     Pixels within ``half_width`` of the axis are counted in ``bins`` from -0.4 to 1.4 of the axis; from the middle
-    outwards, the body ends where two bins in a row hold less than a tenth of its width. (0, 0) where there is none.
+    outwards, the body ends where two bins in a row hold less than a tenth of its width. Where the middle is empty, as a
+    shirt like the wall leaves it, from what is next to it on both sides. (0, 0) where there is none.
     The head ends likewise upwards from the chest or, where nothing is there, below it; 0 where there is none.
     """
     n = len(bins)
@@ -85,12 +86,13 @@ def body_extent(evidence: U8, cover: U8, axis: Axis, bins: I64) -> tuple[float, 
     minimum = 0.1 * 2.0 * (2.0 * half_width) * (1.8 * length / n)
     middle = int(0.9 / 1.8 * n)
     head = _head_end(bins, minimum, int((CHEST + 0.4) / 1.8 * n)) / n * 1.8 - 0.4
+    low, high = middle, middle
     if bins[middle] < minimum and bins[middle - 1] < minimum:
+        low, high = _beside_gap(bins, minimum, middle)
+    if high == n:
         return 0.0, 0.0, head
-    low = middle
     while low > 0 and (bins[low - 1] >= minimum or (low > 1 and bins[low - 2] >= minimum)):
         low -= 1
-    high = middle
     while high < n - 1 and (bins[high + 1] >= minimum or (high < n - 2 and bins[high + 2] >= minimum)):
         high += 1
     while low < high and bins[low] < minimum:
@@ -98,6 +100,18 @@ def body_extent(evidence: U8, cover: U8, axis: Axis, bins: I64) -> tuple[float, 
     while high > low and bins[high] < minimum:
         high -= 1
     return low / n * 1.8 - 0.4, (high + 1) / n * 1.8 - 0.4, head
+
+
+@njit(cache=True, nogil=True)
+def _beside_gap(bins: I64, minimum: float, middle: int) -> tuple[int, int]:
+    """The nearest bins below and above an empty middle between foot and head; the number of bins for none on a side."""
+    n = len(bins)
+    low, high, foot, head = middle, middle, int(0.4 / 1.8 * n), int(1.4 / 1.8 * n)
+    while low >= foot and bins[low] < minimum:
+        low -= 1
+    while high < head and bins[high] < minimum:
+        high += 1
+    return (low, high) if low >= foot and high < head else (n, n)
 
 
 @njit(cache=True, nogil=True)

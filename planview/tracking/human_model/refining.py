@@ -86,8 +86,10 @@ class Refiner:
             return True
         head, feet = self._clear(position, build.scale, 1.0 - END), self._clear(position, build.scale, 0.0)
         ends = self._ends(position, found, build)
-        as_long = abs(ends.height - 1.0) <= (SHORTER if known else reach)
-        if head and feet and as_long and found.error <= reach:
+        # A model that has left its body may be far from the feet of one that is as long as the person.
+        off = abs(found.low) > reach
+        as_long = abs(ends.height - 1.0) <= (SHORTER if known or off else reach)
+        if head and feet and as_long and abs(found.high) <= reach:
             position += ends.shift * found.axis_px
             if target.stability == "stable":
                 self._learn(target, ends.height, dt_s)

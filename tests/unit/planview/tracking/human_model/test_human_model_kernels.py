@@ -221,6 +221,14 @@ def test_body_extent_ends_where_the_body_does() -> None:
     assert high == head == pytest.approx(1.0, abs=0.04)
 
 
+def test_body_in_two_pieces_ends_where_they_do() -> None:
+    evidence = np.zeros((72, 96), np.uint8)
+    evidence[20:28, 44:53] = evidence[45:61, 44:53] = 2  # a shirt like the wall
+    axis = extents.Axis(48.0, 60.0, 0.0, -40.0, 6.0)
+    low, high, _ = extents.body_extent(evidence, np.zeros_like(evidence), axis, np.zeros(60, np.int64))
+    assert (low, high) == pytest.approx((0.0, 1.0), abs=0.04)
+
+
 def test_head_ends_where_it_does_though_another_covers_the_middle_of_the_body() -> None:
     evidence, cover = np.zeros((72, 96), np.uint8), np.zeros((72, 96), np.uint8)
     evidence[26:61, 44:53] = 2  # the body is 34 px of 40 long

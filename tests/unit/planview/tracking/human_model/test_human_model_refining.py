@@ -78,3 +78,17 @@ def test_a_model_that_is_too_near_finds_the_person(name: str) -> None:
     off_m = math.dist(camera.back_project(position), (x, y))
     assert off_m < 0.02 * y
     assert target.build.scale == pytest.approx(0.95, abs=0.025)
+
+
+@pytest.mark.parametrize(("height", "found"), [(0.97, True), (0.88, False)])
+def test_a_model_that_has_left_its_body_returns_to_one_as_long_as_the_person(height: float, found: bool) -> None:
+    """The feet are a third of the model below its own; a shadow or another person is seldom as long as the person."""
+    camera, (x, y) = CAMERAS["kiosk"]
+    refiner = _refiner(camera)
+    evidence = np.zeros(camera.size[::-1], np.uint8)
+    refiner.scene.paint(evidence, camera.project((x, y, 0.0)), height, 2)
+    target = _target(camera, (1.32 * x, 1.32 * y))
+    position = target.foot_px.copy()
+    refiner.scene.paint(refiner.scene.cover, position, target.build.scale, 1)
+    refiner(target, position, evidence, 0.1)
+    assert (math.dist(camera.back_project(position), (x, y)) < 0.1 * y) == found
