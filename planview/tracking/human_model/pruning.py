@@ -24,6 +24,11 @@ def has_walked(target: Target, params: HumanModelParams) -> bool:
     return target.build.travel_m >= (params.spawn.min_travel_m if target.whole else params.prune.walked_m)
 
 
+def is_person(target: Target, params: HumanModelParams) -> bool:
+    """Whether a target has gone as far as no thing goes; a person on a seat has stood before, as no chair does."""
+    return target.seat is not None or target.build.travel_m >= params.prune.walked_m
+
+
 def prune_reason(target: Target, params: HumanModelParams, life: LifeCycle) -> str:
     """Why a target is not, or no longer, a person in view; empty if it stays."""
     prune, who = params.prune, target.existence
@@ -32,9 +37,7 @@ def prune_reason(target: Target, params: HumanModelParams, life: LifeCycle) -> s
             return "never walked"
         if target.matches >= MIN_MATCHES and target.moving_fraction < 0.5 * params.states.internal_motion:
             return "does not move"
-    # A person on a seat has stood before, as no chair does.
-    person = target.seat is not None or target.build.travel_m >= prune.walked_m
-    limit_s = prune.inanimate_s * (PERSON_PATIENCE if person else 1.0)
+    limit_s = prune.inanimate_s * (PERSON_PATIENCE if is_person(target, params) else 1.0)
     if life.now_s - target.still_since_s >= limit_s:
         return "stationary: a thing"
     if target.inside < prune.gone_visible:

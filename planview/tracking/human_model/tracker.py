@@ -11,6 +11,7 @@ from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.human.model import HumanModel
 from calib.types import F64, U8
+from planview.foreground.masks import PERSON, WALKER
 from planview.tracking.appearance_model import Appearance
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.human_model.candidates import CandidateFinder, ModelCandidate
@@ -21,7 +22,7 @@ from planview.tracking.human_model.frame import ModelFrame, frame_of
 from planview.tracking.human_model.missing import Missing
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
-from planview.tracking.human_model.pruning import has_walked, prune_reason, reacquirable
+from planview.tracking.human_model.pruning import has_walked, is_person, prune_reason, reacquirable
 from planview.tracking.human_model.scene import ModelScene
 from planview.tracking.human_model.seating import Seating
 from planview.tracking.human_model.target import FIRST_WIDTH, Build, Target
@@ -127,8 +128,14 @@ class HumanModelTracker:
         a person (signs, tables) and where a lost person is predicted, and scenery that must not be learned becomes
         foreground with the next change of light.
         """
-        people = any(target.existence.confirmed for target in self.targets)
-        return self._unclaimed.known(self._still_s, self._evidence, people)
+        people = [target for target in self.targets if target.existence.confirmed]
+        known = self._unclaimed.known(self._still_s, self._evidence, bool(people))
+        walkers = np.zeros_like(known)
+        for target in people:
+            if target.existence.observed and is_person(target, self.params):
+                self.scene.paint(walkers, target.foot_px, target.model_scale, 1)
+        np.copyto(known, np.uint8(WALKER), where=(walkers > 0) & (known == PERSON))
+        return known
 
     def debug(self) -> TrackerDebug:
         """Models with their states in the image, footprints on the floor."""

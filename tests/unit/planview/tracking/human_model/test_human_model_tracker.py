@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from planview.foreground.masks import BACKGROUND, PERSON
+from planview.foreground.masks import BACKGROUND, PERSON, WALKER
 from planview.tracking.base import Observation
 from planview.tracking.human_model import HumanModelTracker
 from planview.tracking.human_model.params import NewTargetParams
@@ -152,18 +152,19 @@ def test_states_appear_in_decisions_and_drawings() -> None:
     assert "stationary" in models.labels[0]
 
 
-def test_feedback_protects_tracked_people() -> None:
-    tracker, _, _ = run(_walker, 2.0)
-    u, v = CAMERA.project((-2.5 + 1.2 * 1.9, 6.0, 0.9))
-    assert tracker.feedback()[round(float(v)), round(float(u))] == PERSON
+@pytest.mark.parametrize(("seconds", "label"), [(1.0, PERSON), (2.0, WALKER)])
+def test_feedback_protects_tracked_people_and_tells_who_has_walked(seconds: float, label: int) -> None:
+    tracker, _, _ = run(_walker, seconds)
+    u, v = CAMERA.project((-2.5 + 1.2 * (seconds - 0.1), 6.0, 0.9))
+    assert tracker.feedback()[round(float(v)), round(float(u))] == label
 
 
 def test_feedback_leaves_what_hides_a_person_to_the_background() -> None:
     u = round(float(CAMERA.project((-2.5 + 1.2 * 1.9, 6.0, 0.9))[0]))
     tracker, _, _ = run(_walker, 2.0, hidden=slice(u - 1, u + 2))
     feedback = tracker.feedback()
-    assert (feedback == PERSON).any()
-    assert not (feedback[:, u - 1 : u + 2] == PERSON).any()
+    assert (feedback == WALKER).any()
+    assert not np.isin(feedback[:, u - 1 : u + 2], (PERSON, WALKER)).any()
 
 
 def test_reset_gives_the_same_tracks_again() -> None:
