@@ -77,6 +77,9 @@ class ModelScene:
         )
         self.map_boxes = self.sizes.boxes
         self.map_inside = inside(self.map_boxes, model_map.camera.size)
+        # Of one image of evidence, as long as the cover is the same.
+        self._extents: dict[tuple[float, float, float], Extent | None] = {}
+        self._extents_of: U8 | None = None
 
     def match(self, foreground: U8, predicted: F64, scale: F64, covariance: F64, order: I64) -> F64:
         """Joint best foot pixels (N, 2) of these targets; models placed since ``clear`` keep their pixels.
@@ -89,6 +92,7 @@ class ModelScene:
             order: (N,) which target claims pixels first.
         """
         p = self.params
+        self._extents_of = None
         inverse = np.linalg.inv(covariance)
         information = np.stack([inverse[:, 0, 0], inverse[:, 0, 1], inverse[:, 1, 1]], axis=1)
         sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]], axis=1))
@@ -116,6 +120,7 @@ class ModelScene:
 
     def clear(self) -> None:
         """No models placed."""
+        self._extents_of = None
         self.cover[:] = 0
         self.claimed[:] = 0
 
@@ -249,6 +254,15 @@ class ModelScene:
 
     def extent(self, evidence: U8, position: F64, scale: float) -> Extent | None:
         """Where a body ends along its axis; None where the axis is too short in the image to tell."""
+        # A head and then both ends are asked of the same place.
+        asked = float(position[0]), float(position[1]), scale
+        if self._extents_of is not evidence:
+            self._extents_of, self._extents = evidence, {}
+        if asked not in self._extents:
+            self._extents[asked] = self._extent(evidence, position, scale)
+        return self._extents[asked]
+
+    def _extent(self, evidence: U8, position: F64, scale: float) -> Extent | None:
         entry = self._entry(position)
         if entry < 0:
             return None
@@ -275,6 +289,8 @@ class ModelScene:
         """Add ``amount`` to the pixels of the model at a (2,) foot pixel."""
         top, bottom = self._fill(position, scale)
         kernels.paint(image, self._spans, top, bottom, amount)
+        if image is self.cover:
+            self._extents_of = None
 
     def hull(self, position: F64, scale: float) -> F64 | None:
         """(HULL_POINTS, 2) outline [px] of the model at a (2,) foot pixel; None where no person is possible."""

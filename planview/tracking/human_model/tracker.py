@@ -134,7 +134,8 @@ class HumanModelTracker:
         for target in people:
             if target.existence.observed and is_person(target, self.params):
                 self.scene.paint(walkers, target.foot_px, target.model_scale, 1)
-        np.copyto(known, np.uint8(WALKER), where=(walkers > 0) & (known == PERSON))
+                inside = self.scene.window(target.foot_px, target.model_scale)
+                known[inside][(walkers[inside] > 0) & (known[inside] == PERSON)] = WALKER
         return known
 
     def debug(self) -> TrackerDebug:
