@@ -93,26 +93,18 @@ def fill_information(luma: F32, tolerance: float, information: F32) -> None:
 
 
 @njit(cache=True, nogil=True)
-def inlier_information(
+def weigh_inliers(
     model: F32, luma: F32, information: F32, gain: float, offset: float, clip: float, tolerance: float, step: int
-) -> float:
-    """What the pixels, of every step-th, tell whose luma is within the tolerance of the line (clipped at both ends)."""
-    total = 0.0
+) -> tuple[int, float]:
+    """Number of the pixels, of every step-th, within the tolerance of the line (clipped at both ends), and what they
+    tell."""
+    n, told = 0, 0.0
     for i in range(0, model.size, step):
         expected = min(max(gain * model[i] + offset, 0.0), clip)
         if abs(min(luma[i], clip) - expected) <= tolerance:
-            total += information[i]
-    return total
-
-
-@njit(cache=True, nogil=True)
-def count_inliers(model: F32, luma: F32, gain: float, offset: float, clip: float, tolerance: float, step: int) -> int:
-    """Pixels, of every step-th, whose luma is within the tolerance of the line, which clips at both ends."""
-    n = 0
-    for i in range(0, model.size, step):
-        expected = min(max(gain * model[i] + offset, 0.0), clip)
-        n += abs(min(luma[i], clip) - expected) <= tolerance
-    return n
+            n += 1
+            told += information[i]
+    return n, told
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -121,7 +113,7 @@ def consensus_line(
 ) -> tuple[float, float]:
     """The line through two pixels, or the given one, whose inliers tell most (consensus over fixed pairs)."""
     best = gain, offset
-    most = inlier_information(model, luma, information, gain, offset, clip, tolerance, THINNING)
+    most = weigh_inliers(model, luma, information, gain, offset, clip, tolerance, THINNING)[1]
     n = model.size
     for k in range(PAIRS):
         i, j = (k * PAIR_STEP) % n, (k * PAIR_STEP + n // 2 + k) % n
@@ -131,7 +123,7 @@ def consensus_line(
         gain = (luma[j] - luma[i]) / run
         offset = luma[i] - gain * model[i]
         if 1.0 / GAIN_MAX < gain < GAIN_MAX and abs(offset) < OFFSET_MAX:
-            told = inlier_information(model, luma, information, gain, offset, clip, tolerance, THINNING)
+            told = weigh_inliers(model, luma, information, gain, offset, clip, tolerance, THINNING)[1]
             if told > most:
                 best, most = (gain, offset), told
     return best
@@ -143,7 +135,7 @@ def consensus_scale(model: F32, luma: F32, information: F32, clip: float, tolera
     best, most = 1.0, 0.0
     for k in range(-LADDER_STEPS, LADDER_STEPS + 1):
         gain = math.exp(k * LADDER_STEP)
-        told = inlier_information(model, luma, information, gain, 0.0, clip, tolerance, THINNING)
+        told = weigh_inliers(model, luma, information, gain, 0.0, clip, tolerance, THINNING)[1]
         if told > most:
             best, most = gain, told
     return best

@@ -34,6 +34,19 @@ class Exposure(NamedTuple):
         return Exposure(step.gain * self.gain, step.gain * self.offset + step.offset)
 
 
+_Pixels = tuple[F32, F32, F32]
+"""(N,) luma of the model and of the image, and what each pixel tells."""
+
+
+class _Line(NamedTuple):
+    """A gain and an offset, how many pixels lie on that line, and what they tell."""
+
+    gain: float
+    offset: float
+    inliers: int
+    told: float
+
+
 class GainFollower:
     """Finds image luma = gain * model luma + offset by consensus of subsampled pixels (our method).
 
@@ -68,29 +81,24 @@ class GainFollower:
         """
         colour = image.size > self._n_pixels
         n = kernels.sample_lumas(lead, image, colour, self._n_pixels, self._stride, self._model, self._luma)
-        model, luma = self._model[:n], self._luma[:n]
-        gain, offset, inliers = self._refined(model, luma, self.gain, self.offset)
-        if inliers < INLIERS_TRUSTED * n:
-            gain, offset, inliers = self._searched(model, luma, gain, offset, inliers)
-        if inliers >= max(INLIERS_MIN * n, kernels.PIXELS_MIN) and 1 / KEPT_GAIN_MAX < gain < KEPT_GAIN_MAX:
-            self.gain, self.offset = gain, offset
+        pixels = self._model[:n], self._luma[:n], self._information[:n]
+        kernels.fill_information(pixels[1], self._tolerance, pixels[2])
+        best = self._refined(pixels, self.gain, self.offset)
+        if best.inliers < INLIERS_TRUSTED * n:
+            best = self._searched(pixels, best)
+        if best.inliers >= max(INLIERS_MIN * n, kernels.PIXELS_MIN) and 1 / KEPT_GAIN_MAX < best.gain < KEPT_GAIN_MAX:
+            self.gain, self.offset = best.gain, best.offset
 
-    def _searched(self, model: F32, luma: F32, gain: float, offset: float, inliers: int) -> tuple[float, float, int]:
+    def _searched(self, pixels: _Pixels, best: _Line) -> _Line:
         """The line given, or one that the image tells more for."""
-        information = self._information[: len(luma)]
-        kernels.fill_information(luma, self._tolerance, information)
-        best = gain, offset, inliers
-        limits = self._clip, self._tolerance
-        most = kernels.inlier_information(model, luma, information, gain, offset, *limits, 1)
-        line = kernels.consensus_line(model, luma, information, gain, offset, *limits)
-        scale = kernels.consensus_scale(model, luma, information, *limits)
+        line = kernels.consensus_line(*pixels, best.gain, best.offset, self._clip, self._tolerance)
+        scale = kernels.consensus_scale(*pixels, self._clip, self._tolerance)
         for start in (line, (scale, 0.0)):
-            other = self._refined(model, luma, *start)
-            told = kernels.inlier_information(model, luma, information, other[0], other[1], *limits, 1)
-            if told > INFORMATION_RATIO_MIN * most:
-                best, most = other, told
+            other = self._refined(pixels, *start)
+            if other.told > INFORMATION_RATIO_MIN * best.told:
+                best = other
         return best
 
-    def _refined(self, model: F32, luma: F32, gain: float, offset: float) -> tuple[float, float, int]:
-        gain, offset = kernels.refine_gain(model, luma, gain, offset, self._clip, self._tolerance)
-        return gain, offset, kernels.count_inliers(model, luma, gain, offset, self._clip, self._tolerance, 1)
+    def _refined(self, pixels: _Pixels, gain: float, offset: float) -> _Line:
+        gain, offset = kernels.refine_gain(*pixels[:2], gain, offset, self._clip, self._tolerance)
+        return _Line(gain, offset, *kernels.weigh_inliers(*pixels, gain, offset, self._clip, self._tolerance, 1))

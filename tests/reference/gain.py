@@ -7,14 +7,6 @@ import numpy as np
 from planview.foreground import _gain_kernels as kernels
 
 
-def count_inliers(
-    model: np.ndarray, luma: np.ndarray, gain: float, offset: float, clip: float, tolerance: float, step: int
-) -> int:
-    """Pixels, of every step-th, whose luma is within the tolerance of the line, which clips at both ends."""
-    expected = np.clip(gain * model[::step].astype(float) + offset, 0, clip)
-    return int((np.abs(np.minimum(luma[::step], clip) - expected) <= tolerance).sum())
-
-
 def information(luma: np.ndarray, tolerance: float) -> np.ndarray:
     """What each pixel tells for a line that it lies on [nat]: minus the logarithm of its luma's share of the image."""
     level = luma.astype(int)
@@ -23,13 +15,15 @@ def information(luma: np.ndarray, tolerance: float) -> np.ndarray:
     return np.asarray(-np.log((1 - kernels.ANY_LUMA) * alike + kernels.ANY_LUMA * levels / 256))
 
 
-def inlier_information(
+def weigh_inliers(
     model: np.ndarray, luma: np.ndarray, information: np.ndarray, gain: float, offset: float, clip: float,
     tolerance: float, step: int,
-) -> float:  # fmt: skip
-    """What the pixels, of every step-th, tell whose luma is within the tolerance of the line (clipped at both ends)."""
+) -> tuple[int, float]:  # fmt: skip
+    """Number of the pixels, of every step-th, within the tolerance of the line (clipped at both ends), and what they
+    tell."""
     expected = np.clip(gain * model[::step].astype(float) + offset, 0, clip)
-    return float(information[::step][np.abs(np.minimum(luma[::step], clip) - expected) <= tolerance].sum())
+    near = np.abs(np.minimum(luma[::step], clip) - expected) <= tolerance
+    return int(near.sum()), float(information[::step][near].sum())
 
 
 def consensus_scale(
@@ -37,7 +31,7 @@ def consensus_scale(
 ) -> float:
     """The smallest gain of the ladder whose inliers tell most."""
     gains = np.exp(kernels.LADDER_STEP * np.arange(-kernels.LADDER_STEPS, kernels.LADDER_STEPS + 1))
-    told = [inlier_information(model, luma, information, g, 0.0, clip, tolerance, kernels.THINNING) for g in gains]
+    told = [weigh_inliers(model, luma, information, g, 0.0, clip, tolerance, kernels.THINNING)[1] for g in gains]
     return float(gains[int(np.argmax(told))]) if max(told) > 0 else 1.0
 
 

@@ -8,13 +8,13 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from calib.types import F32, F64, I64, U8, Bool
-from planview.tracking.human_model import _extent_kernels as extents
 from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model import _match_kernels as matching
 from planview.tracking.human_model import _measure_kernels as measuring
+from planview.tracking.human_model.body_extent import BodyExtents
 from planview.tracking.human_model.frame import ModelFrame
 from planview.tracking.human_model.hiding import Hiding
-from planview.tracking.human_model.image_size import MIN_AXIS, ImageSizes, inside, upright
+from planview.tracking.human_model.image_size import ImageSizes, inside, upright
 from planview.tracking.human_model.measurement import Extent, Measurement
 from planview.tracking.human_model.model_map import HumanModelMap
 from planview.tracking.human_model.params import HumanMatchParams
@@ -26,8 +26,6 @@ SEARCH_SIGMAS = 2.5
 CLAIMED_RING = 0.5
 """Inner part of the ring whose foreground starts no new target: in all of it, two people side by side would never be
 told apart (our choice)."""
-EXTENT_BINS = 60
-"""Bins along a body's axis, 3 % of its height each."""
 SHIFT = 0.05
 """How far the foot may move when the posture changes, as a fraction of the height (our choice): further, and a person
 whose legs are hidden would seem to sit, higher up."""
@@ -77,9 +75,7 @@ class ModelScene:
         )
         self.map_boxes = self.sizes.boxes
         self.map_inside = inside(self.map_boxes, model_map.camera.size)
-        # Of one image of evidence, as long as the cover is the same.
-        self._extents: dict[tuple[float, float, float], Extent | None] = {}
-        self._extents_of: U8 | None = None
+        self._extents = BodyExtents(model_map, self.sizes, self.cover)
 
     def match(self, foreground: U8, predicted: F64, scale: F64, covariance: F64, order: I64) -> F64:
         """Joint best foot pixels (N, 2) of these targets; models placed since ``clear`` keep their pixels.
@@ -92,7 +88,7 @@ class ModelScene:
             order: (N,) which target claims pixels first.
         """
         p = self.params
-        self._extents_of = None
+        self._extents.forget()
         inverse = np.linalg.inv(covariance)
         information = np.stack([inverse[:, 0, 0], inverse[:, 0, 1], inverse[:, 1, 1]], axis=1)
         sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]], axis=1))
@@ -120,7 +116,7 @@ class ModelScene:
 
     def clear(self) -> None:
         """No models placed."""
-        self._extents_of = None
+        self._extents.forget()
         self.cover[:] = 0
         self.claimed[:] = 0
 
@@ -254,30 +250,7 @@ class ModelScene:
 
     def extent(self, evidence: U8, position: F64, scale: float) -> Extent | None:
         """Where a body ends along its axis; None where the axis is too short in the image to tell."""
-        # A head and then both ends are asked of the same place.
-        asked = float(position[0]), float(position[1]), scale
-        if self._extents_of is not evidence:
-            self._extents_of, self._extents = evidence, {}
-        if asked not in self._extents:
-            self._extents[asked] = self._extent(evidence, position, scale)
-        return self._extents[asked]
-
-    def _extent(self, evidence: U8, position: F64, scale: float) -> Extent | None:
-        entry = self._entry(position)
-        if entry < 0:
-            return None
-        people = self.model_map
-        size = self.sizes.at(entry, scale)
-        line = extents.line_of(people.foot_px[entry], people.head_px[entry], people.hull_px[entry], size, position)
-        if line.length < MIN_AXIS * size * float(self.map_boxes[entry, 2:].max()):
-            return None
-        low, high, head = extents.body_extent(evidence, self.cover, line.axis, np.zeros(EXTENT_BINS, np.int64))
-        axis_px = np.array([line.axis.along_u, line.axis.along_v])
-        head = head - line.high if head > 1.0 / EXTENT_BINS else math.nan
-        if high <= low:
-            return Extent(axis_px, math.nan, math.nan, head, math.nan)
-        height = self.sizes.height_of(entry, size * (high - low) / (line.high - line.low)) / scale
-        return Extent(axis_px, low - line.low, high - line.high, head, height)
+        return self._extents.of(evidence, self._entry(position), position, scale)
 
     def covered(self, position: F64, scale: float, from_foot: float, share: float) -> float:
         """Part of a piece of a placed model (see ``_fill_part``) that another covers or the scene hides."""
@@ -290,7 +263,7 @@ class ModelScene:
         top, bottom = self._fill(position, scale)
         kernels.paint(image, self._spans, top, bottom, amount)
         if image is self.cover:
-            self._extents_of = None
+            self._extents.forget()
 
     def hull(self, position: F64, scale: float) -> F64 | None:
         """(HULL_POINTS, 2) outline [px] of the model at a (2,) foot pixel; None where no person is possible."""

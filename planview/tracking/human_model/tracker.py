@@ -11,7 +11,6 @@ from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.human.model import HumanModel
 from calib.types import F64, U8
-from planview.foreground.masks import PERSON, WALKER
 from planview.tracking.appearance_model import Appearance
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.human_model.candidates import CandidateFinder, ModelCandidate
@@ -129,14 +128,8 @@ class HumanModelTracker:
         foreground with the next change of light.
         """
         people = [target for target in self.targets if target.existence.confirmed]
-        known = self._unclaimed.known(self._still_s, self._evidence, bool(people))
-        walkers = np.zeros_like(known)
-        for target in people:
-            if target.existence.observed and is_person(target, self.params):
-                self.scene.paint(walkers, target.foot_px, target.model_scale, 1)
-                inside = self.scene.window(target.foot_px, target.model_scale)
-                known[inside][(walkers[inside] > 0) & (known[inside] == PERSON)] = WALKER
-        return known
+        walkers = [t for t in people if t.existence.observed and is_person(t, self.params)]
+        return self._unclaimed.known(self._still_s, self._evidence, bool(people), walkers)
 
     def debug(self) -> TrackerDebug:
         """Models with their states in the image, footprints on the floor."""

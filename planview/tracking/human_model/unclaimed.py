@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from calib.types import F32, U8, Bool
 from planview.foreground.blobs import Blobs, find_blobs
+from planview.foreground.masks import PERSON, WALKER
 from planview.tracking.human_model import _unclaimed_kernels as kernels
 from planview.tracking.human_model.frame import SALIENT, ModelFrame
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.scene import ModelScene
+from planview.tracking.human_model.target import Target
 
 LIVELY = 0.01
 """Share of a region's pixels that have moved lately in one that may be a person (our choice): a head that turns in a
@@ -61,17 +64,23 @@ class Unclaimed:
         self.lively = moved >= LIVELY * np.maximum(area, 1)
         self.lively[0] = False
 
-    def known(self, still_s: F32, evidence: U8, people: bool) -> U8:
+    def known(self, still_s: F32, evidence: U8, people: bool, walkers: Sequence[Target]) -> U8:
         """(H, W) uint8 labels for ``Foreground``: see ``HumanModelTracker.feedback``.
 
         Args:
             still_s: (H, W) for how long pixels have been still and unclaimed.
             evidence: (H, W) uint8 of the last frame.
             people: whether any have been confirmed.
+            walkers: those of them who are seen and have walked: none is a ghost of the background.
         """
         known = np.empty_like(evidence)
         limit_s, blobs, claimed = self._params.prune.still_s, self.blobs, self._scene.claimed
         kernels.mark_known(still_s, limit_s, blobs.labels, self.lively, claimed, evidence, people, known)
+        models = np.zeros_like(known)
+        for target in walkers:
+            self._scene.paint(models, target.foot_px, target.model_scale, 1)
+            part = self._scene.window(target.foot_px, target.model_scale)
+            known[part][(models[part] > 0) & (known[part] == PERSON)] = WALKER
         return known
 
     def moves_on(self, region: Bool) -> bool:
