@@ -15,6 +15,10 @@ from planview.tracking.ellipse_particle.planes import PlaneView
 LONGEST, LONG = 56.0, 40.0
 """Where a person in the lower part of the image is longer than ``LONGEST`` cells, the grid is made coarser until it is
 ``LONG``: time per ellipse stays bounded, and limbs average out. Our choice."""
+SHORT, FINER = 26.0, 2
+"""Where a person there is shorter than ``SHORT`` cells, the grid is so many times finer, if the foreground is: of a
+person 3 or 4 cells wide legs are lost, and two side by side are one. Our choice: one is then up to ``LONG`` and a third
+cells long."""
 COLUMNS_MIN = 24
 LOWER = 0.75
 """Row at which size is judged, as a share of the image's height."""
@@ -26,10 +30,10 @@ def averaged(foreground: U8, image_size: tuple[int, int], columns: int, observat
     Args:
         foreground: (h, w) uint8, of the image or reduced.
         image_size: (width, height) of the image [px].
-        columns: of the grid.
+        columns: of the grid; at most those of the foreground.
     """
     width, height = image_size
-    cols = min(width, columns)
+    cols = min(foreground.shape[1], columns)
     rows = max(1, round(height * cols / width))
     cells = cv2.resize(foreground, (cols, rows), interpolation=cv2.INTER_AREA)
     mask: F32 = np.asarray(cells, dtype=np.float32) / np.float32(255)
@@ -37,17 +41,17 @@ def averaged(foreground: U8, image_size: tuple[int, int], columns: int, observat
     return PlaneView(mask, scale, ((scale - 1) / 2, (scale - 1) / 2), observation)
 
 
-def columns_for(prior: SizePrior, columns: int, rows: int) -> int:
-    """Columns of the grid for people of a size.
+def columns_for(prior: SizePrior, view: PlaneView) -> int:
+    """Columns of the grid for people of a size in cells of the view."""
+    length, columns = length_in(prior, view), int(view.mask.shape[1])
+    if length < SHORT:
+        return FINER * columns
+    return columns if length <= LONGEST else max(COLUMNS_MIN, round(columns * LONG / length / 8) * 8)
 
-    Args:
-        prior: in cells of a grid of so many columns and rows.
-        columns: the most there may be.
-    """
-    length = 2 * prior.half_length(LOWER * rows)
-    if length <= LONGEST:
-        return columns
-    return max(COLUMNS_MIN, round(columns * LONG / length / 8) * 8)
+
+def length_in(prior: SizePrior, view: PlaneView) -> float:
+    """Cells by which a person in the lower part of the view is long."""
+    return 2 * prior.half_length(LOWER * view.mask.shape[0])
 
 
 def regridded(prior: SizePrior, before: PlaneView, after: PlaneView) -> SizePrior:

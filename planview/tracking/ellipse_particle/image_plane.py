@@ -15,7 +15,7 @@ from planview.foreground.masks import WALKER
 from planview.tracking.base import Observation
 from planview.tracking.ellipse_particle.camera_size import PERSON_M, size_of_camera
 from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
-from planview.tracking.ellipse_particle.image_grid import averaged, columns_for, regridded
+from planview.tracking.ellipse_particle.image_grid import FINER, SHORT, averaged, columns_for, length_in, regridded
 from planview.tracking.ellipse_particle.outputs import image_state
 from planview.tracking.ellipse_particle.params import ImagePlaneParams
 from planview.tracking.ellipse_particle.planes import Estimates, PlaneView
@@ -70,7 +70,7 @@ class ImagePlane:
         self.reset()
 
     def reset(self) -> None:
-        self._learner = SizeLearner(self._params.learn_s)
+        self._coarse, self._fine = SizeLearner(self._params.learn_s), SizeLearner(self._params.learn_s)
         self._outlines: Sequence[F32] = ()
         self._size: tuple[int, int] | None = None
         self._sized: tuple[PlaneView, SizeBelief] | None = None
@@ -91,7 +91,7 @@ class ImagePlane:
         if view is None:
             return None
         self._learn(view)
-        return view if self._columns() == self._params.columns else self.view(observation)
+        return self.view(observation)
 
     def view(self, observation: Observation) -> PlaneView | None:
         """The frame's cells, on the grid for the size known now."""
@@ -102,7 +102,7 @@ class ImagePlane:
         if self._sized is None:
             return self._params.columns
         base, belief = self._sized
-        return columns_for(belief.prior, self._params.columns, base.mask.shape[0])
+        return columns_for(belief.prior, base)
 
     def _averaged(self, observation: Observation, columns: int) -> PlaneView | None:
         foreground = self._foreground(observation)
@@ -133,10 +133,17 @@ class ImagePlane:
         if given is not None:
             self._sized = view, SizeBelief(given, 1.0)
         elif float(view.mask.mean()) <= FLOODED:
-            motion = view.observation.motion
-            moving = None if motion is None else _moving(motion, view.mask.shape)
-            belief = self._learner.update(view.mask, view.observation.timestamp_s, moving)
-            self._sized = None if belief is None else (view, belief)
+            self._sized = self._learned(view)
+
+    def _learned(self, view: PlaneView) -> tuple[PlaneView, SizeBelief] | None:
+        """The size learned on the grid that suits it: on a fine one large people are many pieces."""
+        finer = self._averaged(view.observation, FINER * self._params.columns)
+        belief = _taught(self._coarse, view)
+        fine = None if finer is None else _taught(self._fine, finer)
+        if belief is None:
+            return None
+        is_short = length_in(belief.prior, view) < SHORT
+        return (finer, fine) if is_short and finer is not None and fine is not None else (view, belief)
 
     def _given(self, view: PlaneView) -> SizePrior | None:
         """The size given by hand or by the camera, in cells of the view."""
@@ -152,7 +159,7 @@ class ImagePlane:
     @property
     def notes(self) -> tuple[str, ...]:
         """The size that was learned, and how much of what moves is of it, in a sentence; none of a given size."""
-        if self._params.person_height_px is not None or self._learner.belief is None or self._sized is None:
+        if self._params.person_height_px is not None or self._coarse.belief is None or self._sized is None:
             return ()
         view, belief = self._sized
         length_px = 2.0 * belief.prior.half_length((view.mask.shape[0] - 1) / 2) * view.scale
@@ -197,6 +204,12 @@ class ImagePlane:
         """Boxes; floor positions and heights too with a camera."""
         rows = zip(estimates.evidence, estimates.ellipses, estimates.velocities, strict=True)
         return [image_state(e.who, view, ellipse, velocity, self._camera) for e, ellipse, velocity in rows]
+
+
+def _taught(learner: SizeLearner, view: PlaneView) -> SizeBelief | None:
+    motion = view.observation.motion
+    moving = None if motion is None else _moving(motion, view.mask.shape)
+    return learner.update(view.mask, view.observation.timestamp_s, moving)
 
 
 def _moving(motion: U8, shape: tuple[int, ...]) -> Bool:

@@ -40,6 +40,12 @@ FILLED = 0.75
 """Share of its ellipse that a silhouette fills. Our choice: measured 0.7 to 0.8 on people walking in all directions."""
 NARROWEST, BROADEST = 0.2, 1.3
 """Width over length of a person: 0.3 m of 1.7 m from the side, shoulders over depth from straight above."""
+ASPECT, ASPECT_SPREAD = 0.33, 0.2
+"""Width over length of a person seen from the side, 0.56 m of arms and stride over 1.7 m, and the deviation of its
+logarithm: seen from above people are shorter, and half as broad again. Our choice."""
+OUTLINE = 1.0
+"""Deviation of a measured width [cells]: an outline is known to half a cell on either side, and what blurs it makes
+people broader. Our choice."""
 AREA_POWER = 0.75
 """Regions count by this power of their area: what is foreground is to be accounted for, so one person in view outweighs
 the pieces that fall off, however many; less than 1, since a change of light may be larger than all people. Our
@@ -83,7 +89,7 @@ class SizeLearner:
     much smaller than itself. Regions count by area, so that the pieces of large people, which are more, do not outvote
     them; where nothing tells, a region is one person. The same region again counts less than a new one (square root of
     the number alike). The width comes from the area that single people fill, which varies less over a step than the
-    width of their boxes.
+    width of their boxes, and from what people are like, the more the fewer cells they are wide.
     """
 
     def __init__(self, learn_s: float) -> None:
@@ -172,9 +178,20 @@ class SizeLearner:
         uncut = inliers & ~cut
         sized = samples[uncut if uncut.any() and cut[inliers].mean() > CUT_OFTEN else inliers]
         aspect = float(np.median(sized[:, AREA] / (FILLED * math.pi / 4 * sized[:, LENGTH] ** 2)))
+        aspect = likely_aspect(aspect, float(np.median(sized[:, LENGTH])))
         least = max(1.0, 0.4 * float(np.percentile(y, 5)))
         prior = SizePrior(level / 2, slope / 2, float(np.clip(aspect, NARROWEST, BROADEST)), least)
         return SizeBelief(prior, share_of(samples, away))
+
+
+def likely_aspect(measured: float, length: float) -> float:
+    """The most probable width over length of people who were measured to be so many cells long.
+
+    Of people a few cells wide an outline says little: blurred, without legs and beside one another they are twice as
+    broad as people are, and two of them would be one.
+    """
+    known, told = 1.0 / ASPECT_SPREAD**2, (measured * length / OUTLINE) ** 2
+    return math.exp((known * math.log(ASPECT) + told * math.log(measured)) / (known + told))
 
 
 def alike(one: SizePrior, other: SizePrior, n_rows: int) -> bool:
