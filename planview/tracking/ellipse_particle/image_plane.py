@@ -19,6 +19,7 @@ from planview.tracking.ellipse_particle.image_grid import FINER, SHORT, averaged
 from planview.tracking.ellipse_particle.outputs import image_state
 from planview.tracking.ellipse_particle.params import ImagePlaneParams
 from planview.tracking.ellipse_particle.planes import Estimates, PlaneView
+from planview.tracking.ellipse_particle.regions import in_one_region
 from planview.tracking.ellipse_particle.size_learning import SizeBelief, SizeLearner
 from planview.tracking.ellipse_particle.visible_length import UNSURE, visible_length
 from planview.trajectories.state import TrackState
@@ -186,7 +187,9 @@ class ImagePlane:
         return True
 
     def is_separate(self, view: PlaneView, cell: F64, known: F64) -> bool:
-        return True
+        """Until the size is settled a region is one person: what is in one with a known person may be a piece."""
+        learned = self._given(view) is None
+        return not (learned and len(known) and not self._coarse.settled and in_one_region(view.mask, cell, known))
 
     def protect(self, outlines: Sequence[F32]) -> None:
         self._outlines = outlines

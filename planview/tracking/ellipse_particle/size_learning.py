@@ -28,6 +28,9 @@ FIRST_WHOLE = 4
 """Whole regions needed before a size is used. Our choice: one person in four frames, or two in two."""
 SETTING_OUT_S = 3.0
 """Time from the first frame in which people who were in it set out [s]: as long as the background needs to be known."""
+SETTLED = 40
+"""Whole regions from which the size is settled. Our choice: two people who walk through the view at 12 frames per
+second; until then a piece of a person may be as long as people are taken for."""
 FIRST_CUT = 15
 """Regions cut by the border that are enough where none is whole: people may be too large ever to show as a whole."""
 PER_FRAME = 12
@@ -142,6 +145,15 @@ class SizeLearner:
         if old is None or turned or alike(old.prior, new.prior, n_rows) or new.confidence >= self._share(old.prior):
             self.belief = new
 
+    @property
+    def settled(self) -> bool:
+        """Whether enough has been seen that the size will hardly change any more."""
+        return self._whole() * self._stride >= SETTLED
+
+    def _whole(self) -> int:
+        """Number of the samples that the border does not cut."""
+        return int(np.count_nonzero(self._samples[:, CUT] == 0))
+
     def _share(self, prior: SizePrior) -> float:
         """Share of the samples, by area, that are single persons of a size."""
         above = prior.any_direction
@@ -150,8 +162,7 @@ class SizeLearner:
         return share_of(samples, np.log(samples[:, LENGTH] / fitted) / deviation(fitted))
 
     def _is_enough(self) -> bool:
-        whole = int(np.count_nonzero(self._samples[:, CUT] == 0))
-        return whole >= FIRST_WHOLE or len(self._samples) >= FIRST_CUT
+        return self._whole() >= FIRST_WHOLE or len(self._samples) >= FIRST_CUT
 
     def _fit(self, n_rows: int) -> SizeBelief | None:
         if from_above(self._samples):

@@ -130,6 +130,27 @@ def test_learned_size_is_told_with_the_share_of_what_moves_that_has_it():
     assert int(told[1]) == pytest.approx(30, abs=1)
 
 
+def test_grid_is_finer_for_short_people_where_the_foreground_is():
+    plane, image = ImagePlane(ImagePlaneParams(person_height_px=30)), np.zeros((480, 640, 3), np.uint8)
+    fine, coarse = (
+        plane(Observation(0, 0.0, image=image, foreground=np.zeros(shape, np.uint8)))
+        for shape in ((240, 320), (120, 160))
+    )
+    assert fine is not None
+    assert coarse is not None
+    assert (fine.mask.shape, coarse.mask.shape) == ((240, 320), (120, 160))
+
+
+@pytest.mark.parametrize(("given", "separate"), [(None, False), (30.0, True)])
+def test_piece_of_a_known_person_is_nobody_until_the_size_is_settled(given, separate):
+    plane = ImagePlane(ImagePlaneParams(person_height_px=given))
+    view = plane(Observation(0, 0.0, foreground=(255 * painted([40.0, 30, 25, 8, 0.0])).astype(np.uint8)))
+    assert view is not None
+    known = view.to_cells(np.array([[40.0, 15.0]]))
+    assert plane.is_separate(view, view.to_cells(np.array([40.0, 45.0])), known) is separate
+    assert plane.is_separate(view, view.to_cells(np.array([70.0, 45.0])), known)
+
+
 def test_given_size_is_not_told_as_learned():
     plane = ImagePlane(ImagePlaneParams(person_height_px=400))
     plane(Observation(0, 0.0, foreground=np.zeros((480, 640), np.uint8)))

@@ -9,7 +9,7 @@ from calib.ground_camera import GroundCamera
 from planview.tracking.ellipse_particle.camera_size import size_of_camera
 from planview.tracking.ellipse_particle.fit.ellipses import paint_union
 from planview.tracking.ellipse_particle.fit.prior import SizePrior
-from planview.tracking.ellipse_particle.size_learning import SizeLearner, weights
+from planview.tracking.ellipse_particle.size_learning import ASPECT, SizeLearner, likely_aspect, weights
 from planview.tracking.ellipse_particle.size_lines import front_lengths, log_density
 
 
@@ -130,3 +130,8 @@ def test_samples_that_are_alike_share_their_weight():
     samples = np.array([[30.0, 20, 7, 100, 0]] * 4 + [[60, 30, 9, 100, 0]])
     each, other = weights(samples)[[0, 4]]
     assert other == pytest.approx(2 * each)
+
+
+@pytest.mark.parametrize(("cells", "expected"), [(100.0, 0.6), (0.01, ASPECT)])
+def test_breadth_is_the_measured_one_of_large_people_and_the_usual_one_of_small_ones(cells, expected):
+    assert likely_aspect(0.6, cells) == pytest.approx(expected, rel=0.01)
