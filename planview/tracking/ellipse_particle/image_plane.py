@@ -138,7 +138,7 @@ class ImagePlane:
 
     def _learned(self, view: PlaneView) -> tuple[PlaneView, SizeBelief] | None:
         """The size learned on the grid that suits it: on a fine one large people are many pieces."""
-        finer = self._averaged(view.observation, FINER * self._params.columns)
+        finer = self._averaged(view.observation, round(FINER * self._params.columns))
         belief = _taught(self._coarse, view)
         fine = None if finer is None else _taught(self._fine, finer)
         if belief is None:

@@ -138,7 +138,7 @@ def test_grid_is_finer_for_short_people_where_the_foreground_is():
     )
     assert fine is not None
     assert coarse is not None
-    assert (fine.mask.shape, coarse.mask.shape) == ((240, 320), (120, 160))
+    assert (fine.mask.shape, coarse.mask.shape) == ((168, 224), (120, 160))
 
 
 @pytest.mark.parametrize(("given", "separate"), [(None, False), (30.0, True)])
