@@ -12,6 +12,9 @@ from planview.tracking.ellipse_particle.size_lines import STEEPEST
 
 PERSON_M = 1.7
 """Body height of an adult [m]."""
+BREADTH_M = 0.55
+"""Breadth of a person in an image, arms and stride included [m]: it differs little with the camera's tilt, so the
+aspect tells how much of a body the length shows. Our choice: shoulders are 0.5 m, a stride 0.7 m."""
 TILT_MIN = math.radians(35.0)
 """A steeper camera sees people from above, where height says little of their length: there it is learned."""
 STEPS = 50

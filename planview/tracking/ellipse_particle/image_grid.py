@@ -15,10 +15,9 @@ from planview.tracking.ellipse_particle.planes import PlaneView
 LONGEST, LONG = 56.0, 40.0
 """Where a person in the lower part of the image is longer than ``LONGEST`` cells, the grid is made coarser until it is
 ``LONG``: time per ellipse stays bounded, and limbs average out. Our choice."""
-SHORT, FINER = 26.0, 1.4
-"""Where a person there is shorter than ``SHORT`` cells, the grid is so many times finer, if the foreground is: of a
-person 3 or 4 cells wide legs are lost, and two side by side are one. Our choice: one is then shorter than ``LONG``
-cells; with 2 a frame of thirty people takes up to 120 ms."""
+SHORT, FINER = 22.0, 2.0
+"""Where a person there is shorter than ``SHORT`` cells, the grid is made finer until it is, but at most so many times:
+of a person 3 or 4 cells wide legs are lost, and two side by side are one. Our choice."""
 COLUMNS_MIN = 24
 LOWER = 0.75
 """Row at which size is judged, as a share of the image's height."""
@@ -41,12 +40,12 @@ def averaged(foreground: U8, image_size: tuple[int, int], columns: int, observat
     return PlaneView(mask, scale, ((scale - 1) / 2, (scale - 1) / 2), observation)
 
 
-def columns_for(prior: SizePrior, view: PlaneView) -> int:
-    """Columns of the grid for people of a size in cells of the view."""
-    length, columns = length_in(prior, view), int(view.mask.shape[1])
-    if length < SHORT:
-        return round(FINER * columns)
-    return columns if length <= LONGEST else max(COLUMNS_MIN, round(columns * LONG / length / 8) * 8)
+def columns_for(length: float, columns: int) -> int:
+    """Columns of the grid for people who are so many cells long on one of so many columns."""
+    if SHORT <= length <= LONGEST:
+        return columns
+    wanted = min(FINER, SHORT / length) if length < SHORT else LONG / length
+    return max(COLUMNS_MIN, round(columns * wanted / 8) * 8)
 
 
 def length_in(prior: SizePrior, view: PlaneView) -> float:

@@ -13,13 +13,13 @@ from calib.ground_camera import GroundCamera
 from calib.types import F32, F64, I64, U8, Bool
 from planview.foreground.masks import WALKER
 from planview.tracking.base import Observation
-from planview.tracking.ellipse_particle.camera_size import PERSON_M, size_of_camera
+from planview.tracking.ellipse_particle.camera_size import BREADTH_M, PERSON_M, size_of_camera
 from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
 from planview.tracking.ellipse_particle.image_grid import FINER, SHORT, averaged, columns_for, length_in, regridded
 from planview.tracking.ellipse_particle.outputs import image_state
 from planview.tracking.ellipse_particle.params import ImagePlaneParams
 from planview.tracking.ellipse_particle.planes import Estimates, PlaneView
-from planview.tracking.ellipse_particle.regions import in_one_region
+from planview.tracking.ellipse_particle.regions import in_one_box, regions
 from planview.tracking.ellipse_particle.size_learning import SizeBelief, SizeLearner
 from planview.tracking.ellipse_particle.visible_length import UNSURE, visible_length
 from planview.trajectories.state import TrackState
@@ -41,9 +41,6 @@ FROM_ABOVE = UPRIGHT._replace(
 """People seen from straight above point anywhere, as they do on the floor."""
 DOUBTFUL = 0.5
 """Share of what moves below which the size learned from it is doubtful: most of it has another one."""
-BREADTH_M = 0.55
-"""Breadth of a person in an image, arms and stride included [m]: it differs little with the camera's tilt, so the
-aspect tells how much of a body the length shows. Our choice: 0.36 of 1.7 m is 0.6 m, shoulders are 0.5 m."""
 LENGTH_MIN_M = 0.85
 """Least length of a body in the image [m], from straight above: half its height, by which it reaches outwards."""
 FOREGROUND_PX = 2
@@ -75,6 +72,7 @@ class ImagePlane:
         self._outlines: Sequence[F32] = ()
         self._size: tuple[int, int] | None = None
         self._sized: tuple[PlaneView, SizeBelief] | None = None
+        self._boxes: tuple[PlaneView, F64] | None = None
 
     @property
     def model(self) -> PlaneModel:
@@ -88,24 +86,23 @@ class ImagePlane:
         Raises:
             ValueError: the foreground is not (H, W) uint8.
         """
-        view = self._averaged(observation, self._params.columns)
-        if view is None:
+        foreground = self._cleaned(observation)
+        if foreground is None:
             return None
-        self._learn(view)
-        return self.view(observation)
+        self._learn(foreground, observation)
+        return self._averaged(foreground, observation, self._columns)
 
     def view(self, observation: Observation) -> PlaneView | None:
         """The frame's cells, on the grid for the size known now."""
-        return self._averaged(observation, self._columns())
+        foreground = self._cleaned(observation)
+        return None if foreground is None else self._averaged(foreground, observation, self._columns)
 
-    def _columns(self) -> int:
-        """Of the grid for the size known now."""
-        if self._sized is None:
-            return self._params.columns
-        base, belief = self._sized
-        return columns_for(belief.prior, base)
+    def _averaged(self, foreground: U8, observation: Observation, columns: int) -> PlaneView:
+        height, width = foreground.shape if observation.image is None else observation.image.shape[:2]
+        return averaged(foreground, (width, height), columns, observation)
 
-    def _averaged(self, observation: Observation, columns: int) -> PlaneView | None:
+    def _cleaned(self, observation: Observation) -> U8 | None:
+        """The foreground without specks."""
         foreground = self._foreground(observation)
         if foreground is None:
             return None
@@ -115,8 +112,8 @@ class ImagePlane:
         # Averaging whole pixels has removed most specks already where the foreground is smaller than the image, and
         # the filter would eat thin people too; but not the specks of a frame that the codec or a jolt fills with them.
         if foreground.shape[1] != width and float(cv2.subtract(foreground, clean).mean()) < 255 * SPECKLED:
-            clean = foreground
-        return averaged(clean, (width, height), columns, observation)
+            return foreground
+        return clean
 
     def _foreground(self, observation: Observation) -> U8 | None:
         given = observation.foreground
@@ -128,23 +125,34 @@ class ImagePlane:
             return given
         return np.asarray(np.where(observation.shadow > 0, np.uint8(round(255 * UNSURE)), given), dtype=np.uint8)
 
-    def _learn(self, view: PlaneView) -> None:
-        """The given size, that of the camera, or the learned one; a flooded frame teaches nothing."""
+    def _learn(self, foreground: U8, observation: Observation) -> None:
+        """The given size, that of the camera, or the learned one, and its grid; a flooded frame teaches nothing."""
+        view = self._averaged(foreground, observation, self._params.columns)
         given = self._given(view)
         if given is not None:
             self._sized = view, SizeBelief(given, 1.0)
         elif float(view.mask.mean()) <= FLOODED:
-            self._sized = self._learned(view)
+            self._sized = self._learned(view, foreground)
 
-    def _learned(self, view: PlaneView) -> tuple[PlaneView, SizeBelief] | None:
+    def _learned(self, view: PlaneView, foreground: U8) -> tuple[PlaneView, SizeBelief] | None:
         """The size learned on the grid that suits it: on a fine one large people are many pieces."""
-        finer = self._averaged(view.observation, round(FINER * self._params.columns))
         belief = _taught(self._coarse, view)
-        fine = None if finer is None else _taught(self._fine, finer)
+        if belief is not None and length_in(belief.prior, view) >= SHORT:
+            return view, belief
+        finer = self._averaged(foreground, view.observation, round(FINER * self._params.columns))
+        fine = _taught(self._fine, finer)
         if belief is None:
             return None
-        is_short = length_in(belief.prior, view) < SHORT
-        return (finer, fine) if is_short and finer is not None and fine is not None else (view, belief)
+        return (view, belief) if fine is None else (finer, fine)
+
+    @property
+    def _columns(self) -> int:
+        """Of the grid for the size known now."""
+        columns = self._params.columns
+        if self._sized is None:
+            return columns
+        view, belief = self._sized
+        return columns_for(length_in(belief.prior, view) * columns / view.mask.shape[1], columns)
 
     def _given(self, view: PlaneView) -> SizePrior | None:
         """The size given by hand or by the camera, in cells of the view."""
@@ -188,8 +196,14 @@ class ImagePlane:
 
     def is_separate(self, view: PlaneView, cell: F64, known: F64) -> bool:
         """Until the size is settled a region is one person: what is in one with a known person may be a piece."""
-        learned = self._given(view) is None
-        return not (learned and len(known) and not self._coarse.settled and in_one_region(view.mask, cell, known))
+        is_learning = self._coarse.belief is not None and not self._coarse.settled
+        return not (is_learning and len(known) and in_one_box(self._boxes_of(view), cell, known))
+
+    def _boxes_of(self, view: PlaneView) -> F64:
+        """(N, 4) boxes of the regions of a frame, found once."""
+        if self._boxes is None or self._boxes[0] is not view:
+            self._boxes = view, regions(view.mask, None)[0]
+        return self._boxes[1]
 
     def protect(self, outlines: Sequence[F32]) -> None:
         self._outlines = outlines

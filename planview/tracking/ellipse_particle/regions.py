@@ -62,9 +62,9 @@ class RegionPairs:
         return np.asarray(samples[fits])
 
 
-def in_one_region(mask: F32, cell: F64, others: F64) -> bool:
-    """Whether the box of one region has a cell (2,) in it and one of the others (N, 2): x, y."""
-    low, size = np.split(regions(mask, None)[0], 2, axis=1)
+def in_one_box(boxes: F64, cell: F64, others: F64) -> bool:
+    """Whether one of the boxes (N, 4) has a cell (2,) in it and one of the others (M, 2): x, y."""
+    low, size = np.split(boxes, 2, axis=1)
     places = np.concatenate([cell[None], others])[:, None]
     inside: Bool = np.all((places >= low - 1) & (places <= low + size), axis=2)
     return bool((inside[0] & inside[1:]).any())

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.types import F32, F64, I64, Bool
+from planview.tracking.ellipse_particle.camera_size import BREADTH_M, PERSON_M
 from planview.tracking.ellipse_particle.fit.prior import SizePrior
 from planview.tracking.ellipse_particle.regions import (
     AREA,
@@ -43,9 +44,9 @@ FILLED = 0.75
 """Share of its ellipse that a silhouette fills. Our choice: measured 0.7 to 0.8 on people walking in all directions."""
 NARROWEST, BROADEST = 0.2, 1.3
 """Width over length of a person: 0.3 m of 1.7 m from the side, shoulders over depth from straight above."""
-ASPECT, ASPECT_SPREAD = 0.33, 0.2
-"""Width over length of a person seen from the side, 0.56 m of arms and stride over 1.7 m, and the deviation of its
-logarithm: seen from above people are shorter, and half as broad again. Our choice."""
+ASPECT, ASPECT_SPREAD = BREADTH_M / PERSON_M, 0.2
+"""Width over length of a person seen from the side, and the deviation of its logarithm. Our choice: drawn people have
+0.23 to 0.31 from the side, and 0.31 to 0.56 in malls, from above."""
 OUTLINE = 1.0
 """Deviation of a measured width [cells]: an outline is known to half a cell on either side, and what blurs it makes
 people broader. Our choice."""
@@ -102,6 +103,7 @@ class SizeLearner:
         self._frames, self._first_s = 0, 0.0
         self._stride = 1
         self._taken = 0
+        self._is_over = False
         self._next_fit = 0
         self.belief: SizeBelief | None = None
 
@@ -116,7 +118,8 @@ class SizeLearner:
         if self._frames == 0:
             self._first_s = time_s
         since_s = time_s - self._first_s
-        if since_s > self._learn_s and self.belief is not None:
+        self._is_over = since_s > self._learn_s and self.belief is not None
+        if self._is_over:
             return self.belief
         self._frames += 1
         # Of people who set out both edges are foreground before the rest.
@@ -147,8 +150,8 @@ class SizeLearner:
 
     @property
     def settled(self) -> bool:
-        """Whether enough has been seen that the size will hardly change any more."""
-        return self._whole() * self._stride >= SETTLED
+        """Whether the size will hardly change any more, or not at all."""
+        return self._is_over or self._whole() * self._stride >= SETTLED
 
     def _whole(self) -> int:
         """Number of the samples that the border does not cut."""

@@ -138,13 +138,15 @@ def test_grid_is_finer_for_short_people_where_the_foreground_is():
     )
     assert fine is not None
     assert coarse is not None
-    assert (fine.mask.shape, coarse.mask.shape) == ((168, 224), (120, 160))
+    assert (fine.mask.shape, coarse.mask.shape) == ((240, 320), (120, 160))
 
 
 @pytest.mark.parametrize(("given", "separate"), [(None, False), (30.0, True)])
 def test_piece_of_a_known_person_is_nobody_until_the_size_is_settled(given, separate):
     plane = ImagePlane(ImagePlaneParams(person_height_px=given))
-    view = plane(Observation(0, 0.0, foreground=(255 * painted([40.0, 30, 25, 8, 0.0])).astype(np.uint8)))
+    for i in range(5):
+        mask = (255 * painted([40.0 + i, 30, 25, 8, 0.0])).astype(np.uint8)
+        view = plane(Observation(i, i / 10, foreground=mask))
     assert view is not None
     known = view.to_cells(np.array([[40.0, 15.0]]))
     assert plane.is_separate(view, view.to_cells(np.array([40.0, 45.0])), known) is separate

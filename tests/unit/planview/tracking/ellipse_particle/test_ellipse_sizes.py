@@ -9,6 +9,7 @@ from calib.ground_camera import GroundCamera
 from planview.tracking.ellipse_particle.camera_size import size_of_camera
 from planview.tracking.ellipse_particle.fit.ellipses import paint_union
 from planview.tracking.ellipse_particle.fit.prior import SizePrior
+from planview.tracking.ellipse_particle.image_grid import columns_for
 from planview.tracking.ellipse_particle.size_learning import ASPECT, SizeLearner, likely_aspect, weights
 from planview.tracking.ellipse_particle.size_lines import front_lengths, log_density
 
@@ -135,3 +136,17 @@ def test_samples_that_are_alike_share_their_weight():
 @pytest.mark.parametrize(("cells", "expected"), [(100.0, 0.6), (0.01, ASPECT)])
 def test_breadth_is_the_measured_one_of_large_people_and_the_usual_one_of_small_ones(cells, expected):
     assert likely_aspect(0.6, cells) == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize(("cells", "columns"), [(40, 160), (11, 320), (2, 320), (20, 176), (80, 80), (4000, 24)])
+def test_grid_is_as_fine_as_people_are_small_within_bounds(cells, columns):
+    assert columns_for(cells, 160) == columns
+
+
+@pytest.mark.parametrize(("learn_s", "settled"), [(60.0, False), (0.9, True)])
+def test_size_is_settled_once_nothing_more_is_learned(learn_s, settled):
+    learner = SizeLearner(learn_s)
+    for frame in range(20):
+        mask = paint_union(np.array([[20.0 + frame, 40, 15, 6, 0]]), (80, 120)).astype(np.float32)
+        learner.update(mask, frame / 10)
+    assert learner.settled is settled
