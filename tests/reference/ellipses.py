@@ -211,9 +211,15 @@ def explained(mask: F32, ellipses: F64, background: float, soft: float) -> float
 
 def refine(
     mask: F32, ellipses: F64, law: tuple[float, float, float, float], spread: F64, limits: F64,
-    background: float, soft: float, sweeps: int, members: list[int],
+    background: float, soft: float, sweeps: int, members: list[int], looseness: float,
 ) -> F64:  # fmt: skip
-    """Levenberg-Marquardt on one of the members at a time with Gaussian priors of size and angle."""
+    """Levenberg-Marquardt on one of the members at a time with Gaussian priors of size and angle.
+
+    Length and width have a deviation each of their own, and a common one: together ``looseness`` times as large.
+    """
+    covariance = np.diag(spread[:3] ** 2)
+    covariance[:2, :2] += spread[0] ** 2 * (looseness**2 - 1.0)
+    information = np.linalg.inv(covariance)
     half_0, slope, half_min, aspect = law
     out, damping, precision = ellipses.copy(), np.full(len(ellipses), 0.01), spread[3] ** -2
 
@@ -225,9 +231,9 @@ def refine(
         cost, gradient, hessian = equations(mask, e, others, soft, background, box)
         off = np.array([*np.log(e[2:4] / expected(e)), e[4]])
         gradient, hessian = gradient * precision, hessian * precision
-        gradient[2:] -= off / spread[:3] ** 2
-        hessian[[2, 3, 4], [2, 3, 4]] += spread[:3] ** -2
-        return cost * precision + 0.5 * float(((off / spread[:3]) ** 2).sum()), gradient, hessian
+        gradient[2:] -= information @ off
+        hessian[2:, 2:] += information
+        return cost * precision + 0.5 * float(off @ information @ off), gradient, hessian
 
     for _ in range(sweeps):
         for k in members:

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.ground_camera import GroundCamera
 from planview.tracking.ellipse_particle.fit.prior import SizePrior
-from planview.tracking.ellipse_particle.size_lines import STEEPEST
+from planview.tracking.ellipse_particle.size_lines import STEEPEST, over_centres
 
 PERSON_M = 1.7
 """Body height of an adult [m]."""
@@ -42,6 +42,6 @@ def size_of_camera(camera: GroundCamera, scale: float, aspect: float) -> SizePri
         return None
     rows = (middle[there] - (scale - 1) / 2) / scale
     slope, level = np.polyfit(rows, length[there] / 2 / scale, 1)
-    if 2 * slope >= STEEPEST:
+    if 2 * slope >= over_centres(0.0, STEEPEST)[1]:
         return None
     return SizePrior(float(level), max(0.0, float(slope)), aspect, max(1.0, float(length[there].min()) / 2 / scale))

@@ -19,8 +19,6 @@ SHORT, FINER = 22.0, 2.0
 """Where a person there is shorter than ``SHORT`` cells, the grid is made finer until it is, but at most so many times:
 of a person 3 or 4 cells wide legs are lost, and two side by side are one. Our choice."""
 COLUMNS_MIN = 24
-LOWER = 0.75
-"""Row at which size is judged, as a share of the image's height."""
 
 
 def averaged(foreground: U8, image_size: tuple[int, int], columns: int, observation: Observation) -> PlaneView:
@@ -46,11 +44,6 @@ def columns_for(length: float, columns: int) -> int:
         return columns
     wanted = min(FINER, SHORT / length) if length < SHORT else LONG / length
     return max(COLUMNS_MIN, round(columns * wanted / 8) * 8)
-
-
-def length_in(prior: SizePrior, view: PlaneView) -> float:
-    """Cells by which a person in the lower part of the view is long."""
-    return 2 * prior.half_length(LOWER * view.mask.shape[0])
 
 
 def regridded(prior: SizePrior, before: PlaneView, after: PlaneView) -> SizePrior:

@@ -15,7 +15,7 @@ from planview.foreground.masks import WALKER
 from planview.tracking.base import Observation
 from planview.tracking.ellipse_particle.camera_size import BREADTH_M, PERSON_M, size_of_camera
 from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
-from planview.tracking.ellipse_particle.image_grid import FINER, SHORT, averaged, columns_for, length_in, regridded
+from planview.tracking.ellipse_particle.image_grid import FINER, SHORT, averaged, columns_for, regridded
 from planview.tracking.ellipse_particle.outputs import image_state
 from planview.tracking.ellipse_particle.params import ImagePlaneParams
 from planview.tracking.ellipse_particle.planes import Estimates, PlaneView
@@ -45,6 +45,11 @@ LENGTH_MIN_M = 0.85
 """Least length of a body in the image [m], from straight above: half its height, by which it reaches outwards."""
 FOREGROUND_PX = 2
 """Pixels of foreground per cell that are enough: cells average them anyway. Our choice."""
+PIECE = 2.0
+"""In the region of a known person so many times as long is a piece of that person: a head, where a low camera sees
+heads in the rows in which people far away are small. Our choice."""
+TYPICAL = 0.75
+"""Where people are centred in the view of a calibrated camera, as a share of its height. Our choice."""
 FLOODED = 0.5
 """Share of foreground above which a frame measures nothing (a light was switched, the camera moved). Our choice."""
 SPECKLED = 0.02
@@ -77,8 +82,10 @@ class ImagePlane:
     @property
     def model(self) -> PlaneModel:
         """What is known of ellipses now: upright until the size learned has none."""
-        above = self._sized is not None and self._sized[1].prior.any_direction
-        return (FROM_ABOVE if above else UPRIGHT)._replace(outside_weight=self._params.outside_weight)
+        prior = None if self._sized is None else self._sized[1].prior
+        model = FROM_ABOVE if prior is not None and prior.any_direction else UPRIGHT
+        looseness = 1.0 if prior is None else 1.0 + prior.half_length_slope
+        return model._replace(outside_weight=self._params.outside_weight, looseness=looseness)
 
     def __call__(self, observation: Observation) -> PlaneView | None:
         """Learn the size of people from a frame; the frame's cells, None when it has no foreground to work on.
@@ -130,14 +137,14 @@ class ImagePlane:
         view = self._averaged(foreground, observation, self._params.columns)
         given = self._given(view)
         if given is not None:
-            self._sized = view, SizeBelief(given, 1.0)
+            self._sized = view, SizeBelief(given, 1.0, 2 * given.half_length(TYPICAL * view.mask.shape[0]))
         elif float(view.mask.mean()) <= FLOODED:
             self._sized = self._learned(view, foreground)
 
     def _learned(self, view: PlaneView, foreground: U8) -> tuple[PlaneView, SizeBelief] | None:
         """The size learned on the grid that suits it: on a fine one large people are many pieces."""
         belief = _taught(self._coarse, view)
-        if belief is not None and length_in(belief.prior, view) >= SHORT:
+        if belief is not None and belief.length >= SHORT:
             return view, belief
         finer = self._averaged(foreground, view.observation, round(FINER * self._params.columns))
         fine = _taught(self._fine, finer)
@@ -152,7 +159,7 @@ class ImagePlane:
         if self._sized is None:
             return columns
         view, belief = self._sized
-        return columns_for(length_in(belief.prior, view) * columns / view.mask.shape[1], columns)
+        return columns_for(belief.length * columns / view.mask.shape[1], columns)
 
     def _given(self, view: PlaneView) -> SizePrior | None:
         """The size given by hand or by the camera, in cells of the view."""
@@ -195,9 +202,13 @@ class ImagePlane:
         return True
 
     def is_separate(self, view: PlaneView, cell: F64, known: F64) -> bool:
-        """Until the size is settled a region is one person: what is in one with a known person may be a piece."""
-        is_learning = self._coarse.belief is not None and not self._coarse.settled
-        return not (is_learning and len(known) and in_one_box(self._boxes_of(view), cell, known))
+        """What is much smaller than a known person in its region is a piece; until the size is settled, all there."""
+        prior = self.prior(view)
+        if prior is None or self._coarse.belief is None or not len(known):
+            return True
+        if self._coarse.settled:
+            known = known[prior.half_lengths(known[:, 1]) > PIECE * prior.half_length(float(cell[1]))]
+        return not (len(known) and in_one_box(self._boxes_of(view), cell, known))
 
     def _boxes_of(self, view: PlaneView) -> F64:
         """(N, 4) boxes of the regions of a frame, found once."""

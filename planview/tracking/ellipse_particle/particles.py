@@ -103,6 +103,9 @@ class ParticleFilter:
         keep = math.exp(-dt_s / SHAPE_TIME_S)
         spread = np.array([p.shape_spread, p.shape_spread, self.plane.angle_walk])
         fresh = math.sqrt(1.0 - keep * keep) * spread
+        common = math.sqrt(self.plane.looseness**2 - 1.0)
+        if common > 0:
+            noise[..., [LN_A, LN_B]] += common * self._rng.standard_normal((p.particles, len(self), 1), np.float32)
         kernels.propagate(self.particles, noise, Transition(dt_s, pull, push, keep, fresh), self._surprise)
         # Leaning further than anything measured, one object would cover two people behind one another.
         if self.plane.upright:

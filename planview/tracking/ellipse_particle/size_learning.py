@@ -23,7 +23,7 @@ from planview.tracking.ellipse_particle.regions import (
     WIDTH,
     RegionPairs,
 )
-from planview.tracking.ellipse_particle.size_lines import deviation, front_lengths, line, lines, log_density
+from planview.tracking.ellipse_particle.size_lines import deviation, line, lines, log_density, over_centres
 
 FIRST_WHOLE = 4
 """Whole regions needed before a size is used. Our choice: one person in four frames, or two in two."""
@@ -50,6 +50,9 @@ ASPECT, ASPECT_SPREAD = BREADTH_M / PERSON_M, 0.2
 OUTLINE = 1.0
 """Deviation of a measured width [cells]: an outline is known to half a cell on either side, and what blurs it makes
 people broader. Our choice."""
+SMALLEST, FEW = 0.8, 0.05
+"""Nobody is expected who is shorter than this share of the shortest people seen; ``FEW`` of what moves may be shorter
+than these. At the horizon of a low camera, where a line has no length left, are the heads of people. Our choice."""
 AREA_POWER = 0.75
 """Regions count by this power of their area: what is foreground is to be accounted for, so one person in view outweighs
 the pieces that fall off, however many; less than 1, since a change of light may be larger than all people. Our
@@ -77,10 +80,12 @@ class SizeBelief(NamedTuple):
     Attributes:
         prior: size expected [cells of the learner's grid].
         confidence: share of what moves, by area, that lies in regions of that size, 0 to 1.
+        length: of people where they were seen, the median [cells].
     """
 
     prior: SizePrior
     confidence: float
+    length: float
 
 
 class SizeLearner:
@@ -161,8 +166,9 @@ class SizeLearner:
         """Share of the samples, by area, that are single persons of a size."""
         above = prior.any_direction
         samples = as_discs(alone(self._samples, MAJOR, MINOR)) if above else alone(self._samples)
-        fitted = 2 * (prior.rounded() if above else prior).half_lengths(samples[:, ROW])
-        return share_of(samples, np.log(samples[:, LENGTH] / fitted) / deviation(fitted))
+        length = samples[:, LENGTH]
+        fitted = 2 * (prior.rounded() if above else prior).half_lengths_standing(samples[:, ROW] + length / 2)
+        return share_of(samples, np.log(length / fitted) / deviation(fitted))
 
     def _is_enough(self) -> bool:
         return self._whole() >= FIRST_WHOLE or len(self._samples) >= FIRST_CUT
@@ -172,30 +178,36 @@ class SizeLearner:
             belief = self._fitted(as_discs(alone(self._samples, MAJOR, MINOR)), n_rows)
             if belief is not None and belief.prior.half_length(n_rows / 2) > NEAR / 2 * n_rows:
                 aspect = float(np.median(self._samples[:, MINOR] / self._samples[:, MAJOR]))
-                return belief._replace(prior=lengthened(belief.prior, aspect))
+                return belief._replace(prior=lengthened(belief.prior, aspect), length=belief.length / math.sqrt(aspect))
         return self._fitted(alone(self._samples), n_rows)
 
     def _fitted(self, samples: F64, n_rows: int) -> SizeBelief | None:
-        row, length, cut = samples[:, ROW], samples[:, LENGTH], samples[:, CUT] > 0
-        weight = weights(samples)
-        levels, slopes = lines(row, length, n_rows)
-        fitted = np.maximum(levels[:, None] + slopes[:, None] * row, 1.0)
-        front = front_lengths(row, length, levels[:, None], slopes[:, None])
-        best = int(np.argmax(log_density(length, fitted, front, cut) @ weight))
+        length, cut = samples[:, LENGTH], samples[:, CUT] > 0
+        foot, weight = samples[:, ROW] + length / 2, weights(samples)
+        levels, slopes = lines(foot, length, cut, n_rows)
+        fitted = np.maximum(levels[:, None] + slopes[:, None] * foot, 1.0)
+        best = int(np.argmax(log_density(length, samples[:, WIDTH], fitted, cut) @ weight))
         away = np.log(length / fitted[best]) / deviation(fitted[best])
         inliers = np.abs(away) < AGREE
         if not inliers.any():
             return None
-        x, y, tilted = row[inliers], length[inliers], bool(slopes[best] > 0)
-        level, slope = line(x, y, weight[inliers] * np.exp(-0.5 * away[inliers] ** 2), tilted)
+        x, y, tilted = foot[inliers], length[inliers], bool(slopes[best] > 0)
+        level, slope = over_centres(*line(x, y, weight[inliers] * np.exp(-0.5 * away[inliers] ** 2), tilted))
         # Where the border cuts many, what it leaves of them, legs from above, is thinner than people are.
         uncut = inliers & ~cut
         sized = samples[uncut if uncut.any() and cut[inliers].mean() > CUT_OFTEN else inliers]
         aspect = float(np.median(sized[:, AREA] / (FILLED * math.pi / 4 * sized[:, LENGTH] ** 2)))
         aspect = likely_aspect(aspect, float(np.median(sized[:, LENGTH])))
-        least = max(1.0, 0.4 * float(np.percentile(y, 5)))
+        least = max(1.0, SMALLEST / 2 * smallest_of(y, weight[inliers]))
         prior = SizePrior(level / 2, slope / 2, float(np.clip(aspect, NARROWEST, BROADEST)), least)
-        return SizeBelief(prior, share_of(samples, away))
+        return SizeBelief(prior, share_of(samples, away), float(np.median(y)))
+
+
+def smallest_of(length: F64, weight: F64) -> float:
+    """Length (N,) below which lies ``FEW`` of the weight (N,)."""
+    order = np.argsort(length, kind="stable")
+    share = np.cumsum(weight[order])
+    return float(length[order][np.searchsorted(share, FEW * share[-1])])
 
 
 def likely_aspect(measured: float, length: float) -> float:

@@ -22,12 +22,15 @@ class Prior(NamedTuple):
         angle_spread: deviation of the angle [rad].
         size_limit: largest |ln size ratio|.
         angle_limit: largest |angle| [rad].
+        common: what the square of the sum of both ln size ratios takes off the sum of their squares: 0 where length and
+            width differ each by themselves, nearly 1/2 where both are those of nearer or farther people.
     """
 
     size_spread: float
     angle_spread: float
     size_limit: float
     angle_limit: float
+    common: float
 
 
 class Match(NamedTuple):
@@ -250,12 +253,16 @@ def add_prior(ellipse: F64, law: SizeLaw, prior: Prior, precision: float, grad: 
         for j in range(5):
             hess[i, j] *= precision
     a0 = half_length(law, ellipse[1])
-    offsets = (math.log(ellipse[2] / a0), math.log(ellipse[3] / (a0 * law.aspect)), ellipse[4])
-    spreads = (prior.size_spread, prior.size_spread, prior.angle_spread)
-    cost = 0.0
-    for i in range(3):
-        w = 1.0 / (spreads[i] * spreads[i])
-        grad[2 + i] -= w * offsets[i]
-        hess[2 + i, 2 + i] += w
-        cost += 0.5 * w * offsets[i] * offsets[i]
+    la, lb = math.log(ellipse[2] / a0), math.log(ellipse[3] / (a0 * law.aspect))
+    both = prior.common * (la + lb)
+    w, turn = 1.0 / (prior.size_spread * prior.size_spread), 1.0 / (prior.angle_spread * prior.angle_spread)
+    grad[2] -= w * (la - both)
+    grad[3] -= w * (lb - both)
+    grad[4] -= turn * ellipse[4]
+    for i in range(2, 4):
+        hess[i, i] += w
+        for j in range(2, 4):
+            hess[i, j] -= w * prior.common
+    hess[4, 4] += turn
+    cost: float = 0.5 * (w * (la * la + lb * lb - both * (la + lb)) + turn * ellipse[4] * ellipse[4])
     return cost

@@ -116,7 +116,10 @@ def refine_ellipses(mask: F32, ellipses: F64, prior: SizePrior, params: EllipseF
 
 
 def _about(params: EllipseFitParams, plane: PlaneModel) -> Prior:
-    return Prior(params.size_spread, plane.angle_spread, math.log(SIZE_LIMIT), plane.angle_limit)
+    # Length and width with a deviation of their own, and a common one that makes them so many times as loose.
+    common = plane.looseness**2 - 1.0
+    limit = plane.looseness * math.log(SIZE_LIMIT)
+    return Prior(params.size_spread, plane.angle_spread, limit, plane.angle_limit, common / (1.0 + 2.0 * common))
 
 
 def _match(params: EllipseFitParams) -> Match:
@@ -134,8 +137,9 @@ def _expect_and_maximise(
         em_step(points, ellipses, law, PRIOR_MASS, stray, plane.upright)
     a0 = prior.half_lengths(ellipses[:, 1])
     b0 = a0 * prior.aspect
-    ellipses[:, 2] = np.clip(ellipses[:, 2], a0 / SIZE_LIMIT, a0 * SIZE_LIMIT)
-    ellipses[:, 3] = np.clip(ellipses[:, 3], b0 / SIZE_LIMIT, b0 * SIZE_LIMIT)
+    ratio = math.exp(_about(params, plane).size_limit)
+    ellipses[:, 2] = np.clip(ellipses[:, 2], a0 / ratio, a0 * ratio)
+    ellipses[:, 3] = np.clip(ellipses[:, 3], b0 / ratio, b0 * ratio)
     ellipses[:, 4] = np.clip(ellipses[:, 4], -plane.angle_limit, plane.angle_limit)
 
 

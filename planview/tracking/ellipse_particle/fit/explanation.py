@@ -85,7 +85,8 @@ class Judge(NamedTuple):
             return 0.0
         half = self.prior.half_lengths(ellipses[:, 1])
         sizes = np.log(ellipses[:, 2:4] / np.column_stack([half, half * self.prior.aspect])) / self.about.size_spread
-        unlikely = 0.5 * float((sizes**2).sum() + ((ellipses[:, 4] / self.about.angle_spread) ** 2).sum())
+        unlikely = 0.5 * float((sizes**2).sum() - self.about.common * (sizes.sum(axis=1) ** 2).sum())
+        unlikely += 0.5 * float(((ellipses[:, 4] / self.about.angle_spread) ** 2).sum())
         needed = 0.5 * float(self.least_gains(ellipses) @ self.areas(ellipses))
         return (explained(self.mask, ellipses, self.match) - needed) / self.match.deviation**2 - unlikely
 

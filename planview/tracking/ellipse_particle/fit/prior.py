@@ -76,6 +76,11 @@ class SizePrior:
         """``half_length`` of many rows, (N,) float64."""
         return np.asarray(np.maximum(self.half_length_min, self.half_length_0 + self.half_length_slope * rows))
 
+    def half_lengths_standing(self, rows: F64) -> F64:
+        """(N,) float64 half lengths of objects whose feet, half a length below the centre, are in rows (N,)."""
+        grown = (self.half_length_0 + self.half_length_slope * rows) / (1.0 + self.half_length_slope)
+        return np.asarray(np.maximum(self.half_length_min, grown))
+
 
 class PlaneModel(NamedTuple):
     """What the plane in which ellipses lie says about them.
@@ -87,6 +92,9 @@ class PlaneModel(NamedTuple):
         separation: smallest distance of two centres, in half lengths; 0 where people hide one another.
         proposal: part of ``EllipseFitParams.min_gain`` with which the cover proposes an ellipse.
         outside_weight: weight of object area outside every measurement in the likelihood of the particles.
+        looseness: deviation of the size of people who are centred in the same row, over that of those who stand there;
+            1 + the growth of half lengths per row. Before a low camera, people of all distances have nearly the same
+            centre.
     """
 
     angle_spread: float
@@ -95,6 +103,7 @@ class PlaneModel(NamedTuple):
     separation: float
     proposal: float
     outside_weight: float
+    looseness: float = 1.0
 
     @property
     def upright(self) -> bool:

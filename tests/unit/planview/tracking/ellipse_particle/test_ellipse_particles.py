@@ -45,6 +45,15 @@ def test_predicted_ellipses_lean_no_more_than_measured_ones():
     assert particles.means()[0, 6] == pytest.approx(UPRIGHT.angle_limit)
 
 
+@pytest.mark.parametrize("looseness", [1.0, 3.0])
+def test_lengths_spread_as_loosely_as_people_of_all_distances_differ_and_widths_with_them(looseness):
+    particles = filter_with(HERE, plane=UPRIGHT._replace(looseness=looseness))
+    particles.predict(100.0, np.array([14.0]))
+    length, width = particles.particles[:, 0, 4:6].T
+    assert length.std() == pytest.approx(0.08 * looseness, rel=0.1)
+    assert (width - length).std() == pytest.approx(0.08 * math.sqrt(2), rel=0.1)
+
+
 def test_likelihood_is_largest_where_ellipses_cover_the_measurement():
     particles = filter_with(HERE)
     particles.particles[:] = [40.0, 30, 0, 0, 0, 0, 0]

@@ -153,6 +153,18 @@ def test_piece_of_a_known_person_is_nobody_until_the_size_is_settled(given, sepa
     assert plane.is_separate(view, view.to_cells(np.array([70.0, 45.0])), known)
 
 
+def test_head_of_a_near_person_is_no_far_one_before_a_low_camera():
+    plane = ImagePlane(ImagePlaneParams())
+    for i in range(60):
+        half = 10.0 + i / 3
+        mask = (255 * painted([40.0, 10 + half, half, 0.3 * half, 0.0])).astype(np.uint8)
+        view = plane(Observation(i, i / 10, foreground=mask))
+    assert view is not None
+    known, head = view.to_cells(np.array([[40.0, 39.0]])), view.to_cells(np.array([40.0, 14.0]))
+    assert not plane.is_separate(view, head, known)
+    assert plane.is_separate(view, view.to_cells(np.array([75.0, 14.0])), known)
+
+
 def test_given_size_is_not_told_as_learned():
     plane = ImagePlane(ImagePlaneParams(person_height_px=400))
     plane(Observation(0, 0.0, foreground=np.zeros((480, 640), np.uint8)))

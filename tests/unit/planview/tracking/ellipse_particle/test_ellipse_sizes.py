@@ -11,7 +11,7 @@ from planview.tracking.ellipse_particle.fit.ellipses import paint_union
 from planview.tracking.ellipse_particle.fit.prior import SizePrior
 from planview.tracking.ellipse_particle.image_grid import columns_for
 from planview.tracking.ellipse_particle.size_learning import ASPECT, SizeLearner, likely_aspect, weights
-from planview.tracking.ellipse_particle.size_lines import front_lengths, log_density
+from planview.tracking.ellipse_particle.size_lines import STEEPEST, line, lines, log_density, over_centres
 
 
 def test_size_is_that_of_one_person_where_people_hide_one_another():
@@ -108,23 +108,54 @@ def test_camera_gives_the_length_of_an_adult_by_row():
     assert 2 * prior.half_length(centre) * 4.0 == pytest.approx(foot - head, rel=0.1)
 
 
-@pytest.mark.parametrize(("height_m", "tilt_deg"), [(3.0, 10.0), (1.3, 85.0)])
+@pytest.mark.parametrize(("height_m", "tilt_deg"), [(3.0, 10.0), (1.1, 85.0)])
 def test_steep_or_low_camera_leaves_the_size_to_be_learned(height_m, tilt_deg):
     assert size_of_camera(GroundCamera(640, 480, 500.0, height_m, math.radians(tilt_deg)), 4.0, 0.36) is None
 
 
 def test_density_of_lengths_is_largest_for_one_person_and_group_beats_speck():
-    expected = np.full(4, 20.0)
-    one, group, piece, odd = log_density(np.array([20.0, 32, 8, 80]), expected, expected, np.zeros(4, np.bool_))
+    expected, width = np.full(4, 20.0), np.full(4, 7.0)
+    one, group, piece, odd = log_density(np.array([20.0, 32, 8, 80]), width, expected, np.zeros(4, np.bool_))
     assert one > piece > odd
     assert one > group > odd
 
 
-def test_front_of_a_group_in_depth_is_as_long_as_a_person_with_the_same_feet():
-    # Length = 10 + row / 2: a person centred in row 40 is 30 long, with feet in row 55.
-    level, slope = np.array([[10.0], [30.0]]), np.array([[0.5], [0.0]])
-    front = front_lengths(np.array([40.0, 25]), np.array([30.0, 60]), level, slope)
-    np.testing.assert_allclose(front, [[30, 30], [30, 30]])
+def test_people_at_all_distances_are_as_broad_as_they_are_long_and_those_without_legs_are_not():
+    # Heads in one row: four people at four distances, or one of whom less and less of the legs shows.
+    length, uncut = np.array([20.0, 30, 40, 50]), np.zeros(4, np.bool_)
+    farther, legless = (log_density(length, width, length, uncut) for width in (0.3 * length, np.full(4, 12.0)))
+    assert farther.sum() > legless.sum()
+
+
+def test_line_over_the_feet_is_one_over_the_centres():
+    # Length 10 in row 0 of the feet, half a row longer per row: a person with feet in row 40 is 30 long, centred in 25.
+    level, slope = over_centres(10.0, 0.5)
+    assert level + slope * 25 == pytest.approx(30)
+    prior = SizePrior(level / 2, slope / 2, 0.36)
+    assert 2 * prior.half_lengths_standing(np.array([40.0])) == pytest.approx([30])
+
+
+def test_lines_rise_through_whole_people_only():
+    foot, length, cut = np.array([20.0, 40, 60]), np.array([10.0, 20, 60]), np.array([False, False, True])
+    levels, slopes = lines(foot, length, cut, 100)
+    assert sorted(zip(slopes, levels, strict=True)) == [(0, 10), (0, 20), (0, 60), (0.5, 0)]
+
+
+def test_line_is_no_steeper_than_that_of_a_low_camera():
+    foot = np.array([10.0, 20, 30])
+    assert line(foot, 3 * foot, np.ones(3), True) == pytest.approx((60 - 20 * STEEPEST, STEEPEST))
+
+
+def test_people_who_walk_up_to_a_low_camera_are_one_size_each_at_every_distance():
+    learner = SizeLearner(60.0)
+    for frame in range(30):
+        # A camera at eye height: heads stay in row 30, and feet go down as the person comes near.
+        half = 12.0 + frame
+        mask = paint_union(np.array([[60.0, 30 + half, half, 0.3 * half, 0]]), (140, 120)).astype(np.float32)
+        learner.update(mask, frame / 10)
+    assert learner.belief is not None
+    for half in (15.0, 25.0, 38.0):
+        assert learner.belief.prior.half_length(30 + half) == pytest.approx(half, rel=0.15)
 
 
 def test_samples_that_are_alike_share_their_weight():

@@ -160,14 +160,15 @@ def test_normal_equations_are_the_slope_of_the_squared_residual():
     assert np.linalg.eigvalsh(hess).min() > -1e-9
 
 
-def test_refine_agrees_with_its_twin():
+@pytest.mark.parametrize(("looseness", "common"), [(1.0, 0.0), (3.0, 8 / 17)])
+def test_refine_agrees_with_its_twin(looseness, common):
     mask = reference.paint(np.array([[20.0, 20, 12, 4.5, 0.1], [27, 22, 11, 4, -0.1]]), SHAPE).astype(np.float32)
     start = np.array([[18.5, 18, 10, 4, 0.0], [28, 24, 12, 4.5, 0.05]])
     law, spread, limits = SizeLaw(9.0, 0.05, 2.0, 0.4), np.array([0.12, 0.12, 0.1, 0.7]), np.array([0.34, 0.35])
     for members in [0, 1], [1]:
         moved = start.copy()
-        expected = reference.refine(mask, start, law, spread, limits, 0.4, 0.7, 3, members)
-        refine(mask, moved, np.array(members), law, Prior(0.12, 0.1, 0.34, 0.35), Match(0.7, 0.4, 0.7), 3)
+        expected = reference.refine(mask, start, law, spread, limits, 0.4, 0.7, 3, members, looseness)
+        refine(mask, moved, np.array(members), law, Prior(0.12, 0.1, 0.34, 0.35, common), Match(0.7, 0.4, 0.7), 3)
         np.testing.assert_allclose(moved, expected, atol=1e-6)
     np.testing.assert_array_equal(moved[0], start[0])
 
