@@ -48,6 +48,9 @@ FOREGROUND_PX = 2
 PIECE = 2.0
 """In the region of a known person so many times as long is a piece of that person: a head, where a low camera sees
 heads in the rows in which people far away are small. Our choice."""
+AT_ONCE = 2
+"""People who may come at once in one region where the size is learned. Our choice: a pair; a third waits until one of
+them is confirmed or gone. 1323 people of 1247 on 182 drawn views, 1361 without it, and as many crossings."""
 TYPICAL = 0.75
 """Where people are centred in the view of a calibrated camera, as a share of its height. Our choice."""
 FLOODED = 0.5
@@ -208,7 +211,13 @@ class ImagePlane:
             return True
         if self._coarse.settled:
             known = known[prior.half_lengths(known[:, 1]) > PIECE * prior.half_length(float(cell[1]))]
-        return not (len(known) and in_one_box(self._boxes_of(view), cell, known))
+        return not in_one_box(self._boxes_of(view), cell, known).any()
+
+    def has_room(self, view: PlaneView, cell: F64, newcomers: F64) -> bool:
+        """People come one by one or in pairs; more at once in a region are pieces of someone larger than expected."""
+        if self._coarse.belief is None or len(newcomers) < AT_ONCE:
+            return True
+        return int(in_one_box(self._boxes_of(view), cell, newcomers).sum()) < AT_ONCE
 
     def _boxes_of(self, view: PlaneView) -> F64:
         """(N, 4) boxes of the regions of a frame, found once."""

@@ -62,12 +62,12 @@ class RegionPairs:
         return np.asarray(samples[fits])
 
 
-def in_one_box(boxes: F64, cell: F64, others: F64) -> bool:
-    """Whether one of the boxes (N, 4) has a cell (2,) in it and one of the others (M, 2): x, y."""
+def in_one_box(boxes: F64, cell: F64, others: F64) -> Bool:
+    """(M,) which of the others (M, 2) are in the same one of the boxes (N, 4) as a cell (2,): x, y."""
     low, size = np.split(boxes, 2, axis=1)
     places = np.concatenate([cell[None], others])[:, None]
     inside: Bool = np.all((places >= low - 1) & (places <= low + size), axis=2)
-    return bool((inside[0] & inside[1:]).any())
+    return np.asarray((inside[0] & inside[1:]).any(axis=1))
 
 
 def regions(mask: F32, moving: Bool | None, beside: float = BESIDE) -> tuple[F64, F64, Bool]:

@@ -222,7 +222,9 @@ class EllipseParticleTracker:
         left &= self._plane.long_enough(view, self._measured, order, unknown, prior)
         candidates = int(left.sum())
         for ellipse in self._measured[left]:
-            if self._plane.is_separate(view, ellipse[:2], self._known()):
+            newcomers = objects.states[:, [X, Y]][objects.measured & ~objects.confirmed]
+            separate = self._plane.is_separate(view, ellipse[:2], self._known())
+            if separate and self._plane.has_room(view, ellipse[:2], newcomers):
                 self._spawn_at(ellipse, candidates, view, prior)
 
     def _reacquire(self, left: Bool, view: PlaneView, prior: SizePrior) -> Bool:

@@ -165,6 +165,18 @@ def test_head_of_a_near_person_is_no_far_one_before_a_low_camera():
     assert plane.is_separate(view, view.to_cells(np.array([75.0, 14.0])), known)
 
 
+def test_a_third_newcomer_in_one_region_waits():
+    plane = ImagePlane(ImagePlaneParams())
+    for i in range(5):
+        mask = (255 * painted([40.0 + i, 30, 25, 8, 0.0])).astype(np.uint8)
+        view = plane(Observation(i, i / 10, foreground=mask))
+    assert view is not None
+    pair, here = view.to_cells(np.array([[40.0, 15], [46.0, 15]])), view.to_cells(np.array([42.0, 45.0]))
+    assert plane.has_room(view, here, pair[:1])
+    assert not plane.has_room(view, here, pair)
+    assert plane.has_room(view, view.to_cells(np.array([75.0, 45.0])), pair)
+
+
 def test_given_size_is_not_told_as_learned():
     plane = ImagePlane(ImagePlaneParams(person_height_px=400))
     plane(Observation(0, 0.0, foreground=np.zeros((480, 640), np.uint8)))
