@@ -32,7 +32,8 @@ from planview.tracking.ellipse_particle.fit.explanation import SWEEPS, Judge, be
 from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
 
 SIZE_LIMIT = 1.4
-"""Largest ratio of a measured ellipse to the expected size, either way: three deviations of ``size_spread``."""
+"""Largest ratio of a measured ellipse to the expected size, either way: three deviations of ``size_spread``, which are
+``PlaneModel.looseness`` times as large."""
 EM_STEPS = 4
 """Steps of expectation-maximisation. Our choice: the start is within a third of a width already."""
 PRIOR_MASS = 0.5
