@@ -24,8 +24,8 @@ STEPS = 50
 def size_of_camera(camera: GroundCamera, scale: float, aspect: float) -> SizePrior | None:
     """Length of a standing adult in the middle column against the row of the centre: the line nearest to it.
 
-    None for a steep camera, and for one so low (below 1.13 m) that people of all distances have their
-    centres in nearly the same row.
+    None for a steep camera, and for one so low (below 1.3 m where it looks nearly level) that people of all distances
+    have their centres in nearly the same row.
 
     Args:
         scale: pixels per cell.

@@ -13,11 +13,11 @@ from planview.tracking.ellipse_particle.fit.prior import SizePrior
 from planview.tracking.ellipse_particle.planes import PlaneView
 
 LONGEST, LONG = 56.0, 40.0
-"""Where a person in the lower part of the image is longer than ``LONGEST`` cells, the grid is made coarser until it is
-``LONG``: time per ellipse stays bounded, and limbs average out. Our choice."""
+"""Where people are longer than ``LONGEST`` cells in the median, the grid is made coarser until they are ``LONG``: time
+per ellipse stays bounded, and limbs average out. Our choice."""
 SHORT, FINER = 22.0, 2.0
-"""Where a person there is shorter than ``SHORT`` cells, the grid is made finer until it is, but at most so many times:
-of a person 3 or 4 cells wide legs are lost, and two side by side are one. Our choice."""
+"""Where people are shorter than ``SHORT`` cells, the grid is made finer until they are not, at most ``FINER`` times: of
+a person 3 or 4 cells wide legs are lost, and two side by side are one. Our choice."""
 COLUMNS_MIN = 24
 
 

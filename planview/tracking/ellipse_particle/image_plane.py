@@ -108,7 +108,7 @@ class ImagePlane:
         return None if foreground is None else self._averaged(foreground, observation, self._columns)
 
     def _averaged(self, foreground: U8, observation: Observation, columns: int) -> PlaneView:
-        height, width = foreground.shape if observation.image is None else observation.image.shape[:2]
+        height, width = _image_size(foreground, observation)
         return averaged(foreground, (width, height), columns, observation)
 
     def _cleaned(self, observation: Observation) -> U8 | None:
@@ -116,12 +116,11 @@ class ImagePlane:
         foreground = self._foreground(observation)
         if foreground is None:
             return None
-        height, width = foreground.shape if observation.image is None else observation.image.shape[:2]
-        self._size = (height, width)
+        self._size = _image_size(foreground, observation)
         clean = np.asarray(cv2.medianBlur(foreground, 3), dtype=np.uint8)
         # Averaging whole pixels has removed most specks already where the foreground is smaller than the image, and
         # the filter would eat thin people too; but not the specks of a frame that the codec or a jolt fills with them.
-        if foreground.shape[1] != width and float(cv2.subtract(foreground, clean).mean()) < 255 * SPECKLED:
+        if foreground.shape != self._size and float(cv2.subtract(foreground, clean).mean()) < 255 * SPECKLED:
             return foreground
         return clean
 
@@ -207,7 +206,7 @@ class ImagePlane:
     def is_separate(self, view: PlaneView, cell: F64, known: F64) -> bool:
         """What is much smaller than a known person in its region is a piece; until the size is settled, all there."""
         prior = self.prior(view)
-        if prior is None or self._coarse.belief is None or not len(known):
+        if prior is None or self._coarse.belief is None:
             return True
         if self._coarse.settled:
             known = known[prior.half_lengths(known[:, 1]) > PIECE * prior.half_length(float(cell[1]))]
@@ -241,6 +240,12 @@ class ImagePlane:
         """Boxes; floor positions and heights too with a camera."""
         rows = zip(estimates.evidence, estimates.ellipses, estimates.velocities, strict=True)
         return [image_state(e.who, view, ellipse, velocity, self._camera) for e, ellipse, velocity in rows]
+
+
+def _image_size(foreground: U8, observation: Observation) -> tuple[int, int]:
+    """(height, width) of the image, of the foreground where there is none [px]."""
+    height, width = foreground.shape if observation.image is None else observation.image.shape[:2]
+    return height, width
 
 
 def _taught(learner: SizeLearner, view: PlaneView) -> SizeBelief | None:

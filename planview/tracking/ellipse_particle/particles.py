@@ -105,6 +105,7 @@ class ParticleFilter:
         fresh = math.sqrt(1.0 - keep * keep) * spread
         common = math.sqrt(self.plane.looseness**2 - 1.0)
         if common > 0:
+            # The density of ``estimate`` takes this for deviations of each: it leans to the expected size.
             noise[..., [LN_A, LN_B]] += common * self._rng.standard_normal((p.particles, len(self), 1), np.float32)
         kernels.propagate(self.particles, noise, Transition(dt_s, pull, push, keep, fresh), self._surprise)
         # Leaning further than anything measured, one object would cover two people behind one another.

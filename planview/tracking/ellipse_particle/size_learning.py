@@ -204,7 +204,7 @@ class SizeLearner:
 
 
 def smallest_of(length: F64, weight: F64) -> float:
-    """Length (N,) below which lies ``FEW`` of the weight (N,)."""
+    """Length (N,) below which lies ``FEW`` of the weight (N,); numpy has weighted quantiles from 2.0 on only."""
     order = np.argsort(length, kind="stable")
     share = np.cumsum(weight[order])
     return float(length[order][np.searchsorted(share, FEW * share[-1])])

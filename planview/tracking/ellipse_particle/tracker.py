@@ -220,10 +220,10 @@ class EllipseParticleTracker:
         # The others come first: what they cover does not count for those that are left.
         order, unknown = np.argsort(left, kind="stable"), np.zeros(len(left), dtype=np.bool_)
         left &= self._plane.long_enough(view, self._measured, order, unknown, prior)
-        candidates = int(left.sum())
+        candidates, people = int(left.sum()), self._known()
         for ellipse in self._measured[left]:
             newcomers = objects.states[:, [X, Y]][objects.measured & ~objects.confirmed]
-            separate = self._plane.is_separate(view, ellipse[:2], self._known())
+            separate = self._plane.is_separate(view, ellipse[:2], people)
             if separate and self._plane.has_room(view, ellipse[:2], newcomers):
                 self._spawn_at(ellipse, candidates, view, prior)
 

@@ -22,8 +22,8 @@ class Prior(NamedTuple):
         angle_spread: deviation of the angle [rad].
         size_limit: largest |ln size ratio|.
         angle_limit: largest |angle| [rad].
-        common: what the square of the sum of both ln size ratios takes off the sum of their squares: 0 where length and
-            width differ each by themselves, nearly 1/2 where both are those of nearer or farther people.
+        common: rho of the prior (la^2 + lb^2 - rho (la + lb)^2) / (2 size_spread^2) of the ln size ratios la of length
+            and lb of width: 0 where they differ independently, nearly 1/2 where they hardly differ but together.
     """
 
     size_spread: float

@@ -92,9 +92,9 @@ class PlaneModel(NamedTuple):
         separation: smallest distance of two centres, in half lengths; 0 where people hide one another.
         proposal: part of ``EllipseFitParams.min_gain`` with which the cover proposes an ellipse.
         outside_weight: weight of object area outside every measurement in the likelihood of the particles.
-        looseness: deviation of the size of people who are centred in the same row, over that of those who stand there;
-            1 + the growth of half lengths per row. Before a low camera, people of all distances have nearly the same
-            centre.
+        looseness: deviation of sizes among people centred in one row, over that among people whose feet are in one row:
+            1 + the growth of half lengths per row. Before a low camera people at all distances are centred in nearly
+            the same row.
     """
 
     angle_spread: float

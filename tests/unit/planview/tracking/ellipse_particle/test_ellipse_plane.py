@@ -19,6 +19,7 @@ from planview.tracking.ellipse_particle import (
 from planview.tracking.ellipse_particle.fit.ellipses import paint_union
 from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
 from planview.tracking.ellipse_particle.objects import Objects
+from planview.tracking.ellipse_particle.planes import PlaneView
 from planview.tracking.ellipse_particle.visible_length import UNSURE, visible_length
 
 PRIOR = SizePrior(15.0, 0.0, 0.4)
@@ -141,13 +142,18 @@ def test_grid_is_finer_for_short_people_where_the_foreground_is():
     assert (fine.mask.shape, coarse.mask.shape) == ((240, 320), (120, 160))
 
 
+def after(plane: ImagePlane, walk: list[list[float]]) -> PlaneView:
+    """The last view of a walker who is an ellipse in each frame."""
+    for i, ellipse in enumerate(walk):
+        view = plane(Observation(i, i / 10, foreground=(255 * painted(ellipse)).astype(np.uint8)))
+    assert view is not None
+    return view
+
+
 @pytest.mark.parametrize(("given", "separate"), [(None, False), (30.0, True)])
 def test_piece_of_a_known_person_is_nobody_until_the_size_is_settled(given, separate):
     plane = ImagePlane(ImagePlaneParams(person_height_px=given))
-    for i in range(5):
-        mask = (255 * painted([40.0 + i, 30, 25, 8, 0.0])).astype(np.uint8)
-        view = plane(Observation(i, i / 10, foreground=mask))
-    assert view is not None
+    view = after(plane, [[40.0 + i, 30, 25, 8, 0.0] for i in range(5)])
     known = view.to_cells(np.array([[40.0, 15.0]]))
     assert plane.is_separate(view, view.to_cells(np.array([40.0, 45.0])), known) is separate
     assert plane.is_separate(view, view.to_cells(np.array([70.0, 45.0])), known)
@@ -155,11 +161,7 @@ def test_piece_of_a_known_person_is_nobody_until_the_size_is_settled(given, sepa
 
 def test_head_of_a_near_person_is_no_far_one_before_a_low_camera():
     plane = ImagePlane(ImagePlaneParams())
-    for i in range(60):
-        half = 10.0 + i / 3
-        mask = (255 * painted([40.0, 10 + half, half, 0.3 * half, 0.0])).astype(np.uint8)
-        view = plane(Observation(i, i / 10, foreground=mask))
-    assert view is not None
+    view = after(plane, [[40.0, 10 + half, half, 0.3 * half, 0.0] for half in np.arange(60) / 3 + 10])
     known, head = view.to_cells(np.array([[40.0, 39.0]])), view.to_cells(np.array([40.0, 14.0]))
     assert not plane.is_separate(view, head, known)
     assert plane.is_separate(view, view.to_cells(np.array([75.0, 14.0])), known)
@@ -167,10 +169,7 @@ def test_head_of_a_near_person_is_no_far_one_before_a_low_camera():
 
 def test_a_third_newcomer_in_one_region_waits():
     plane = ImagePlane(ImagePlaneParams())
-    for i in range(5):
-        mask = (255 * painted([40.0 + i, 30, 25, 8, 0.0])).astype(np.uint8)
-        view = plane(Observation(i, i / 10, foreground=mask))
-    assert view is not None
+    view = after(plane, [[40.0 + i, 30, 25, 8, 0.0] for i in range(5)])
     pair, here = view.to_cells(np.array([[40.0, 15], [46.0, 15]])), view.to_cells(np.array([42.0, 45.0]))
     assert plane.has_room(view, here, pair[:1])
     assert not plane.has_room(view, here, pair)
