@@ -22,6 +22,8 @@ LENS_K_320: dict[str, float] = {
     "black-corner-fisheye": -0.0019,
 }
 """Table 2: factor K of r' = r + K r^2, in 1/px of a 320x240 image."""
+LEVEL = 1e-9
+"""Vertical part of a ray, of a length of about the focal length [px], below which it is level."""
 
 
 @dataclass(frozen=True)
@@ -121,14 +123,16 @@ class GroundCamera:
             pixels: (..., 2) [px].
             height_m: height of the points [m].
         Returns:
-            (..., 2) float64 [m]; NaN where the ray does not meet that height (above the horizon).
+            (..., 2) float64 [m]; NaN where the ray does not meet that height ahead of the camera: of what is lower than
+            the camera it does below the horizon, of what is higher above it.
         """
         if np.ndim(pixels) == 1:
             u, v = np.asarray(pixels, dtype=np.float64).tolist()
             return self._back_project_one(u, v, height_m)
         ray = self.rays(pixels)
-        down = -ray[..., 2]
-        lam = np.where(down > 1e-9, (self.height_m - height_m) / np.where(down > 1e-9, down, 1.0), np.nan)
+        down, below_m = -ray[..., 2], self.height_m - height_m
+        meets = below_m * down > abs(below_m) * LEVEL
+        lam = np.where(meets, below_m / np.where(meets, down, 1.0), np.nan)
         return lam[..., None] * ray[..., :2]
 
     def _back_project_one(self, u: float, v: float, height_m: float) -> F64:
@@ -145,7 +149,8 @@ class GroundCamera:
             x, y = x * scale, y * scale
         s, c = math.sin(self.tilt_rad), math.cos(self.tilt_rad)
         down = self.focal_px * c + y * s
-        far = (self.height_m - height_m) / down if down > 1e-9 else math.nan
+        below_m = self.height_m - height_m
+        far = below_m / down if below_m * down > abs(below_m) * LEVEL else math.nan
         return np.array([far * x, far * (self.focal_px * s - y * c)])
 
     def rays(self, pixels: ArrayLike) -> F64:

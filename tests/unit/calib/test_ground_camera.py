@@ -30,13 +30,24 @@ def test_floor_positions_come_back_from_their_pixels(tilt: float, roll: float, x
         np.testing.assert_allclose(camera.back_project(pixel), [x, y], atol=1e-6)
 
 
+def test_what_is_higher_than_the_camera_is_ahead_of_it_or_nowhere() -> None:
+    camera = GroundCamera(640, 480, 500.0, 1.2, math.radians(85))
+    pixel = camera.project([0.5, 4.0, 1.7])
+    np.testing.assert_allclose(camera.back_project(pixel, 1.7), [0.5, 4.0])
+    below_the_horizon = camera.project([0.5, 4.0, 1.0])
+    assert np.isnan(camera.back_project(below_the_horizon, 1.7)).all()
+    assert np.isnan(camera.back_project(pixel, 1.2)).all()
+
+
 @pytest.mark.parametrize("lens", sorted(LENS_K_320))
 def test_one_point_is_projected_to_the_bit_as_many_are(lens: str) -> None:
     rng, camera = np.random.default_rng(1), GroundCamera(640, 480, 300.0, 4.0, math.radians(65), lens, 0.1)
     pixels = np.vstack([rng.uniform(-600, 1200, (300, 2)), [[319.5, 239.5], [np.nan, 3.0]]])
     points = np.vstack([rng.uniform((-9, -9, 0), (9, 30, 2), (300, 3)), [[np.nan, 1.0, 0.0]]])
-    assert np.isnan(camera.back_project(pixels, 1.1)).any()
-    np.testing.assert_array_equal([camera.back_project(p, 1.1) for p in pixels], camera.back_project(pixels, 1.1))
+    for height_m in (1.1, 5.0):
+        many = camera.back_project(pixels, height_m)
+        assert np.isnan(many).any()
+        np.testing.assert_array_equal([camera.back_project(p, height_m) for p in pixels], many)
     np.testing.assert_array_equal([camera.project(p) for p in points], camera.project(points))
 
 
