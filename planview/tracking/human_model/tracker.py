@@ -200,9 +200,7 @@ class HumanModelTracker:
         """A new target, or a lost one reacquired."""
         foot, scale, score = candidate.foot_px, candidate.scale, candidate.score
         kalman = self._fitter.start(foot, scale)
-        if kalman is None:
-            return
-        if candidate.splits and self._is_known(candidate, kalman, frame):
+        if kalman is None or self._is_known(candidate, kalman, frame):
             return
         self.scene.paint(self.scene.cover, foot, scale, 1)
         appearance = self._fitter.appearance(foot, scale, frame)
@@ -224,11 +222,16 @@ class HumanModelTracker:
             self._identity.learn(existence, appearance)
 
     def _is_known(self, candidate: ModelCandidate, kalman: FloorKalman, frame: ModelFrame) -> bool:
-        """Whether a candidate is a target's arm or double; the target moves there where the double explains more."""
-        foot, scale = candidate.foot_px, candidate.scale
-        if self._doubles.is_limb(np.array([*foot, scale]), self.targets):
+        """Whether a candidate is a target's arm or double; the target moves there where the double explains more.
+
+        Apart from known people it may be the double of one found in this frame: head and legs, with a shirt like the
+        wall between them, are two blobs, and either tells of the whole body.
+        """
+        foot, scale, splits = candidate.foot_px, candidate.scale, candidate.splits
+        if splits and self._doubles.is_limb(np.array([*foot, scale]), self.targets):
             return True
-        beside = [t for t in self.targets if t.seat is None and t.existence.observed]
+        beside = [t for t in self.targets if splits or t.existence.spawned_s == self._life.now_s]
+        beside = [t for t in beside if t.seat is None and t.existence.observed]
         for target in (t for t in beside if _overlap(self._box(t), self._box_at(foot, scale, FIRST_WIDTH))):
             needless, better = self._doubles.needless(target, np.array([*foot, scale]), self.targets, frame.evidence)
             if needless and better:

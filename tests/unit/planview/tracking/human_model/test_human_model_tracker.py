@@ -10,6 +10,8 @@ from calib.errors import InputError
 from planview.foreground.masks import BACKGROUND, PERSON, WALKER
 from planview.tracking.base import Observation
 from planview.tracking.human_model import HumanModelTracker
+from planview.tracking.human_model.candidates import ModelCandidate
+from planview.tracking.human_model.frame import frame_of
 from planview.tracking.human_model.params import NewTargetParams
 from tests.human_model_world import BLUE, CAMERA, FPS, MAP, PARAMS, RED, Drawn, World, confirmed, run
 
@@ -56,6 +58,16 @@ def test_two_who_enter_side_by_side_are_split() -> None:
     _, states, kinds = run(path, 3.0)
     assert len(confirmed(states[-1])) == 2
     assert kinds.count("spawned") + kinds.count("split") == 2
+
+
+@pytest.mark.parametrize(("beside_m", "people"), [(0.1, 1), (1.0, 2)])
+def test_two_blobs_of_one_frame_are_two_people_where_one_would_not_do(beside_m: float, people: int) -> None:
+    tracker, places = HumanModelTracker(PARAMS, CAMERA, MAP), (0.0, beside_m)
+    tracker.update(World().observe(0, []))
+    frame = frame_of(World().observe(0, [(x, 6.0, RED) for x in places]), CAMERA.size)
+    for x in places:
+        tracker._add(ModelCandidate(CAMERA.project((x, 6.0, 0.0)), 1.0, 1.0, 1.0, splits=False), frame)
+    assert len(tracker.targets) == people
 
 
 def test_ids_survive_a_crossing() -> None:
