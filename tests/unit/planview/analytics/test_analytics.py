@@ -74,8 +74,17 @@ def test_person_put_back_over_the_line_in_a_jump_counts_once() -> None:
     assert crossings(way(ys)) == [(1, "left_to_right")]
 
 
-def test_jump_over_the_line_without_a_crossing_before_counts() -> None:
-    assert crossings(way([1.0, 0.9, 0.8, 0.7, 0.6, 0.5, -0.8, -0.9, -1.0])) == [(1, "left_to_right")]
+def test_jump_over_the_line_without_a_crossing_before_counts_once_the_person_has_stayed() -> None:
+    stays = [1.0, 0.9, 0.8, 0.7, 0.6, 0.5, -0.8, -0.9, -1.0, -1.0, -1.0, -1.0]
+    assert crossings(way(stays)) == [(1, "left_to_right")]
+    assert crossings(way(stays[:11])) == []
+
+
+def test_one_frame_beyond_the_line_is_no_crossing_and_does_not_hide_the_one_after_it() -> None:
+    """A distance that is wrong in one frame, as when a low camera sees the head only."""
+    ways = way([1.0, 0.9, 0.8, -1.5, 0.7, 0.5, 0.1, -0.3, -0.6])
+    (event,) = (e for e in feed(analytics(), ways) if e.kind == "crossing")
+    assert (event.frame, event.direction) == (7, "left_to_right")
 
 
 def test_person_walking_back_soon_counts_both_ways() -> None:
