@@ -15,7 +15,8 @@ SAMPLES = 4096
 INLIERS_TRUSTED = 0.7
 """Fraction of inliers above which no other gain is searched (our choice)."""
 INLIERS_MIN = 0.3
-"""Fraction of inliers below which the last gain is kept: the scene changed, not the camera (our choice)."""
+"""Fraction of inliers, and of what all pixels would tell, below which the last gain is kept: the scene changed, not the
+camera (our choice)."""
 INFORMATION_RATIO_MIN = 1.1
 """The inliers of a new gain must tell so many times what those of the last one do: a large person is no gain step
 (our choice)."""
@@ -86,8 +87,21 @@ class GainFollower:
         best = self._refined(pixels, self.gain, self.offset)
         if best.inliers < INLIERS_TRUSTED * n:
             best = self._searched(pixels, best)
-        if best.inliers >= max(INLIERS_MIN * n, kernels.PIXELS_MIN) and 1 / KEPT_GAIN_MAX < best.gain < KEPT_GAIN_MAX:
+        if best.inliers >= max(INLIERS_MIN * n, kernels.PIXELS_MIN) and self._is_exposure(best, pixels):
             self.gain, self.offset = best.gain, best.offset
+
+    def _is_exposure(self, line: _Line, pixels: _Pixels) -> bool:
+        """Whether a line keeps enough of the scene.
+
+        Whatever fills the image in one luma lies on a line almost without slope, on which the model would forget the
+        scene; a camera that made it as bright would show more of it.
+        """
+        model, _, information = pixels
+        mean = float(model.mean())
+        brightness = (line.gain * mean + line.offset) / mean
+        kernels.fill_information(np.clip(brightness * model, 0.0, 255.0), self._tolerance, information)
+        possible = float(information.sum())
+        return line.told >= INLIERS_MIN * possible and 1 / KEPT_GAIN_MAX < line.gain < KEPT_GAIN_MAX
 
     def _searched(self, pixels: _Pixels, best: _Line) -> _Line:
         """The line given, or one that the image tells more for."""

@@ -47,10 +47,12 @@ FOREGROUND_PX = 2
 """Pixels of foreground per cell that are enough: cells average them anyway. Our choice."""
 PIECE = 2.0
 """In the region of a known person so many times as long is a piece of that person: a head, where a low camera sees
-heads in the rows in which people far away are small. Our choice."""
+heads in the rows in which people far away are small. Our choice: 200 people of 195 on 28 drawn views, 205 without it,
+89.2 % of the crossings in place of 88.7."""
 AT_ONCE = 2
 """People who may come at once in one region where the size is learned. Our choice: a pair; a third waits until one of
-them is confirmed or gone. 1323 people of 1247 on 182 drawn views, 1361 without it, and as many crossings."""
+them is confirmed or gone. 1323 people of 1247 on 182 drawn views, 1361 without it, and as many crossings; no gain on 28
+later ones."""
 TYPICAL = 0.75
 """Where people are centred in the view of a calibrated camera, as a share of its height. Our choice."""
 FLOODED = 0.5

@@ -31,7 +31,8 @@ SETTING_OUT_S = 3.0
 """Time from the first frame in which people who were in it set out [s]: as long as the background needs to be known."""
 SETTLED = 40
 """Whole regions from which the size is settled. Our choice: two people who walk through the view at 12 frames per
-second; until then a piece of a person may be as long as people are taken for."""
+second; until then a piece of a person may be as long as people are taken for: 200 people of 195 on 28 drawn views, 215
+without it."""
 FIRST_CUT = 15
 """Regions cut by the border that are enough where none is whole: people may be too large ever to show as a whole."""
 PER_FRAME = 12

@@ -111,6 +111,19 @@ def test_plain_shirt_over_most_of_the_image_is_no_gain() -> None:
     assert foreground._gain.gain == pytest.approx(1.1, abs=0.03)
 
 
+def test_plain_shirt_over_all_of_the_image_is_no_gain() -> None:
+    """A line almost without slope would fit, and the model in that exposure would have forgotten the scene."""
+    rng = np.random.default_rng(0)
+    wall = rng.uniform(100, 160, (60, 80))
+    foreground = Foreground(ForegroundParams(), wall.shape)
+    for i in range(13):
+        scene = np.full_like(wall, 120) if i in (10, 11) else wall
+        image = scene + rng.normal(0, 2, wall.shape)
+        shown = foreground.update(image.clip(0, 255).astype(np.uint8), None, i / 10)
+    assert foreground.exposure.gain == pytest.approx(1.0, abs=0.02)
+    assert (shown > 0).mean() < 0.01
+
+
 def test_model_moves_to_the_exposure_of_the_image_when_that_is_far_away() -> None:
     foreground = _follow([1.0] * 10 + [0.4, 0.4])
     assert foreground._gain.gain == pytest.approx(1.0, abs=0.05)
