@@ -49,8 +49,7 @@ class Missing:
 
     def keep(self, target: Target) -> bool:
         """Keep a person in mind who is no longer looked for; whether that person may still be in the view."""
-        # Who is only predicted to leave has not been seen to: without observation a velocity soon tells little.
-        inside = target.existence.lost and target.seen_inside == 1.0
+        inside = target.existence.lost and target.inside == 1.0
         if not inside or self._at_entrance(target.seen_m):
             return False
         self._people.append(target)
@@ -98,7 +97,7 @@ class Missing:
         if not self._whole(xy_m) or self._at_entrance(xy_m):
             return None
         since_s = newcomer.existence.spawned_s
-        before = [t for t in lost if t.existence.observed_s < since_s and t.seen_inside == 1.0]
+        before = [t for t in lost if t.existence.observed_s < since_s and t.inside == 1.0]
         near = sorted((*self._people, *before), key=lambda t: math.dist(t.seen_m, xy_m))
         return next((t for t in near if not likeness(t) < self._params.min_likeness), None)
 

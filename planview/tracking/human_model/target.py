@@ -74,7 +74,6 @@ class Target:
         trail: the recent past, oldest first.
         inside: visible fraction of the model in the image.
         seen_m: (2,) footprint when the person was last observed [m].
-        seen_inside: visible fraction then.
         splits: it was found beside another target in one blob.
         still_since_s: since when it has been stationary without a break, NaN if it is not.
         shared: fraction of the model that other models cover too.
@@ -100,7 +99,6 @@ class Target:
     trail: deque[Sample] = field(default_factory=lambda: deque(maxlen=256))
     inside: float = 1.0
     seen_m: F64 = field(init=False)
-    seen_inside: float = 1.0
     splits: bool = False
     still_since_s: float = math.nan
     shared: float = 0.0
@@ -162,7 +160,7 @@ class Target:
         while len(self.trail) > 2 and self.trail[1].time_s <= now_s - window_s:
             self.trail.popleft()
         if self.existence.observed:
-            self.seen_m, self.seen_inside = self.xy_m, self.inside
+            self.seen_m = self.xy_m
             self._travel()
 
     def _travel(self) -> None:

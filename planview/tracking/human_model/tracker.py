@@ -141,7 +141,8 @@ class HumanModelTracker:
         entry = self.scene.model_map.entry_at(foot_pixels(self.camera, xy)[0])
         for target, e in zip(list(self.targets), entry, strict=True):
             if e < 0:
-                self._drop(target, "predicted outside the view")
+                self.targets.remove(target)
+                self._life.prune(target.existence, "predicted outside the view")
 
     def _confirm(self, frame: ModelFrame) -> None:
         for target in list(self.targets):
@@ -252,19 +253,17 @@ class HumanModelTracker:
 
     def _clean(self) -> None:
         for target in list(self.targets):
-            if reason := prune_reason(target, self.params, self._life):
-                self._drop(target, reason)
+            reason = prune_reason(target, self.params, self._life)
+            if not reason:
+                continue
+            self.targets.remove(target)
+            if self._missing.keep(target):
+                self._life.log(target.existence, "state", f"missing: {reason}")
+            else:
+                self._life.prune(target.existence, reason)
         self._missing.watch([t for t in self.targets if t.existence.confirmed and t.existence.observed])
         for target in self._missing.forgotten(self._life.now_s):
             self._life.prune(target.existence, f"missing for {self._life.unobserved_s(target.existence):.0f} s")
-
-    def _drop(self, target: Target, reason: str) -> None:
-        """A target is no longer looked for; who may still be in the view is missing."""
-        self.targets.remove(target)
-        if self._missing.keep(target):
-            self._life.log(target.existence, "state", f"missing: {reason}")
-        else:
-            self._life.prune(target.existence, reason)
 
     def _state_of(self, target: Target) -> TrackState:
         k, who = target.kalman, target.existence

@@ -75,14 +75,8 @@ def test_who_comes_in_over_the_border_is_new() -> None:
 
 def test_who_was_observed_leaving_the_view_is_not_missing() -> None:
     person = _at(0.0)
-    person.seen_inside = 0.5
+    person.inside = 0.5
     assert not _missing().keep(person)
-
-
-def test_who_was_only_predicted_to_leave_the_view_is_missing() -> None:
-    person = _at(0.0)
-    person.inside = 0.2
-    assert _missing().keep(person)
 
 
 @pytest.mark.parametrize(("before", "entrance"), [(1, False), (2, True)])

@@ -103,9 +103,9 @@ def test_person_who_was_hidden_for_long_has_the_same_id_again() -> None:
 def _through_a_door_in_view(t: float) -> list[Drawn]:
     """Two come out of a door at x = 0.5 m and leave to the left; then one goes in and another comes out, in turns."""
     person, s = divmod(t, 9.0)
-    goes_in = person > 1 and person % 2 == 0
-    if goes_in and s > 4.0:
+    if s > 4.0:
         return []
+    goes_in = person > 1 and person % 2 == 0
     return [(s - 3.5 if goes_in else 0.5 - s, 6.5, RED)]
 
 
