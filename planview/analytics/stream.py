@@ -112,7 +112,8 @@ class Analytics:
     ) -> None:
         values = iter(at_rules)
         for wire, at_wire in zip(self._wires, memory.wires, strict=True):
-            for crossing in at_wire.update(frame, timestamp_s, next(values), next(values)):
+            crossing = at_wire.update(frame, timestamp_s, next(values), next(values))
+            if crossing is not None:
                 moment = crossing.frame, crossing.timestamp_s
                 memory.events.append(Event(*moment, wire.name, "crossing", person.track_id, crossing.direction))
         for area, at_area in zip(self._areas, memory.areas, strict=True):

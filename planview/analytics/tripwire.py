@@ -83,30 +83,30 @@ class WireState:
         self._put_back = 0  # side from which a jump took the person; reaching it again is no crossing
         self._crossed_s = -math.inf
         self._waiting: Crossing | None = None  # in a jump: counts once the person has stayed
-        self._landed_s = -math.inf  # when it was far enough on the other side
 
-    def update(self, frame: int, timestamp_s: float, side_m: float, along: float) -> list[Crossing]:
-        """Crossings that are certain now, the person far enough on the other side; dated to when the line was passed.
+    def update(self, frame: int, timestamp_s: float, side_m: float, along: float) -> Crossing | None:
+        """The crossing that is certain now, the person far enough on the other side; dated to when the line was passed.
 
         Going round the end of the line passes its extension, which does not count; turning back within the hysteresis
         is no crossing. A person put back over the line in a jump crosses it again without counting again, and who is
         back from a jump before ``min_age_s`` has not crossed at all.
         """
         if not math.isfinite(along):
-            return []
+            return None
         now = _At(frame, timestamp_s, side_m, along)
         if self._last is not None and (self._last.side_m >= 0) != (side_m >= 0):
             self._pass(self._last, now)
         self._last = now
-        certain = self._stayed(timestamp_s)
         crossing = self._decide(side_m)
         if crossing is not None and self._waiting is not None:
-            self._waiting = None  # back already: the jump was an error of measurement
-        elif crossing is not None:
-            self._waiting = crossing
-            self._landed_s = timestamp_s if self._jumped else -math.inf
-            certain += self._stayed(timestamp_s)
-        return certain
+            crossing = self._waiting = None  # back already: the jump was an error of measurement
+        elif crossing is not None and self._jumped:
+            crossing, self._waiting = None, crossing
+        if self._waiting is not None and timestamp_s - self._waiting.timestamp_s >= self._wire.min_age_s:
+            crossing, self._waiting = self._waiting, None
+        if crossing is not None:
+            self._crossed_s = crossing.timestamp_s
+        return crossing
 
     def _decide(self, side_m: float) -> Crossing | None:
         """The passage that took the person to this side, once far enough on it."""
@@ -120,14 +120,6 @@ class WireState:
         back = self._jumped and self._passed[1] - self._crossed_s <= PUT_BACK_S
         again, self._put_back = self._put_back == side, before if back else 0
         return None if again or back else Crossing(*self._passed, "right_to_left" if side > 0 else "left_to_right")
-
-    def _stayed(self, timestamp_s: float) -> list[Crossing]:
-        """The crossing that waits, once the person has stayed for long enough."""
-        if self._waiting is None or timestamp_s - self._landed_s < self._wire.min_age_s:
-            return []
-        certain, self._waiting = self._waiting, None
-        self._crossed_s = certain.timestamp_s
-        return [certain]
 
     def _pass(self, a: _At, b: _At) -> None:
         """The line, or its extension, is passed between two sightings."""

