@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.types import F64, U8
+from calib.types import F64, U8, Bool
+from planview.tracking.human_model.fitting import foot_pixels
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.scene import SEARCH_SIGMAS, SHIFT, CandidateCounts, ModelScene
 from planview.tracking.human_model.target import Target
@@ -16,8 +17,13 @@ from planview.tracking.human_model.target import Target
 Touch = Callable[[Target, Target], bool]
 BETWEEN = 5
 """Places tried on the way from one model to the other."""
-LIMB = 0.5
-"""Largest length of a limb over the person's height: a leg is 0.48 of it, an arm with its hand 0.44."""
+REACH_M = 0.35
+"""Distance of arms and stride from the axis of a body [m] (our choice, as for ``match.ring``)."""
+LIMBS = 0.7
+"""Share of the foreground left to a new model that is within reach of one known person, from which on it is that
+person's arms and legs (our choice; any newcomer has a body besides, and what is shared is not left to it)."""
+_AROUND = 16
+"""Places on and half-way to the circle of ``REACH_M``."""
 
 
 class Explained(NamedTuple):
@@ -90,22 +96,28 @@ class Doubles:
         least = self._params.prune.merge_alone
         return explained.two - explained.one < least, explained.second - explained.first > least
 
-    def is_limb(self, new: F64, targets: Sequence[Target]) -> bool:
-        """Whether a new (3,) model is no longer than a limb of an observed person and lies where that person's are."""
-        scene, length = self._scene, self._scene.longest_side(new[:2], new[2])
-        model, aside = np.zeros_like(scene.cover), np.zeros(2)
+    def is_limb(self, new: F64, targets: Sequence[Target], evidence: U8) -> bool:
+        """Whether what a new (3,) model would explain of (H, W) evidence is the arms and legs of an observed person.
+
+        A model is a body upright; arms and stride reach beyond it, farthest where the camera looks down.
+        """
+        scene, model = self._scene, np.zeros_like(self._scene.cover)
         scene.paint(model, new[:2], new[2], 1)
-        for target in targets:
-            foot, scale = target.foot_px, target.model_scale
-            if not target.existence.observed or length > LIMB * scene.longest_side(foot, scale):
-                continue
-            limbs = np.zeros_like(scene.cover)
-            aside[0] = self._params.match.ring * scene.box_width(foot, scale)
-            for place in (foot - aside, foot, foot + aside):
-                scene.paint(limbs, place, scale, 1)
-            if np.count_nonzero(model & (limbs > 0)) > 0.5 * np.count_nonzero(model):
-                return True
-        return False
+        window = scene.window(new[:2], new[2])
+        own = (model[window] > 0) & (evidence[window] > 0) & (self._cover(targets)[window] == 0)
+        least = LIMBS * np.count_nonzero(own)
+        observed = (t for t in targets if t.existence.observed)
+        return any(np.count_nonzero(own & self._in_reach(t)[window]) > least for t in observed)
+
+    def _in_reach(self, target: Target) -> Bool:
+        """(H, W) whether a person's arms and legs may be at a pixel."""
+        angle = np.arange(_AROUND) * 2.0 * np.pi / _AROUND
+        radius = REACH_M * np.where(np.arange(_AROUND) % 2, 0.5, 1.0)[:, None]
+        xy = target.xy_m + radius * np.column_stack([np.cos(angle), np.sin(angle)])
+        reach = np.zeros_like(self._scene.cover)
+        for foot in foot_pixels(self._scene.model_map.camera, xy)[0]:
+            self._scene.paint(reach, foot, target.model_scale, 1)
+        return reach > 0
 
     def _explained(self, first: Target, second: F64, cover: U8, evidence: U8) -> Explained:
         """What a target's model and another (3,) model explain of what others leave.

@@ -228,7 +228,7 @@ class HumanModelTracker:
         wall between them, are two blobs, and either tells of the whole body.
         """
         foot, scale, splits = candidate.foot_px, candidate.scale, candidate.splits
-        if splits and self._doubles.is_limb(np.array([*foot, scale]), self.targets):
+        if splits and self._doubles.is_limb(np.array([*foot, scale]), self.targets, frame.evidence):
             return True
         beside = [t for t in self.targets if splits or t.existence.spawned_s == self._life.now_s]
         beside = [t for t in beside if t.seat is None and t.existence.observed]

@@ -87,11 +87,25 @@ def test_an_arm_is_no_newcomer_and_who_is_beside_it_is() -> None:
     camera = GroundCamera(320, 240, 250.0, 1.3, math.radians(85))
     scene = ModelScene(build_model_map(camera, params=PARAMS.map), PARAMS.match)
     near = _targets((0.0, 2.0), camera=camera)
-    doubles = Doubles(scene, PARAMS)
+    doubles, everywhere = Doubles(scene, PARAMS), np.full((240, 320), 2, np.uint8)
 
-    def far(x: float) -> np.ndarray:
-        return np.array([*camera.project((x, 7.0, 0.0)), 1.0])
+    def is_limb(x: float, y: float) -> bool:
+        return doubles.is_limb(np.array([*camera.project((x, y, 0.0)), 1.0]), near, everywhere)
 
-    assert doubles.is_limb(far(0.33 * 3.5), near)
-    assert not doubles.is_limb(far(0.7 * 3.5), near)
-    assert not doubles.is_limb(np.array([*camera.project((0.1, 2.2, 0.0)), 1.0]), near)
+    assert is_limb(0.33 * 3.5, 7.0)
+    assert not is_limb(0.7 * 3.5, 7.0)
+    assert not is_limb(0.6, 2.2)
+
+
+def test_a_leg_behind_is_no_newcomer_and_who_follows_is() -> None:
+    """Seen from above, where a stride reaches far out of an upright model."""
+    camera = GroundCamera(320, 240, 200.0, 4.0, math.radians(30))
+    scene = ModelScene(build_model_map(camera, params=PARAMS.map), PARAMS.match)
+    first, second = _targets((0.0, 2.0), (0.0, 1.3), camera=camera)
+    doubles, evidence = Doubles(scene, PARAMS), np.zeros((240, 320), np.uint8)
+    scene.paint(evidence, first.foot_px, 1.0, 2)
+    leg = np.array([first.foot_px, camera.project((0.0, 1.6, 0.0))]).round().astype(int)
+    evidence[leg[0, 1] : leg[1, 1], leg[0, 0] - 4 : leg[0, 0] + 4] = 2
+    assert doubles.is_limb(np.array([*second.foot_px, 1.0]), [first], evidence)
+    scene.paint(evidence, second.foot_px, 1.0, 2)
+    assert not doubles.is_limb(np.array([*second.foot_px, 1.0]), [first], evidence)
