@@ -65,22 +65,24 @@ class ExistenceEvidence:
         """Time without measured area, or without any of its own."""
         return max(self.unmeasured_s, self.shared_s)
 
-    def update(self, measured: bool, own: bool, dt_s: float, params: ExistenceParams) -> None:
+    def update(self, measured: bool, own: bool, dt_s: float, confirmable: bool, params: ExistenceParams) -> None:
         """Take one frame into account.
 
         The number k of the n frames in which a new object is measured is binomial too, B(n, detection) for an object
-        and B(n, repetition) for a false alarm; their ratio updates the odds.
+        and B(n, repetition) for a false alarm; their ratio updates the odds. Frames in which it may be a piece of
+        another tell neither: it would be confirmed in the frame in which that one leaves the view.
 
         Args:
             measured: measurements cover its ellipse.
             own: enough of that is covered by no older object.
             dt_s: time since the last frame [s].
+            confirmable: it may be a person of its own.
         """
         self.measured, self.shares = measured, measured and not own
         self.unmeasured_s = 0.0 if measured else self.unmeasured_s + dt_s
         self.shared_s = max(0.0, self.shared_s - 2 * dt_s) if own else self.shared_s + dt_s
-        if not self.who.confirmed:
-            hit = measured and own
+        hit = measured and own
+        if not self.who.confirmed and (confirmable or not hit):
             real = params.detection if hit else 1.0 - params.detection
             false = params.repetition if hit else 1.0 - params.repetition
             self.log_odds += math.log(real / false)

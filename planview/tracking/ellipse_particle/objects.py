@@ -122,7 +122,7 @@ class Objects:
             covered: share of its ellipse that measurements cover.
         """
         e = self.evidence[n]
-        e.update(measured, own, dt_s, self._params)
+        e.update(measured, own, dt_s, confirmable, self._params)
         if measured and own and confirmable and e.probability >= self._params.confirm_probability:
             self.cycle.confirm(e.who, f"probability {e.probability:.2f}", e.probability)
         if e.observed:

@@ -140,9 +140,11 @@ def confirmed() -> ExistenceEvidence:
     return evidence
 
 
-def follow(evidence: ExistenceEvidence, times: int, measured: bool = True, own: bool = True, dt: float = 0.1) -> None:
+def follow(
+    evidence: ExistenceEvidence, times: int, measured: bool = True, own: bool = True, confirmable: bool = True
+) -> None:
     for _ in range(times):
-        evidence.update(measured, own, dt, PARAMS)
+        evidence.update(measured, own, 0.1, confirmable, PARAMS)
 
 
 def test_repeated_measurements_speak_for_a_new_object():
@@ -154,6 +156,14 @@ def test_repeated_measurements_speak_for_a_new_object():
     # 0.5 (0.85 / 0.4)^2 = 2.26 to 1; a third one confirms it, 4.8 to 1
     assert evidence.probability == pytest.approx(2.2578125 / 3.2578125)
     follow(evidence, 1)
+    assert evidence.probability > PARAMS.confirm_probability
+
+
+def test_what_may_be_a_piece_of_another_is_a_person_no_sooner_than_it_is_seen_apart():
+    evidence = new()
+    follow(evidence, 20, confirmable=False)
+    assert evidence.probability == new().probability
+    follow(evidence, 3)
     assert evidence.probability > PARAMS.confirm_probability
 
 
