@@ -63,10 +63,11 @@ CUT_OFTEN = 0.25
 UPRIGHT_MIN = 0.4
 """Mean of the cosine of twice the angle of regions below which people are seen from above: walkers lean by 6 degrees
 and stride, which leaves 0.9; a quarter of regions that lie across, pairs side by side, leaves 0.5. Our choice."""
-NEAR = 1 / 3
+NEAR = 1 / 4
 """Share of the image's height above which people under a camera straight above are so near to it that they reach
 outwards in all directions, over twice as long as wide. Farther ones are compact, and upright ellipses tell groups side
-by side from them. Our choice."""
+by side from them. Our choice: 24 views of bus doors, doorways and malls, run once, 87.4 % of the crossings; 85.9 % with
+a third and lines that rise."""
 FIRST_ABOVE = 12
 """Whole regions from which their directions tell. Our choice: a person in a dozen frames."""
 ALIKE = 1.2
@@ -176,16 +177,17 @@ class SizeLearner:
 
     def _fit(self, n_rows: int) -> SizeBelief | None:
         if from_above(self._samples):
-            belief = self._fitted(as_discs(alone(self._samples, MAJOR, MINOR)), n_rows)
+            belief = self._fitted(as_discs(alone(self._samples, MAJOR, MINOR)), n_rows, level=True)
             if belief is not None and belief.prior.half_length(n_rows / 2) > NEAR / 2 * n_rows:
                 aspect = float(np.median(self._samples[:, MINOR] / self._samples[:, MAJOR]))
                 return belief._replace(prior=lengthened(belief.prior, aspect), length=belief.length / math.sqrt(aspect))
         return self._fitted(alone(self._samples), n_rows)
 
-    def _fitted(self, samples: F64, n_rows: int) -> SizeBelief | None:
+    def _fitted(self, samples: F64, n_rows: int, level: bool = False) -> SizeBelief | None:
+        """The size by the best of all lines, or of the level ones: from straight above rows tell nothing of size."""
         length, cut = samples[:, LENGTH], samples[:, CUT] > 0
         foot, weight = samples[:, ROW] + length / 2, weights(samples)
-        levels, slopes = lines(foot, length, cut, n_rows)
+        levels, slopes = lines(foot, length, cut | level, n_rows)
         fitted = np.maximum(levels[:, None] + slopes[:, None] * foot, 1.0)
         best = int(np.argmax(log_density(length, samples[:, WIDTH], fitted, cut) @ weight))
         away = np.log(length / fitted[best]) / deviation(fitted[best])
@@ -193,14 +195,14 @@ class SizeLearner:
         if not inliers.any():
             return None
         x, y, tilted = foot[inliers], length[inliers], bool(slopes[best] > 0)
-        level, slope = over_centres(*line(x, y, weight[inliers] * np.exp(-0.5 * away[inliers] ** 2), tilted))
+        start, slope = over_centres(*line(x, y, weight[inliers] * np.exp(-0.5 * away[inliers] ** 2), tilted))
         # Where the border cuts many, what it leaves of them, legs from above, is thinner than people are.
         uncut = inliers & ~cut
         sized = samples[uncut if uncut.any() and cut[inliers].mean() > CUT_OFTEN else inliers]
         aspect = float(np.median(sized[:, AREA] / (FILLED * math.pi / 4 * sized[:, LENGTH] ** 2)))
         aspect = likely_aspect(aspect, float(np.median(sized[:, LENGTH])))
         least = max(1.0, SMALLEST / 2 * smallest_of(y, weight[inliers]))
-        prior = SizePrior(level / 2, slope / 2, float(np.clip(aspect, NARROWEST, BROADEST)), least)
+        prior = SizePrior(start / 2, slope / 2, float(np.clip(aspect, NARROWEST, BROADEST)), least)
         return SizeBelief(prior, share_of(samples, away), float(np.median(y)))
 
 

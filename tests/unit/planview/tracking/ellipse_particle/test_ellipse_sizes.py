@@ -63,12 +63,14 @@ def test_person_whom_the_border_always_cuts_is_one_person():
     assert 2 * belief.prior.half_length(55) == pytest.approx(90, rel=0.1)
 
 
-def belief_of_walkers(angles_deg: np.ndarray, half_length: float) -> SizePrior:
-    """One walker after another across a grid of 120 x 160 cells, each at an angle of its own."""
+def belief_of_walkers(angles_deg: np.ndarray, half_length: float, growth: float = 0.0) -> SizePrior:
+    """One walker after another across a grid of 120 x 160 cells, each at an angle of its own, larger in lower rows."""
     learner, frame = SizeLearner(60.0), 0
-    for angle in np.radians(angles_deg):
+    for k, angle in enumerate(np.radians(angles_deg)):
+        row = 65.0 if k % 4 < 2 else 55.0
+        half = half_length + growth * (row - 60.0)
         for step in range(6):
-            ellipse = np.array([[60.0 + 6 * step, 60, half_length, 0.5 * half_length, angle]])
+            ellipse = np.array([[60.0 + 6 * step, row, half, 0.5 * half, angle]])
             learner.update(paint_union(ellipse, (120, 160)).astype(np.float32), frame / 10)
             frame += 1
     assert learner.belief is not None
@@ -80,6 +82,12 @@ def test_large_people_who_lie_in_all_directions_are_seen_from_above():
     assert prior.any_direction
     assert prior.half_length(60) == pytest.approx(38, rel=0.2)
     assert prior.aspect == pytest.approx(0.5, rel=0.2)
+
+
+def test_from_above_people_are_of_one_size_in_all_rows():
+    prior = belief_of_walkers(np.arange(0.0, 180.0, 22.5), 38.0, growth=0.8)
+    assert prior.any_direction
+    assert prior.half_length_slope == 0.0
 
 
 @pytest.mark.parametrize(("angles_deg", "half_length"), [(np.zeros(8), 38.0), (np.arange(0.0, 180.0, 22.5), 12.0)])
