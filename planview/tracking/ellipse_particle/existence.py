@@ -70,13 +70,13 @@ class ExistenceEvidence:
 
         The number k of the n frames in which a new object is measured is binomial too, B(n, detection) for an object
         and B(n, repetition) for a false alarm; their ratio updates the odds. Frames in which it may be a piece of
-        another tell neither: it would be confirmed in the frame in which that one leaves the view.
+        another do not speak for it: it would be confirmed in the frame in which that one leaves the view.
 
         Args:
             measured: measurements cover its ellipse.
             own: enough of that is covered by no older object.
             dt_s: time since the last frame [s].
-            confirmable: it may be a person of its own.
+            confirmable: nothing but time speaks against confirming it.
         """
         self.measured, self.shares = measured, measured and not own
         self.unmeasured_s = 0.0 if measured else self.unmeasured_s + dt_s

@@ -21,9 +21,13 @@ REACH_M = 0.35
 """Distance of arms and stride from the axis of a body [m] (our choice, as for ``match.ring``)."""
 LIMBS = 0.7
 """Share of the foreground left to a new model that is within reach of one known person, from which on it is that
-person's arms and legs (our choice; any newcomer has a body besides, and what is shared is not left to it)."""
-_AROUND = 16
-"""Places on and half-way to the circle of ``REACH_M``."""
+person's arms and legs. Our choice: on 72 views 28 crossings missed and 4 false, 26 and 12 with a limit on the length of
+limbs; on 28 unseen ones 91.4 % of the crossings in place of 91.0, 191 people of 194 in place of 196."""
+_ANGLES = np.arange(16) * np.pi / 8
+_IN_REACH_M = (
+    REACH_M * np.where(np.arange(16) % 2, 0.5, 1.0)[:, None] * np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+)
+"""(16, 2) places on the circle of ``REACH_M``, and half-way to it [m]."""
 
 
 class Explained(NamedTuple):
@@ -111,11 +115,8 @@ class Doubles:
 
     def _in_reach(self, target: Target) -> Bool:
         """(H, W) whether a person's arms and legs may be at a pixel."""
-        angle = np.arange(_AROUND) * 2.0 * np.pi / _AROUND
-        radius = REACH_M * np.where(np.arange(_AROUND) % 2, 0.5, 1.0)[:, None]
-        xy = target.xy_m + radius * np.column_stack([np.cos(angle), np.sin(angle)])
         reach = np.zeros_like(self._scene.cover)
-        for foot in foot_pixels(self._scene.model_map.camera, xy)[0]:
+        for foot in foot_pixels(self._scene.model_map.camera, target.xy_m + _IN_REACH_M)[0]:
             self._scene.paint(reach, foot, target.model_scale, 1)
         return reach > 0
 
