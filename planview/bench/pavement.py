@@ -23,6 +23,7 @@ from planview.bench.counting import (
     table_of,
     track_single,
 )
+from planview.pipeline.factory import image_tracker
 from planview.pipeline.single_camera_pipeline import SingleCameraPipeline
 from planview.trajectories.table import read_tracks
 from stereo.recording import Video, VideoFrame
@@ -101,7 +102,9 @@ def score_pavement(
         scorer.tell(f"tracking the pavement, {version}")
         engine = open_single(clip, scorer.config, scorer.tracker, camera)
         if version != "as recorded" and isinstance(engine, SingleCameraPipeline):
-            engine.recording = AlteredVideo(engine.recording, version)
+            altered_video = AlteredVideo(engine.recording, version)
+            tracker = image_tracker(scorer.tracker, scorer.config, engine.camera)
+            engine = SingleCameraPipeline.from_recording(altered_video, tracker, scorer.config, engine.camera)
         place = scorer.out / f"pavement {version}".replace(" ", "-")
         track_single(engine, place, scorer.tracker, None)
         wire = {"name": "y = 200", "from_px": [0.0, 200.0], "to_px": [399.0, 200.0]}

@@ -114,7 +114,7 @@ def _engine(way: Way, recording: Recording, setup: Setup, camera: GroundCamera, 
     else:
         name: FloorTrackerName = "template" if way == "template" else "ellipse-particle"
         return Pipeline(recording, setup, config, floor_tracker(name, config))
-    return SingleCameraPipeline(LeftCamera(recording, setup), tracker, config, camera)
+    return SingleCameraPipeline.from_recording(LeftCamera(recording, setup), tracker, config, camera)
 
 
 def _follow(engine: Engine) -> tuple[Trajectories, float, float, int]:

@@ -74,7 +74,8 @@ def open_engine(
         return Pipeline.from_recording(path, config, options, on_floor(config), matcher, kept=kept)
     video = open_video(path)
     ground_camera = _camera_for(video, camera) if camera else None
-    return SingleCameraPipeline(video, _image_tracker(tracker, config, ground_camera), config, ground_camera)
+    tracker = _image_tracker(tracker, config, ground_camera)
+    return SingleCameraPipeline.from_recording(video, tracker, config, ground_camera)
 
 
 def _floor_maker(tracker: AnyTracker) -> FloorMaker | None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Protocol, runtime_checkable
 
 from calib.ground_camera import GroundCamera
 from planview.doctor.check import Check
@@ -11,8 +12,20 @@ from planview.pipeline.describe import ground_camera_info, ground_floor_info
 from planview.pipeline.engine import FrameResult, StageClock, beyond, timed_steps
 from planview.pipeline.info import CameraInfo, FloorInfo
 from planview.pipeline.single_camera import SingleCamera
-from planview.tracking.base import ImageTracker
+from planview.tracking.base import ImageTracker, Observation
 from stereo.recording import Video, VideoFrame
+
+OVERVIEW_HZ = 10.0
+"""Frames per second of a recording that are looked at before it is tracked: walkers then overlap themselves from frame
+to frame, and a minute of video costs a third of what tracking it does. Our choice."""
+
+
+@runtime_checkable
+class Studies(Protocol):
+    """A tracker that learns from a recording before its first frame is tracked."""
+
+    def study(self, observations: Iterable[Observation]) -> None:
+        """Take as many observations as are of use, in order; what is learned survives ``reset``."""
 
 
 class SingleCameraPipeline:
@@ -36,6 +49,27 @@ class SingleCameraPipeline:
         self.config = config or Config()
         self.size = recording.size
         self._source = SingleCamera(self.config.single_camera, recording.size, tracker.foreground_columns)
+
+    @classmethod
+    def from_recording(
+        cls, recording: Video, tracker: ImageTracker, config: Config | None = None, camera: GroundCamera | None = None
+    ) -> SingleCameraPipeline:
+        """An engine whose tracker has seen the beginning of the recording, where it can learn from that.
+
+        A tracker composed with the constructor learns everything while it tracks, as from a camera that runs.
+        """
+        engine = cls(recording, tracker, config, camera)
+        if isinstance(tracker, Studies):
+            tracker.study(engine._overview())
+            engine.reset()
+        return engine
+
+    def _overview(self) -> Iterator[Observation]:
+        """Observations of the recording at about ``OVERVIEW_HZ``, without anybody tracked."""
+        step = max(1, round(self.recording.fps / OVERVIEW_HZ))
+        for frame in self.recording:
+            if frame.index % step == 0:
+                yield self._source.observe(frame)
 
     @property
     def checks(self) -> Sequence[Check]:

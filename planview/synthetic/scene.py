@@ -29,7 +29,7 @@ class Light(Params):
     """Radius of a point light [m], softens its shadows."""
     softness_deg: float = Field(1.0, ge=0, le=20)
     """Angular radius of the sun, softens its shadows."""
-    level: float = Field(0.6, ge=0, le=20)
+    level: float = Field(0.6, ge=0, le=100)
     """Irradiance at 2 m from a point light, or across sunlight; 1 lights white to full scale before auto exposure."""
     colour: Colour = "#fff4e4"
     dim: Keyframes = ((0.0, 1.0),)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Literal
 
 import cv2
@@ -57,6 +57,9 @@ class FloorPlane:
 
     def reset(self) -> None:
         self._bodies = BodyMeasures(REACH_M)
+
+    def study(self, observations: Iterable[Observation]) -> None:
+        """Sizes on the floor are known."""
 
     def __call__(self, observation: Observation) -> PlaneView | None:
         """The frame's cells; None when the observation has no maps."""

@@ -5,8 +5,8 @@ Whatever differs between the two is asked here; the tracker itself is the same f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 import numpy as np
@@ -37,6 +37,11 @@ class PlaneView:
     def to_plane(self, xy: F64) -> F64:
         """(..., 2) plane coordinates of fractional cells."""
         return np.asarray(np.asarray(xy) * self.scale + np.asarray(self.origin))
+
+    def bare(self) -> PlaneView:
+        """The grid without the frame's images, to be kept."""
+        seen = self.observation
+        return replace(self, observation=Observation(seen.frame, seen.timestamp_s))
 
     def to_cells(self, xy: F64) -> F64:
         """(..., 2) fractional cells of plane coordinates."""
@@ -79,6 +84,9 @@ class TrackingPlane(Protocol):
 
     def reset(self) -> None:
         """Forget everything."""
+
+    def study(self, observations: Iterable[Observation]) -> None:
+        """Learn from a recording's beginning what ``reset`` does not forget."""
 
     def __call__(self, observation: Observation) -> PlaneView | None:
         """The frame's cells; None when the observation has nothing to work on.

@@ -6,13 +6,14 @@ import math
 
 import numpy as np
 
-from calib.types import F32, F64, Bool
+from calib.types import F32, F64, I64, Bool
 from planview.foreground.blobs import find_blobs
 from planview.tracking.ellipse_particle._region_kernels import region_sums
 
-ROW, LENGTH, WIDTH, AREA, CUT, MAJOR, MINOR, LEAN = range(8)
+ROW, LENGTH, WIDTH, AREA, CUT, MAJOR, MINOR, LEAN, TRACK, TIME_S = range(10)
 """Columns of a region: row of the centre of its box, height, width and area [cells], 1 where the border cuts it; axes
-of the ellipse with its second moments [cells], and cosine of twice the long one's angle from the rows' direction."""
+of the ellipse with its second moments [cells], and cosine of twice the long one's angle from the rows' direction;
+number of the track of regions that it continues, and time of its frame [s]."""
 AREA_MIN = 12
 """Smaller regions are specks [cells]. Our choice."""
 THINNEST = 0.2 * 0.75 * math.pi / 4
@@ -38,28 +39,42 @@ class RegionPairs:
 
     def __init__(self) -> None:
         self._before: F64 = np.zeros((0, 4))
+        self._tracks: I64 = np.zeros(0, np.int64)
+        self._next = 0
 
-    def update(self, mask: F32, moving: Bool | None, beside: float = BESIDE) -> F64:
-        """(N, 8) float64 regions, columns ``ROW`` to ``LEAN``.
+    def update(self, mask: F32, time_s: float, moving: Bool | None, beside: float = BESIDE) -> F64:
+        """(N, 10) float64 regions, columns ``ROW`` to ``TIME_S``.
 
         Args:
             mask: (R, C) float32 foreground share of each cell.
+            time_s: of the frame [s].
             moving: (R, C) cells that move; None where that is not known.
             beside: largest gap between regions side by side that are one, as a share of the larger one's height.
         """
         boxes, sums, moved = regions(mask, moving, beside)
-        together = _paired(boxes, self._before) & moved
-        self._before = boxes
-        boxes, sums = boxes[together], sums[together]
+        before = _continued(boxes, self._before)
+        tracks = self._continue_tracks(before)
+        self._before, self._tracks = boxes, tracks
+        together = (before >= 0) & moved
+        boxes, sums, tracks = boxes[together], sums[together], tracks[together]
         areas = sums[:, 0]
         n_rows, n_cols = mask.shape
         left, top, width, height = boxes.T
         sides = left <= 0, left + width >= n_cols
         cut = sides[0] | sides[1] | (top <= 0) | (top + height >= n_rows)
-        samples = np.column_stack([top + (height - 1) / 2, height, width, areas, cut, axes_of(sums)])
+        times = np.full(len(boxes), time_s)
+        samples = np.column_stack([top + (height - 1) / 2, height, width, areas, cut, axes_of(sums), tracks, times])
         # What reaches from side to side is a change of light.
         fits = ~(sides[0] & sides[1]) & (areas >= AREA_MIN) & (areas >= THINNEST * height**2)
         return np.asarray(samples[fits])
+
+    def _continue_tracks(self, before: I64) -> I64:
+        """Track numbers of regions that continue those of the frame before (N,), new ones where that is -1."""
+        tracks = np.concatenate([self._tracks, [-1]])[before]
+        new = before < 0
+        tracks[new] = self._next + np.arange(new.sum())
+        self._next += int(new.sum())
+        return np.asarray(tracks, dtype=np.int64)
 
 
 def in_one_box(boxes: F64, cell: F64, others: F64) -> Bool:
@@ -128,14 +143,16 @@ def _gaps(box: F64, others: F64) -> F64:
     return np.asarray(np.maximum(0.0, np.maximum(low - (box[:2] + box[2:]), box[:2] - high)))
 
 
-def _paired(boxes: F64, before: F64) -> Bool:
-    """(N,) whether a box of about the same size was in about the same place before."""
+def _continued(boxes: F64, before: F64) -> I64:
+    """(N,) which of the boxes before (M, 4) a box continues: one of about its size and place, -1 where none is."""
     if not len(boxes) or not len(before):
-        return np.zeros(len(boxes), np.bool_)
+        return np.full(len(boxes), -1)
     a, b = boxes[:, None], before[None]
     low = np.maximum(a[..., :2], b[..., :2])
     high = np.minimum(a[..., :2] + a[..., 2:], b[..., :2] + b[..., 2:])
     common = np.maximum(0.0, high - low).prod(axis=-1)
     union = a[..., 2:].prod(axis=-1) + b[..., 2:].prod(axis=-1) - common
-    ratio = np.abs(np.log(a[..., 3] / b[..., 3]))
-    return np.asarray(((common > SAME_PLACE * union) & (ratio < math.log(SAME_SIZE))).any(axis=1))
+    is_alike = np.abs(np.log(a[..., 3] / b[..., 3])) < math.log(SAME_SIZE)
+    overlap = np.where(is_alike, common / union, 0.0)
+    best = overlap.argmax(axis=1)
+    return np.where(overlap[np.arange(len(boxes)), best] > SAME_PLACE, best, -1)

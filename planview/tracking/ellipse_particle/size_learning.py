@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.types import F32, F64, I64, Bool
+from calib.types import F32, F64, Bool
 from planview.tracking.ellipse_particle.camera_size import BREADTH_M, PERSON_M
 from planview.tracking.ellipse_particle.fit.prior import SizePrior
 from planview.tracking.ellipse_particle.regions import (
@@ -15,15 +15,16 @@ from planview.tracking.ellipse_particle.regions import (
     BESIDE,
     CUT,
     JOINED,
-    LEAN,
     LENGTH,
     MAJOR,
     MINOR,
     ROW,
+    TIME_S,
     WIDTH,
     RegionPairs,
 )
 from planview.tracking.ellipse_particle.size_lines import deviation, line, lines, log_density, over_centres
+from planview.tracking.ellipse_particle.size_samples import FILLED, alone, as_discs, from_above, lasted_s, weights
 
 FIRST_WHOLE = 4
 """Whole regions needed before a size is used. Our choice: one person in four frames, or two in two."""
@@ -39,10 +40,6 @@ PER_FRAME = 12
 """Largest regions kept of a frame; a frame full of specks must not outvote the others."""
 KEPT = 600
 """Samples kept, evenly thinned; bounds time and memory."""
-WIDEST = 1.6
-"""Two people side by side are at least so much wider for their length than one."""
-FILLED = 0.75
-"""Share of its ellipse that a silhouette fills. Our choice: measured 0.7 to 0.8 on people walking in all directions."""
 NARROWEST, BROADEST = 0.2, 1.3
 """Width over length of a person: 0.3 m of 1.7 m from the side, shoulders over depth from straight above."""
 ASPECT, ASPECT_SPREAD = BREADTH_M / PERSON_M, 0.2
@@ -54,22 +51,13 @@ people broader. Our choice."""
 SMALLEST, FEW = 0.8, 0.05
 """Nobody is expected who is shorter than this share of the shortest people seen; ``FEW`` of what moves may be shorter
 than these. At the horizon of a low camera, where a line has no length left, are the heads of people. Our choice."""
-AREA_POWER = 0.75
-"""Regions count by this power of their area: what is foreground is to be accounted for, so one person in view outweighs
-the pieces that fall off, however many; less than 1, since a change of light may be larger than all people. Our
-choice."""
 CUT_OFTEN = 0.25
 """Share of people cut by the border above which width is learned from the others alone. Our choice."""
-UPRIGHT_MIN = 0.4
-"""Mean of the cosine of twice the angle of regions below which people are seen from above: walkers lean by 6 degrees
-and stride, which leaves 0.9; a quarter of regions that lie across, pairs side by side, leaves 0.5. Our choice."""
 NEAR = 1 / 4
 """Share of the image's height above which people under a camera straight above are so near to it that they reach
 outwards in all directions, over twice as long as wide. Farther ones are compact, and upright ellipses tell groups side
 by side from them. Our choice: 24 views of bus doors, doorways and malls, run once, 87.4 % of the crossings; 85.9 % with
 a third and lines that rise."""
-FIRST_ABOVE = 12
-"""Whole regions from which their directions tell. Our choice: a person in a dozen frames."""
 ALIKE = 1.2
 """Ratio of lengths up to which a new size only refines the old one. Our choice."""
 AGREE = 1.5
@@ -101,13 +89,17 @@ class SizeLearner:
     them; where nothing tells, a region is one person. The same region again counts less than a new one (square root of
     the number alike). The width comes from the area that single people fill, which varies less over a step than the
     width of their boxes, and from what people are like, the more the fewer cells they are wide.
+
+    ``update`` learns while people are tracked, from samples that grow rarer; ``collect`` and ``learn`` do it from all
+    frames of a recording's beginning at once.
     """
 
     def __init__(self, learn_s: float) -> None:
         self._learn_s = learn_s
         self._pairs = RegionPairs()
-        self._samples: F64 = np.zeros((0, 8))
+        self._samples: F64 = np.zeros((0, TIME_S + 1))
         self._frames, self._first_s = 0, 0.0
+        self._collected: list[F64] = []
         self._stride = 1
         self._taken = 0
         self._is_over = False
@@ -122,18 +114,12 @@ class SizeLearner:
             time_s: of the frame [s].
             moving: (R, C) cells that move; None where that is not known.
         """
-        if self._frames == 0:
-            self._first_s = time_s
-        since_s = time_s - self._first_s
-        self._is_over = since_s > self._learn_s and self.belief is not None
+        self._is_over = self._frames > 0 and time_s - self._first_s > self._learn_s and self.belief is not None
         if self._is_over:
             return self.belief
-        self._frames += 1
-        # Of people who set out both edges are foreground before the rest.
-        new = self._pairs.update(mask, moving, BESIDE if since_s > SETTING_OUT_S else JOINED)
+        new = self._regions(mask, time_s, moving)
         if (self._frames - 1) % self._stride:
             return self.belief
-        new = new[np.argsort(-new[:, AREA], kind="stable")[:PER_FRAME]]
         self._taken += len(new)
         self._samples = np.concatenate([self._samples, new])
         if len(self._samples) > KEPT:
@@ -145,6 +131,26 @@ class SizeLearner:
             self._next_fit = self._taken + max(4, self._taken // 6)
             self._revise(self._fit(mask.shape[0]), mask.shape[0])
         return self.belief
+
+    def collect(self, mask: F32, time_s: float, moving: Bool | None = None) -> None:
+        """Keep the regions of one frame for ``learn``; arguments as of ``update``."""
+        self._collected.append(self._regions(mask, time_s, moving))
+
+    def learn(self, n_rows: int) -> SizeBelief | None:
+        """The size by all regions that were collected, on a grid of so many rows; None where they are too few."""
+        self._samples = np.concatenate([self._samples, *self._collected])
+        self._collected.clear()
+        return self._fit(n_rows) if self._is_enough() else None
+
+    def _regions(self, mask: F32, time_s: float, moving: Bool | None) -> F64:
+        """The largest regions of a frame that the frame before had too."""
+        if self._frames == 0:
+            self._first_s = time_s
+        self._frames += 1
+        # Of people who set out both edges are foreground before the rest.
+        beside = BESIDE if time_s - self._first_s > SETTING_OUT_S else JOINED
+        new = self._pairs.update(mask, time_s, moving, beside)
+        return np.asarray(new[np.argsort(-new[:, AREA], kind="stable")[:PER_FRAME]])
 
     def _revise(self, new: SizeBelief | None, n_rows: int) -> None:
         """Believe a new size; one that is quite different only where it accounts for more of what moves."""
@@ -189,7 +195,7 @@ class SizeLearner:
         foot, weight = samples[:, ROW] + length / 2, weights(samples)
         levels, slopes = lines(foot, length, cut | level, n_rows)
         fitted = np.maximum(levels[:, None] + slopes[:, None] * foot, 1.0)
-        best = int(np.argmax(log_density(length, samples[:, WIDTH], fitted, cut) @ weight))
+        best = int(np.argmax(log_density(length, samples[:, WIDTH], fitted, cut, lasted_s(samples)) @ weight))
         away = np.log(length / fitted[best]) / deviation(fitted[best])
         inliers = np.abs(away) < AGREE
         if not inliers.any():
@@ -231,33 +237,10 @@ def alike(one: SizePrior, other: SizePrior, n_rows: int) -> bool:
 
 
 def share_of(samples: F64, away: F64) -> float:
-    """Share of the samples, by weight, that lie within ``AGREE`` deviations ``away`` (N,), or are cut and shorter."""
-    weight = weights(samples)
+    """Share of the samples, by area, that lie within ``AGREE`` deviations ``away`` (N,), or are cut and shorter."""
+    weight = weights(samples, 1.0)
     agreeing = (np.abs(away) < AGREE) | ((samples[:, CUT] > 0) & (away < AGREE))
     return float(weight[agreeing].sum() / weight.sum())
-
-
-def from_above(samples: F64) -> bool:
-    """Whether people point anywhere, as seen from straight above, rather than up and down the image.
-
-    Whole regions count by their elongation: the mean of the cosine of twice their angle is 1 where all are upright.
-    """
-    whole = samples[samples[:, CUT] == 0]
-    if len(whole) < FIRST_ABOVE:
-        return False
-    long = whole[:, AREA] ** AREA_POWER * (1.0 - whole[:, MINOR] / whole[:, MAJOR])
-    return float(np.average(whole[:, LEAN], weights=long)) < UPRIGHT_MIN
-
-
-def as_discs(samples: F64) -> F64:
-    """The samples with the diameter of a disc of their area for height and width.
-
-    From straight above a region's length says little, since a body reaches outwards from the point below the camera and
-    two people side by side are as long; but two people have twice the area.
-    """
-    out = samples.copy()
-    out[:, [LENGTH, WIDTH]] = 2 * np.sqrt(samples[:, AREA, None] / (FILLED * math.pi))
-    return out
 
 
 def lengthened(disc: SizePrior, aspect: float) -> SizePrior:
@@ -265,23 +248,3 @@ def lengthened(disc: SizePrior, aspect: float) -> SizePrior:
     k = 1 / math.sqrt(aspect)
     lengths = k * disc.half_length_0, k * disc.half_length_slope
     return SizePrior(*lengths, aspect, k * disc.half_length_min, any_direction=True)
-
-
-def weights(samples: F64) -> F64:
-    """(N,) what each sample counts: see ``SizeLearner``; alike are samples within 3 rows and 2 cells of length."""
-    alike = np.stack([samples[:, ROW] // 3, samples[:, LENGTH] // 2])
-    _, which, count = np.unique(alike, axis=1, return_inverse=True, return_counts=True)
-    repeated: I64 = count[which.ravel()]
-    return np.asarray(samples[:, AREA] ** AREA_POWER / np.sqrt(repeated))
-
-
-def alone(samples: F64, across: int = WIDTH, along: int = LENGTH) -> F64:
-    """The samples that are not much wider for their length than most: groups side by side are left out.
-
-    Args:
-        across, along: columns that are compared; from above, where a group lies in any direction, its axes.
-    """
-    ratio = samples[:, across] / samples[:, along]
-    whole = ratio[samples[:, CUT] == 0]
-    limit = WIDEST * np.percentile(whole if len(whole) else ratio, 30)
-    return np.asarray(samples[(ratio <= limit) | (samples[:, CUT] > 0)])

@@ -22,6 +22,11 @@ ROUNDING = 0.5
 ONE, GROUP, PIECE = 0.6, 0.25, 0.15
 """Shares of whole regions that are one person, several behind one another (up to ``GROUPED`` times as long as one), and
 pieces of one. Our choice."""
+LASTING_S = 1.0
+"""A region that has been whole for so long is no piece of somebody: pieces come and go, and a person alone would be one
+of the group that walks in front. Their share falls with the time beyond it. Our choice: two steps. Sizes learned on 168
+drawn views are off by more than 0.3 in the logarithm for 9.9 % of the people in place of 11.1 %, in corridors 9.6 in
+place of 15.9 %."""
 GROUPED = 2.5
 """Longest group, in lengths of the person in front: with perspective the others add less than where all are of one
 size."""
@@ -75,13 +80,14 @@ def deviation(fitted: F64) -> F64:
     return np.asarray(np.hypot(SPREAD, ROUNDING / fitted))
 
 
-def log_density(length: F64, width: F64, fitted: F64, cut: Bool) -> F64:
+def log_density(length: F64, width: F64, fitted: F64, cut: Bool, lasted_s: F64) -> F64:
     """Logarithm of the density of the logarithms of (N,) lengths, and of the widths of single people over them.
 
     Args:
         length, width: (N,) of the regions.
         cut: (N,) whether the border cuts them: then any part of a person may show, and the width says nothing.
         fitted: (..., N) expected of one person whose feet are where the region ends.
+        lasted_s: (N,) for how long the region has been whole [s].
     """
     ratio = length / fitted
     sigma = deviation(fitted)
@@ -93,7 +99,7 @@ def log_density(length: F64, width: F64, fitted: F64, cut: Bool) -> F64:
     group = ((ratio > 1) & (ratio < GROUPED)) / math.log(GROUPED)
     # A piece, or the part inside the border, may have any length up to all of it: evenly spread in length.
     part = np.where(ratio < 1, ratio, 0.0)
-    whole = ONE * one + GROUP * group + PIECE * part
+    whole = ONE * one + GROUP * group + PIECE * part * LASTING_S / np.maximum(lasted_s, LASTING_S)
     # The border may just graze a person: the density ends softly.
     grazed = (1 - GROUP) * np.where(ratio < 1, ratio, np.exp(-0.5 * (np.log(ratio) / sigma) ** 2)) + GROUP * group
     return np.asarray(np.log(np.where(cut, grazed, whole) + CLUTTER) - SMALLER * np.log(fitted))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from calib.types import F32, F64, U8, Bool
@@ -13,7 +15,7 @@ from planview.tracking.ellipse_particle.fit import _area as kernels
 from planview.tracking.ellipse_particle.fit.ellipses import SIZE_LIMIT, fit_ellipses
 from planview.tracking.ellipse_particle.fit.prior import SizePrior
 from planview.tracking.ellipse_particle.image_grid import regridded
-from planview.tracking.ellipse_particle.image_plane import FLOODED
+from planview.tracking.ellipse_particle.known_size import is_flooded
 from planview.tracking.ellipse_particle.objects import Objects
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
 from planview.tracking.ellipse_particle.planes import Estimates, PlaneView, TrackingPlane
@@ -45,7 +47,7 @@ class EllipseParticleTracker:
         self.reset()
 
     def reset(self) -> None:
-        """Forget people, background, sizes and the random state; ids start at 1 again."""
+        """Forget people, sizes learned in tracking and the random state; ids start at 1 again."""
         rng = np.random.default_rng(self._seed)
         self._objects = Objects(self._params.filter, self._params.existence, self._plane.model, rng)
         self._plane.reset()
@@ -76,6 +78,13 @@ class EllipseParticleTracker:
     def foreground_columns(self) -> int | None:
         """Columns of foreground that are enough; None for all."""
         return self._plane.foreground_columns
+
+    def study(self, observations: Iterable[Observation]) -> None:
+        """Learn the size of people from a recording's beginning, before its first frame is tracked; kept by ``reset``.
+
+        On the floor it is known.
+        """
+        self._plane.study(observations)
 
     def feedback(self) -> U8 | None:
         """(H, W) uint8 for ``Foreground``: PERSON where there are people who have moved; None at first."""
@@ -142,7 +151,7 @@ class EllipseParticleTracker:
 
     def _fit(self, view: PlaneView, prior: SizePrior) -> F64:
         """(M, 5) ellipses fitted to the foreground, from nothing and from where known people are expected."""
-        if float(view.mask.mean()) > FLOODED:
+        if is_flooded(view):
             return NO_ELLIPSES
         objects = self._objects
         known = objects.ellipses(prior)[objects.confirmed & objects.measured]

@@ -11,7 +11,7 @@ from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
 from planview.tracking.ellipse_particle.groups import group, overlaps
 from planview.tracking.ellipse_particle.params import ExistenceParams, ParticleFilterParams
 from planview.tracking.ellipse_particle.particles import ParticleFilter, ellipses_of, normalised, union_prefix
-from planview.tracking.ellipse_particle.regions import RegionPairs
+from planview.tracking.ellipse_particle.regions import LEAN, MAJOR, MINOR, TIME_S, TRACK, RegionPairs
 from planview.tracking.ellipse_particle.size_learning import SizeLearner
 from planview.tracking.ellipse_particle.size_lines import line
 from planview.tracking.lifecycle import Existence
@@ -242,7 +242,7 @@ def test_size_learning_stops_after_its_time():
 
 def pairs_of(*masks: np.ndarray) -> np.ndarray:
     pairs = RegionPairs()
-    return [pairs.update(mask, None) for mask in masks][-1]
+    return [pairs.update(mask, n / 10, None) for n, mask in enumerate(masks)][-1]
 
 
 def test_regions_say_which_of_them_the_border_cuts():
@@ -256,8 +256,23 @@ def test_axes_of_a_region_are_those_of_the_ellipse_with_its_second_moments():
     # A bar of n cells has the variance n^2 / 12, the ellipse of length L has L^2 / 16: L = n sqrt(4 / 3).
     mask = np.zeros((50, 50), dtype=np.float32)
     mask[20:26, 10:30] = 1
-    major, minor, lean = pairs_of(mask, mask)[0, 5:]
+    major, minor, lean = pairs_of(mask, mask)[0, [MAJOR, MINOR, LEAN]]
     assert (major, minor, lean) == pytest.approx((20 * math.sqrt(4 / 3), 6 * math.sqrt(4 / 3), -1.0))
+
+
+def test_region_keeps_its_track_from_frame_to_frame_and_another_one_has_its_own():
+    both, pairs = np.zeros((50, 80), dtype=np.float32), RegionPairs()
+    both[10:30, 20:28] = 1
+    for n in range(3):
+        first = both.copy()
+        both = np.roll(both, 1, axis=1)
+        both[10:25, 60:68] = 1 if n else 0
+        found = [pairs.update(mask, n / 10, None) for mask in (first, both)][-1]
+    tracks = found[:, TRACK]
+    assert len(tracks) == 2
+    assert len(np.unique(tracks)) == 2
+    assert tracks.min() == 0
+    np.testing.assert_array_equal(found[:, TIME_S], [0.2, 0.2])
 
 
 def test_region_that_was_not_there_before_does_not_count():

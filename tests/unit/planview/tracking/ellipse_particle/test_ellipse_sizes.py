@@ -10,8 +10,9 @@ from planview.tracking.ellipse_particle.camera_size import size_of_camera
 from planview.tracking.ellipse_particle.fit.ellipses import paint_union
 from planview.tracking.ellipse_particle.fit.prior import SizePrior
 from planview.tracking.ellipse_particle.image_grid import columns_for
-from planview.tracking.ellipse_particle.size_learning import ASPECT, SizeLearner, likely_aspect, weights
+from planview.tracking.ellipse_particle.size_learning import ASPECT, SizeLearner, likely_aspect
 from planview.tracking.ellipse_particle.size_lines import STEEPEST, line, lines, log_density, over_centres
+from planview.tracking.ellipse_particle.size_samples import lasted_s, weights
 
 
 def test_size_is_that_of_one_person_where_people_hide_one_another():
@@ -123,15 +124,46 @@ def test_steep_or_low_camera_leaves_the_size_to_be_learned(height_m, tilt_deg):
 
 def test_density_of_lengths_is_largest_for_one_person_and_group_beats_speck():
     expected, width = np.full(4, 20.0), np.full(4, 7.0)
-    one, group, piece, odd = log_density(np.array([20.0, 32, 8, 80]), width, expected, np.zeros(4, np.bool_))
+    one, group, piece, odd = log_density(
+        np.array([20.0, 32, 8, 80]), width, expected, np.zeros(4, np.bool_), np.zeros(4)
+    )
     assert one > piece > odd
     assert one > group > odd
+
+
+def test_what_lasts_is_the_less_a_piece_the_longer_it_lasts():
+    lengths, uncut = np.full(3, 8.0), np.zeros(3, np.bool_)
+    brief, second, long = log_density(lengths, np.full(3, 3.0), np.full(3, 20.0), uncut, np.array([0.2, 1.0, 5.0]))
+    assert brief == second > long
+
+
+def test_tracks_last_from_their_first_to_their_last_whole_region():
+    # Columns: CUT is 4, TRACK 8, TIME_S 9.
+    samples = np.zeros((5, 10))
+    samples[:, 8] = [7, 7, 7, 9, 9]
+    samples[:, 9] = [0.0, 2.0, 5.0, 1.0, 3.0]
+    samples[:, 4] = [0, 0, 1, 1, 1]
+    np.testing.assert_array_equal(lasted_s(samples), [2, 2, 2, 0, 0])
+
+
+def test_one_who_walks_alone_is_a_person_beside_two_who_walk_as_one():
+    # A pair in depth, twice as long as one person, crosses the view; then one person alone.
+    learner = SizeLearner(60.0)
+    for frame in range(80):
+        half, row = (22.0, 45.0) if frame < 40 else (11.0, 60.0)
+        mask = paint_union(np.array([[20.0 + frame % 40 * 3, row, half, 0.35 * half, 0]]), (100, 160))
+        learner.collect(mask.astype(np.float32), frame / 10)
+    belief = learner.learn(100)
+    assert belief is not None
+    assert belief.prior.half_length(60) == pytest.approx(11, rel=0.15)
 
 
 def test_people_at_all_distances_are_as_broad_as_they_are_long_and_those_without_legs_are_not():
     # Heads in one row: four people at four distances, or one of whom less and less of the legs shows.
     length, uncut = np.array([20.0, 30, 40, 50]), np.zeros(4, np.bool_)
-    farther, legless = (log_density(length, width, length, uncut) for width in (0.3 * length, np.full(4, 12.0)))
+    farther, legless = (
+        log_density(length, width, length, uncut, np.zeros(4)) for width in (0.3 * length, np.full(4, 12.0))
+    )
     assert farther.sum() > legless.sum()
 
 
