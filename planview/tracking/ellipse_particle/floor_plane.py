@@ -108,9 +108,6 @@ class FloorPlane:
         viewpoint, here = _maps(view).view, _place(view, cell)
         return not any(inseparable(viewpoint, here, _place(view, k), self._params.separation_m) for k in known)
 
-    def has_room(self, view: PlaneView, cell: F64, newcomers: F64) -> bool:
-        return True
-
     def protect(self, outlines: Sequence[F32]) -> None:
         """The maps' background is not the tracker's to keep."""
 

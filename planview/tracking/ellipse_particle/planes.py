@@ -129,9 +129,6 @@ class TrackingPlane(Protocol):
     def is_separate(self, view: PlaneView, cell: F64, known: F64) -> bool:
         """Whether a place (2,) [cells] can be told apart from the (N, 2) known people [cells]."""
 
-    def has_room(self, view: PlaneView, cell: F64, newcomers: F64) -> bool:
-        """Whether one more may come at a place (2,) [cells], beside the (N, 2) who are not confirmed yet [cells]."""
-
     def protect(self, outlines: Sequence[F32]) -> None:
         """Keep what is inside these outlines (N, 2) [plane units] out of the background."""
 

@@ -231,9 +231,7 @@ class EllipseParticleTracker:
         left &= self._plane.long_enough(view, self._measured, order, unknown, prior)
         candidates, people = int(left.sum()), self._known()
         for ellipse in self._measured[left]:
-            newcomers = objects.states[:, [X, Y]][objects.measured & ~objects.confirmed]
-            separate = self._plane.is_separate(view, ellipse[:2], people)
-            if separate and self._plane.has_room(view, ellipse[:2], newcomers):
+            if self._plane.is_separate(view, ellipse[:2], people):
                 self._spawn_at(ellipse, candidates, view, prior)
 
     def _reacquire(self, left: Bool, view: PlaneView, prior: SizePrior) -> Bool:

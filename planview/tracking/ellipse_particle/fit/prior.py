@@ -68,6 +68,10 @@ class SizePrior:
         level, slope, least = self.half_length_0, self.half_length_slope, self.half_length_min
         return SizePrior(radius * level, radius * slope, 1.0, radius * least, self.any_direction)
 
+    def is_near_enough(self, row: float, limit: float) -> bool:
+        """Whether objects centred in a row have by the line at least the smallest half length over ``limit``."""
+        return limit * (self.half_length_0 + self.half_length_slope * row) >= self.half_length_min
+
     def half_length(self, row: float) -> float:
         """Half length in cells of an object centred in a row."""
         return max(self.half_length_min, self.half_length_0 + self.half_length_slope * row)
