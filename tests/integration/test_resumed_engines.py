@@ -108,8 +108,9 @@ def test_the_engine_of_one_camera_resumes() -> None:
     assert_resumes(make, moments(3, 2, 58, 3))
 
 
-def test_the_ellipse_engine_of_one_camera_resumes() -> None:
+@pytest.mark.parametrize("compose", [SingleCameraPipeline, SingleCameraPipeline.from_recording])
+def test_the_ellipse_engine_of_one_camera_resumes(compose: Callable[..., Engine]) -> None:
     def make() -> Engine:
-        return SingleCameraPipeline(CrossingVideo(), image_ellipse_tracker())
+        return compose(CrossingVideo(), image_ellipse_tracker())
 
     assert_resumes(make, moments(4, 2, 58, 3))

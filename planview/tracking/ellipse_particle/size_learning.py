@@ -53,11 +53,11 @@ SMALLEST, FEW = 0.8, 0.05
 than these. At the horizon of a low camera, where a line has no length left, are the heads of people. Our choice."""
 CUT_OFTEN = 0.25
 """Share of people cut by the border above which width is learned from the others alone. Our choice."""
-NEAR = 1 / 4
-"""Share of the image's height above which people under a camera straight above are so near to it that they reach
-outwards in all directions, over twice as long as wide. Farther ones are compact, and upright ellipses tell groups side
-by side from them. Our choice: 24 views of bus doors, doorways and malls, run once, 87.4 % of the crossings; 85.9 % with
-a third and lines that rise."""
+NEAR = 1 / 5
+"""Share of the image's height from which on, as the diameter of a disc of their area, people under a camera straight
+above are so near to it that they reach outwards in all directions, over twice as long as wide. Farther ones are
+compact, and upright ellipses tell groups side by side from them. Our choice: on 72 drawn bus doors, doorways and malls
+95.3 % of the crossings, as with 0.15; 94.6 with 0.25, 94.9 with 0."""
 ALIKE = 1.2
 """Ratio of lengths up to which a new size only refines the old one. Our choice."""
 AGREE = 1.5
