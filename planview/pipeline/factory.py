@@ -49,8 +49,8 @@ def open_engine(
     map.
 
     Args:
-        tracker: a name, or a tracker of your own: one with ``needs_foreground`` (``ImageTracker``) gets the images of
-            one camera, another one plan-view maps.
+        tracker: a name, or a tracker of your own: an ``ImageTracker`` where the recording is of one camera without
+            depth, else one of plan-view maps.
         options: calibration, rate and topics of a stereo recording that are not taken from itself.
         matcher: of stereo pairs; SGBM when None.
         kept: what an earlier run found out about a recording of one stereo pair, or where this one keeps it.
@@ -70,7 +70,8 @@ def open_engine(
     config = config or Config()
     if is_heads(path):
         return _open_heads(path, _required(on_floor, path, tracker), config, foreign)
-    if on_floor and (tracker != "ellipse-particle" or is_stereo(path, options.calibration)):
+    takes_images = tracker == "ellipse-particle" or hasattr(tracker, "foreground_columns")
+    if on_floor and (not takes_images or is_stereo(path, options.calibration)):
         return Pipeline.from_recording(path, config, options, on_floor(config), matcher, kept=kept)
     video = open_video(path)
     ground_camera = _camera_for(video, camera) if camera else None
@@ -82,13 +83,12 @@ def _floor_maker(tracker: AnyTracker) -> FloorMaker | None:
     """What makes the tracker of plan-view maps; None for one that takes images only."""
     if isinstance(tracker, str):
         return None if tracker == "human-model" else partial(floor_tracker, tracker)
-    return None if hasattr(tracker, "needs_foreground") else lambda config: tracker
+    return lambda config: tracker
 
 
 def _required(make: FloorMaker | None, path: Path, tracker: AnyTracker) -> FloorMaker:
     if make is None:
-        name = tracker if isinstance(tracker, str) else type(tracker).__name__
-        raise InputError(f"{path}: expected a tracker of plan-view maps (template, ellipse-particle), found {name}")
+        raise InputError(f"{path}: expected a tracker of plan-view maps (template, ellipse-particle), found {tracker}")
     return make
 
 

@@ -158,8 +158,8 @@ class ImagePlane:
     def is_person(self, view: PlaneView, cell: F64, known: F64) -> bool:
         """Nobody stands where people would be smaller than any who is measured: near the horizon, and above it.
 
-        Heads of people who come from below the image are there. Our choice: on 96 drawn views with 24 kiosks 90.8 % of
-        the crossings in place of 88.6.
+        Heads of people who come from below the image are there. 96 drawn views, 24 of them kiosks: 90.5 % of the
+        crossings in place of 88.6, in kiosks 95.1 in place of 89.6.
         """
         prior = self.prior(view)
         return prior is None or prior.is_near_enough(float(cell[1]), SIZE_LIMIT)

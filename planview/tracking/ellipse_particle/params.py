@@ -19,7 +19,7 @@ class ImagePlaneParams(Params):
     aspect: float = Field(0.36, gt=0, le=1)
     """Width over height of an object when its size is given. Our choice: 0.6 m of arms and stride over 1.7 m."""
     learn_s: float = Field(60.0, gt=0, le=3600)
-    """Time over which the size is learned [s]: the first minute."""
+    """Time over which the size is learned [s]: the first minute of a recording, before it is tracked."""
     outside_weight: float = Field(1.0, ge=0, le=10)
     """Weight of the added term of the likelihood: object area outside every measurement, against measured area that
     no object covers. Equation (8) alone does not punish it, so objects could drift off wherever another one covers
