@@ -108,6 +108,9 @@ class FloorPlane:
         viewpoint, here = _maps(view).view, _place(view, cell)
         return not any(inseparable(viewpoint, here, _place(view, k), self._params.separation_m) for k in known)
 
+    def may_be_part(self, view: PlaneView, cell: F64, known: F64) -> bool:
+        return False
+
     def protect(self, outlines: Sequence[F32]) -> None:
         """The maps' background is not the tracker's to keep."""
 

@@ -169,6 +169,19 @@ class ImagePlane:
         people = self._people
         return not people.is_learned or people.is_settled or not in_one_box(self._boxes_of(view), cell, known).any()
 
+    def may_be_part(self, view: PlaneView, cell: F64, known: F64) -> bool:
+        """What lies in a region that the border cuts and that is larger than a person there, with nobody known in it.
+
+        It may be the head of someone too near to be seen whole.
+        """
+        prior, boxes, (rows, cols) = self.prior(view), self._boxes_of(view), view.mask.shape
+        if prior is None or in_one_box(boxes, cell, known).any():
+            return False
+        low, high = boxes[:, :2], boxes[:, :2] + boxes[:, 2:]
+        is_cut = (low <= 0).any(axis=1) | (high >= (cols, rows)).any(axis=1)
+        is_larger = boxes[:, 3] > 2 * SIZE_LIMIT * prior.half_length(float(cell[1]))
+        return bool(in_one_box(boxes[is_cut & is_larger], cell, cell[None]).any())
+
     def _boxes_of(self, view: PlaneView) -> F64:
         """(N, 4) boxes of the regions of a frame, found once."""
         if self._boxes is None or self._boxes[0] is not view:

@@ -129,6 +129,9 @@ class TrackingPlane(Protocol):
     def is_separate(self, view: PlaneView, cell: F64, known: F64) -> bool:
         """Whether a place (2,) [cells] can be told apart from the (N, 2) known people [cells]."""
 
+    def may_be_part(self, view: PlaneView, cell: F64, known: F64) -> bool:
+        """Whether what is at a place (2,) [cells] may be part of someone none of the (N, 2) known people [cells] is."""
+
     def protect(self, outlines: Sequence[F32]) -> None:
         """Keep what is inside these outlines (N, 2) [plane units] out of the background."""
 

@@ -211,6 +211,8 @@ class EllipseParticleTracker:
             if setting_out or cut:
                 return False
         cell, known = self._objects.states[n, [X, Y]], self._known()
+        if not cut and self._plane.may_be_part(view, cell, known):
+            return False
         return self._plane.is_person(view, cell, known) and self._plane.is_separate(view, cell, known)
 
     def _known(self) -> F64:

@@ -159,6 +159,15 @@ def test_piece_of_a_known_person_is_nobody_until_the_size_is_settled(given, sepa
     assert plane.is_separate(view, view.to_cells(np.array([70.0, 45.0])), known)
 
 
+@pytest.mark.parametrize(("row", "known", "part"), [(45.0, [], True), (45.0, [[40.0, 50.0]], False), (30.0, [], False)])
+def test_what_lies_in_a_large_region_that_the_border_cuts_may_be_part_of_someone_near(row, known, part):
+    # A person 50 rows long, where people are taken for 20: centred in row 45 the border cuts 10 rows off.
+    plane = ImagePlane(ImagePlaneParams(person_height_px=20))
+    view = after(plane, [[40.0, row, 25, 8, 0.0]])
+    people = view.to_cells(np.array(known).reshape(-1, 2))
+    assert plane.may_be_part(view, view.to_cells(np.array([40.0, row - 18])), people) is part
+
+
 def test_nobody_stands_at_the_horizon_of_a_low_camera():
     # Heads stay in row 10, at eye height: who is centred in row 14 would be 8 rows long, and the smallest seen are 20.
     plane, nobody = ImagePlane(ImagePlaneParams()), np.zeros((0, 2))
