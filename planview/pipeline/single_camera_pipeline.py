@@ -17,7 +17,7 @@ from stereo.recording import Video, VideoFrame
 
 OVERVIEW_HZ = 10.0
 """Frames per second of a recording that are looked at before it is tracked: walkers then overlap themselves from frame
-to frame, and a minute of video costs a third of what tracking it does. Our choice."""
+to frame, and a minute of video takes two or three seconds, a third to two thirds of tracking it. Our choice."""
 
 
 @runtime_checkable
