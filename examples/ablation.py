@@ -1,6 +1,6 @@
 """What parts of the engine are worth: switch them off by name and compare.
 
-``planview bench ablation`` does the same on many recordings, with intervals.
+``python -m benchmarks ablation`` does the same on many recordings, with intervals.
 
 Run: python examples/ablation.py [RECORDING]
 """

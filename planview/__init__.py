@@ -21,19 +21,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from planview.engine.ablations import ABLATIONS, ablated
+    from planview.engine.config import Config, load_config
+    from planview.engine.engine import Engine, FrameResult
+    from planview.engine.factory import open_engine
+    from planview.engine.pipeline import Pipeline
+    from planview.engine.setup import set_up
+    from planview.engine.single_camera_pipeline import SingleCameraPipeline
     from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
     from planview.evaluation.files import evaluate
     from planview.evaluation.result import Evaluation
     from planview.foreground.mixture import Foreground
     from planview.maps.builder import MapBuilder
-    from planview.pipeline.ablations import ABLATIONS, ablated
-    from planview.pipeline.config import Config, load_config
-    from planview.pipeline.engine import Engine, FrameResult
-    from planview.pipeline.factory import open_engine
-    from planview.pipeline.pipeline import Pipeline
-    from planview.pipeline.setup import set_up
-    from planview.pipeline.single_camera_pipeline import SingleCameraPipeline
-    from planview.runs.script import run
+    from planview.output.script import run
     from planview.tracking.base import Decision, Observation, Tracker, TrackerDebug
     from planview.tracking.ellipse_particle.make import floor_ellipse_tracker, image_ellipse_tracker
     from planview.tracking.human_model.tracker import HumanModelTracker
@@ -50,14 +50,14 @@ _HOMES = {
     "planview.evaluation.result": ("Evaluation",),
     "planview.foreground.mixture": ("Foreground",),
     "planview.maps.builder": ("MapBuilder",),
-    "planview.pipeline.ablations": ("ABLATIONS", "ablated"),
-    "planview.pipeline.config": ("Config", "load_config"),
-    "planview.pipeline.engine": ("Engine", "FrameResult"),
-    "planview.pipeline.factory": ("open_engine",),
-    "planview.pipeline.pipeline": ("Pipeline",),
-    "planview.pipeline.single_camera_pipeline": ("SingleCameraPipeline",),
-    "planview.pipeline.setup": ("set_up",),
-    "planview.runs.script": ("run",),
+    "planview.engine.ablations": ("ABLATIONS", "ablated"),
+    "planview.engine.config": ("Config", "load_config"),
+    "planview.engine.engine": ("Engine", "FrameResult"),
+    "planview.engine.factory": ("open_engine",),
+    "planview.engine.pipeline": ("Pipeline",),
+    "planview.engine.single_camera_pipeline": ("SingleCameraPipeline",),
+    "planview.engine.setup": ("set_up",),
+    "planview.output.script": ("run",),
     "planview.tracking.base": ("Decision", "Observation", "Tracker", "TrackerDebug"),
     "planview.tracking.ellipse_particle.make": ("floor_ellipse_tracker", "image_ellipse_tracker"),
     "planview.tracking.human_model.tracker": ("HumanModelTracker",),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 from cyclopts import App
@@ -35,23 +35,6 @@ CALIBRATE = {
     "human": "Calibrate one camera from standing people.",
     "ui": "Calibrate in the browser.",
 }
-BENCH = {
-    "heads": "Align two heads by people who walk, and track with both against each alone.",
-    "speed": "Time every stage side by side with plain OpenCV.",
-    "accuracy": "Render every committed scene, track it and score it.",
-    "suite": "Render challenges drawn from a seed, track and score them.",
-    "ablation": "Switch parts of the engine off and compare the variants.",
-    "results": "Write the page of results from what suite and ablation measured.",
-    "memory": "Watch the memory of a long run.",
-    "calibration": "Score board, floor and human calibration against known truth.",
-    "counting": "Score counts and occupancy on rendered and real recordings.",
-    "foreground": "Share of wrong foreground pixels beside OpenCV, by condition.",
-    "pets": "Score the single-camera trackers on PETS S2-L1 view 1.",
-    "resume": "Kill runs at random moments, resume them, and compare their results.",
-    "tables": "Time count, evaluate and report of a run of many rows.",
-    "study": "Time studies on one and two processes, from maps, and finished.",
-    "trackers": "Compare the three trackers on the same recordings.",
-}
 
 
 def make_app(words: Sequence[str] = ()) -> App:
@@ -66,9 +49,8 @@ def make_app(words: Sequence[str] = ()) -> App:
     )
     for name, text in COMMANDS.items():
         _register(app, f"planview.commands.{name}:{name}", name, text, words)
-    calibrate, bench = "planview.commands", "planview.bench.commands"
-    app.command(_group("calibrate", calibrate, "Obtain, check and convert calibrations.", CALIBRATE, words))
-    app.command(_group("bench", bench, "Measure speed and accuracy on this machine.", BENCH, words))
+    calibrate = App(name="calibrate", help="Obtain, check and convert calibrations.")
+    app.command(register_group(calibrate, "calibrate", "planview.commands", CALIBRATE, words))
     app.command(completion)
     return app
 
@@ -94,10 +76,10 @@ def _register(app: App, target: str, name: str, text: str, words: Sequence[str])
         app.command(target, name=name, help=text)
 
 
-def _group(group: str, package: str, text: str, commands: dict[str, str], words: Sequence[str]) -> App:
-    app = App(name=group, help=text)
-    for name, help_text in commands.items():
-        _register(app, f"{package}.{group}_{name}:{group}_{name}", name, help_text, words)
+def register_group(app: App, group: str, package: str, commands: dict[str, str], words: Sequence[str]) -> App:
+    """Add commands that stand in ``<package>.<group>_<name>``; those among the words show their whole docstring."""
+    for name, text in commands.items():
+        _register(app, f"{package}.{group}_{name}:{group}_{name}", name, text, words)
     return app
 
 
@@ -107,7 +89,7 @@ def _version() -> str:
     return version("planview")
 
 
-def main(argv: list[str] | None = None) -> None:
+def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] = make_app) -> None:
     """Run a command; exit status 0 done, 1 the work failed, 2 wrong usage or bad input, 130 interrupted."""
     from calib.errors import InputError, WorkError
     from calib.text import reason
@@ -116,7 +98,7 @@ def main(argv: list[str] | None = None) -> None:
     _stop_on_signals()
     try:
         _refuse_empty(words)
-        make_app(words)(words, exit_on_error=False, print_error=False)
+        make(words)(words, exit_on_error=False, print_error=False)
     except InputError as error:
         _fail(str(error), 2)
     except WorkError as error:

@@ -21,14 +21,14 @@ sys.path.insert(0, str(ROOT))
 
 import planview  # noqa: E402
 from calib.params import Params, field_docs  # noqa: E402
-from planview.pipeline.config import Config  # noqa: E402
+from planview.engine.config import Config  # noqa: E402
 
 GENERATED = "<!-- written by tools/reference.py from the code (make docs) -->\n"
 PACKAGES = ("calib", "stereo", "planview")
 BOUNDS = {"gt": "above {}", "ge": "from {}", "lt": "below {}", "le": "to {}"}
 GROUPS = {
     "Run and score": ("runs", "evaluation", "trajectories"),
-    "The engine and its stages": ("pipeline", "foreground", "maps", "tracking"),
+    "The engine and its stages": ("engine", "foreground", "maps", "tracking"),
     "Recordings and pairs": ("stereo",),
 }
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from calib.types import F32
 from planview.calibration.head_paths import DisparityEffect
-from planview.pipeline.config import Config
-from planview.pipeline.factory import floor_tracker
-from planview.pipeline.pipeline import Pipeline
-from planview.pipeline.setup import set_up_any
+from planview.engine.config import Config
+from planview.engine.factory import floor_tracker
+from planview.engine.pipeline import Pipeline
+from planview.engine.setup import set_up_any
 from planview.trajectories.table import Trajectories, TrajectoryCollector
 from stereo.depth import back_project, median_image
 from stereo.readers import open_any

@@ -12,8 +12,8 @@ from calib.errors import WorkError
 from calib.human.choice import choose_spread
 from calib.human.samples import MIN_SAMPLES, HumanSample
 from calib.types import F64, U8, Bool
+from planview.engine.single_camera import SingleCamera, SingleCameraParams
 from planview.foreground.blobs import Blobs, find_blobs
-from planview.pipeline.single_camera import SingleCamera, SingleCameraParams
 from stereo.recording import Video
 
 WARM_UP_S = 1.0

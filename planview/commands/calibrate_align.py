@@ -19,8 +19,8 @@ from planview.calibration.align_params import AlignParams
 from planview.calibration.head_alignment import HeadAlignment
 from planview.calibration.head_record import HeadRecord, record_head
 from planview.commands.options import JsonFlag
-from planview.pipeline.config import Config, load_config
-from planview.runs.console import PlainConsole
+from planview.engine.config import Config, load_config
+from planview.output.console import PlainConsole
 
 
 @Parameter(name="*")

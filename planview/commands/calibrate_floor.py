@@ -24,9 +24,9 @@ from planview.calibration.pictures import AXIS, GRID
 from planview.commands.options import Flag, JsonFlag
 from planview.drawing.colours import as_bgr
 from planview.drawing.legend import Entry, with_legend
-from planview.pipeline.config import load_config
-from planview.pipeline.setup import floor_search
-from planview.runs.console import PlainConsole
+from planview.engine.config import load_config
+from planview.engine.setup import floor_search
+from planview.output.console import PlainConsole
 from planview.trajectories.table import read_tracks
 from stereo.floor import FloorSearch
 from stereo.readers import OpenOptions, open_recording

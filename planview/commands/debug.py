@@ -10,13 +10,13 @@ from cyclopts import Parameter
 
 from calib.errors import InputError, WorkError
 from calib.images import write_image
-from planview.pipeline.config import config_of, load_config
-from planview.runs.console import PlainConsole
-from planview.runs.debug.again import track_again
-from planview.runs.debug.difference import difference_picture, difference_text
-from planview.runs.progress import FrameProgress
-from planview.runs.scene.frames import SceneFrames, open_frames
-from planview.runs.scene.results import read_results
+from planview.engine.config import config_of, load_config
+from planview.output.console import PlainConsole
+from planview.output.debug.again import track_again
+from planview.output.debug.difference import difference_picture, difference_text
+from planview.output.progress import FrameProgress
+from planview.output.scene.frames import SceneFrames, open_frames
+from planview.output.scene.results import read_results
 
 
 def debug(

@@ -10,13 +10,13 @@ from rich.table import Table
 
 from calib.errors import InputError, WorkError
 from calib.length import parse_length
+from planview.checks.check import Check
+from planview.checks.examine import Diagnosis, examine
+from planview.checks.pictures import write_pictures
 from planview.commands.options import JsonFlag
-from planview.doctor.check import Check
-from planview.doctor.examine import Diagnosis, examine
-from planview.doctor.pictures import write_pictures
-from planview.pipeline.config import load_config
-from planview.pipeline.setup import floor_search
-from planview.runs.console import PlainConsole
+from planview.engine.config import load_config
+from planview.engine.setup import floor_search
+from planview.output.console import PlainConsole
 
 
 def doctor(

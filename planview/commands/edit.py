@@ -13,8 +13,8 @@ from cyclopts import Parameter
 from calib.errors import InputError
 from calib.text import read_text
 from planview.commands.options import Flag, JsonFlag
-from planview.runs.console import PlainConsole
-from planview.runs.edit import edit_run, read_steps, undo_edits
+from planview.output.console import PlainConsole
+from planview.output.edit import edit_run, read_steps, undo_edits
 from planview.trajectories.regions import region_of
 
 _Many = Annotated[Sequence[str], Parameter(negative="")]

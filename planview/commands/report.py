@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.errors import InputError
-from planview.runs.console import PlainConsole
-from planview.runs.report.compare import write_comparison
-from planview.runs.report.page import write_report
+from planview.output.console import PlainConsole
+from planview.output.report.compare import write_comparison
+from planview.output.report.page import write_report
 
 
 def report(*folders: Path, out: Path | None = None, truth: Path | None = None) -> None:

@@ -12,29 +12,29 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from calib.errors import InputError
-from planview.analytics.geometry import RulePlane
-from planview.analytics.rules import load_rules
-from planview.analytics.stream import Analytics
 from planview.commands.options import Flag, JsonFlag
 from planview.commands.source import open_options
+from planview.counting.geometry import RulePlane
+from planview.counting.rules import load_rules
+from planview.counting.stream import Analytics
+from planview.engine.config import Config, load_config
+from planview.engine.engine import Engine
+from planview.engine.factory import TrackerName, base_config, open_engine
+from planview.engine.kept_setup import KeptSetup
 from planview.maps.recording import is_maps
-from planview.pipeline.config import Config, load_config
-from planview.pipeline.engine import Engine
-from planview.pipeline.factory import TrackerName, base_config, open_engine
-from planview.pipeline.kept_setup import KeptSetup
-from planview.runs.checkpoint.file import Checkpoint
-from planview.runs.compiling import compile_notice
-from planview.runs.console import PlainConsole
-from planview.runs.folder import check_folder, prepare_folder
-from planview.runs.info import RunInfo
-from planview.runs.lock import folder_lock
-from planview.runs.log import RunLog
-from planview.runs.pace import Pace
-from planview.runs.progress import FrameProgress, summary
-from planview.runs.resume import checkpoint_of, is_finished
-from planview.runs.run import RunOptions, run_identity
-from planview.runs.run import run as run_engine
-from planview.studies.content import content_key, engine_version, files_beside, key_of
+from planview.output.checkpoint.file import Checkpoint
+from planview.output.compiling import compile_notice
+from planview.output.console import PlainConsole
+from planview.output.folder import check_folder, prepare_folder
+from planview.output.info import RunInfo
+from planview.output.lock import folder_lock
+from planview.output.log import RunLog
+from planview.output.pace import Pace
+from planview.output.progress import FrameProgress, summary
+from planview.output.resume import checkpoint_of, is_finished
+from planview.output.run import RunOptions, run_identity
+from planview.output.run import run as run_engine
+from planview.sweep.content import content_key, engine_version, files_beside, key_of
 from stereo.readers.several import is_heads
 
 
@@ -197,11 +197,11 @@ def _track(
     n_frames = min(options.frames or announced, announced) if announced else options.frames or None
     with FrameProgress(console, n_frames) as progress:
         info = run_engine(engine, out, how, logs, progress, checkpoint)
-    from planview.runs.report.page import write_report
+    from planview.output.report.page import write_report
 
     write_report(out)
     if options.refine:
-        from planview.runs.refine import refine_run
+        from planview.output.refine import refine_run
 
         info = refine_run(out).info
     return info
@@ -215,11 +215,11 @@ def _logs(engine: Engine, out: Path, options: TrackingOptions, checkpoint: Check
     positions = checkpoint.written["logs"] if checkpoint else {}
     logs: list[RunLog] = []
     if options.save_maps:
-        from planview.runs.maps_log import MapsLog
+        from planview.output.maps_log import MapsLog
 
         logs.append(MapsLog(engine, out / "maps.h5", positions.get("MapsLog")))
     if options.rrd:
-        from planview.runs.rerun.log import RerunLog
+        from planview.output.rerun.log import RerunLog
 
         logs.append(RerunLog(engine, out / "run.rrd", positions.get("RerunLog"), options.rrd_every))
     return logs

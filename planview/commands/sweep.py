@@ -15,13 +15,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from calib.errors import InputError, WorkError, printable
 from planview.commands.options import JsonFlag
-from planview.runs.console import PlainConsole
-from planview.studies.figures import FIGURES
-from planview.studies.pools import ClusterPool, Pool, ProcessPool
-from planview.studies.ranking import Estimate, Ranked
-from planview.studies.results import JobResult
-from planview.studies.study import RecordingEntry, Study, load_study, varied
-from planview.studies.sweep import StudyResults, run_study
+from planview.output.console import PlainConsole
+from planview.sweep.figures import FIGURES
+from planview.sweep.pools import ClusterPool, Pool, ProcessPool
+from planview.sweep.ranking import Estimate, Ranked
+from planview.sweep.results import JobResult
+from planview.sweep.study import RecordingEntry, Study, load_study, varied
+from planview.sweep.sweep import StudyResults, run_study
 
 FAILED_MAX = 20
 """Failed runs that are printed; summary.csv has them all."""

@@ -9,8 +9,8 @@ from pathlib import Path
 from calib.errors import InputError, WorkError
 from calib.text import reason
 from planview.commands.options import Flag
-from planview.runs.console import PlainConsole
-from planview.runs.rerun.parts import quiet_environment, recorded_parts
+from planview.output.console import PlainConsole
+from planview.output.rerun.parts import quiet_environment, recorded_parts
 
 
 def view(folder: Path, *, port: int = 9876, web: Flag = False, web_port: int = 9090) -> None:

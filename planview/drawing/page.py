@@ -9,7 +9,7 @@ def page_of(package: str, template: str, **values: Any) -> str:
     """A template filled in; everything is escaped, and a name that is missing is an error.
 
     Args:
-        package: the room that holds the template, e.g. "planview.runs.report".
+        package: the room that holds the template, e.g. "planview.output.report".
         template: its file name; it may include style.css.j2.
     """
     from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined

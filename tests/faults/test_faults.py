@@ -13,7 +13,7 @@ from toy_stereo import ToyWorld, toy_rig, walking, write_toy_recording
 from calib.floor.world_file import save_world
 from calib.rig import Floor
 from planview.cli import main
-from planview.runs.info import read_run_info
+from planview.output.info import read_run_info
 from planview.trajectories.table import read_tracks
 
 FEW = ("--set", "analysis.setup_frames=4")
@@ -33,7 +33,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
     """Plots cost more than the run."""
-    monkeypatch.setattr("planview.runs.report.page.write_report", lambda folder: None)
+    monkeypatch.setattr("planview.output.report.page.write_report", lambda folder: None)
 
 
 def told_by(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str]:

@@ -24,11 +24,11 @@ from calib.ground_camera import GroundCamera, load_ground_camera, save_ground_ca
 from calib.human.samples import read_image_size, read_samples
 from calib.pose import SE3
 from calib.rig import Floor
-from planview.analytics.events import read_events
-from planview.analytics.rules import load_rules
+from planview.counting.events import read_events
+from planview.counting.rules import load_rules
+from planview.engine.config import load_config
 from planview.maps.recording import MapsRecording
-from planview.pipeline.config import load_config
-from planview.runs.info import read_run_info
+from planview.output.info import read_run_info
 from planview.synthetic.scene import load_scene
 from planview.trajectories.export import FORMATS as EXPORTS
 from planview.trajectories.export import ExportName

@@ -9,8 +9,8 @@ from toy_run import EMPTY, FEW, FRAMES, Pair, Say, write_world
 from toy_stereo import ToyWorld, toy_rig, walking, write_toy_recording
 
 from planview.cli import main
-from planview.pipeline.config import load_config
-from planview.pipeline.pipeline import Pipeline
+from planview.engine.config import load_config
+from planview.engine.pipeline import Pipeline
 
 
 @pytest.fixture(scope="session")

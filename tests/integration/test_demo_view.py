@@ -9,7 +9,7 @@ from toy_run import EMPTY, FRAMES, Say, one_sentence
 from toy_stereo import walking
 
 from planview.cli import main
-from planview.runs.folder import prepare_folder
+from planview.output.folder import prepare_folder
 
 
 def test_demo_tracks_its_clip_and_prints_the_metrics(

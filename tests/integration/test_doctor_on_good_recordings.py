@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from planview.doctor.examine import examine
+from planview.checks.examine import examine
 from planview.synthetic.committed import DEMO
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planview.bench.tracking_errors import TrackingErrors, tracking_errors
+from benchmarks.tracking_errors import TrackingErrors, tracking_errors
+from planview.engine.factory import open_engine
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
-from planview.pipeline.factory import open_engine
 from planview.trajectories.layouts import load_truth
 from planview.trajectories.table import read_tracks, write_header, write_rows
 

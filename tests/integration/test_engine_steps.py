@@ -7,9 +7,9 @@ import pytest
 from toy_run import EMPTY
 
 from calib.types import U8
-from planview.pipeline.engine import Engine, FrameResult
-from planview.pipeline.pipeline import Pipeline
-from planview.pipeline.single_camera_pipeline import SingleCameraPipeline
+from planview.engine.engine import Engine, FrameResult
+from planview.engine.pipeline import Pipeline
+from planview.engine.single_camera_pipeline import SingleCameraPipeline
 from planview.tracking.ellipse_particle import image_ellipse_tracker
 from stereo.recording import Skipped, VideoFrame
 

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
+from planview.engine.config import Config
+from planview.engine.pipeline import Pipeline
+from planview.engine.setup import set_up
 from planview.evaluation.evaluate import evaluate_tracks
-from planview.pipeline.config import Config
-from planview.pipeline.pipeline import Pipeline
-from planview.pipeline.setup import set_up
 from planview.synthetic.committed import DEMO
 from planview.trajectories.table import TrajectoryCollector, read_truth
 from stereo.readers import open_recording

@@ -7,8 +7,8 @@ import pytest
 from toy_run import Say, one_sentence, run_few
 
 from calib.rigs_file import RigEntry, save_rigs
-from planview.pipeline.pipeline import Pipeline
-from planview.runs.info import read_run_info
+from planview.engine.pipeline import Pipeline
+from planview.output.info import read_run_info
 from planview.trajectories.table import read_tracks
 
 

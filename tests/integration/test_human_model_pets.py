@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.pets import human_model_on_pets
 from calib.ground_camera import save_ground_camera
 from calib.human.calibration import calibrate_from_people
 from calib.human.samples import read_image_size, read_samples
-from planview.bench.pets import human_model_on_pets
 
 PEOPLE = Path(__file__).resolve().parents[1] / "data" / "pets_people.json"
 

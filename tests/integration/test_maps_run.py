@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from toy_run import FRAMES, Say, one_sentence, run_few
 
+from planview.engine.engine import FrameResult
+from planview.engine.maps_pipeline import MapsPipeline, recorded_config
+from planview.engine.pipeline import Pipeline
 from planview.maps.recording import MapsRecording
-from planview.pipeline.engine import FrameResult
-from planview.pipeline.maps_pipeline import MapsPipeline, recorded_config
-from planview.pipeline.pipeline import Pipeline
-from planview.runs.info import read_run_info
-from planview.runs.maps_log import MapsLog
-from planview.runs.run import RunOptions, run
+from planview.output.info import read_run_info
+from planview.output.maps_log import MapsLog
+from planview.output.run import RunOptions, run
 from planview.tracking.template import TemplateTracker
 
 PRODUCTS = ("tracks.csv", "decisions.csv")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.types import F64
-from planview.pipeline.pipeline import Pipeline
+from planview.engine.pipeline import Pipeline
 from planview.trajectories.state import TrackState
 
 MIDDLE_CROSSED_AT = (67, 242)

@@ -9,9 +9,9 @@ import pytest
 from toy_rgbd import EMPTY, HEIGHT_M, TILT_DEG, walker_m, write_toy_rgbd
 from toy_run import Say
 
-from planview.doctor.examine import examine
-from planview.pipeline.config import Config
-from planview.pipeline.pipeline import Pipeline
+from planview.checks.examine import examine
+from planview.engine.config import Config
+from planview.engine.pipeline import Pipeline
 
 FEW = Config.model_validate({"analysis": {"setup_frames": 6}})
 

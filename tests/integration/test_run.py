@@ -12,11 +12,11 @@ from toy_run import EMPTY, FEW, FRAMES, Pair, Say, one_sentence, run_few, write_
 from toy_stereo import toy_rig, walking, write_toy_recording
 
 from planview.cli import main
-from planview.pipeline.config import load_config
-from planview.pipeline.factory import open_engine
-from planview.pipeline.pipeline import Pipeline
-from planview.runs.info import read_run_info
-from planview.runs.run import run
+from planview.engine.config import load_config
+from planview.engine.factory import open_engine
+from planview.engine.pipeline import Pipeline
+from planview.output.info import read_run_info
+from planview.output.run import run
 from planview.trajectories.table import read_tracks
 
 

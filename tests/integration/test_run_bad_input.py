@@ -12,10 +12,10 @@ from toy_stereo import ToyWorld, toy_rig, write_toy_recording
 
 from calib.errors import WorkError
 from calib.rig import StereoRig, save_rig
-from planview.pipeline.engine import FrameResult
-from planview.pipeline.pipeline import Pipeline
-from planview.runs.info import read_run_info
-from planview.runs.run import run
+from planview.engine.engine import FrameResult
+from planview.engine.pipeline import Pipeline
+from planview.output.info import read_run_info
+from planview.output.run import run
 from planview.trajectories.table import read_tracks
 
 

@@ -15,9 +15,9 @@ from full_disk import fill_disk_after
 from toy_run import EMPTY, FEW, FRAMES, Say, one_sentence, rows_in, run_few
 
 from calib.errors import WorkError
-from planview.pipeline.pipeline import Pipeline
-from planview.runs.info import read_run_info
-from planview.runs.run import run
+from planview.engine.pipeline import Pipeline
+from planview.output.info import read_run_info
+from planview.output.run import run
 from planview.trajectories.table import read_tracks
 
 
@@ -70,7 +70,7 @@ def test_a_full_disk_from_the_start_is_told(say: Say, copy: Path, tiny_disk: Pat
 def test_rerun_is_stopped_before_the_disk_is_full(
     engine: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from planview.runs.rerun import log as rerun_log
+    from planview.output.rerun import log as rerun_log
 
     room = iter([200 << 20] * 4 + [10 << 20] * 100)
     monkeypatch.setattr(rerun_log.shutil, "disk_usage", lambda _: SimpleNamespace(free=next(room)))
@@ -89,7 +89,7 @@ def test_interruption_leaves_valid_files_and_says_so(recording: Path, tmp_path: 
     words = ["run", str(recording), "--out", str(out), "--set", FEW, "--rrd"]
     # Slow frames, so that the signal meets the run in its middle on any machine; background jobs of a shell ignore it.
     program = (
-        "import signal, time\nfrom planview.runs.progress import FrameProgress\nfrom planview.cli import main\n"
+        "import signal, time\nfrom planview.output.progress import FrameProgress\nfrom planview.cli import main\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "shown = FrameProgress.__call__\n"
         "FrameProgress.__call__ = lambda self, result: (shown(self, result), time.sleep(0.2))[0]\n"

@@ -5,14 +5,14 @@ from pathlib import Path
 import pytest
 from toy_run import FEW, Say, one_sentence
 
-from planview.analytics.rules import load_rules
-from planview.analytics.stream import Analytics
-from planview.pipeline.engine import FrameResult
-from planview.pipeline.pipeline import Pipeline
-from planview.runs.info import read_run_info
-from planview.runs.maps_log import MapsLog
-from planview.runs.resume import checkpoint_of
-from planview.runs.run import RunOptions, run, run_identity
+from planview.counting.rules import load_rules
+from planview.counting.stream import Analytics
+from planview.engine.engine import FrameResult
+from planview.engine.pipeline import Pipeline
+from planview.output.info import read_run_info
+from planview.output.maps_log import MapsLog
+from planview.output.resume import checkpoint_of
+from planview.output.run import RunOptions, run, run_identity
 
 RULES = '[[zone]]\nname = "all"\npolygon_m = [[-9, -9], [9, -9], [9, 9], [-9, 9]]\nmin_age_s = 0.0\n'
 RESULTS = ("tracks.csv", "events.csv", "decisions.csv", "counts.json")

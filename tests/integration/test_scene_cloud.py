@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from toy_run import Say, one_sentence
 
-from planview.pipeline.pipeline import Pipeline
-from planview.pipeline.scene_cloud import scene_cloud
+from planview.engine.pipeline import Pipeline
+from planview.engine.scene_cloud import scene_cloud
 
 
 def test_most_points_of_an_empty_room_lie_on_its_floor(engine: Pipeline) -> None:

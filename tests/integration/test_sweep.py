@@ -11,9 +11,9 @@ from toy_run import EMPTY, FEW, FRAMES, Say, one_sentence
 from toy_stereo import walking
 
 from planview.cli import main
-from planview.pipeline.pipeline import Pipeline
-from planview.runs.maps_log import MapsLog
-from planview.runs.run import run
+from planview.engine.pipeline import Pipeline
+from planview.output.maps_log import MapsLog
+from planview.output.run import run
 
 TRUTH = "frame,id,x_m,y_m,height_m\n" + "".join(
     f"{i},1,{walking(i - EMPTY)[0].x_m:.3f},{walking(i - EMPTY)[0].y_m:.3f},1.75\n" for i in range(EMPTY, FRAMES)

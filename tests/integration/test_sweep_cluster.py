@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 from toy_run import Say
 
-from planview.pipeline.pipeline import Pipeline
-from planview.runs.maps_log import MapsLog
-from planview.runs.run import run
+from planview.engine.pipeline import Pipeline
+from planview.output.maps_log import MapsLog
+from planview.output.run import run
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 JOBS = 8

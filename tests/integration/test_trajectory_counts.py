@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planview.analytics.count import count_tracks
-from planview.analytics.geometry import RulePlane
-from planview.analytics.rules import parse_rules
-from planview.bench.counting import score_trajectories
+from benchmarks.counting import score_trajectories
+from planview.counting.count import count_tracks
+from planview.counting.geometry import RulePlane
+from planview.counting.rules import parse_rules
 from planview.trajectories.layouts import load_tracks
 from planview.trajectories.table import Trajectories
 

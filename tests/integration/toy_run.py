@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from calib.types import U8
-from planview.pipeline.pipeline import Pipeline
+from planview.engine.pipeline import Pipeline
 
 FRAMES = 36
 EMPTY = 10

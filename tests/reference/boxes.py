@@ -1,9 +1,9 @@
-"""Plain numpy twin of planview/pipeline/_box_kernels.py; it defines what the compiled loop computes."""
+"""Plain numpy twin of planview/engine/_box_kernels.py; it defines what the compiled loop computes."""
 
 import numpy as np
 
 from calib.types import F64
-from planview.pipeline._box_kernels import NEAREST_M
+from planview.engine._box_kernels import NEAREST_M
 
 
 def extent_of_prism(

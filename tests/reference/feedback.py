@@ -1,4 +1,4 @@
-"""Plain numpy twin of planview/pipeline/_feedback_kernels.py; it defines what the compiled loop computes."""
+"""Plain numpy twin of planview/engine/_feedback_kernels.py; it defines what the compiled loop computes."""
 
 from calib.types import F32, F64, I32, U8
 

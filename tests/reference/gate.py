@@ -1,4 +1,4 @@
-"""Plain numpy twins of ``planview/pipeline/_gate_kernels.py``."""
+"""Plain numpy twins of ``planview/engine/_gate_kernels.py``."""
 
 import numpy as np
 

@@ -9,8 +9,8 @@ from calib.errors import InputError
 from calib.formats import load_rig
 from calib.formats.yaml_text import parse_yaml
 from calib.text import MAX_TOML, load_toml, parse_toml, read_text, reason
-from planview.analytics.rules import load_rules
-from planview.pipeline.config import load_config
+from planview.counting.rules import load_rules
+from planview.engine.config import load_config
 from planview.trajectories.layouts import load_file
 
 

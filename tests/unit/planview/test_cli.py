@@ -11,7 +11,6 @@ from planview import cli
 COMMANDS = [
     *([name] for name in cli.COMMANDS),
     *(["calibrate", name] for name in cli.CALIBRATE),
-    *(["bench", name] for name in cli.BENCH),
 ]
 
 

@@ -7,6 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.board_views import board_views, random_rig
+from benchmarks.calibration_board import calibration_errors
 from calib.board.fit import fit_rig
 from calib.board.lens import LENSES, choose_lens, folds_back
 from calib.board.model import BoardView
@@ -16,8 +18,6 @@ from calib.camera import Camera
 from calib.errors import InputError
 from calib.pose import SE3
 from calib.rig import StereoRig
-from planview.bench.board_views import board_views, random_rig
-from planview.bench.calibration_board import calibration_errors
 
 BOARD = Board(7, 5, 0.04)
 SIZE = (1280, 800)

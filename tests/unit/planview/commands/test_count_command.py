@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from planview.analytics.events import read_events
 from planview.cli import main
+from planview.counting.events import read_events
 
 RULES = """
 [[tripwire]]

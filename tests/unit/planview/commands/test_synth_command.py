@@ -1,4 +1,4 @@
-"""``planview synth`` and ``planview bench accuracy``: what they write and refuse."""
+"""``planview synth`` and ``python -m benchmarks accuracy``: what they write and refuse."""
 
 import csv
 import json
@@ -7,10 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.__main__ import main_benchmarks
+from benchmarks.accuracy import RenderOptions, rendered, scene_files, totals
 from calib.floor.world_file import load_world
 from calib.formats import load_rig
 from calib.ground_camera import load_ground_camera
-from planview.bench.accuracy import RenderOptions, rendered, scene_files, totals
 from planview.cli import main
 from planview.synthetic.scene import load_scene
 from planview.trajectories.table import read_truth
@@ -109,7 +110,8 @@ def test_rendered_recording_is_kept_and_found_again(scene, tmp_path):
 
 def test_accuracy_knows_its_scenes(capsys):
     assert {"crossing", "group", "office", "shadows", "eight", "furniture"} <= {p.stem for p in scene_files()}
-    assert run("bench", "accuracy", "--scene", "nothing") == 2
+    with pytest.raises(SystemExit, match="2"):
+        main_benchmarks(["accuracy", "--scene", "nothing"])
     assert "crossing" in capsys.readouterr().err
 
 

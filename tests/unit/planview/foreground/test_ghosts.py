@@ -1,11 +1,11 @@
 import numpy as np
 
 from calib.types import U8
+from planview.engine.single_camera import SingleCamera, SingleCameraParams
 from planview.foreground.blobs import find_blobs
 from planview.foreground.ghosts import GhostParams, find_ghosts, find_still, find_uncovered
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
-from planview.pipeline.single_camera import SingleCamera, SingleCameraParams
 from stereo.recording import VideoFrame
 
 SHAPE = (60, 80)

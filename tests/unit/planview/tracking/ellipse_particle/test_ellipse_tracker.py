@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from calib.ground_camera import GroundCamera
-from planview.pipeline.single_camera import SingleCamera, SingleCameraParams
+from planview.engine.single_camera import SingleCamera, SingleCameraParams
 from planview.tracking.base import Observation
 from planview.tracking.ellipse_particle import (
     EllipseParticleParams,

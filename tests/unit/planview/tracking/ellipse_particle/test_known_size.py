@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from planview.pipeline.single_camera_pipeline import SingleCameraPipeline
+from planview.engine.single_camera_pipeline import SingleCameraPipeline
 from planview.tracking.base import Observation
 from planview.tracking.ellipse_particle import ImagePlane, ImagePlaneParams, image_ellipse_tracker
 from planview.tracking.ellipse_particle.fit.ellipses import paint_union

@@ -1,0 +1,137 @@
+"""Runs of an engine over rendered recordings, kept beside these: what did not change is not done again."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Literal, TypeVar
+
+import cv2
+
+import calib
+import planview
+import stereo
+from benchmarks import peer
+from benchmarks.peer import Peer, PeerLog
+from calib.errors import InputError, WorkError
+from calib.text import reason
+from planview.engine.config import Config
+from planview.engine.engine import Engine
+from planview.engine.factory import open_engine
+from planview.engine.pipeline import Pipeline
+from planview.maps.recording import MapsRecording
+from planview.output.folder import finished_run
+from planview.output.log import RunLog
+from planview.output.maps_log import MapsLog
+from planview.output.run import RunOptions, run
+from planview.trajectories.table import read_tracks
+
+BenchTracker = Literal["template", "ellipse-particle", "peer"]
+"""Trackers of stereo recordings, and the naive engine."""
+PEER = "peer.csv"
+"""Tracks of the naive engine, tracked in the same pass."""
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+_ROOMS = ("foreground", "maps", "pipeline", "tracking", "trajectories")
+
+
+def bench_engine(recording: Path, tracker: BenchTracker, config: Config) -> Engine:
+    """An engine of a stereo recording (errors as of ``open_engine``)."""
+    return Peer.open(recording, config) if tracker == "peer" else open_engine(recording, tracker, config)
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One run of one engine over one recording.
+
+    Attributes:
+        recording: its folder.
+        cache: folder of rendered recordings; runs are kept in ``runs`` below it.
+        recorded: keep the plan-view points, and track with the naive engine in the same pass.
+    """
+
+    recording: Path
+    cache: Path
+    config: Config
+    tracker: BenchTracker = "template"
+    recorded: bool = False
+
+    @property
+    def folder(self) -> Path:
+        """Where the run is kept: a hash of the recording, the configuration and the engine's code is in its name."""
+        at = self.recording.resolve()
+        made = max((path.stat().st_mtime_ns for path in at.iterdir()), default=0)
+        text = f"{at} {made} {self.config.model_dump_json()} {self.tracker} {self.recorded} {code_key()}"
+        return self.cache / "runs" / f"{at.name}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+
+@cache
+def code_key() -> str:
+    """A hash of the source of everything that decides tracks: another version of it does not find older runs."""
+    roots = [Path(package.__path__[0]) for package in (calib, stereo)]
+    roots += [Path(planview.__path__[0]) / room for room in _ROOMS]
+    files = [path for root in roots for path in sorted(root.rglob("*.py"))] + [Path(peer.__file__)]
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
+
+
+def run_pass(job: Pass) -> Path:
+    """The folder of a run (tracks.csv, run.json, decisions.csv, with ``recorded`` maps.h5 and peer.csv), from the cache
+    when it is whole there.
+
+    Raises:
+        InputError: a recording that cannot be used.
+        WorkError: the cache cannot be written.
+    """
+    if _is_whole(job):
+        return job.folder
+    shutil.rmtree(job.folder, ignore_errors=True)
+    try:
+        job.folder.parent.mkdir(parents=True, exist_ok=True)
+        part = Path(tempfile.mkdtemp(prefix=f".{job.folder.name}-", dir=job.folder.parent))
+    except OSError as error:
+        raise WorkError(f"{job.cache}: the cache cannot be written: {reason(error)}") from error
+    try:
+        engine = bench_engine(job.recording, job.tracker, job.config)
+        logs: list[RunLog] = []
+        if job.recorded and isinstance(engine, Pipeline):
+            logs = [MapsLog(engine, part / "maps.h5"), PeerLog(engine, part / PEER)]
+        run(engine, part, RunOptions(tracker=job.tracker, debug=True), logs)
+        part.rename(job.folder)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    return job.folder
+
+
+def _is_whole(job: Pass) -> bool:
+    """Whether the cache has a run that ended, with all of its files."""
+    try:
+        whole = finished_run(job.folder) is not None
+        for name in ("tracks.csv", PEER) if job.recorded else ("tracks.csv",):
+            read_tracks(job.folder / name)
+        if job.recorded and job.tracker == "template":
+            MapsRecording(job.folder / "maps.h5")
+    except InputError:
+        return False
+    return whole
+
+
+def in_processes(work: Callable[[Job], Result], jobs: Sequence[Job], at_once: int) -> Iterator[Result]:
+    """Results in the order in which they are done, in so many processes of one thread each."""
+    if at_once == 1:
+        yield from map(work, jobs)
+        return
+    from joblib import Parallel, delayed, parallel_config
+
+    # Processes are spawned, not forked: open3d and numba hold threads.
+    with parallel_config("loky", inner_max_num_threads=1):
+        yield from Parallel(n_jobs=at_once, return_as="generator_unordered")(delayed(_alone)(work, j) for j in jobs)
+
+
+def _alone(work: Callable[[Job], Result], job: Job) -> Result:
+    cv2.setNumThreads(1)
+    return work(job)

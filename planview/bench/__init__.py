@@ -1,1 +1,0 @@
-"""Measurements behind ``planview bench``, one module per subject."""

@@ -1,1 +1,0 @@
-"""``planview bench``: one module per command."""

@@ -1,0 +1,224 @@
+"""``rules.toml``: the tripwires, zones and queues to count."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from calib.errors import InputError
+from calib.params import Location, dotted, first_problem
+from calib.text import load_toml
+from calib.types import F64
+from planview.counting.geometry import PlaneName, RulePlane, crossing_edges
+
+Point = tuple[float, float]
+
+
+def _plain_name(name: str) -> str:
+    """Names are cells of events.csv, which spreadsheets open: what they would take for a formula is refused."""
+    if name[0] in "=+-@" or not name.isprintable():
+        raise ValueError(f"expected a name of printable characters that begins with none of = + - @, found {name!r}")
+    return name
+
+
+_Name = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_plain_name)]
+_Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e5, le=1e5)]
+_PointIn = tuple[_Number, _Number]
+MAX_POINTS = 500
+"""Corners of a zone: each pair of edges is tried for crossing, and each person against each edge (our choice)."""
+MAX_RULES = 200
+"""Rules of one kind (our choice)."""
+_Polygon = Annotated[list[_PointIn], Field(max_length=MAX_POINTS)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+
+    name: _Name
+
+
+class Tripwire(_Table):
+    """A line that people cross, from its first to its second point, on the floor [m] or in the image [px]."""
+
+    from_m: _PointIn | None = None
+    to_m: _PointIn | None = None
+    from_px: _PointIn | None = None
+    to_px: _PointIn | None = None
+    hysteresis_m: float | None = Field(None, ge=0, le=5)
+    """Instead of the parameter of the same name."""
+    min_age_s: float | None = Field(None, ge=0, le=60)
+    """Instead of the parameter of the same name."""
+
+
+class Zone(_Table):
+    """An area that people are in; the polygon is closed by itself."""
+
+    polygon_m: _Polygon | None = None
+    polygon_px: _Polygon | None = None
+    hysteresis_m: float | None = Field(None, ge=0, le=5)
+    """Instead of the parameter of the same name."""
+    min_age_s: float | None = Field(None, ge=0, le=60)
+    """Instead of the parameter of the same name."""
+
+
+class Queue(_Table):
+    """People waiting in a zone."""
+
+    zone: _Name
+    """Name of the zone."""
+    min_wait_s: float = Field(5.0, ge=0, le=3600)
+    """A shorter stay in the zone is passing through and not waiting [s]. Our choice: a zone of a queue's usual 4 m
+    is crossed in 3 s at walking pace."""
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    tripwire: list[Tripwire] = Field(default_factory=list, max_length=MAX_RULES)
+    zone: list[Zone] = Field(default_factory=list, max_length=MAX_RULES)
+    queue: list[Queue] = Field(default_factory=list, max_length=MAX_RULES)
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A line (2, 2) or polygon (N, 2) in the plane in which it is applied; own parameters are None where not given."""
+
+    name: str
+    plane: PlaneName
+    points: F64
+    hysteresis_m: float | None = None
+    min_age_s: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Rules:
+    """Checked rules."""
+
+    tripwires: tuple[Placed, ...]
+    zones: tuple[Placed, ...]
+    queues: tuple[Queue, ...]
+    source: str
+
+    @property
+    def names(self) -> list[str]:
+        return [rule.name for rule in self.tripwires + self.zones] + [queue.name for queue in self.queues]
+
+    def of_truth(self, zone_hysteresis_m: float) -> Rules:
+        """The same places for true positions: no age to reach, zones with a hysteresis of their own."""
+        wires = tuple(replace(wire, min_age_s=0.0) for wire in self.tripwires)
+        zones = tuple(replace(zone, hysteresis_m=zone_hysteresis_m, min_age_s=0.0) for zone in self.zones)
+        return replace(self, tripwires=wires, zones=zones)
+
+
+def load_rules(path: Path, plane: RulePlane | None = None) -> Rules:
+    """Read ``rules.toml``.
+
+    Args:
+        path: the file.
+        plane: what is known about the camera; pixels stay pixels without one.
+    Raises:
+        InputError: unreadable, empty, a key or value that does not belong, duplicate names, a line of zero length or
+            outside the view, a polygon that crosses itself or has no area, a queue of an unknown zone.
+    """
+    return parse_rules(load_toml(path, "a rules.toml"), plane or RulePlane(), str(path))
+
+
+def parse_rules(data: dict[str, Any], plane: RulePlane, source: str) -> Rules:
+    """Rules from the content of a rules.toml (same errors as ``load_rules``)."""
+    if not data:
+        raise InputError(f"{source}: expected at least one [[tripwire]] or [[zone]], found an empty file")
+    unknown = set(data) - set(_File.model_fields)
+    if unknown:
+        raise InputError(f"{source}: expected tables named tripwire, zone or queue, found {min(unknown)!r}")
+    try:
+        file = _File.model_validate(data)
+    except ValidationError as error:
+        raise InputError(f"{source}: {first_problem(error, partial(_name_of, data))}") from error
+    if not file.tripwire and not file.zone:
+        raise InputError(f"{source}: expected at least one [[tripwire]] or [[zone]], found none")
+    _refuse_duplicates([rule.name for rule in (*file.tripwire, *file.zone, *file.queue)], source)
+    _refuse_unknown_zones(file, source)
+    return Rules(
+        tuple(_placed(rule, *_wire_points(rule, plane, source)) for rule in file.tripwire),
+        tuple(_placed(rule, *_zone_points(rule, plane, source)) for rule in file.zone),
+        tuple(file.queue),
+        source,
+    )
+
+
+def _placed(rule: Tripwire | Zone, plane: PlaneName, points: F64) -> Placed:
+    return Placed(rule.name, plane, points, rule.hysteresis_m, rule.min_age_s)
+
+
+def _name_of(data: dict[str, Any], location: Location) -> str:
+    """``from_m in tripwire 'door'`` for a value of a rule; a rule without a name is counted from 1."""
+    table, *rest = location
+    if not rest:
+        return str(table)
+    number, *keys = rest
+    try:
+        rule = f"{table} {data[str(table)][int(number)]['name']!r}"
+    except (LookupError, TypeError, ValueError):
+        rule = f"{table} number {int(number) + 1}" if isinstance(number, int) else str(table)
+    return f"{dotted(tuple(keys))} in {rule}" if keys else rule
+
+
+def _refuse_duplicates(names: list[str], source: str) -> None:
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise InputError(f"{source}: expected every rule to have a name of its own, found {name!r} twice")
+
+
+def _refuse_unknown_zones(file: _File, source: str) -> None:
+    known = [zone.name for zone in file.zone]
+    for queue in file.queue:
+        if queue.zone not in known:
+            raise InputError(
+                f"{source}: expected queue {queue.name!r} to name one of the zones "
+                f"({', '.join(known) or 'there are none'}), found {queue.zone!r}"
+            )
+
+
+def _wire_points(rule: Tripwire, plane: RulePlane, source: str) -> tuple[PlaneName, F64]:
+    metres, pixels = (rule.from_m, rule.to_m), (rule.from_px, rule.to_px)
+    given = [pair for pair in (metres, pixels) if pair != (None, None)]
+    if len(given) != 1 or None in given[0]:
+        raise InputError(
+            f"{source}: expected from_m and to_m, or from_px and to_px, in tripwire {rule.name!r}, "
+            f"found {', '.join(sorted(rule.model_fields_set - {'name'})) or 'neither'}"
+        )
+    points = np.array(given[0], dtype=np.float64)
+    if np.hypot(*(points[1] - points[0])) < (1e-6 if given[0] is metres else 1e-3):
+        raise InputError(
+            f"{source}: expected two different points in tripwire {rule.name!r}, found a line of zero length "
+            f"at {given[0][0]}"
+        )
+    return plane.place(points, in_pixels=given[0] is pixels, what=f"{source}: tripwire {rule.name!r}")
+
+
+def _zone_points(rule: Zone, plane: RulePlane, source: str) -> tuple[PlaneName, F64]:
+    if (rule.polygon_m is None) == (rule.polygon_px is None):
+        found = "neither" if rule.polygon_m is None else "both"
+        raise InputError(f"{source}: expected polygon_m or polygon_px in zone {rule.name!r}, found {found}")
+    polygon = rule.polygon_m if rule.polygon_m is not None else rule.polygon_px
+    points = np.array(polygon, dtype=np.float64).reshape(-1, 2)
+    if len(points) > 3 and (points[0] == points[-1]).all():
+        points = points[:-1]
+    if len(points) < 3:
+        raise InputError(f"{source}: expected at least 3 points in zone {rule.name!r}, found {len(points)}")
+    crossing = crossing_edges(points)
+    if crossing is not None:
+        raise InputError(
+            f"{source}: expected a polygon that does not cross itself in zone {rule.name!r}, "
+            f"found edges {crossing[0] + 1} and {crossing[1] + 1} crossing"
+        )
+    x, y = points.T
+    area = 0.5 * abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
+    if area < 1e-6:
+        raise InputError(f"{source}: expected a polygon with an area in zone {rule.name!r}, found points on a line")
+    return plane.place(points, in_pixels=rule.polygon_px is not None, what=f"{source}: zone {rule.name!r}")

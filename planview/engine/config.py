@@ -1,0 +1,116 @@
+"""The whole configuration: a table per stage, from one TOML file and ``--set`` overrides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, ValidationError
+
+from calib.errors import InputError
+from calib.floor.params import FloorParams
+from calib.params import Params, first_problem
+from calib.text import MAX_DEPTH, load_toml, parse_toml
+from planview.engine.feedback import FeedbackParams
+from planview.engine.single_camera import SingleCameraParams
+from planview.foreground.params import ForegroundParams
+from planview.maps.builder import MapParams
+from planview.tracking.ellipse_particle.params import EllipseParticleParams
+from planview.tracking.human_model.params import HumanModelParams
+from planview.tracking.template import TemplateTrackerParams
+from stereo.floor import SETUP_FRAMES
+from stereo.gate import MatchingParams
+from stereo.matcher import RangeParams, SgbmParams
+from stereo.rectify import RectifyParams
+
+
+class AnalysisParams(Params):
+    """Size of the images behind the disparity."""
+
+    width_px: int = Field(400, ge=80, le=8192)
+    """Foreground and maps use every n-th row and column, n the smallest that brings the width down to this [px].
+    Harville 2002, section 5, ran at 320x240; a head at 8 m is then still 5 px wide."""
+    setup_frames: int = Field(SETUP_FRAMES, ge=3, le=500)
+    """Frames, spread over the recording, in which floor and vertical residual are measured (our choice)."""
+
+
+class Config(Params):
+    """Every parameter of a run."""
+
+    seed: int = Field(0, ge=0, lt=2**63)
+    """Seed of every random generator."""
+    analysis: AnalysisParams = AnalysisParams()
+    rectify: RectifyParams = RectifyParams()
+    range: RangeParams = RangeParams()
+    sgbm: SgbmParams = SgbmParams()
+    matching: MatchingParams = MatchingParams()
+    floor: FloorParams = FloorParams()
+    foreground: ForegroundParams = ForegroundParams()
+    feedback: FeedbackParams = FeedbackParams()
+    maps: MapParams = MapParams()
+    template: TemplateTrackerParams = TemplateTrackerParams()
+    single_camera: SingleCameraParams = SingleCameraParams()
+    human_model: HumanModelParams = HumanModelParams()
+    ellipse_particle: EllipseParticleParams = EllipseParticleParams()
+
+
+def ungated(config: Config) -> Config:
+    """The same parameters, but every pixel of every frame is matched."""
+    return config.model_copy(update={"matching": config.matching.model_copy(update={"gated": False})})
+
+
+def load_config(path: Path | None = None, overrides: Sequence[str] = (), base: Config | None = None) -> Config:
+    """The base (the defaults when None), then the file, then overrides like ``foreground.learning_rate=0.002``.
+
+    Raises:
+        InputError: an unreadable file, an unknown key, or a value out of range, by name.
+    """
+    tables: dict[str, Any] = {}
+    if path is not None:
+        tables = load_toml(path, "a TOML configuration")
+        _validate(tables, str(path), base)
+    for override in overrides:
+        _apply(tables, override)
+    return _validate(tables, "--set" if overrides else str(path), base)
+
+
+def config_of(tables: Mapping[str, Any], source: str) -> Config:
+    """A configuration from its tables, as ``run.json`` has them.
+
+    Raises:
+        InputError: tables of another version; ``source`` begins the sentence.
+    """
+    return _validate(dict(tables), source, None)
+
+
+def _apply(tables: dict[str, Any], override: str) -> None:
+    name, equals, text = override.partition("=")
+    keys = name.strip().split(".")
+    if not equals or not all(keys) or len(keys) > MAX_DEPTH:
+        raise InputError(f"--set: expected table.key=value, found {override!r:.80}")
+    try:
+        value = parse_toml(f"value = {text}")["value"]
+    except ValueError:
+        value = text.strip()
+    for key in keys[:-1]:
+        tables = tables.setdefault(key, {})
+        if not isinstance(tables, dict):
+            raise InputError(f"--set: expected a table at {key!r}, found a value in {override!r}")
+    tables[keys[-1]] = value
+
+
+def _over(defaults: dict[str, Any], tables: dict[str, Any]) -> dict[str, Any]:
+    """The defaults with what the tables set: one key of a stage leaves the stage's others as they are."""
+    both = dict(defaults)
+    for key, value in tables.items():
+        nested = isinstance(value, dict) and isinstance(defaults.get(key), dict)
+        both[key] = _over(defaults[key], value) if nested else value
+    return both
+
+
+def _validate(tables: dict[str, Any], source: str, base: Config | None) -> Config:
+    try:
+        return Config.model_validate(_over((base or Config()).model_dump(), tables))
+    except ValidationError as error:
+        raise InputError(f"{source}: {first_problem(error)}") from error

@@ -1,0 +1,211 @@
+"""Decides which part of a pair is matched: where the background model cannot know the depth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from calib.rig import Floor
+from calib.types import F32, U8
+from planview.engine._gate_kernels import forgive_known, remember_known
+from planview.foreground.mixture import Foreground
+from planview.trajectories.state import TrackState
+from stereo.gate import SAMPLE, Gate, MatchingParams, Window
+from stereo.matcher import (
+    DisparityRange,
+    RangeParams,
+    WindowMatcher,
+    disparity_range,
+    farthest_head_m,
+    right_of,
+)
+from stereo.recording import StereoFrame
+from stereo.rectify import PartialPair, Rectifier
+from stereo.sampled import SampledDisparity
+
+SAME_LEVELS = 12
+"""Largest difference of a channel between two images of the same surface in the same light [levels of 255]: three
+deviations of the luma that the foreground takes for noise (our choice)."""
+
+HEAD_M = 0.15
+"""Breadth of a head [m] (anthropometric tables, adults). A change that does not fill half of a square so wide, at the
+place in view where heads look smallest, is noise or a fleck of light."""
+
+
+class Measured(NamedTuple):
+    """Disparity of a frame that was matched in part, at the analysis size.
+
+    Attributes:
+        sampled: of every pixel as it was measured last.
+        now: (h, w) float32 [px], NaN also where nothing was measured in this frame.
+        mask: (h, w) uint8, 255 where disparity was measured in this frame.
+    """
+
+    sampled: SampledDisparity
+    now: F32
+    mask: U8
+
+
+class MatchingMemory:
+    """All that matching in part carries from frame to frame.
+
+    Attributes:
+        gate: place of the refresh.
+        disparity: (h, w) float32 [px] as measured last, at the analysis size.
+        foreground: (h, w) uint8 mask of the last frame.
+        background: (h, w, C) uint8, every SAMPLE-th row and column of the analysed image as it looked when it was last
+            measured as background.
+        boxes: left, top, width, height of the people who were not found in the last frame [px]; those who were are part
+            of the foreground.
+    """
+
+    def __init__(self, gate: Gate, shape: tuple[int, int]) -> None:
+        self.gate, self._shape = gate, shape
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self.gate.reset()
+        self.disparity: F32 = np.full(self._shape, np.nan, np.float32)
+        self.foreground: U8 = np.zeros(self._shape, np.uint8)
+        self.background: U8 | None = None
+        self.boxes: tuple[tuple[float, float, float, float], ...] = ()
+
+
+class GatedMatching:
+    """Matches what may have changed, what was foreground, where people are, and a rotating refresh.
+
+    Attributes:
+        memory: what it carries from frame to frame.
+    """
+
+    def __init__(
+        self,
+        rectifier: Rectifier,
+        matcher: WindowMatcher,
+        floor: Floor,
+        range_params: RangeParams,
+        matching: MatchingParams,
+        shape: tuple[int, int],
+    ) -> None:
+        """Prepare.
+
+        Args:
+            matcher: of the samples that make up the analysed image.
+            shape: (height, width) of the analysed image.
+        """
+        self._rectifier, self._matcher = rectifier, matcher
+        self._floor, self._range = floor, range_params
+        self._shape = shape
+        size, searched = rectifier.geometry.size, lambda window: self._searched(window).count
+        gate = Gate(size, matcher.step, matching, matcher.work, searched)
+        self._range_of = lru_cache(maxsize=1024)(self._searched)
+        self.memory = MatchingMemory(gate, shape)
+        head_px = rectifier.geometry.focal_u_px * HEAD_M / farthest_head_m(rectifier.geometry, floor)
+        self._grain = max(3, 2 * int((head_px / (matcher.step * SAMPLE) + 1) / 2) - 1)
+        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="matching")
+
+    def rectify(self, frame: StereoFrame) -> PartialPair:
+        """The part of the work that depends on no other frame."""
+        return self._rectifier.partly(frame.left, frame.right, self._matcher.step)
+
+    def __call__(self, pair: PartialPair, image: U8, foreground: Foreground, timestamp_s: float) -> Measured:
+        """Match the next frame.
+
+        Args:
+            image: of the analysis size.
+            foreground: the background of the frames before.
+        """
+        memory = self.memory
+        windows = memory.gate.whole
+        if foreground.settled:
+            windows = memory.gate.windows(self._changed(image, foreground), memory.boxes, timestamp_s)
+        now = np.full(self._shape, np.nan, np.float32)
+        mask = np.zeros(self._shape, np.uint8)
+        self._match_all(pair, windows, now)
+        for window in windows:
+            mask[self._samples(window)] = 255
+        memory.disparity = np.where(mask > 0, now, memory.disparity)
+        sampled = SampledDisparity(memory.disparity, self._matcher.step, self.memory.gate.size[::-1])
+        return Measured(sampled, now, mask)
+
+    def _match_all(self, pair: PartialPair, windows: Sequence[Window], out: F32) -> None:
+        """Match all windows, the most work first: this thread and a helper take one after the other."""
+        order = sorted(windows, key=lambda w: (w.top - w.bottom) * (w.right - w.left))
+        waiting = iter(order)
+
+        def work() -> None:
+            for window in waiting:
+                out[self._samples(window)] = self._match(pair, window)
+
+        helper = self._worker.submit(work) if len(order) > 1 else None
+        work()
+        if helper is not None and not helper.cancel():
+            helper.result()
+
+    def _changed(self, image: U8, foreground: Foreground) -> U8:
+        """Samples that differ from the background, unless they were measured as background when they looked as now.
+
+        That is a shadow or a patch of light, which depth has told from a person once. A person who stands still is no
+        change: what was foreground stays in question.
+        """
+        changed = foreground.changed(image, SAMPLE)
+        if self.memory.background is not None:
+            forgive_known(_channels(image), self.memory.background, SAMPLE, SAME_LEVELS, changed)
+        before = solid(np.ascontiguousarray(self.memory.foreground[::SAMPLE, ::SAMPLE]), self._grain)
+        return np.asarray(cv2.bitwise_or(solid(changed, self._grain), before), dtype=np.uint8)
+
+    def learn(self, image: U8, foreground: U8, measured: U8, tracks: Sequence[TrackState]) -> None:
+        """Keep what the next frame is compared with.
+
+        Args:
+            image, foreground, measured: of this frame, at the analysis size.
+            tracks: people, with their boxes in the rectified image.
+        """
+        if self.memory.background is None:
+            self.memory.background = _channels(image)[::SAMPLE, ::SAMPLE].copy()
+        remember_known(_channels(image), measured, foreground, SAMPLE, self.memory.background)
+        self.memory.foreground = foreground
+        self.memory.boxes = tuple(
+            track.box_px for track in tracks if track.state == "lost" and not math.isnan(track.box_px[0])
+        )
+
+    def _match(self, pair: PartialPair, window: Window) -> F32:
+        """Samples of a window, from a larger one whose margin is thrown away."""
+        gate, step = self.memory.gate, self._matcher.step
+        outer = window.grown(gate.margin_px, gate.size)
+        searched = self._range_of(outer)
+        right = pair.right_grey(right_of(outer, searched))
+        found = self._matcher.part(pair.left_grey(outer), right, outer, searched)
+        inner = window.within(outer.left, outer.top)
+        return found[samples(inner, step)]
+
+    def _samples(self, window: Window) -> tuple[slice, slice]:
+        return samples(window, self._matcher.step)
+
+    def _searched(self, window: Window) -> DisparityRange:
+        """Disparities in a window: a person at 6 m does not need those of 2 m."""
+        return disparity_range(self._rectifier.geometry, self._range, self._floor, window)
+
+
+def solid(mask: U8, side: int) -> U8:
+    """255 where more than half of the square of ``side`` around a sample of a mask (0, 255) is set."""
+    share = cv2.boxFilter(mask, -1, (side, side), borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(cv2.inRange(share, 128, 255), dtype=np.uint8)
+
+
+def samples(window: Window, step: int) -> tuple[slice, slice]:
+    """Of every ``step``-th row and column, those in a window."""
+    rows, columns = (slice(-(-s.start // step), -(-s.stop // step)) for s in window.slices)
+    return rows, columns
+
+
+def _channels(image: U8) -> U8:
+    """(H, W, C), of a grey image too."""
+    return image.reshape(*image.shape[:2], -1)

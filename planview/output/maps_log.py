@@ -1,0 +1,108 @@
+"""``maps.h5``: the plan-view recording of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.files import PART, sync, whole_file
+from planview.engine.engine import Engine, FrameResult
+from planview.maps.recording import MapsFrame, MapsRecording
+from planview.maps.writer import MapsWriter
+
+
+class MapsLog:
+    """Writes the foreground points of every frame (see ``planview.maps.recording``).
+
+    HDF5 cannot be read after a kill. So every ``mark`` ends a file of its own (``maps-1.h5``, ...); they become one
+    when the log is closed.
+
+    Args:
+        engine: whose frames will come.
+        path: the file to write.
+        position: of ``mark``, to go on from there; what was written after it is dropped.
+    Raises:
+        InputError: an engine without disparity, or what was written up to the position is not there any more.
+        WorkError: the file cannot be written.
+    """
+
+    def __init__(self, engine: Engine, path: Path, position: Mapping[str, int] | None = None) -> None:
+        if engine.stereo is None:
+            raise InputError("--save-maps: expected a stereo pair or images with depth, found a single camera")
+        self._engine, self._step, self._path = engine, engine.stereo.reduction, path
+        self._parts = 0 if position is None else self._kept_parts(position["parts"])
+        self._writer: MapsWriter | None = self._new_writer(self._open_path)
+
+    def frame(self, result: FrameResult) -> None:
+        """Add a frame.
+
+        Raises:
+            WorkError: the disk is full.
+        """
+        maps, disparity = result.observation.maps, result.disparity
+        if maps is None or disparity is None:
+            raise InputError("--save-maps: expected a recording with images, found recorded maps")
+        reduced = np.ascontiguousarray(disparity[:: self._step, :: self._step])
+        self._writer = self._writer or self._new_writer(self._open_path)
+        self._writer.add(MapsFrame.of(result.frame, result.timestamp_s, maps.points, reduced))
+
+    def mark(self) -> dict[str, int]:
+        """See ``RunLog``."""
+        self._end_part()
+        return {"parts": self._parts}
+
+    def close(self) -> None:
+        """See ``RunLog``."""
+        if self._parts == 0 and self._writer is not None:
+            writer, self._writer = self._writer, None
+            writer.close(self._engine.recording.skipped)
+            sync(self._open_path)
+            self._open_path.replace(self._path)
+            return
+        self._end_part()
+        with whole_file(self._path) as whole:
+            writer = self._new_writer(whole)
+            for path in self._part_paths():
+                for frame in MapsRecording(path):
+                    writer.add(frame)
+            writer.close(self._engine.recording.skipped)
+
+    def finish(self) -> None:
+        """See ``RunLog``."""
+        for path in self._part_paths():
+            path.unlink(missing_ok=True)
+
+    @property
+    def _open_path(self) -> Path:
+        return self._path.with_name(self._path.name + PART)
+
+    def _kept_parts(self, count: int) -> int:
+        kept = self._part_paths(count)
+        missing = [path for path in kept if not path.is_file()]
+        if missing:
+            raise InputError(f"{missing[0]}: expected the points before the checkpoint, found no file")
+        for path in self._path.parent.glob(f"{self._path.stem}-[0-9]*.h5"):
+            if path not in kept:
+                path.unlink()
+        return count
+
+    def _part_paths(self, count: int | None = None) -> list[Path]:
+        last = self._parts if count is None else count
+        return [self._path.with_name(f"{self._path.stem}-{n}.h5") for n in range(1, last + 1)]
+
+    def _new_writer(self, path: Path) -> MapsWriter:
+        stereo = self._engine.stereo
+        assert stereo is not None
+        return MapsWriter(path, stereo, self._engine.config.model_dump_json(), self._engine.recording.fps)
+
+    def _end_part(self) -> None:
+        if self._writer is None:
+            return
+        writer, self._writer = self._writer, None
+        writer.close()
+        sync(self._open_path)
+        self._parts += 1
+        self._open_path.replace(self._part_paths()[-1])

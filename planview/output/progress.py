@@ -1,0 +1,78 @@
+"""Progress and summary of a run, for people; everything goes to stderr."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from planview.engine.engine import FrameResult
+from planview.output.info import RunInfo
+
+
+class FrameProgress:
+    """A bar with frames per second, remaining time and the people in view; call it with every frame."""
+
+    def __init__(self, console: Console, n_frames: int | None) -> None:
+        self._progress = Progress(
+            TextColumn("tracking"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[rate]}"),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[people]}"),
+            console=console,
+        )
+        self._task = self._progress.add_task("tracking", total=n_frames, rate="", people="")
+
+    def __enter__(self) -> FrameProgress:
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._progress.stop()
+
+    def __call__(self, result: FrameResult) -> None:
+        people = sum(track.state == "confirmed" for track in result.tracks)
+        speed = self._progress.tasks[0].speed
+        self._progress.update(
+            self._task,
+            completed=result.frame + 1,
+            rate=f"{speed:.0f} frames/s" if speed else "",
+            people=f"{people} in view",
+        )
+
+
+def summary(console: Console, info: RunInfo, folder: Path) -> None:
+    """People seen, frames read and skipped, floor, and the median time of every stage."""
+    table = Table(show_header=False, box=None, pad_edge=False)
+    table.add_row("people seen", str(info.people) + (f": {info.remark}" if info.remark else ""))
+    skipped = f", {info.frames_skipped} skipped ({info.skipped[0].why})" if info.skipped else ""
+    rate = info.frames_read / info.elapsed_s if info.elapsed_s else 0.0
+    table.add_row("frames", f"{info.frames_read} read{skipped}, {rate:.1f} per second")
+    for note in info.notes:
+        table.add_row("note", note)
+    if info.floor:
+        floor = info.floor
+        table.add_row(
+            "camera", f"{floor.height_m:.2f} m above the floor, tilt {floor.tilt_deg:.1f} deg ({floor.source})"
+        )
+    stages = ", ".join(f"{name} {ms:.1f}" for name, ms in info.stages_ms.items() if ms is not None)
+    table.add_row("ms per frame", stages)
+    if info.pace and info.pace.latency_median_ms is not None:
+        pace = info.pace
+        table.add_row("dropped", f"{pace.frames_dropped} frames that were due while earlier ones were tracked")
+        table.add_row(
+            "latency",
+            f"median {pace.latency_median_ms:.1f} ms, 95 % within {pace.latency_95_ms:.1f}, "
+            f"99 % within {pace.latency_99_ms:.1f}",
+        )
+    table.add_row("results", str(folder))
+    for warning in info.warnings:
+        table.add_row("warning", warning.text)
+    console.print(table)

@@ -1,0 +1,186 @@
+"""Several runs in one page: what differs in settings, in errors, in time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pydantic import JsonValue
+
+from planview.drawing.page import page_of
+from planview.evaluation.significant import SignificantError
+from planview.output.info import write_result
+from planview.output.report import floor_plots
+from planview.output.report.page import figure_text, flat_settings, picture, words_of
+from planview.output.report.scores import errors_of, scores_of
+from planview.output.report.timelines import TimelineRow, timelines
+from planview.output.scene.results import RunResults, read_results
+
+SAME_S = 1.0
+"""Errors of one kind and person that begin within this are one error of several runs [s] (our choice)."""
+ERRORS_MAX = 100
+_HIGHER = ("mota", "idf1", "hota", "det_a", "ass_a", "mostly_tracked")
+_LOWER = (
+    "switches", "fragmentations", "mostly_lost", "misses", "false_positives", "position_error_mean_m",
+    "position_error_std_m", "height_error_mean_m", "strict_identity_changes",
+)  # fmt: skip
+
+
+class Cell(NamedTuple):
+    """A value of one run, ready to print."""
+
+    text: str
+    is_best: bool = False
+
+
+class Line(NamedTuple):
+    """A figure of all runs."""
+
+    name: str
+    cells: list[Cell]
+
+
+class SharedError(NamedTuple):
+    """An error with its note in every run that makes it."""
+
+    frame: int
+    kind: str
+    person: str
+    notes: list[str]
+
+
+class RunRows(NamedTuple):
+    """Timelines of one run."""
+
+    name: str
+    rows: list[TimelineRow]
+    ticks: list[tuple[float, str]]
+    note: str
+
+
+class _ComparedRun(NamedTuple):
+    name: str
+    results: RunResults
+    scores: dict[str, Any]
+    errors: list[SignificantError]
+
+
+def write_comparison(folders: Sequence[Path], path: Path, truth: Path | None = None) -> None:
+    """Write a page that compares runs.
+
+    Args:
+        folders: of runs, at least one.
+        path: of the page.
+        truth: file of the true people; ``truth.csv`` of each recording where not given.
+    Raises:
+        InputError: a folder without tracks, or a file that is not what its name says.
+        WorkError: the page cannot be written.
+    """
+    runs = [_run(name, read_results(folder, truth)) for name, folder in zip(_names(folders), folders, strict=True)]
+    errors = shared_errors([run.errors for run in runs], runs[0].results.clock.frame_s)
+    page = page_of(
+        "planview.output.report",
+        "compare.html.j2",
+        names=[run.name for run in runs],
+        settings=_settings(runs),
+        scores=_scores(runs),
+        errors=errors[:ERRORS_MAX],
+        more_errors=max(0, len(errors) - ERRORS_MAX),
+        timelines=[_rows(run) for run in runs],
+        stages=_stages(runs),
+        pictures=[picture(f"Floor: {run.name}", _floor(run.results)) for run in runs],
+    )
+    write_result(path, page)
+
+
+def _run(name: str, results: RunResults) -> _ComparedRun:
+    scores = scores_of(results)
+    return _ComparedRun(name, results, scores, errors_of(scores))
+
+
+def _names(folders: Sequence[Path]) -> list[str]:
+    """The last parts of the folders' names that tell them apart."""
+    parts = [folder.resolve().parts for folder in folders]
+    for depth in range(1, max(map(len, parts)) + 1):
+        names = ["/".join(p[-depth:]) for p in parts]
+        if len(set(names)) == len(names):
+            return names
+    return [str(folder) for folder in folders]
+
+
+def _settings(runs: Sequence[_ComparedRun]) -> list[Line]:
+    flat = [_described(run.results) for run in runs]
+    names = list(dict.fromkeys(name for settings in flat for name in settings))
+    rows = [Line(name, [Cell(figure_text(settings.get(name))) for settings in flat]) for name in names]
+    return [row for row in rows if len({cell.text for cell in row.cells}) > 1]
+
+
+def _described(results: RunResults) -> dict[str, JsonValue]:
+    info = results.info
+    versions = {f"version of {name}": version for name, version in info.versions.items()}
+    return {"recording": info.input, "tracker": info.tracker, **versions, **flat_settings(info.config)}
+
+
+def _scores(runs: Sequence[_ComparedRun]) -> list[Line]:
+    if not any(run.scores for run in runs):
+        return []
+    rows = [_line(words_of(n), [run.scores.get(n) for run in runs], max) for n in _HIGHER]
+    rows += [_line(words_of(n), [run.scores.get(n) for run in runs], min) for n in _LOWER]
+    for kind in ("total", "lost", "missed", "swapped", "false_track"):
+        values = [(run.scores.get("significant_errors") or {}).get(kind) for run in runs]
+        rows.append(_line(f"significant errors, {words_of(kind)}", values, min))
+    return rows
+
+
+def _line(name: str, values: Sequence[float | None], best: Callable[[Sequence[float]], float]) -> Line:
+    known = [value for value in values if value is not None and not math.isnan(value)]
+    top = best(known) if len(set(known)) > 1 else None
+    return Line(name, [Cell(figure_text(value), value is not None and value == top) for value in values])
+
+
+def _stages(runs: Sequence[_ComparedRun]) -> list[Line]:
+    infos = [run.results.info for run in runs]
+    names = list(dict.fromkeys(stage for info in infos for stage in info.stages_ms))
+    rows = [_line(f"{name} [ms]", [info.stages_ms.get(name) for info in infos], min) for name in names]
+    rates = [info.frames_read / info.elapsed_s if info.elapsed_s > 0 else None for info in infos]
+    return [*rows, _line("frames per second", rates, max)]
+
+
+def shared_errors(errors: Sequence[Sequence[SignificantError]], frame_s: float) -> list[SharedError]:
+    """Errors by frame; those of one kind, person and time are in one row.
+
+    Args:
+        errors: of every run.
+    """
+    rows: list[SharedError] = []
+    for n, mine in enumerate(errors):
+        for error in mine:
+            person = f"P{error.truth_id}" if error.truth_id is not None else ""
+            near = (
+                row for row in rows
+                if (row.kind, row.person) == (error.kind, person) and abs(row.frame - error.frame) * frame_s <= SAME_S
+                and not row.notes[n]
+            )  # fmt: skip
+            row = next(near, None)
+            if row is None:
+                row = SharedError(error.frame, error.kind, person, [""] * len(errors))
+                rows.append(row)
+            row.notes[n] = f"frame {error.frame}: {error.note}"
+    return sorted(rows, key=lambda row: row.frame)
+
+
+def _rows(run: _ComparedRun) -> RunRows:
+    found = timelines(run.results.tracks, run.results.truth, run.results.clock, run.results.n_frames, run.errors)
+    if found.truth:
+        note = "True people in the colour of the track that holds each, grey where none does."
+        return RunRows(f"True people: {run.name}", found.truth, found.ticks, note)
+    rows = [row._replace(link="") for row in found.tracks]
+    return RunRows(f"Identities: {run.name}", rows, found.ticks, "A row per track, thin where only predicted.")
+
+
+def _floor(results: RunResults) -> bytes:
+    places, truth = floor_plots.Places.of(results.tracks), results.truth
+    true_places = floor_plots.Places.of(truth) if truth is not None else None
+    return floor_plots.floor_plot(places, floor_plots.FloorScene.of(results), true_places)

@@ -1,0 +1,212 @@
+"""Pictures of the scene at key moments: the busiest frame, every significant error, every crossing."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+import numpy as np
+
+from calib.errors import InputError, WorkError
+from calib.images import encode_image
+from calib.types import F64, U8
+from planview.counting.events import Event
+from planview.drawing.image import ImageCamera, ImagePainter
+from planview.drawing.labels import Labels
+from planview.drawing.moment import Moment, moment_at
+from planview.evaluation.significant import SignificantError
+from planview.output.scene.results import RunResults
+from planview.output.scene.source import source_of
+from planview.trajectories.state import TrackState
+
+if TYPE_CHECKING:
+    from planview.output.scene.frames import SceneFrames
+
+ERRORS_MAX = 12
+CROSSINGS_MAX = 12
+"""Pictures of each kind at most: a page stays small enough for a phone."""
+STRIP_S = (-1.0, -0.5, 0.0, 0.5, 1.0)
+"""Frames of a strip, around the beginning of an error [s]."""
+TRAIL_S = 4.0
+TILE_PX = 260
+CROP_SHARE = 0.62
+"""Side of a tile as a share of the image's height."""
+JPEG_QUALITY = 78
+SPREAD = 3
+"""Pictures spread over the run besides the busiest frame."""
+
+
+class ScenePicture(NamedTuple):
+    """A JPEG as a data URI; ``is_strip``: several frames side by side."""
+
+    title: str
+    data: str
+    note: str
+    is_strip: bool = False
+
+
+class _Wanted(NamedTuple):
+    """A picture to be made of frames, whose first one may be cropped to a person."""
+
+    title: str
+    note: str
+    frames: tuple[int, ...]
+    focus: tuple[int | None, int | None] | None = None  # ids of truth and track; None: the whole image
+    times_s: tuple[float, ...] = ()
+
+
+class ScenePictures(NamedTuple):
+    """The pictures, or why there are none."""
+
+    overview: list[ScenePicture]
+    errors: list[ScenePicture]
+    crossings: list[ScenePicture]
+    why_none: str = ""
+
+
+def scene_pictures(results: RunResults, errors: Sequence[SignificantError]) -> ScenePictures:
+    """Pictures from the recording, opened again; a recording that is not there any more gives none."""
+    if not len(results.tracks) or not results.has_run:
+        return ScenePictures([], [], [])
+    path = source_of(results.info)
+    if not results.info.input or not path.exists():
+        why = f"No pictures of the scene: {path}: expected the recording of the run, found nothing there."
+        return ScenePictures([], [], [], why)
+    from planview.output.scene.frames import open_frames  # the engine, which the page of tracks alone does without
+
+    groups = _overview(results), _strips(results, errors), _crossings(results)
+    try:
+        frames = open_frames(results.info)
+        pictures = _paint(results, frames, [wanted for group in groups for wanted in group])
+    except (InputError, WorkError) as error:
+        return ScenePictures([], [], [], f"No pictures of the scene: {error}.")
+    made = iter(pictures)
+    overview, strips, crossings = ([next(made) for _ in group] for group in groups)
+    return ScenePictures(_known(overview), _known(strips), _known(crossings))
+
+
+def _known(pictures: list[ScenePicture | None]) -> list[ScenePicture]:
+    return [picture for picture in pictures if picture is not None]
+
+
+def busiest_frame(results: RunResults) -> int | None:
+    """The frame in the middle of the longest stretch with the most confirmed people; None without people."""
+    frames = results.tracks.frame[results.tracks.state == "confirmed"]
+    if not len(frames):
+        return None
+    found, counts = np.unique(frames, return_counts=True)
+    most = found[counts == counts.max()]
+    stretches = np.split(most, np.flatnonzero(np.diff(most) > 1) + 1)
+    longest = max(stretches, key=len)
+    return int(longest[len(longest) // 2])
+
+
+def _overview(results: RunResults) -> list[_Wanted]:
+    busiest = busiest_frame(results)
+    if busiest is None:
+        return []
+    wanted = [_Wanted("Busiest frame", "", (busiest,))]
+    peopled = np.unique(results.tracks.frame[results.tracks.state == "confirmed"])
+    for share in (np.arange(SPREAD) + 1) / (SPREAD + 1):
+        frame = int(peopled[int(share * len(peopled))])
+        wanted.append(_Wanted("", "", (frame,)))
+    titled = [w._replace(note=_when(results, w.frames[0])) for w in wanted]
+    return sorted(titled, key=lambda w: w.title != "Busiest frame")
+
+
+def _strips(results: RunResults, errors: Sequence[SignificantError]) -> list[_Wanted]:
+    wanted, last = [], max(0, results.n_frames - 1)
+    for error in errors[:ERRORS_MAX]:
+        steps = [round(s / results.clock.frame_s) for s in STRIP_S]
+        frames = tuple(int(np.clip(error.frame + step, 0, last)) for step in steps)
+        kind = error.kind.replace("_", " ")
+        who = [f"person {error.truth_id}"] if error.truth_id is not None else []
+        who += [f"track {error.track_id}"] if error.track_id is not None else []
+        title = f"{kind}: {', '.join(who)}"
+        note = f"{_when(results, error.frame)}: {error.note}"
+        wanted.append(_Wanted(title, note, frames, (error.truth_id, error.track_id), STRIP_S))
+    return wanted
+
+
+def _crossings(results: RunResults) -> list[_Wanted]:
+    events = [event for event in results.events if event.kind == "crossing"]
+    spread = np.unique(np.linspace(0, len(events) - 1, min(len(events), CROSSINGS_MAX)).round().astype(int))
+    return [_crossing(results, events[i]) for i in spread]
+
+
+def _crossing(results: RunResults, event: Event) -> _Wanted:
+    note = f"{_when(results, event.frame)}: track {event.track_id} {event.direction.replace('_', ' ')}"
+    return _Wanted(event.rule, note, (event.frame,))
+
+
+def _when(results: RunResults, frame: int) -> str:
+    return f"frame {frame}, {float(results.clock.at(np.array([frame]))[0]):.1f} s"
+
+
+def _paint(results: RunResults, frames: SceneFrames, wanted: Sequence[_Wanted]) -> list[ScenePicture | None]:
+    """Read every frame once, in order; a picture whose frames cannot be read is None."""
+    painter = ImagePainter(frames.camera, results.rules, results.bounds())
+    tiles: dict[tuple[int, int], U8] = {}
+    users: dict[int, list[int]] = {}
+    for n, want in enumerate(wanted):
+        for frame in dict.fromkeys(want.frames):
+            users.setdefault(frame, []).append(n)
+    trail = round(TRAIL_S / results.clock.frame_s)
+    for frame, image in frames.at(sorted(users)):
+        moment = moment_at(results.tracks, frame, trail, results.truth)
+        picture = painter(image, moment)
+        scale = picture.shape[1] / image.shape[1]
+        for n in users[frame]:
+            focus = wanted[n].focus
+            tiles[n, frame] = picture if focus is None else _crop(picture, _place(moment, focus, frames.camera), scale)
+    return [_picture(want, [tiles.get((n, frame)) for frame in want.frames]) for n, want in enumerate(wanted)]
+
+
+def _picture(want: _Wanted, tiles: Sequence[U8 | None]) -> ScenePicture | None:
+    known = [tile for tile in tiles if tile is not None]
+    if not known:
+        return None
+    if want.focus is None:
+        return ScenePicture(want.title, _jpeg(known[0]), want.note)
+    gap = np.full((TILE_PX, 4, 3), 128, dtype=np.uint8)
+    row = []
+    for tile, time_s in zip(tiles, want.times_s, strict=True):
+        shown = np.full((TILE_PX, TILE_PX, 3), 128, dtype=np.uint8) if tile is None else tile
+        Labels(shown).put(f"{time_s:+.1f} s" if time_s else "0 s", (0, TILE_PX), (30, 30, 30))
+        row += [shown, gap]
+    return ScenePicture(want.title, _jpeg(np.hstack(row[:-1])), want.note, is_strip=True)
+
+
+def _place(moment: Moment, focus: tuple[int | None, int | None], camera: ImageCamera | None) -> F64 | None:
+    """Where the person concerned is in the image [px]: as the truth says, else as the track does."""
+    for people, wanted in ((moment.truth, focus[0]), (moment.people, focus[1])):
+        person = next((p for p in people if p.track_id == wanted), None)
+        if person is not None and (place := _middle(person, camera)) is not None:
+            return place
+    return None
+
+
+def _middle(person: TrackState, camera: ImageCamera | None) -> F64 | None:
+    left, top, width, height = person.box_px
+    if np.isfinite(left):
+        return np.array([left + width / 2, top + height / 2])
+    if camera is None or not np.isfinite(person.x_m):
+        return None
+    place = camera.project(np.array([person.x_m, person.y_m, 1.0]))
+    return place if np.isfinite(place).all() else None
+
+
+def _crop(picture: U8, place: F64 | None, scale: float) -> U8:
+    """A square tile around a place, as far as it is in the image; the middle of the image without a place."""
+    height, width = picture.shape[:2]
+    side = round(CROP_SHARE * min(height, width))
+    x, y = (width / 2, height / 2) if place is None else place * scale
+    left, top = int(np.clip(x - side / 2, 0, width - side)), int(np.clip(y - side / 2, 0, height - side))
+    part = picture[top : top + side, left : left + side]
+    return np.asarray(cv2.resize(part, (TILE_PX, TILE_PX), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _jpeg(picture: U8) -> str:
+    return "data:image/jpeg;base64," + base64.b64encode(encode_image(picture, quality=JPEG_QUALITY)).decode("ascii")

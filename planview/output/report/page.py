@@ -1,0 +1,274 @@
+"""``report.html``: one self-contained page about a run."""
+
+from __future__ import annotations
+
+import base64
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydantic import JsonValue
+
+from planview.drawing.colours import ERRORS, as_hex, person_hex
+from planview.drawing.page import page_of
+from planview.engine.info import CameraInfo
+from planview.output.info import RunInfo, write_result
+from planview.output.report import floor_plots, plots
+from planview.output.report.ledger import Ledger, read_ledger
+from planview.output.report.moments import ERRORS_MAX, scene_pictures
+from planview.output.report.people import PersonRow, people_rows
+from planview.output.report.scores import errors_of, scores_of
+from planview.output.report.timelines import timelines
+from planview.output.scene.results import RunResults, read_results
+
+_NOT_SHOWN = {"view_m", "world_SE3_left", "name", "at_m", "heads"}
+"""Of camera and floor, what is drawn and not listed."""
+_UNITS = {"s": "s", "ms": "ms", "m": "m", "px": "px", "deg": "°", "mps": "m/s"}
+PEOPLE_MAX = 200
+"""Rows of the table of people; tracks.csv has them all."""
+
+
+class NamedFigure(NamedTuple):
+    """A name and its value, ready to print."""
+
+    name: str
+    value: str
+
+
+class Setting(NamedTuple):
+    """A parameter that differs from its default, ready to print."""
+
+    name: str
+    value: str
+    default: str
+
+
+class Picture(NamedTuple):
+    """A PNG as a data URI; ``keep_colours``: its colours are a scale, which dark pages do not turn around."""
+
+    title: str
+    data: str
+    note: str = ""
+    keep_colours: bool = False
+
+
+class ListedPerson(NamedTuple):
+    """A person of the page: ``row`` as in the table, and the ledger where there is one."""
+
+    row: PersonRow
+    ledger: Ledger | None
+
+    def shown(self) -> dict[str, Any]:
+        """What the template prints."""
+        return {**self.row._asdict(), "colour": person_hex(self.row.track_id), "ledger": self.ledger}
+
+
+def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: Path | None = None) -> Path:
+    """Write ``report.html`` from the files of a run's folder, with pictures from its recording.
+
+    Only tracks.csv must be there; whatever else is missing, the recording too, is left out of the page. The page makes
+    no outside requests.
+
+    Args:
+        folder: output folder of a run.
+        evaluation: ``Evaluation.to_json()``; ``evaluation.json`` of the folder where not given, else the scores
+            against the truth.
+        truth: file of the true people; ``truth.csv`` of the recording where not given.
+    Returns:
+        The path of the page.
+    Raises:
+        InputError: no tracks.csv, or a file that is not what its name says.
+        WorkError: the page cannot be written.
+    """
+    results = read_results(folder, truth)
+    page = _render(results, scores_of(results) if evaluation is None else evaluation)
+    path = folder / "report.html"
+    write_result(path, page)
+    return path
+
+
+def _render(results: RunResults, evaluation: dict[str, Any]) -> str:
+    info, errors = results.info, errors_of(evaluation)
+    ids = np.unique(results.tracks.track_id[results.tracks.state == "confirmed"])
+    ledgers = read_ledger(results.folder / "decisions.csv", set(ids[:PEOPLE_MAX].tolist()))
+    people = people_rows(results.tracks, results.clock, ids[:PEOPLE_MAX])
+    return page_of(
+        "planview.output.report",
+        "report.html.j2",
+        name=run_name(results),
+        info=info,
+        has_run=results.has_run,
+        has_truth=results.truth is not None,
+        has_ledger=bool(ledgers),
+        tiles=_tiles(results, evaluation, len(ids)),
+        scenes=scene_pictures(results, errors),
+        times=timelines(results.tracks, results.truth, results.clock, results.n_frames, errors),
+        error_colours=[(kind.replace("_", " "), as_hex(rgb)) for kind, rgb in ERRORS.items()],
+        more_errors=max(0, len(errors) - ERRORS_MAX),
+        pictures=_pictures(results),
+        counts=_count_rows(results.rule_counts),
+        evaluation=evaluation_rows(evaluation),
+        errors=errors,
+        people=[ListedPerson(row, ledgers.get(row.track_id)).shown() for row in people],
+        more_people=max(0, len(ids) - PEOPLE_MAX),
+        camera=_camera_rows(info),
+        settings=changed_settings(info.config),
+    )
+
+
+def run_name(results: RunResults) -> str:
+    """The recording's name, else the folder's."""
+    return Path(results.info.input).name or results.folder.resolve().name
+
+
+def _tiles(results: RunResults, evaluation: dict[str, Any], n_people: int) -> list[NamedFigure]:
+    info = results.info
+    tiles = [NamedFigure("people", f"{n_people}"), NamedFigure("seconds recorded", f"{_end_s(results):.1f}")]
+    if results.has_run:
+        tiles.append(NamedFigure("frames read", f"{info.frames_read}"))
+        tiles.append(NamedFigure("frames skipped", f"{info.frames_skipped}"))
+        if info.elapsed_s > 0:
+            tiles.append(NamedFigure("frames per second", f"{info.frames_read / info.elapsed_s:.1f}"))
+    if info.pace is not None and info.pace.latency_median_ms is not None:
+        tiles.append(NamedFigure("frames dropped", f"{info.pace.frames_dropped}"))
+        tiles.append(NamedFigure("latency, median", f"{info.pace.latency_median_ms:.0f} ms"))
+        tiles.append(NamedFigure("latency, 99 % within", f"{info.pace.latency_99_ms:.0f} ms"))
+    if info.floor is not None:
+        tiles.append(NamedFigure("camera height", f"{info.floor.height_m:.2f} m"))
+    total = (evaluation.get("significant_errors") or {}).get("total")
+    if total is not None:
+        tiles.append(NamedFigure("significant errors", f"{total}"))
+    position = evaluation.get("position_error_mean_m")
+    if position is not None:
+        tiles.append(NamedFigure("position error", f"{100 * position:.1f} cm"))
+    return tiles
+
+
+def _end_s(results: RunResults) -> float:
+    return results.clock.span(results.n_frames).duration_s if results.n_frames else 0.0
+
+
+def _pictures(results: RunResults) -> list[Picture]:
+    scene = floor_plots.FloorScene.of(results)
+    pictures = _floor_pictures(results, scene, floor_plots.Places.of(results.tracks))
+    if results.n_frames:
+        frames = np.arange(results.n_frames, dtype=np.int64)
+        pictures.append(
+            picture("People over time", plots.people_plot(results.tracks, results.clock.at(frames), frames))
+        )
+    stages = {stage: ms for stage, ms in results.info.stages_ms.items() if ms is not None}
+    if stages:
+        pictures.append(picture("Time per stage", plots.stage_plot(stages)))
+    return pictures + _count_pictures(results)
+
+
+def _floor_pictures(results: RunResults, scene: floor_plots.FloorScene, places: floor_plots.Places) -> list[Picture]:
+    pictures = []
+    if len(places.frame):
+        note = "Each person from the dot to the square; dotted where only predicted."
+        note += " Dashed black: the truth." if results.truth is not None else ""
+        truth = floor_plots.Places.of(results.truth) if results.truth is not None else None
+        pictures.append(picture("Floor", floor_plots.floor_plot(places, scene, truth), note))
+    observed = places.observed()
+    if len(observed):
+        note = f"Time that people spent in each cell of {floor_plots.HEAT_CELL_M:.1f} m, on a logarithmic scale."
+        heat = picture("Heat map", floor_plots.heat_plot(observed, results.clock.frame_s, scene), note)
+        pictures.append(heat._replace(keep_colours=True))
+    return pictures
+
+
+def _count_pictures(results: RunResults) -> list[Picture]:
+    rules = results.rule_counts
+    end_s = results.clock.span(max(1, results.n_frames)).end_s
+    pictures = []
+    crossings = {
+        name: [(e.timestamp_s, e.direction) for e in results.events if e.rule == name]
+        for name, rule in rules.items()
+        if rule.get("kind") == "tripwire"
+    }
+    if crossings:
+        pictures.append(picture("Crossings over time", plots.crossings_plot(crossings, end_s)))
+    series = {name: rule.get("occupancy") or rule.get("length") for name, rule in rules.items()}
+    known = {name: changes for name, changes in series.items() if changes}
+    if known:
+        pictures.append(picture("Occupancy and queues", plots.occupancy_plot(known, end_s)))
+    return pictures
+
+
+def picture(title: str, png: bytes, note: str = "") -> Picture:
+    """A PNG for a page."""
+    return Picture(title, "data:image/png;base64," + base64.b64encode(png).decode("ascii"), note)
+
+
+def _count_rows(rules: dict[str, Any]) -> list[dict[str, str]]:
+    rows = []
+    for name, rule in rules.items():
+        figures = [f"{words_of(k)} {figure_text(v)}" for k, v in rule.items() if isinstance(v, int | float)]
+        rows.append({"name": name, "kind": str(rule.get("kind", "")), "text": ", ".join(figures)})
+    return rows
+
+
+def evaluation_rows(evaluation: dict[str, Any]) -> list[NamedFigure]:
+    """The scores of an evaluation, ready to print."""
+    rows = [
+        NamedFigure(words_of(k), figure_text(v))
+        for k, v in evaluation.items()
+        if v is None or isinstance(v, int | float)
+    ]
+    errors = evaluation.get("significant_errors") or {}
+    return rows + [
+        NamedFigure(f"significant errors, {words_of(kind)}", figure_text(number)) for kind, number in errors.items()
+    ]
+
+
+def _camera_rows(info: RunInfo) -> list[NamedFigure]:
+    cameras = (info.rig.heads or [info.rig]) if info.rig is not None else []
+    rows = []
+    for part in (*cameras, info.floor):
+        if part is None:
+            continue
+        head = f"{part.name}: " if isinstance(part, CameraInfo) and part.name else ""
+        for name, value in part.model_dump(exclude=_NOT_SHOWN).items():
+            if value is not None:
+                rows.append(NamedFigure(head + words_of(name), figure_text(value)))
+    return rows
+
+
+def changed_settings(config: dict[str, JsonValue], base: dict[str, JsonValue] | None = None) -> list[Setting]:
+    """Parameters that differ from others, by default the defaults."""
+    if not config:
+        return []
+    from planview.engine.config import Config  # takes 2 s and 80 MB
+
+    before = flat_settings(Config().model_dump(mode="json") if base is None else base)
+    after = flat_settings(config)
+    names = [name for name in {**after, **(before if base is not None else {})} if after.get(name) != before.get(name)]
+    return [Setting(name, figure_text(after.get(name)), figure_text(before.get(name))) for name in names]
+
+
+def flat_settings(config: dict[str, JsonValue], prefix: str = "") -> dict[str, JsonValue]:
+    """Values by their dotted names."""
+    flat: dict[str, JsonValue] = {}
+    for key, value in config.items():
+        if isinstance(value, dict):
+            flat |= flat_settings(value, f"{prefix}{key}.")
+        else:
+            flat[prefix + key] = value
+    return flat
+
+
+def words_of(name: str) -> str:
+    """A key as people read it, its unit in brackets: mean_dwell_s -> mean dwell [s]."""
+    words = name.split("_")
+    if len(words) > 1 and words[-1] in _UNITS:
+        words[-1] = f"[{_UNITS[words[-1]]}]"
+    return " ".join(words)
+
+
+def figure_text(value: object) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, float):
+        return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
+    return value if isinstance(value, str) else json.dumps(value)

@@ -1,0 +1,300 @@
+"""A run as a rerun recording: image, foreground, disparity, 3D view, plan-view maps, decisions and time series."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections import deque
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+
+from calib.errors import WorkError
+from calib.types import U8
+from planview.drawing.colours import person_rgb
+from planview.drawing.plan import PlanBounds, bounds_of
+from planview.engine.engine import Engine, FrameResult
+from planview.maps.view import StereoView
+from planview.output.rerun.blueprint import blueprint, other_heads, shown_floor
+from planview.output.rerun.parts import RrdParts, rarer
+from planview.output.rerun.scene import StaticScene, map_image, metre_grid
+from planview.output.rerun.series import SeriesBlocks
+from planview.output.rerun.shapes import (
+    disparity_photo,
+    label_of,
+    label_places,
+    mosaic,
+    outlines,
+    photo,
+    point_colours,
+    strips_of,
+)
+from planview.output.rerun.verdict import log_verdict
+from planview.trajectories.state import TrackState
+
+TRAIL_S = 10.0
+"""Length of the trails behind people [s]."""
+BODY_M = 0.5
+"""Width of the boxes around people [m]."""
+CLOUD_POINTS_MAX = 1500
+"""Foreground points logged per frame at most: enough to recognise five people, in 24 kB (our choice)."""
+FLUSH_FRAMES = 100
+"""So many frames may wait for rerun's thread: on a busy machine they would pile up in memory."""
+PART_FRAMES = 500
+"""Frames of a part of the recording (our choice: some 40 MB)."""
+FREE_BYTES_MIN = 64 * 2**20
+"""Free disk space for the next frames [bytes]: rerun writes in a thread of its own, which hangs on a full disk."""
+
+
+class RerunLog:
+    """Writes ``run.rrd``, in parts while the run goes on (``planview.output.rerun.parts``).
+
+    Args:
+        engine: whose frames will come.
+        path: the file to write.
+        position: of ``mark``, to go on from there; what was written after it is dropped.
+        every: images, clouds and maps of every n-th frame only; people, decisions and curves of all. It doubles when
+            half of the room left of RECORDED_BYTES_MAX is used, so that a run of any length is bounded.
+    Raises:
+        InputError: what was written up to the position is not there any more.
+        WorkError: too little free disk space.
+    """
+
+    def __init__(self, engine: Engine, path: Path, position: Mapping[str, int] | None = None, every: int = 1) -> None:
+        self._engine, self._path, self._parts = engine, path, RrdParts(path, position)
+        self._check_room()
+        self._stereo, self._asked_every = engine.stereo, every
+        self._every = self._thinned()
+        self._trails: dict[int, deque[tuple[float, float, float]]] = {}  # time [s], x and y [m]
+        self._bounds: PlanBounds | None = None
+        self._shown: set[str] = set()
+        self._coloured: set[int] = set()
+        # All parts are one recording, since they share its id; the viewer keeps a layout per name of application.
+        application = "planview" if self._stereo else "planview-single"
+        self._stream = rr.RecordingStream(application, recording_id=f"planview-{path.parent.name}")
+        self._frames_in_part = 0
+        self._stream.save(str(self._parts.open_path), default_blueprint=blueprint(self._engine, self._bounds))
+        self._series = SeriesBlocks()
+        self._scene = StaticScene(engine.stereo) if engine.stereo else None
+        self._log_static()
+
+    def _write_to(self, path: Path) -> None:
+        """Close the file written so far and begin another.
+
+        Without a layout, which the first part has: rerun makes a stream for each that it is given, and a stream keeps
+        2 MB for good.
+        """
+        self._stream.save(str(path))
+
+    def _next_part(self) -> None:
+        """rerun keeps a table of all that it has written of a file: files of bounded length bound its memory."""
+        self._series.flush(self._stream)
+        self._stream.flush()
+        self._parts.turn(self._write_to)
+        self._every, self._frames_in_part = self._thinned(), 0
+
+    def _thinned(self) -> int:
+        """Of every so many frames the images are logged now."""
+        return self._asked_every * rarer(self._parts.bytes_before())
+
+    def mark(self) -> dict[str, int]:
+        """See ``RunLog``."""
+        self._series.flush(self._stream)
+        self._stream.flush()
+        return self._parts.position()
+
+    def frame(self, result: FrameResult) -> None:
+        """Log one frame, on the timelines ``frame`` and ``time``.
+
+        Raises:
+            WorkError: too little free disk space; the file is complete up to the frame before.
+        """
+        self._check_room()
+        if self._frames_in_part >= PART_FRAMES:
+            self._next_part()
+        self._frames_in_part += 1
+        self._stream.set_time("frame", sequence=result.frame)
+        self._stream.set_time("time", duration=result.timestamp_s)
+        if self._scene is not None:
+            self._scene.take(self._stream, result)
+        if result.frame % self._every == 0:
+            self._log_images(result)
+        for head in result.heads[1:]:
+            self._log_boxes(f"{head.name}/image", [t for t in head.tracks if not math.isnan(t.box_px[0])])
+        self._log_people(result.tracks, result.timestamp_s)
+        self._log_decisions(result)
+        self._log_series(result)
+        if self._frames_in_part % FLUSH_FRAMES == 0:
+            self._stream.flush()
+
+    def close(self) -> None:
+        """See ``RunLog``."""
+        self._series.flush(self._stream)
+        log_verdict(self._stream, self._path.parent)
+        if self._bounds is not None:
+            self._stream.log("plan/grid", metre_grid(self._bounds), static=True)
+            self._stream.send_blueprint(blueprint(self._engine, self._bounds))
+        self._stream.disconnect()
+        self._parts.join()
+
+    def finish(self) -> None:
+        """See ``RunLog``."""
+        self._parts.remove()
+
+    def _check_room(self) -> None:
+        free = shutil.disk_usage(self._path.parent).free
+        if free < FREE_BYTES_MIN:
+            raise WorkError(
+                f"{self._path}: expected at least {FREE_BYTES_MIN >> 20} MB of free disk, found {free >> 20}: "
+                "the disk is full; earlier frames are kept"
+            )
+
+    def _log_static(self) -> None:
+        self._stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        if self._stereo is None:
+            return
+        self._log_camera("world/camera", self._stereo)
+        for name, stereo in other_heads(self._engine):
+            self._log_camera(f"world/{name}", stereo)
+        grid = metre_grid(PlanBounds(*shown_floor(self._stereo)))
+        self._stream.log("world/floor", grid, static=True)
+
+    def _log_camera(self, path: str, stereo: StereoView) -> None:
+        pose, geometry = stereo.floor.world_SE3_left, stereo.geometry
+        self._stream.log(path, rr.Transform3D(translation=pose.translation, mat3x3=pose.rotation), static=True)
+        self._stream.log(
+            path,
+            rr.Pinhole(
+                image_from_camera=geometry.matrix, resolution=geometry.size, camera_xyz=rr.ViewCoordinates.RDF,
+                image_plane_distance=0.4,
+            ),
+            static=True,
+        )  # fmt: skip
+
+    def _log_images(self, result: FrameResult) -> None:
+        """What takes room: images, cloud, maps and what the tracker looked at."""
+        self._log_image("image", result.image, result.observation.foreground)
+        for head in result.heads[1:]:
+            self._log_image(f"{head.name}/image", head.image, head.foreground)
+        if self._stereo:
+            self._log_depth(self._stereo, result)
+            self._log_maps(self._stereo, result)
+        self._log_debug()
+
+    def _log_image(self, path: str, image: U8 | None, foreground: U8 | None) -> None:
+        if image is None:
+            return
+        self._stream.log(f"{path}/left", photo(image))
+        if foreground is not None:
+            self._stream.log(f"{path}/foreground", outlines(foreground, (image.shape[1], image.shape[0])))
+
+    def _log_depth(self, stereo: StereoView, result: FrameResult) -> None:
+        """Disparity, and the foreground cloud in colour."""
+        if result.disparity is not None:
+            self._stream.log("disparity", disparity_photo(result.disparity, stereo))
+        maps, colours = result.observation.maps, point_colours(stereo, result)
+        if maps is None or colours is None:
+            return
+        step = -(-len(maps.points.xyz) // CLOUD_POINTS_MAX) or 1
+        cloud = rr.Points3D(maps.points.xyz[::step], colors=colours[::step], radii=0.018)
+        self._stream.log("world/foreground", cloud)
+
+    def _log_maps(self, stereo: StereoView, result: FrameResult) -> None:
+        maps = result.observation.maps
+        if maps is None:
+            return
+        if self._scene is not None and "plan/floor" not in self._shown and (image := result.image) is not None:
+            self._scene.log_floor(self._stream, image)
+            self._shown.add("plan/floor")
+        density = maps.occupancy / maps.grid.cell_m**2
+        self._stream.log("plan/height", map_image(maps.height, self._engine.config.maps.height_max_m, stereo))
+        self._stream.log("plan/occupancy", map_image(density, 4.0, stereo))
+
+    def _log_people(self, tracks: Sequence[TrackState], now_s: float) -> None:
+        for track in tracks:
+            trail = self._trails.setdefault(track.track_id, deque())
+            if not math.isnan(track.x_m):
+                trail.append((now_s, track.x_m, track.y_m))
+            while trail and trail[0][0] < now_s - TRAIL_S:
+                trail.popleft()
+        self._trails = {track.track_id: self._trails[track.track_id] for track in tracks}
+        self._log_boxes("image", [track for track in tracks if not math.isnan(track.box_px[0])])
+        self._log_bodies([track for track in tracks if not math.isnan(track.x_m)])
+
+    def _log_boxes(self, path: str, tracks: list[TrackState]) -> None:
+        boxes = np.array([track.box_px for track in tracks], dtype=np.float32).reshape(-1, 4)
+        self._stream.log(
+            f"{path}/people",
+            rr.Boxes2D(
+                array=boxes, array_format=rr.Box2DFormat.XYWH, labels=[label_of(track) for track in tracks],
+                colors=_colours(tracks),
+            ),
+        )  # fmt: skip
+
+    def _log_bodies(self, tracks: list[TrackState]) -> None:
+        heights = [1.7 if math.isnan(track.height_m) else track.height_m for track in tracks]
+        colours, labels = _colours(tracks), [label_of(track) for track in tracks]
+        centres = [(track.x_m, track.y_m, height / 2) for track, height in zip(tracks, heights, strict=True)]
+        sizes = [(BODY_M, BODY_M, height) for height in heights]
+        self._stream.log("world/people", rr.Boxes3D(centers=centres, sizes=sizes, colors=colours, labels=labels))
+        trails = [np.array([(x, y, 0.02) for _, x, y in self._trails[track.track_id]]) for track in tracks]
+        path = "world/trails" if self._stereo else "plan/trails"
+        self._stream.log(path, rr.LineStrips3D(trails, colors=colours, radii=0.015))
+        heads = [(track.x_m, track.y_m, 0.05) for track in tracks]
+        self._stream.log("plan/people", rr.Points3D(heads, colors=colours, radii=0.05))
+        ids = [str(track.track_id) for track in tracks]
+        self._stream.log("plan/labels", rr.Points3D(label_places(tracks), colors=colours, labels=ids, radii=0.001))
+        confirmed = [(track.x_m, track.y_m) for track in tracks if track.state == "confirmed"]
+        if confirmed:
+            self._bounds = _joined(self._bounds, bounds_of(np.array(confirmed)))
+
+    def _log_debug(self) -> None:
+        debug = self._engine.tracker.debug()
+        names = {"plan/floor"} & self._shown
+        for drawing in debug.drawings:
+            path = f"{'plan' if drawing.plane == 'floor' else 'image'}/{drawing.name}"
+            names.add(path)
+            self._stream.log(path, strips_of(drawing))
+        if debug.tiles:
+            names.add("templates")
+            self._stream.log("templates", rr.Image(mosaic(debug.tiles)))
+        for name in self._shown - names:
+            self._stream.log(name, rr.Clear(recursive=False))
+        self._shown = names
+
+    def _log_decisions(self, result: FrameResult) -> None:
+        for decision in result.decisions:
+            if decision.kind != "matched":
+                level = rr.TextLogLevel.WARN if decision.kind == "lost" else rr.TextLogLevel.INFO
+                text = f"{decision.track_id} {decision.kind}: {decision.reason}"
+                self._stream.log(f"decisions/{decision.track_id}", rr.TextLog(text, level=level))
+
+    def _log_series(self, result: FrameResult) -> None:
+        values = {f"time_ms/{stage}": duration for stage, duration in result.stages_ms.items()}
+        values["people/confirmed"] = float(sum(track.state == "confirmed" for track in result.tracks))
+        for decision in result.decisions:
+            if decision.kind == "matched" and not math.isnan(decision.value):
+                self._colour_score(decision.track_id)
+                values[f"score/{decision.track_id}"] = decision.value
+        self._series.add(self._stream, result.frame, result.timestamp_s, values)
+
+    def _colour_score(self, track_id: int) -> None:
+        """The curve has the person's colour."""
+        if track_id not in self._coloured:
+            self._coloured.add(track_id)
+            line = rr.SeriesLines(colors=[person_rgb(track_id)], names=[str(track_id)])
+            self._stream.log(f"score/{track_id}", line, static=True)
+
+
+def _colours(tracks: Sequence[TrackState]) -> list[tuple[int, int, int]]:
+    return [person_rgb(track.track_id, track.state) for track in tracks]
+
+
+def _joined(one: PlanBounds | None, other: PlanBounds) -> PlanBounds:
+    if one is None:
+        return other
+    low = min(one.x_min_m, other.x_min_m), min(one.y_min_m, other.y_min_m)
+    high = max(one.x_max_m, other.x_max_m), max(one.y_max_m, other.y_max_m)
+    return PlanBounds(*low, *high)

@@ -1,0 +1,289 @@
+"""``planview run``: an engine over a recording, results to a folder."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import time
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from calib.errors import WorkError
+from planview.counting.clock import Span
+from planview.counting.stream import Analytics
+from planview.counting.totals import Counts
+from planview.engine.engine import Engine, FrameResult
+from planview.output.checkpoint.decode import decode
+from planview.output.checkpoint.encode import encode
+from planview.output.checkpoint.file import Checkpoint, remove_checkpoints, write_checkpoint
+from planview.output.checkpoint.identity import digest_of, identity_of
+from planview.output.checks import RunChecks
+from planview.output.frame_file import FilePosition
+from planview.output.info import RunInfo, SkippedFrame, write_result, write_run_info
+from planview.output.interrupts import Interrupts
+from planview.output.lock import folder_lock
+from planview.output.log import RunLog
+from planview.output.memory import return_unused_memory
+from planview.output.pace import Pace
+from planview.output.schedule import Schedule
+from planview.output.tables import RunTables
+from planview.output.totals import RunTotals
+
+LIBRARIES = ("planview", "numpy", "opencv-python-headless", "scipy", "open3d", "numba")
+SKIPPED_MAX = 1000
+"""run.json names at most so many skipped frames."""
+
+TRIM_EVERY_S = 30.0
+"""Time between two returns of unused memory [s]: each takes some milliseconds."""
+
+
+@dataclass
+class RunOptions:
+    """What a run writes besides tracks.
+
+    Attributes:
+        tracker: name for run.json.
+        analytics: counts while running; None for no rules.
+        debug: write ``decisions.csv``, every decision of the tracker with its reason.
+        max_frames: stop after so many frames; 0 for all.
+        checkpoint_every_s: time between two checkpoints [s]; 0 for none.
+        strict: refuse a recording that fails a check instead of warning.
+        pace: plays the recording in real time, without checkpoints; None for as fast as it goes.
+    """
+
+    tracker: str = "template"
+    analytics: Analytics | None = None
+    debug: bool = False
+    max_frames: int = 0
+    checkpoint_every_s: float = 0.0
+    strict: bool = False
+    pace: Pace | None = None
+
+
+def run(
+    engine: Engine,
+    folder: Path,
+    options: RunOptions | None = None,
+    logs: Sequence[RunLog] = (),
+    watch: Callable[[FrameResult], None] | None = None,
+    checkpoint: Checkpoint | None = None,
+) -> RunInfo:
+    """Track a recording and write the output folder.
+
+    The folder must be empty of results (``planview.output.folder.prepare_folder``). When the run is interrupted or
+    fails, ``run.json`` says ``finished: false`` and every file is valid up to the last finished frame.
+
+    Args:
+        engine: from ``open_engine``, or composed by hand.
+        logs: take every frame, one of each class; closed at the end, whatever happens.
+        watch: called after every frame, e.g. to show progress.
+        checkpoint: to go on from (``planview.output.resume.checkpoint_of``), with logs made for its positions.
+    Raises:
+        InputError: another process writes into the folder; or ``options.strict``, and the recording fails a check: what
+            was tracked until then is kept.
+        WorkError: the disk is full, or no frame can be used.
+        KeyboardInterrupt: Ctrl-C, SIGTERM or SIGHUP came; raised after the frame under way, with all files closed.
+    """
+    job = _Run(engine, folder, options or RunOptions(), logs)
+    finished = False
+    with folder_lock(folder):
+        try:
+            job.track(watch, checkpoint)
+            finished = True
+        finally:
+            info = job.end(finished)
+    return info
+
+
+class _Run:
+    """One run: its parts, and the steps that ``run`` puts in order."""
+
+    def __init__(self, engine: Engine, folder: Path, options: RunOptions, logs: Sequence[RunLog]) -> None:
+        self._engine, self._folder, self._options = engine, folder, options
+        self._logs = {type(log).__name__: log for log in logs}
+        self._totals, self._started = RunTotals(), time.monotonic()
+        self._info = _info_of(engine, options)
+        self._checks = RunChecks(engine, options.strict)
+
+    def track(self, watch: Callable[[FrameResult], None] | None, checkpoint: Checkpoint | None) -> None:
+        """All frames; files are closed whatever happens."""
+        options = self._options
+        with ExitStack() as stack:
+            for log in self._logs.values():
+                stack.callback(log.close)
+            interrupts = stack.enter_context(Interrupts())
+            frames = self._frames(checkpoint)
+            write_run_info(self._information("running"), self._folder / "run.json")
+            tables = stack.enter_context(closing(self._tables(checkpoint)))
+            is_live = getattr(self._engine.recording, "is_live", False)
+            marks = Schedule(0.0 if is_live or options.pace else options.checkpoint_every_s)
+            trims = Schedule(TRIM_EVERY_S)
+            for result in frames:
+                self._take(result, tables)
+                if watch:
+                    watch(result)
+                self._checks.update(result)
+                if marks.due(interrupts.noted) and not self._mark(tables):
+                    marks.stop()
+                if trims.due():
+                    return_unused_memory()
+                if interrupts.noted and is_live:
+                    break  # the usual end of cameras that run
+                interrupts.check()
+        self._refuse_empty()
+        self._checks.refuse()
+
+    def _frames(self, checkpoint: Checkpoint | None) -> Iterator[FrameResult]:
+        """Results from the first frame, or from the one after the checkpoint, as many as asked for."""
+        self._engine.reset()
+        if checkpoint is not None:
+            decode(checkpoint.memory, self._memory())
+        limit = self._options.max_frames
+        if limit and self._totals.frames >= limit:
+            return
+        pace = self._options.pace
+        for result in pace.results(self._engine) if pace else self._engine.after(self._totals.last_frame):
+            yield result
+            if self._totals.frames == limit:
+                return
+
+    def _tables(self, checkpoint: Checkpoint | None) -> RunTables:
+        options = self._options
+        positions = checkpoint and {name: FilePosition(*at) for name, at in checkpoint.written["tables"].items()}
+        return RunTables(self._folder, options.analytics is not None, options.debug, positions)
+
+    def _take(self, result: FrameResult, tables: RunTables) -> None:
+        self._totals.take(result)
+        analytics = self._options.analytics
+        events = analytics.update(result.frame, result.timestamp_s, result.tracks) if analytics else ()
+        self._totals.events.extend(events)
+        tables.add(result, events)
+        if self._options.pace:
+            self._options.pace.written(result.timestamp_s)
+        for log in self._logs.values():
+            log.frame(result)
+
+    def _memory(self) -> dict[str, object]:
+        memory = {"totals": self._totals, **self._engine.memory()}
+        return memory | ({"analytics": self._options.analytics} if self._options.analytics else {})
+
+    def _mark(self, tables: RunTables) -> bool:
+        """Write a checkpoint: first all that it refers to, then the checkpoint, then run.json.
+
+        Returns:
+            False when the engine holds what a checkpoint cannot (a tracker from elsewhere): the run goes on without.
+        """
+        written = {"tables": tables.mark(), "logs": {name: log.mark() for name, log in self._logs.items()}}
+        before_s = self._totals.elapsed_s
+        self._totals.elapsed_s = self._elapsed_s()
+        try:
+            memory = encode(self._memory())
+        except TypeError as error:
+            warnings.warn(f"this run writes no checkpoints: {error}", stacklevel=2)
+            return False
+        finally:
+            self._totals.elapsed_s = before_s
+        identity = run_identity(self._engine, self._options, list(self._logs), self._folder)
+        write_checkpoint(self._folder, Checkpoint(identity, written, memory))
+        write_run_info(self._information("running"), self._folder / "run.json")
+        return True
+
+    def _elapsed_s(self) -> float:
+        return self._totals.elapsed_s + time.monotonic() - self._started
+
+    def _refuse_empty(self) -> None:
+        recording = self._engine.recording
+        if self._totals.frames == 0:
+            why = f" ({recording.skipped[0].why})" if recording.skipped else ""
+            raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used{why}")
+
+    def end(self, finished: bool) -> RunInfo:
+        """The last words. A run that failed may have no room for them: run.json then stays as it was, unfinished."""
+        info = self._information("finished" if finished else "interrupted")
+        try:
+            if info.counts:
+                write_result(self._folder / "counts.json", json.dumps(info.counts, indent=2) + "\n")
+            write_run_info(info, self._folder / "run.json")
+        except WorkError:
+            if finished:
+                raise
+        if finished:
+            for log in self._logs.values():
+                log.finish()
+            remove_checkpoints(self._folder)
+        return info
+
+    def _information(self, state: str) -> RunInfo:
+        skipped, totals = self._engine.recording.skipped, self._totals
+        return self._info.model_copy(
+            update={
+                "state": state,
+                "finished": state == "finished",
+                "elapsed_s": self._elapsed_s(),
+                "frames_read": totals.frames,
+                "notes": [*self._info.notes, *getattr(self._engine.tracker, "notes", ())],
+                "frames_skipped": len(skipped),
+                "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:SKIPPED_MAX]],
+                "stages_ms": {stage: times.median_ms for stage, times in totals.stages.items()},
+                "pace": self._options.pace and self._options.pace.info(),
+                "people": len(totals.people),
+                "remark": totals.remark(),
+                "warnings": self._checks.warnings(),
+                "counts": self._counts() if state != "running" else {},
+            }
+        )
+
+    def _counts(self) -> dict[str, object]:
+        analytics, totals = self._options.analytics, self._totals
+        if analytics is None:
+            return {}
+        frame_s = 1 / self._engine.recording.fps
+        span = Span(totals.first_s, totals.last_s + frame_s, frame_s)
+        stays = {name: sorted(stays, key=lambda s: s.start_s) for name, stays in analytics.stays.items()}
+        events = sorted(totals.events, key=lambda e: e.timestamp_s)
+        return Counts(analytics.rules, events, stays, analytics.people, span, analytics.params.interval_s).to_json()
+
+
+def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str], folder: Path) -> dict[str, Any]:
+    """What a run that goes on must share with the one that was interrupted (``checkpoint.identity``).
+
+    Args:
+        logs: names of their classes.
+    """
+    rules = options.analytics and {"rules": options.analytics.rules, "params": options.analytics.params}
+    settings = {
+        "tracker": options.tracker,
+        "rules": digest_of(rules) if rules else "",
+        "debug": options.debug,
+        "logs": sorted(logs),
+    }
+    return identity_of(engine, settings, folder)
+
+
+def _info_of(engine: Engine, options: RunOptions) -> RunInfo:
+    return RunInfo(
+        input=os.fspath(engine.recording.path),
+        tracker=options.tracker,
+        started_at=datetime.now(UTC).astimezone().isoformat(timespec="seconds"),
+        versions={"python": platform.python_version(), **_versions()},
+        config=engine.config.model_dump(mode="json"),
+        rig=engine.camera_info(),
+        floor=engine.floor_info(),
+        notes=list(getattr(engine.recording, "notes", ())),
+    )
+
+
+def _versions() -> dict[str, str]:
+    """Of what is installed: OpenCV comes under several names."""
+    found = {}
+    for name in LIBRARIES:
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found

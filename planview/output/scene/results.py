@@ -1,0 +1,144 @@
+"""What a run left in its folder, for pages, videos and pictures."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.text import reason
+from calib.types import F64
+from planview.counting.clock import Clock
+from planview.counting.events import Event, read_events
+from planview.drawing.moment import Rule, rules_of
+from planview.drawing.plan import PlanBounds, bounds_of
+from planview.output.info import RunInfo, read_run_info
+from planview.output.scene.source import source_of
+from planview.trajectories.layouts import load_truth
+from planview.trajectories.table import Trajectories, read_tracks
+
+FALLBACK_FPS = 30.0
+"""Where the tracks have no times."""
+NEAR = 0.6
+"""Cameras within this share of the size of the floor that people used are shown with it: a camera far from them would
+make everything small."""
+
+
+@dataclass(frozen=True, eq=False)
+class RunResults:
+    """The files of a run; empty where a file is missing.
+
+    Attributes:
+        folder: of the run.
+        info: run.json; has_run: whether there is one.
+        tracks: all rows of tracks.csv.
+        events: of events.csv.
+        counts: counts.json, else the counts of run.json.
+        truth: of the frames tracked, where there is one.
+    """
+
+    folder: Path
+    info: RunInfo
+    has_run: bool
+    tracks: Trajectories
+    events: list[Event]
+    counts: dict[str, Any]
+    truth: Trajectories | None
+
+    @cached_property
+    def clock(self) -> Clock:
+        """Frames to times."""
+        return Clock(self.tracks, FALLBACK_FPS)
+
+    @property
+    def n_frames(self) -> int:
+        """Frames of the run."""
+        last = int(self.tracks.frame.max()) + 1 if len(self.tracks) else 0
+        return max(last, self.info.frames_read + self.info.frames_skipped)
+
+    @property
+    def rules(self) -> list[Rule]:
+        """Tripwires and zones that can be drawn."""
+        return rules_of(self.rule_counts)
+
+    @property
+    def rule_counts(self) -> dict[str, Any]:
+        """Of every rule by name, its kind, points and totals."""
+        rules = self.counts.get("rules")
+        return rules if isinstance(rules, dict) else {}
+
+    @property
+    def cameras(self) -> list[tuple[tuple[float, float], F64]]:
+        """Place on the floor and outline of the view (N, 2) of every camera [m]."""
+        rig = self.info.rig
+        views = [] if rig is None else rig.heads or [rig]
+        return [(view.at_m, np.array(view.view_m, dtype=np.float64).reshape(-1, 2)) for view in views]
+
+    def bounds(self) -> PlanBounds:
+        """Where people were, the rules, and cameras that are not far from them."""
+        tracks, known = self.tracks, self.tracks.state != "tentative"
+        places = [
+            np.column_stack([tracks.x_m[known], tracks.y_m[known]]),
+            *(rule.points for rule in self.rules if rule.on_floor),
+        ]
+        bounds = bounds_of(*places)
+        near = [np.array([at]) for at, _ in self.cameras if _is_near(bounds, at)]
+        return bounds_of(*places, *near)
+
+
+def _is_near(bounds: PlanBounds, at_m: tuple[float, float]) -> bool:
+    size = max(bounds.x_max_m - bounds.x_min_m, bounds.y_max_m - bounds.y_min_m)
+    beyond = [bounds.x_min_m - at_m[0], at_m[0] - bounds.x_max_m, bounds.y_min_m - at_m[1], at_m[1] - bounds.y_max_m]
+    return max(beyond) <= NEAR * size
+
+
+def read_results(folder: Path, truth: Path | None = None) -> RunResults:
+    """Read a run's folder.
+
+    Args:
+        truth: file of the true people; ``truth.csv`` of the recording where not given.
+    Raises:
+        InputError: no tracks.csv, or a file that is not what its name says.
+    """
+    run, events = folder / "run.json", folder / "events.csv"
+    info = read_run_info(run) if run.is_file() else RunInfo()
+    beside = source_of(info) / "truth.csv" if info.input else None
+    if truth is None and beside is not None and beside.is_file():
+        truth = beside
+    results = RunResults(
+        folder,
+        info,
+        run.is_file(),
+        read_tracks(folder / "tracks.csv"),
+        read_events(events) if events.is_file() else [],
+        read_object(folder / "counts.json") or dict(info.counts),
+        None,
+    )
+    return results if truth is None else replace(results, truth=_tracked(load_truth(truth), results.n_frames))
+
+
+def _tracked(truth: Trajectories, n_frames: int) -> Trajectories:
+    """The truth of the frames of the run."""
+    return truth.where(truth.frame < n_frames)
+
+
+def read_object(path: Path) -> dict[str, Any]:
+    """A JSON object; an empty one where there is no file.
+
+    Raises:
+        InputError: something else.
+    """
+    if not path.is_file():
+        return {}
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: expected JSON, found {reason(error)}") from error
+    if not isinstance(value, dict):
+        raise InputError(f"{path}: expected a JSON object, found {type(value).__name__}")
+    return value

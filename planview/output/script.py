@@ -1,0 +1,107 @@
+"""A whole run in one call, for scripts and notebooks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import islice
+from pathlib import Path
+from typing import NamedTuple
+
+from planview.engine.ablations import ablated
+from planview.engine.config import Config
+from planview.engine.engine import Engine, FrameResult
+from planview.engine.factory import AnyTracker, base_config, open_engine
+from planview.offline.refine import refine
+from planview.output.folder import check_folder, prepare_folder
+from planview.output.refine import refine_run
+from planview.output.report.page import write_report
+from planview.output.run import RunOptions
+from planview.output.run import run as run_engine
+from planview.trajectories.table import Trajectories, TrajectoryCollector, read_tracks
+from stereo.matcher import Matcher
+from stereo.readers import OpenOptions
+
+
+class _Extent(NamedTuple):
+    """How far a run goes and what it leaves (see ``run``)."""
+
+    frames: int
+    refined: bool
+    overwrite: bool
+
+
+def run(
+    source: Engine | Path | str,
+    out: Path | str | None = None,
+    *,
+    tracker: AnyTracker = "template",
+    matcher: Matcher | None = None,
+    config: Config | None = None,
+    ablation: str | None = None,
+    camera: Path | str | None = None,
+    options: OpenOptions | None = None,
+    frames: int = 0,
+    refined: bool = False,
+    overwrite: bool = False,
+    watch: Callable[[FrameResult], None] | None = None,
+) -> Trajectories:
+    """Track people in a recording.
+
+    Args:
+        source: a recording, or an engine (``Pipeline``), which brings tracker, matcher and configuration of its own.
+        out: folder for tracks.csv, run.json and report.html as ``planview run`` writes them; None to write nothing.
+        tracker: "template", "human-model", "ellipse-particle", or a tracker of your own.
+        matcher: of stereo pairs; SGBM when None.
+        config: every parameter; the defaults when None.
+        ablation: a part of the engine to switch off, by its name in ``planview.ABLATIONS``.
+        camera: camera.toml of a single camera.
+        options: how the recording is opened (calibration, rate, topics).
+        frames: stop after so many; 0 for all.
+        refined: refine the tracks afterwards, knowing the whole recording.
+        overwrite: replace results that are in the folder.
+        watch: called after every frame.
+    Returns:
+        The rows of tracks.csv.
+    Raises:
+        InputError: a recording, calibration or camera that is missing or does not fit; results in the folder.
+        WorkError: no floor is visible, or the folder cannot be written.
+    """
+    extent = _Extent(frames, refined, overwrite)
+    if out is not None:
+        check_folder(Path(out), overwrite)
+    if not isinstance(source, Path | str):
+        return _track(source, out, extent, watch)
+    path = Path(source)
+    if ablation is not None:
+        config = ablated(ablation, config or base_config(path))
+    engine = open_engine(path, tracker, config, None if camera is None else Path(camera), options, matcher)
+    return _track(engine, out, extent, watch, tracker if isinstance(tracker, str) else type(tracker).__name__)
+
+
+def _track(
+    engine: Engine,
+    out: Path | str | None,
+    extent: _Extent,
+    watch: Callable[[FrameResult], None] | None,
+    tracker: str | None = None,
+) -> Trajectories:
+    if out is None:
+        return _in_memory(engine, extent, watch)
+    folder = Path(out)
+    prepare_folder(folder, extent.overwrite)
+    name = tracker or type(engine.tracker).__name__
+    run_engine(engine, folder, RunOptions(name, max_frames=extent.frames), watch=watch)
+    write_report(folder)
+    if extent.refined:
+        refine_run(folder)
+    return read_tracks(folder / "tracks.csv")
+
+
+def _in_memory(engine: Engine, extent: _Extent, watch: Callable[[FrameResult], None] | None) -> Trajectories:
+    gathered = TrajectoryCollector()
+    for result in islice(engine, extent.frames or None):
+        gathered.add(result.frame, result.timestamp_s, result.tracks)
+        if watch:
+            watch(result)
+    tracks = gathered.trajectories()
+    return refine(tracks).tracks if extent.refined else tracks

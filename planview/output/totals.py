@@ -1,0 +1,92 @@
+"""What a run counts while it goes on, in constant memory per person and event."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from planview.counting.clock import JUMP_S, jump_told
+from planview.counting.events import Event
+from planview.engine.engine import FrameResult
+
+TIMES_MAX = 4096
+"""Times kept per stage: the median of so many is known to 2 % (our choice)."""
+
+
+@dataclass
+class StageTimes:
+    """A bounded sample of one stage's times: when it is full, every second one goes and only every second one comes.
+
+    Attributes:
+        every: of so many times one is kept.
+        passed: times since the last one kept.
+    """
+
+    times_ms: list[float] = field(default_factory=list)
+    every: int = 1
+    passed: int = 0
+
+    def add(self, time_ms: float) -> None:
+        """Take one frame's time."""
+        self.passed += 1
+        if self.passed < self.every:
+            return
+        self.passed = 0
+        self.times_ms.append(time_ms)
+        if len(self.times_ms) == TIMES_MAX:
+            self.times_ms, self.every = self.times_ms[::2], 2 * self.every
+
+    @property
+    def median_ms(self) -> float:
+        """Median [ms]."""
+        return self.percentile_ms(50)
+
+    def percentile_ms(self, percent: float) -> float:
+        """The time that so many percent of the times do not exceed [ms], interpolated."""
+        return float(np.percentile(self.times_ms, percent))
+
+
+@dataclass
+class RunTotals:
+    """What a run has counted so far.
+
+    Attributes:
+        frames: read and tracked; last_frame: index of the last one, -1 before the first.
+        tracks: rows.
+        people: ids that were ever confirmed.
+        elapsed_s: time of the run up to its last checkpoint [s].
+        jump: the last jump of the clock, in words.
+    """
+
+    frames: int = 0
+    last_frame: int = -1
+    tracks: int = 0
+    people: set[int] = field(default_factory=set)
+    stages: dict[str, StageTimes] = field(default_factory=dict)
+    events: list[Event] = field(default_factory=list)
+    first_s: float = 0.0
+    last_s: float = 0.0
+    elapsed_s: float = 0.0
+    jump: str = ""
+
+    def take(self, result: FrameResult) -> None:
+        """Count one frame."""
+        if self.frames == 0:
+            self.first_s = result.timestamp_s
+        elif result.timestamp_s - self.last_s > JUMP_S:
+            self.jump = jump_told(self.last_frame, result.frame, result.timestamp_s - self.last_s)
+        self.frames += 1
+        self.last_frame, self.last_s = result.frame, result.timestamp_s
+        self.tracks += len(result.tracks)
+        self.people |= {track.track_id for track in result.tracks if track.state == "confirmed"}
+        for stage, duration in result.stages_ms.items():
+            self.stages.setdefault(stage, StageTimes()).add(duration)
+
+    def remark(self) -> str:
+        """Why there are no people, or that the clock has jumped; empty when nothing is to be said."""
+        if self.people or not self.frames:
+            return self.jump
+        if not self.tracks:
+            return f"nothing of a person's size moved in {self.frames} frames"
+        return "what moved was too short or too small to be believed (--rrd and --debug show why)"

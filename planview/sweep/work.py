@@ -1,0 +1,157 @@
+"""What a process or a worker of a cluster does: one run, and its scores."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import socket
+import time
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from calib.errors import WorkError
+from calib.text import reason
+from planview.engine.factory import open_engine
+from planview.engine.pipeline import Pipeline
+from planview.evaluation.evaluate import evaluate_tracks
+from planview.output.folder import finished_run
+from planview.output.info import write_result
+from planview.output.log import RunLog
+from planview.output.run import RunOptions, run
+from planview.sweep.content import engine_version
+from planview.sweep.figures import run_figures
+from planview.sweep.jobs import MAPS_FILE, RunJob, StudyJob
+from planview.trajectories.layouts import load_tracks, load_truth
+from stereo.readers import OpenOptions
+
+ATTEMPT = ".attempt-"
+FOREIGN_ATTEMPT_S = 86_400.0
+"""Attempts of other machines are left alone for so long [s]."""
+
+
+def track(job: RunJob) -> None:
+    """Run into ``job.folder`` unless it is there.
+
+    Results appear there in one step when they are whole: a run that is killed leaves only an attempt beside, and of
+    two at the same time the first that finishes stays.
+
+    Raises:
+        InputError, WorkError: as ``open_engine`` and ``run``; another version of planview than the study's.
+    """
+    if job.version != engine_version():
+        raise WorkError(f"expected planview {job.version} on this worker, found {engine_version()}")
+    if is_done(job):
+        return
+    with _attempt(job.folder) as folder, one_thread():
+        engine = open_engine(
+            job.source.path, job.tracker, job.config, job.source.camera, OpenOptions(job.source.calibration)
+        )
+        if isinstance(engine, Pipeline):
+            engine.ahead = 0
+        logs: list[RunLog] = []
+        if job.save_maps:
+            from planview.output.maps_log import MapsLog
+
+            logs.append(MapsLog(engine, folder / MAPS_FILE))
+        run(engine, folder, RunOptions(tracker=job.tracker, max_frames=job.frames), logs)
+        if job.report:
+            from planview.output.report.page import write_report
+
+            write_report(folder)
+
+
+def is_done(job: RunJob) -> bool:
+    """Whether the folder of a run is there with all that is asked for."""
+    return finished_run(job.folder) is not None and (not job.save_maps or (job.folder / MAPS_FILE).is_file())
+
+
+def track_and_score(job: StudyJob) -> dict[str, float]:
+    """Run unless that is done, and score; the figures are kept beside the run.
+
+    Raises:
+        InputError, WorkError: as ``track``; truth that cannot be read.
+    """
+    track(job.run)
+    info = finished_run(job.run.folder)
+    if info is None:
+        raise WorkError(f"{job.run.folder}: expected a finished run, found none")
+    evaluation = None
+    if job.truth is not None:
+        span = (0, job.run.frames - 1) if job.run.frames else None
+        evaluation = evaluate_tracks(load_tracks(job.run.folder / "tracks.csv"), load_truth(job.truth), None, span)
+    figures = run_figures(info, evaluation)
+    write_result(_scores_file(job), json.dumps(figures, indent=2) + "\n")
+    return figures
+
+
+def kept_figures(job: StudyJob) -> dict[str, float] | None:
+    """Figures of an earlier study with the same input, configuration, version and truth; None where there are none."""
+    try:
+        kept: Any = json.loads(_scores_file(job).read_text(encoding="utf-8"))
+        return {str(name): float(value) for name, value in kept.items()}
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def _scores_file(job: StudyJob) -> Path:
+    """Recordings of equal content share their run, but each has its own truth."""
+    return job.run.folder / f"scores_{job.truth_key[:16] or 'none'}.json"
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """OpenCV on one thread: a study runs a job per core."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
+
+
+def remove_stale_attempts(out: Path) -> None:
+    """Remove what killed processes of this machine left, and other machines' attempts that are a day old."""
+    for folder in out.glob(f"*/{ATTEMPT}*"):
+        host, pid = folder.name.removeprefix(ATTEMPT).rsplit("-", 2)[0:2]
+        with suppress(OSError):
+            old = time.time() - folder.stat().st_mtime > FOREIGN_ATTEMPT_S
+            if old if host != _host() else not _alive(int(pid)):
+                shutil.rmtree(folder)
+
+
+@contextmanager
+def _attempt(final: Path) -> Iterator[Path]:
+    """A folder that becomes ``final`` when all went well."""
+    folder = final.parent / f"{ATTEMPT}{_host()}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
+    try:
+        folder.mkdir(parents=True)
+        yield folder
+        if final.is_dir() and finished_run(final) is None:
+            shutil.rmtree(final)
+        with suppress(FileExistsError):
+            os.rename(folder, final)
+    except OSError as error:
+        if finished_run(final) is None:
+            raise WorkError(f"{final}: cannot be written ({reason(error)})") from error
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _host() -> str:
+    return "".join(c for c in socket.gethostname() if c.isalnum()) or "host"
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True

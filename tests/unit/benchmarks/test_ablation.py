@@ -1,0 +1,131 @@
+"""Ablation: what variants change, what is left of maps with one statistic, and intervals over recordings."""
+
+import json
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from benchmarks.ablation import AblationRow, Interval, bootstrap
+from benchmarks.commands.bench_ablation import TABLE_WIDTH, AblationOptions, bench_ablation, print_ablation
+from benchmarks.suite import suite_recording
+from benchmarks.variants import CONFIGURED, LADDER, RULES, chosen_variants
+from calib.errors import InputError
+from planview.engine.config import Config, load_config
+from planview.maps.builder import CameraViewpoint, FloorPoints, PlanViewMaps
+from planview.maps.grid import Grid
+from planview.maps.one_statistic import NOMINAL_HEIGHT_M, reduced
+
+CHALLENGE = """description = "one crosses"
+covers = ["320x240"]
+fps = 10
+duration_s = 5
+[camera]
+width = 160
+height = 120
+lens_deg = 70
+baseline_m = 0.3
+[[choreography]]
+kind = "cross"
+start_s = 0.0
+duration_s = 1
+speed_mps = 1.5
+"""
+
+
+@pytest.fixture
+def maps():
+    """Two cells of 0.1 m: two points of 1 m and 1.6 m in the first, none in the second."""
+    grid = Grid.covering(0.0, 0.0, 0.2, 0.1, 0.1)
+    height = np.zeros(grid.shape, np.float32)
+    occupancy = np.zeros(grid.shape, np.float32)
+    height[0, 0], occupancy[0, 0] = 1.6, 0.003
+    points = FloorPoints(
+        np.array([[0.05, 0.05, 1.0], [0.06, 0.05, 1.6]], np.float32),
+        np.array([0.001, 0.002], np.float32),
+        np.array([7, 8], np.int32),
+        np.array([1, 2], np.uint8),
+    )
+    view = CameraViewpoint(np.array([0.0, 0.0, 2.0]), 0.01, np.eye(3, 4), (160, 120))
+    return PlanViewMaps(grid, height, occupancy, height, occupancy, 0.0, points, view)
+
+
+@pytest.mark.parametrize("variant", LADDER + RULES, ids=lambda v: v.name)
+def test_variant_changes_the_configuration_by_known_parameters(variant):
+    changed = load_config(None, variant.settings) != Config()
+    assert changed or variant.way != "online"
+
+
+def test_variants_of_foreground_and_feedback_run_in_full_and_others_from_recorded_points():
+    full = {v.name for v in LADDER if not v.tracker_only}
+    assert full == {"feedback off", "activity off", "deepest surface off", "foreground in colour"}
+    assert all(v.tracker_only for v in RULES)
+
+
+def test_maps_without_occupancy_count_cells_and_keep_their_highest_point(maps):
+    left = reduced(maps, "height")
+    assert left.height[0, 0] == pytest.approx(1.6)
+    assert left.occupancy[0, 0] == pytest.approx(0.01)
+    assert left.occupancy[0, 1] == 0
+    assert left.points.pixels.tolist() == [8]
+    assert left.points.colours.tolist() == [2]
+    assert left.points.area.tolist() == pytest.approx([0.01])
+
+
+def test_maps_without_height_are_equally_high_and_keep_occupancy(maps):
+    left = reduced(maps, "occupancy")
+    assert left.height[0].tolist() == pytest.approx([NOMINAL_HEIGHT_M, 0.0])
+    assert left.points.xyz[:, 2].tolist() == pytest.approx([NOMINAL_HEIGHT_M] * 2)
+    assert left.occupancy[0, 0] == pytest.approx(0.003)
+    assert maps.points.xyz[0, 2] == 1.0
+
+
+def test_interval_spans_the_resampled_recordings():
+    samples = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
+    value, low, high = bootstrap(np.array([0.0, 4.0]), np.array([1.0, 1.0]), samples)
+    assert value == 2.0
+    assert low == pytest.approx(0.15)
+    assert high == pytest.approx(3.85)
+
+
+def test_interval_of_equal_recordings_is_their_figure():
+    assert bootstrap(np.array([3.0, 3.0]), np.array([2.0, 2.0]), np.array([[0, 1], [1, 1]])) == (1.5, 1.5, 1.5)
+
+
+def test_unknown_variant_is_refused_with_the_known_ones():
+    with pytest.raises(InputError, match="joint search off"):
+        chosen_variants(LADDER, ["joint"])
+
+
+def test_command_compares_variants_with_the_engine_as_configured(tmp_path, capsys):
+    (tmp_path / "tiny.toml").write_text(CHALLENGE)
+    folder, _ = suite_recording(tmp_path / "tiny.toml", 3, tmp_path / "cache")
+    variants = ["identity layer off", "Gaussian person model", "naive engine"]
+    out = tmp_path / "ablation.json"
+    bench_ablation(options=AblationOptions(recording=[folder], variant=variants, cache=tmp_path, out=out))
+    assert "naive engine" in capsys.readouterr().out
+    result = json.loads(out.read_text())
+    assert result["recordings"] == [folder.name]
+    names = [row["variant"] for row in result["variants"]]
+    assert names == [CONFIGURED.name, *variants]
+    assert result["variants"][0]["change_per_10_min"] == [0.0, 0.0, 0.0]
+    # One person alone: nothing to mend, so that tracking the recorded points gives the same tracks.
+    assert result["variants"][1]["position_error_m"] == result["variants"][0]["position_error_m"]
+
+
+def test_command_refuses_a_recording_without_truth(tmp_path):
+    with pytest.raises(InputError, match=r"truth\.csv"):
+        bench_ablation(options=AblationOptions(recording=[tmp_path], cache=tmp_path))
+
+
+def test_table_has_every_figure_with_its_interval_and_the_papers_count(capsys):
+    some = Interval(0.104, 0.087, 0.116)
+    errors = {"total": 9, "lost": 5, "missed": 0, "swapped": 4, "false_track": 0}
+    rows = [AblationRow(v, errors, *[some] * 6) for v in (CONFIGURED, LADDER[0])]
+    print_ablation(rows, Console(width=TABLE_WIDTH))
+    text = capsys.readouterr().out
+    assert "5, 0, 4, 0" in text
+    assert "[8.7, 11.6]" in text
+    assert "17" in text
+    assert "height only: without occupancy" in text
+    assert "…" not in text

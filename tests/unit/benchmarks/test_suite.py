@@ -1,0 +1,160 @@
+"""The challenge suite: which scenes a seed gets, what is kept in the cache, and totals."""
+
+import json
+from pathlib import Path
+
+import cv2
+import pytest
+
+from benchmarks.commands.bench_results import bench_results
+from benchmarks.commands.bench_suite import ChallengeOptions, bench_suite
+from benchmarks.passes import Pass, run_pass
+from benchmarks.suite import (
+    SUITE,
+    SuiteJob,
+    chosen_files,
+    dealt_files,
+    drawn_scene,
+    is_whole,
+    run_job,
+    suite_recording,
+    suite_totals,
+)
+from calib.errors import InputError
+from planview.engine.config import Config, load_config
+
+CHALLENGE = """description = "one crosses"
+covers = ["320x240"]
+fps = 10
+duration_s = 8
+[camera]
+width = 160
+height = 120
+lens_deg = 70
+baseline_m = 0.3
+[[choreography]]
+kind = "cross"
+start_s = 0.0
+duration_s = 1
+speed_mps = 1.5
+"""
+
+
+@pytest.fixture(scope="module")
+def challenge(tmp_path_factory):
+    path = tmp_path_factory.mktemp("suite") / "tiny.toml"
+    path.write_text(CHALLENGE)
+    return path
+
+
+@pytest.fixture(scope="module")
+def recording(challenge, tmp_path_factory):
+    cache = tmp_path_factory.mktemp("cache")
+    folder, scene = suite_recording(challenge, 3, cache)
+    return cache, folder, scene
+
+
+def test_minutes_choose_whole_scenes_by_the_seed():
+    files = sorted(SUITE.glob("*.toml"))
+    few, more = chosen_files(files, 1, 2.0), chosen_files(files, 1, 5.0)
+    assert set(few) < set(more) < set(files)
+    assert chosen_files(files, 2, 2.0) != few
+    assert chosen_files(files, 1, 60.0) == files
+
+
+def test_scenes_are_dealt_out_to_the_seeds_in_turn() -> None:
+    paths = [Path(name) for name in ("c", "a", "b")]
+    assert dealt_files(paths, [7, 8]) == [(7, Path("a")), (8, Path("b")), (7, Path("c"))]
+
+
+def test_recording_has_a_pair_of_images_for_every_frame(recording):
+    _, folder, scene = recording
+    assert scene.n_frames == 80
+    assert is_whole(folder, 80)
+    assert not is_whole(folder, 81)
+
+
+def test_recording_that_was_cut_off_is_rendered_again(challenge, recording):
+    cache, folder, _ = recording
+    image = sorted((folder / "right").iterdir())[-1]
+    whole = image.read_bytes()
+    image.write_bytes(whole[: len(whole) // 2])
+    again, _ = suite_recording(challenge, 3, cache)
+    assert again == folder
+    assert image.read_bytes() == whole
+
+
+def test_job_scores_its_scene_and_totals_count_per_ten_minutes(challenge, recording, tmp_path):
+    job = SuiteJob(challenge, 3, recording[0], tmp_path, Config())
+    (result,) = run_job(job)
+    assert (result.score.name, result.score.seed, result.duration_s) == ("tiny", 3, 8.0)
+    assert (tmp_path / "tiny-3" / "tracks.csv").is_file()
+    whole = suite_totals([result, result])
+    assert whole.minutes == pytest.approx(16 / 60)
+    assert whole.truth_rows == 2 * result.score.evaluation.truth_rows > 0
+    assert whole.significant_per_10_min == pytest.approx(37.5 * whole.significant["total"])
+    assert whole.strict >= whole.significant["total"] - whole.significant["swapped"]
+
+
+def test_pass_is_kept_and_gives_refined_and_peer_tracks_of_the_same_scene(challenge, recording, monkeypatch):
+    job = SuiteJob(challenge, 3, recording[0], None, Config(), refine=True, peer=True)
+    first = run_job(job)
+    assert [score.way for score in first] == ["online", "refined", "peer"]
+    monkeypatch.setattr("benchmarks.passes.run", None)
+    assert [s.to_json() for s in run_job(job)] == [s.to_json() for s in first]
+
+
+@pytest.mark.parametrize("name", ["tracks.csv", "maps.h5"])
+def test_run_in_the_cache_that_was_cut_off_is_run_again(recording, name):
+    job = Pass(recording[1], recording[0], Config(), recorded=True)
+    path = run_pass(job) / name
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    assert len((run_pass(job) / name).read_bytes()) == len(whole)
+
+
+def test_run_of_another_configuration_is_another_run(recording):
+    other = load_config(None, ["template.joint=false"])
+    assert Pass(recording[1], recording[0], Config()).folder != Pass(recording[1], recording[0], other).folder
+
+
+def test_challenge_with_a_value_out_of_range_is_refused_naming_file_and_key(challenge, tmp_path):
+    path = tmp_path / "dark.toml"
+    path.write_text(CHALLENGE.replace("lens_deg = 70", "lens_deg = 170"))
+    with pytest.raises(InputError, match=r"dark\.toml: camera\.lens_deg: .* found 170"):
+        drawn_scene(path, 1)
+
+
+def test_command_reports_scenes_and_seeds_as_json(challenge, recording, tmp_path, capsys):
+    options = ChallengeOptions(seed=[3], scenes=challenge.parent, cache=recording[0], out=tmp_path, json_output=True)
+    bench_suite(options=options)
+    captured = capsys.readouterr()
+    assert "seeds: 3 (worked on)" in captured.err
+    result = json.loads(captured.out)
+    (scene,) = result["online"]["scenes"]
+    assert (scene["scene"], scene["seed"]) == ("tiny", 3)
+    assert result["seeds"] == [3] and result["commit"] and result["date"]
+    assert json.loads((tmp_path / "suite.json").read_text())["online"]["totals"]["minutes"] == pytest.approx(8 / 60)
+
+
+def test_results_page_shows_a_failure_of_the_suite(challenge, recording, tmp_path):
+    options = ChallengeOptions(seed=[3], scenes=challenge.parent, cache=recording[0], out=tmp_path, refine=True)
+    bench_suite(options=options)
+    report = json.loads((tmp_path / "suite.json").read_text())
+    scene = report["online"]["scenes"][0]
+    scene["significant_error_list"] = [
+        {"kind": "lost", "frame": 40, "truth_id": 1, "track_id": 1, "duration_s": 2.0, "note": "alone for 2.0 s"}
+    ]
+    (tmp_path / "suite.json").write_text(json.dumps(report))
+    bench_results(tmp_path / "suite.json", out=tmp_path / "docs" / "results.md")
+    page = (tmp_path / "docs" / "results.md").read_text()
+    assert "tiny (3), frame 40: person 1, track 1: alone for 2.0 s, gone after refinement" in page
+    (picture,) = (tmp_path / "docs" / "results").iterdir()
+    assert f"](results/{picture.name})" in page
+    assert cv2.imread(str(picture)).shape == (320, 640, 3)
+    assert picture.stat().st_size < 60_000
+
+
+def test_command_refuses_minutes_that_are_not_positive():
+    with pytest.raises(InputError, match="--minutes above 0"):
+        bench_suite(options=ChallengeOptions(minutes=0))

@@ -1,0 +1,78 @@
+"""Which pixels the tracker protects or gives back, on an image of one row."""
+
+import numpy as np
+
+from planview.engine.feedback import Feedback, FeedbackParams
+from planview.foreground.masks import BACKGROUND, NO_FEEDBACK, PERSON
+from planview.maps.builder import FloorPoints
+from planview.trajectories.state import State, TrackState
+
+SHAPE = (1, 40)
+
+
+def point(x_m: float, z_m: float, pixel: int) -> FloorPoints:
+    xyz = np.array([[x_m, 0.0, z_m]], dtype=np.float32)
+    return FloorPoints(xyz, np.ones(1, dtype=np.float32), np.array([pixel], dtype=np.int32))
+
+
+def person(x_m: float, state: State = "confirmed", track_id: int = 1) -> TrackState:
+    return TrackState(track_id, state, x_m, 0.0, 0.0, 0.0, 1.7)
+
+
+def mask_after(feedback: Feedback, points: FloorPoints, *tracks: TrackState) -> list[int]:
+    mask = feedback(points, tracks, SHAPE)
+    assert mask is not None
+    return [int(v) for v in mask[0]]
+
+
+def walked(spread_px: int = 2) -> Feedback:
+    feedback = Feedback(FeedbackParams(spread_px=spread_px))
+    mask_after(feedback, point(0.0, 1.0, 20), person(0.0))
+    return feedback
+
+
+def test_body_of_a_track_that_has_walked_is_protected_and_widened() -> None:
+    mask = mask_after(walked(), point(1.0, 1.0, 20), person(1.0))
+    assert mask[18:23] == [PERSON] * 5
+    assert mask.count(PERSON) == 5
+    assert mask.count(NO_FEEDBACK) == 35
+
+
+def test_track_that_has_not_moved_is_not_protected() -> None:
+    assert PERSON not in mask_after(walked(), point(0.2, 1.0, 20), person(0.2))
+
+
+def test_lost_track_is_not_protected() -> None:
+    assert PERSON not in mask_after(walked(), point(1.0, 1.0, 20), person(1.0, "lost"))
+
+
+def test_low_foreground_away_from_every_person_is_background() -> None:
+    mask = mask_after(walked(), point(3.0, 0.05, 30), person(1.0))
+    assert mask[30] == BACKGROUND
+    assert mask.count(BACKGROUND) == 1
+
+
+def test_high_foreground_away_from_every_person_is_left_to_the_model() -> None:
+    assert set(mask_after(walked(), point(3.0, 1.0, 30), person(1.0))) == {NO_FEEDBACK}
+
+
+def test_feet_of_a_person_are_not_background() -> None:
+    assert mask_after(walked(), point(1.0, 0.05, 20), person(1.0))[20] == PERSON
+
+
+def test_track_that_comes_back_under_its_id_must_walk_again() -> None:
+    feedback = walked()
+    mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
+    mask_after(feedback, point(1.0, 1.0, 20))
+    assert PERSON not in mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
+
+
+def test_reset_forgets_which_tracks_have_walked() -> None:
+    feedback = walked()
+    mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
+    feedback.reset()
+    assert PERSON not in mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
+
+
+def test_feedback_that_is_off_gives_no_mask() -> None:
+    assert Feedback(FeedbackParams(enabled=False))(point(0, 1, 2), [], SHAPE) is None

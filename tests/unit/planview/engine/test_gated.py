@@ -1,0 +1,25 @@
+"""Which changes are large enough to ask for depth."""
+
+import cv2
+import numpy as np
+import pytest
+
+from planview.engine.gated import solid
+
+
+def test_fleck_that_fills_less_than_half_of_a_head_is_no_change() -> None:
+    mask = np.zeros((40, 40), np.uint8)
+    mask[10:14, 10:14] = 255
+    assert not solid(mask, 7).any()
+
+
+def test_disc_as_wide_as_a_head_keeps_its_middle() -> None:
+    mask = np.zeros((40, 40), np.uint8)
+    cv2.circle(mask, (20, 20), 3, 255, -1)
+    assert solid(mask, 7)[20, 20] == 255
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_smallest_square_is_the_median_of_nine(seed: int) -> None:
+    mask = np.where(np.random.default_rng(seed).random((30, 50)) < 0.5, 255, 0).astype(np.uint8)
+    assert np.array_equal(solid(mask, 3), cv2.medianBlur(mask, 3))

@@ -1,0 +1,123 @@
+"""The output folder: what is refused, what is left alone, and files that grow by whole frames."""
+
+from pathlib import Path
+from typing import IO
+
+import pytest
+from full_disk import fill_disk_after
+
+from calib.errors import InputError, WorkError
+from planview.output.folder import PRODUCTS, check_folder, finished_run, prepare_folder
+from planview.output.frame_file import FrameFile
+from planview.output.info import RunInfo, read_run_info, write_run_info
+
+
+def header(file: IO[str]) -> None:
+    file.write("a,b\n")
+
+
+def finish(folder: Path, finished: bool = True) -> None:
+    write_run_info(RunInfo(input="x", finished=finished), folder / "run.json")
+
+
+def test_a_new_folder_is_made_with_its_parents(tmp_path: Path) -> None:
+    prepare_folder(tmp_path / "a" / "b", overwrite=False)
+    assert (tmp_path / "a" / "b").is_dir()
+
+
+def test_a_finished_run_is_refused_and_kept(tmp_path: Path) -> None:
+    finish(tmp_path)
+    (tmp_path / "tracks.csv").write_text("precious")
+    with pytest.raises(InputError, match="--overwrite"):
+        prepare_folder(tmp_path, overwrite=False)
+    assert (tmp_path / "tracks.csv").read_text() == "precious"
+
+
+def test_an_unfinished_run_is_refused_and_kept(tmp_path: Path) -> None:
+    finish(tmp_path, finished=False)
+    (tmp_path / "tracks.csv").write_text("precious")
+    with pytest.raises(InputError, match="unfinished run; go on with --resume or add --overwrite"):
+        prepare_folder(tmp_path, overwrite=False)
+    assert (tmp_path / "tracks.csv").read_text() == "precious"
+
+
+def test_a_file_of_the_same_name_that_is_no_run_is_refused_and_kept(tmp_path: Path) -> None:
+    (tmp_path / "report.html").write_text("mine")
+    with pytest.raises(InputError, match=r"holds report\.html, which is no planview run's"):
+        prepare_folder(tmp_path, overwrite=False)
+    assert (tmp_path / "report.html").read_text() == "mine"
+
+
+def test_overwriting_removes_every_product_and_no_other_file(tmp_path: Path) -> None:
+    for name in PRODUCTS:
+        (tmp_path / name.replace("[0-9]*", "2")).write_text("old")
+    (tmp_path / "notes.txt").write_text("mine")
+    prepare_folder(tmp_path, overwrite=True)
+    assert [file.name for file in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_a_run_json_of_unknown_making_counts_as_a_finished_run(tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text("{half")
+    with pytest.raises(InputError, match="--overwrite"):
+        check_folder(tmp_path, overwrite=False)
+
+
+def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("")
+    with pytest.raises(InputError, match="expected a folder"):
+        check_folder(tmp_path / "out", overwrite=True)
+
+
+def test_a_folder_that_cannot_be_made_is_a_failure_of_work(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(WorkError, match="cannot be written"):
+        prepare_folder(tmp_path / "file" / "out", overwrite=False)
+
+
+def test_finished_run_tells_finished_from_unfinished(tmp_path: Path) -> None:
+    assert finished_run(tmp_path) is None
+    finish(tmp_path, finished=False)
+    assert finished_run(tmp_path) is None
+    finish(tmp_path)
+    assert finished_run(tmp_path) == RunInfo(input="x", finished=True)
+
+
+def test_a_frame_that_does_not_fit_on_the_disk_is_cut_off_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = FrameFile(tmp_path / "t.csv", header)
+    file.add(lambda f: f.write("1,one\n") and None)
+    fill_disk_after(monkeypatch, 9)
+    with pytest.raises(WorkError, match=r"t\.csv: cannot be written \(no space left on the disk\)"):
+        file.add(lambda f: f.write("2,two\n2,too\n") and None)
+    file.close()
+    assert (tmp_path / "t.csv").read_text() == "a,b\n1,one\n"
+
+
+def test_a_frame_after_a_failed_one_follows_the_last_whole_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = FrameFile(tmp_path / "t.csv", header)
+    with monkeypatch.context() as patch:
+        fill_disk_after(patch, 3)
+        with pytest.raises(WorkError):
+            file.add(lambda f: f.write("1,lost\n") and None)
+    file.add(lambda f: f.write("2,two\n") and None)
+    file.close()
+    assert (tmp_path / "t.csv").read_text() == "a,b\n2,two\n"
+
+
+def test_a_frame_is_on_disk_before_the_next_one(tmp_path: Path) -> None:
+    file = FrameFile(tmp_path / "t.csv", header)
+    file.add(lambda f: f.write("1,one\n") and None)
+    assert (tmp_path / "t.csv").read_text() == "a,b\n1,one\n"
+    file.close()
+
+
+def test_run_json_is_kept_when_its_successor_does_not_fit(tmp_path: Path) -> None:
+    if not Path("/dev/full").exists():
+        pytest.skip("/dev/full, a disk that is always full, is Linux's")
+    finish(tmp_path, finished=False)
+    (tmp_path / "run.json.part").symlink_to("/dev/full")
+    with pytest.raises(WorkError, match="no space left"):
+        finish(tmp_path)
+    assert not read_run_info(tmp_path / "run.json").finished
+    assert [file.name for file in tmp_path.iterdir()] == ["run.json"]

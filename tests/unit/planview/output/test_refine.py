@@ -1,0 +1,72 @@
+"""``planview refine`` in the folder of a run."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from planview.cli import main
+from planview.output.info import RunInfo, read_run_info, write_run_info
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    rows = [f"{t},{t / 10:.4f},1,{0.1 * t:.4f},0,,,1.7,{'tentative' if t < 4 else 'confirmed'},,,," for t in range(30)]
+    header = "frame,timestamp_s,id,x_m,y_m,vx_mps,vy_mps,height_m,state,left_px,top_px,width_px,height_px"
+    (tmp_path / "tracks.csv").write_text("\n".join([header, *rows]) + "\n")
+    write_run_info(RunInfo(finished=True, frames_read=30), tmp_path / "run.json")
+    return tmp_path
+
+
+def run(*words: str) -> int:
+    try:
+        main(list(words))
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    return 0
+
+
+def test_refine_keeps_the_online_tracks_and_says_so(folder: Path) -> None:
+    online = (folder / "tracks.csv").read_text()
+    assert run("refine", str(folder)) == 0
+    assert (folder / "tracks_online.csv").read_text() == online
+    assert "tentative" not in (folder / "tracks.csv").read_text()
+    assert read_run_info(folder / "run.json").refined
+    with (folder / "refinement.csv").open() as file:
+        changes = list(csv.DictReader(file))
+    assert [(row["id"], row["first_frame"], row["last_frame"], row["kind"]) for row in changes] == [
+        ("1", "0", "3", "begin"),
+        ("1", "0", "29", "smooth"),
+    ]
+
+
+def test_refine_twice_starts_from_the_online_tracks(folder: Path) -> None:
+    run("refine", str(folder))
+    once = (folder / "tracks.csv").read_text(), (folder / "tracks_online.csv").read_text()
+    run("refine", str(folder))
+    assert ((folder / "tracks.csv").read_text(), (folder / "tracks_online.csv").read_text()) == once
+
+
+def test_evaluate_tells_refined_from_online_tracks(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    truth = folder / "truth.csv"
+    truth.write_text("frame,id,x_m,y_m,height_m\n" + "".join(f"{t},1,{0.1 * t:.2f},0,1.7\n" for t in range(30)))
+    run("refine", str(folder))
+    capsys.readouterr()
+    for name, refined, misses in (("tracks.csv", True, 0), ("tracks_online.csv", False, 4)):
+        assert run("evaluate", str(folder / name), str(truth), "--json") == 0
+        result = json.loads(capsys.readouterr().out)
+        assert (result["refined"], result["misses"]) == (refined, misses)
+
+
+def test_refine_needs_a_finished_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_run_info(RunInfo(finished=False), folder / "run.json")
+    assert run("refine", str(folder)) == 2
+    assert "expected the folder of a finished run" in " ".join(capsys.readouterr().err.split())
+
+
+def test_refine_needs_the_online_tracks_of_a_refined_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run("refine", str(folder))
+    (folder / "tracks_online.csv").unlink()
+    assert run("refine", str(folder)) == 2
+    assert "expected the online tracks" in " ".join(capsys.readouterr().err.split())

@@ -1,0 +1,64 @@
+import math
+
+import numpy as np
+import pytest
+
+from planview.sweep.ranking import estimate, ranked
+from planview.sweep.results import JobResult
+from planview.sweep.space import Configuration
+
+A, B = Configuration(("a.b=1",)), Configuration(("a.b=2",))
+
+
+def result(configuration: Configuration, recording: str, mota: float | None, seed: int = 0) -> JobResult:
+    figures = {} if mota is None else {"mota": mota, "position_error_mean_m": 1 - mota}
+    return JobResult(recording, configuration, seed, figures=figures, error="" if figures else "no floor")
+
+
+def test_best_mean_over_recordings_comes_first() -> None:
+    ranking = ranked([result(A, "x", 0.5), result(A, "y", 0.7), result(B, "x", 0.9), result(B, "y", 0.5)], "mota")
+    assert [row.configuration for row in ranking] == [B, A]
+    assert [row.figures["mota"].mean for row in ranking] == pytest.approx([0.7, 0.6])
+
+
+def test_errors_rank_upwards() -> None:
+    ranking = ranked([result(A, "x", 0.5), result(B, "x", 0.9)], "position_error_mean_m")
+    assert [row.configuration for row in ranking] == [B, A]
+
+
+def test_seeds_of_a_recording_count_together_as_much_as_another_recording() -> None:
+    values = np.array([[0.0, 0.0], [1.0, math.nan]])
+    assert estimate(values).mean == 0.5
+
+
+def test_configuration_with_a_failed_run_comes_after_complete_ones() -> None:
+    ranking = ranked([result(A, "x", 0.9), result(A, "y", None), result(B, "x", 0.5), result(B, "y", 0.5)], "mota")
+    assert [row.configuration for row in ranking] == [B, A]
+    assert (ranking[1].runs, ranking[1].failed) == (1, 1)
+
+
+def test_single_run_has_no_interval() -> None:
+    found = estimate(np.array([[0.4]]))
+    assert found.mean == 0.4 and math.isnan(found.low) and math.isnan(found.high)
+
+
+def test_interval_of_two_recordings_spans_both() -> None:
+    found = estimate(np.array([[0.2], [0.4]]))
+    assert (found.mean, found.low, found.high) == pytest.approx((0.3, 0.2, 0.4))
+
+
+def test_interval_of_many_recordings_is_that_of_the_mean() -> None:
+    values = np.random.default_rng(1).normal(0.0, 1.0, (400, 1))
+    found = estimate(values)
+    assert found.high - found.low == pytest.approx(2 * 1.96 * values.std() / 20, rel=0.1)
+
+
+def test_difference_to_the_first_is_taken_run_by_run() -> None:
+    runs = [result(A, "x", 0.9), result(A, "y", 0.5), result(B, "x", 0.8), result(B, "y", 0.4)]
+    behind = ranked(runs, "mota")[1].behind
+    assert (behind.mean, behind.low, behind.high) == pytest.approx((-0.1, -0.1, -0.1))
+
+
+def test_configurations_without_the_objective_are_not_dropped() -> None:
+    ranking = ranked([result(A, "x", None), result(B, "x", 0.5)], "mota")
+    assert [row.configuration for row in ranking] == [B, A]

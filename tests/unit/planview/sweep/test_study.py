@@ -1,0 +1,54 @@
+from pathlib import Path
+
+import pytest
+
+from calib.errors import InputError
+from planview.sweep.space import Range
+from planview.sweep.study import load_study, varied
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "s.toml"
+    path.write_text(text)
+    return path
+
+
+def test_study_finds_recordings_by_path_pattern_and_table(tmp_path: Path) -> None:
+    for name in ("hall/a", "hall/b", "other"):
+        (tmp_path / name).mkdir(parents=True)
+    text = 'recordings = ["hall/*", "other", { path = "x.mp4", camera = "camera.toml" }]\n'
+    study = load_study(write(tmp_path, text))
+    paths = [entry.path.relative_to(tmp_path).as_posix() for entry in study.recordings]
+    assert paths == ["hall/a", "hall/b", "other", "x.mp4"]
+    assert study.recordings[3].camera == tmp_path / "camera.toml"
+
+
+def test_study_takes_dotted_and_quoted_parameter_names(tmp_path: Path) -> None:
+    text = 'recordings = ["a"]\n[parameters]\ntemplate.width_m = [0.3]\n"maps.cell_m" = { min = 0.02, max = 0.05 }\n'
+    study = load_study(write(tmp_path, text))
+    assert study.parameters == {"template.width_m": [0.3], "maps.cell_m": Range(min=0.02, max=0.05)}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "recordings = []",
+        'recordings = ["none/*"]',
+        'recordings = ["a"]\nseeds = [1, 1]',
+        'recordings = ["a"]\nno_such = 1',
+        'recordings = ["a"]\nobjective = "beauty"',
+        'recordings = ["a"]\n[parameters]\n"maps.cell_m" = { min = 2, max = 1 }',
+        "recordings = 3",
+        "not toml",
+    ],
+)
+def test_study_refuses_what_it_does_not_know_and_names_the_file(text: str, tmp_path: Path) -> None:
+    path = write(tmp_path, text)
+    with pytest.raises(InputError) as refused:
+        load_study(path)
+    assert str(refused.value).startswith(str(path)) and "\n" not in str(refused.value)
+
+
+def test_vary_takes_seeds_from_the_parameter_of_that_name() -> None:
+    found = varied(["maps.cell_m=0.03,0.04", "seed=1,2"])
+    assert (found.parameters, found.seeds) == ({"maps.cell_m": [0.03, 0.04]}, [1, 2])
