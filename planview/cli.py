@@ -89,7 +89,7 @@ def _version() -> str:
     return version("planview")
 
 
-def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] = make_app) -> None:
+def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | None = None) -> None:
     """Run a command; exit status 0 done, 1 the work failed, 2 wrong usage or bad input, 130 interrupted."""
     from calib.errors import InputError, WorkError
     from calib.text import reason
@@ -98,7 +98,7 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] = m
     _stop_on_signals()
     try:
         _refuse_empty(words)
-        make(words)(words, exit_on_error=False, print_error=False)
+        (make or make_app)(words)(words, exit_on_error=False, print_error=False)
     except InputError as error:
         _fail(str(error), 2)
     except WorkError as error:

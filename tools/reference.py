@@ -27,7 +27,7 @@ GENERATED = "<!-- written by tools/reference.py from the code (make docs) -->\n"
 PACKAGES = ("calib", "stereo", "planview")
 BOUNDS = {"gt": "above {}", "ge": "from {}", "lt": "below {}", "le": "to {}"}
 GROUPS = {
-    "Run and score": ("runs", "evaluation", "trajectories"),
+    "Run and score": ("output", "evaluation", "trajectories"),
     "The engine and its stages": ("engine", "foreground", "maps", "tracking"),
     "Recordings and pairs": ("stereo",),
 }
