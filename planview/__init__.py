@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from planview.tracking.base import Decision, Observation, Tracker, TrackerDebug
     from planview.tracking.ellipse_particle.make import floor_ellipse_tracker, image_ellipse_tracker
     from planview.tracking.human_model.tracker import HumanModelTracker
-    from planview.tracking.template import TemplateTracker
+    from planview.tracking.harville import TemplateTracker
     from planview.trajectories.state import TrackState
     from planview.trajectories.table import Trajectories, TrajectoryCollector, read_tracks, read_truth
     from stereo.matcher import Matcher, SgbmMatcher
@@ -61,7 +61,7 @@ _HOMES = {
     "planview.tracking.base": ("Decision", "Observation", "Tracker", "TrackerDebug"),
     "planview.tracking.ellipse_particle.make": ("floor_ellipse_tracker", "image_ellipse_tracker"),
     "planview.tracking.human_model.tracker": ("HumanModelTracker",),
-    "planview.tracking.template": ("TemplateTracker",),
+    "planview.tracking.harville": ("TemplateTracker",),
     "planview.trajectories.state": ("TrackState",),
     "planview.trajectories.table": ("Trajectories", "TrajectoryCollector", "read_tracks", "read_truth"),
     "stereo.matcher": ("Matcher", "SgbmMatcher"),

@@ -17,8 +17,8 @@ from planview.engine.pipeline import Pipeline
 from planview.foreground.mixture import Foreground
 from planview.maps.builder import FloorPoints
 from planview.tracking.base import Observation
-from planview.tracking.template import TemplateTracker
-from planview.tracking.template._kernels import occupancy_peak
+from planview.tracking.harville import TemplateTracker
+from planview.tracking.harville._kernels import occupancy_peak
 from stereo.gate import SAMPLE
 
 N_FRAMES, FRAME_S = 24, 0.1

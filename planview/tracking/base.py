@@ -11,6 +11,7 @@ from planview.trajectories.state import TrackState
 
 if TYPE_CHECKING:  # its kernels: readers of decisions need no numba
     from planview.maps.builder import PlanViewMaps
+    from planview.maps.pixels import SeenPixels
 
 DecisionKind = Literal[
     "spawned",
@@ -39,6 +40,7 @@ class Observation:
         motion: (H, W) uint8, 255 where consecutive frames differ (single-camera trackers).
         maps: plan-view maps (stereo only).
         shadow: (H, W) uint8, 255 where foreground was removed because it looks like a shadow (single-camera trackers).
+        views: what every camera saw of its analysis pixels (stereo only).
     """
 
     frame: int
@@ -48,6 +50,7 @@ class Observation:
     motion: U8 | None = None
     maps: PlanViewMaps | None = None
     shadow: U8 | None = None
+    views: tuple[SeenPixels, ...] = ()
 
 
 class ScoreTerms(NamedTuple):

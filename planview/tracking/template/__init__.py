@@ -1,6 +1,6 @@
-"""Adaptive plan-view templates with Kalman prediction and re-centering (Harville 2002, section 4)."""
+"""People explained jointly with free space and occlusion: the default tracker."""
 
-from planview.tracking.template.params import TemplateTrackerParams
+from planview.tracking.template.params import TemplateParams
 from planview.tracking.template.tracker import TemplateTracker
 
-__all__ = ["TemplateTracker", "TemplateTrackerParams"]
+__all__ = ["TemplateParams", "TemplateTracker"]

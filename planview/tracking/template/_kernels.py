@@ -1,219 +1,415 @@
-"""Compiled kernels of the template tracker; ``tests/reference/template.py`` defines them in plain numpy.
+"""Compiled kernels of the joint explanation; ``tests/reference/explain.py`` defines them in plain numpy.
 
-Maps arrive padded by the templates' half side, so that a template centred on any cell stays inside.
+A sample is one analysis pixel near a person: its camera, ray, kind, range and weight. ``pose`` is (x, y, height).
 """
 
+from __future__ import annotations
+
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from calib.types import F32, F64, I64, Bool
+from calib.types import F32, F64, I64, U8, Bool
 
-NEGLIGIBLE = 100.0
-"""Squared deviations beyond which a Gaussian is below a double's resolution of 1: exp(-50)."""
-
-
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
-def differences(  # type: ignore[no-untyped-def]
-    template_height: F32, template_occupancy: F32, height: F32, occupancy: F32, row: int, col: int, one_sided: float
-):
-    """Mean height and occupancy differences over the cells where template or map has height (eq. 4).
-
-    ``row``, ``col``: the window's first cell. A cell with height in exactly one of the two counts as ``one_sided``.
-    """
-    n = template_height.shape[0]
-    map_height = height[row : row + n, col : col + n]
-    map_occupancy = occupancy[row : row + n, col : col + n]
-    zero, one, gap = np.float32(0.0), np.float32(1.0), np.float32(one_sided)
-    height_sum = zero
-    occupancy_sum = zero
-    used = zero
-    for i in range(n):
-        for j in range(n):
-            # Weights instead of branches, so that the loop runs on vectors.
-            known = one if template_height[i, j] > zero else zero
-            present = one if map_height[i, j] > zero else zero
-            both = known * present
-            either = known + present - both
-            height_sum += both * abs(template_height[i, j] - map_height[i, j]) + (either - both) * gap
-            occupancy_sum += either * abs(template_occupancy[i, j] - map_occupancy[i, j])
-            used += either
-    if used == 0:
-        return one_sided, 0.0
-    return height_sum / used, occupancy_sum / used
+CX, CY, CZ, EX, EY, COS, SIN, RANGE, WEIGHT, STD = range(10)
+SAMPLE_FIELDS = 10
+LAYERS = 4
+"""Other people on one ray, the nearest first."""
+TINY = 1e-12
+PARTS = 3
+LEGS_TO, TORSO_TO = 0.45, 0.85
+"""Relative heights at which the hip and the shoulders are (Zhang et al. 2008, table 1)."""
+HIDDEN_MAX = 0.72
+"""Relative height up to which furniture may hide a person."""
 
 
-@njit(cache=True, nogil=True)
-def mean_where(values: F32, known: F32) -> float:
-    """Mean of the values where ``known``, of the same shape, is positive; 0 where it is nowhere."""
-    total, count = 0.0, 0
-    for i in range(values.shape[0]):
-        for j in range(values.shape[1]):
-            if known[i, j] > 0.0:
-                total += values[i, j]
-                count += 1
-    return total / count if count else 0.0
+class Beliefs(NamedTuple):
+    """``TemplateParams`` as kernels take them."""
+
+    outliers: float
+    body: float
+    background: float
+    near_people: float
+    no_depth: float
+    range_m: float
+    unknown: float
+    surface_var: float
+    colour: float
+    body_m: float
+    """Height of the table's body [m]."""
+    reach_m: float
+    apart_m: float
+    low_share: float
+    angle_min: float
+    angle_step: float
+    cell_m: float
+    w_min: float
 
 
-@njit(cache=True, nogil=True)
-def search(  # type: ignore[no-untyped-def]
-    template_height: F32, template_occupancy: F32, height: F32, occupancy: F32,
-    row: float, col: float, reach: int, one_sided: float,
-    height_weight: float, occupancy_weight: float, distance_weight: float,
-    separation_weight: float, separation_cells: float, others: F64, result: F64,
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
+def _look(  # type: ignore[no-untyped-def]
+    x: float, y: float, h: float, cx: float, cy: float, cz: float, ex: float, ey: float, cos: float, sin: float,
+    angle: int, cover: F32, front: F32, b: Beliefs,
 ):  # fmt: skip
-    """Minimise the match score (eq. 4) over the cells within ``reach`` of the prediction (row, col).
-
-    Every second cell first where the reach is wide, then the neighbours of the best one: the maps are smooth over
-    a cell. ``others`` (K, 2): cells of people already placed this frame. Fills ``result`` with
-    (score, row, col, height term, occupancy term, distance term, separation term).
-    """
-    rows = height.shape[0] - template_height.shape[0] + 1
-    cols = height.shape[1] - template_height.shape[1] + 1
-    centre_row = min(max(round(row), 0), rows - 1)
-    centre_col = min(max(round(col), 0), cols - 1)
-    result[0] = math.inf
-    step = 2 if reach > 2 else 1
-    for fine in range(2):
-        if fine == 1:
-            if step == 1:
-                break
-            centre_row, centre_col, reach, step = int(result[1]), int(result[2]), 1, 1
-        for r in range(max(0, centre_row - reach), min(rows, centre_row + reach + 1), step):
-            for c in range(max(0, centre_col - reach), min(cols, centre_col + reach + 1), step):
-                distance = distance_weight * math.sqrt((r - row) ** 2 + (c - col) ** 2)
-                separation = 0.0
-                for k in range(len(others)):
-                    squared = ((r - others[k, 0]) ** 2 + (c - others[k, 1]) ** 2) / separation_cells**2
-                    if squared < NEGLIGIBLE:
-                        separation += separation_weight * math.exp(-0.5 * squared)
-                if distance + separation >= result[0]:
-                    continue
-                sad_height, sad_occupancy = differences(
-                    template_height, template_occupancy, height, occupancy, r, c, one_sided
-                )
-                score = height_weight * sad_height + occupancy_weight * sad_occupancy + distance + separation
-                if score < result[0]:
-                    result[0], result[1], result[2] = score, r, c
-                    result[3], result[4] = height_weight * sad_height, occupancy_weight * sad_occupancy
-                    result[5], result[6] = distance, separation
-
-
-@njit(cache=True, nogil=True)
-def rivals(people: F64, counts: Bool, row: float, col: float, radius: float) -> I64:
-    """Which of ``people`` (K, 2) that count may be nearer to a cell than (row, col) is, within ``radius`` of it."""
-    near = np.empty(len(people), np.int64)
-    n = 0
-    for k in range(len(people)):
-        if counts[k] and (people[k, 0] - row) ** 2 + (people[k, 1] - col) ** 2 <= 4 * radius * radius:
-            near[n] = k
-            n += 1
-    return near[:n]
-
-
-@njit(cache=True, nogil=True)
-def nearer_to_another(people: F64, near: I64, row: int, col: int, squared: float) -> bool:
-    """Whether a cell is nearer than the root of ``squared`` to one of the people whose rows ``near`` lists."""
-    nearer = False
-    for k in near:
-        nearer |= (row - people[k, 0]) ** 2 + (col - people[k, 1]) ** 2 < squared
-    return nearer
-
-
-@njit(cache=True, nogil=True)
-def clear(  # type: ignore[no-untyped-def]
-    height: F32, occupancy: F32, row: float, col: float, ray_row: float, ray_col: float,
-    across_cells: float, along_cells: float, others: F64, expected: Bool,
-):  # fmt: skip
-    """Zero both padded maps within an ellipse whose long axis follows the viewing ray.
-
-    Cells nearer to one of ``others`` (K, 2: padded rows and cols) that is ``expected`` (K,) are left, since they are
-    another person's.
-    """
-    reach = math.ceil(max(across_cells, along_cells))
-    rows, cols = height.shape
-    near = rivals(others, expected, row, col, max(across_cells, along_cells))
-    centre_row, centre_col = round(row), round(col)
-    for r in range(max(0, centre_row - reach), min(rows, centre_row + reach + 1)):
-        for c in range(max(0, centre_col - reach), min(cols, centre_col + reach + 1)):
-            along = (r - row) * ray_row + (c - col) * ray_col
-            across = -(r - row) * ray_col + (c - col) * ray_row
-            if (along / along_cells) ** 2 + (across / across_cells) ** 2 > 1.0:
-                continue
-            mine = (r - row) ** 2 + (c - col) ** 2
-            if not nearer_to_another(others, near, r, c, mine):
-                height[r, c] = 0.0
-                occupancy[r, c] = 0.0
-
-
-@njit(cache=True, nogil=True)
-def others_near(people: F64, me: int, row: int, col: int, n: int) -> I64:
-    """``rivals`` of person ``me`` in the n x n window from (row, col)."""
-    counts = np.ones(len(people), np.bool_)
-    counts[me] = False
-    high = max(abs(row - people[me, 0]), abs(row + n - 1 - people[me, 0]))
-    wide = max(abs(col - people[me, 1]), abs(col + n - 1 - people[me, 1]))
-    return rivals(people, counts, people[me, 0], people[me, 1], math.hypot(high, wide))
-
-
-@njit(cache=True, nogil=True)
-def adapt(  # type: ignore[no-untyped-def]
-    template_height: F32, template_occupancy: F32, height: F32, occupancy: F32, row: int, col: int,
-    people: F64, me: int, gain: float, occupancy_min: float,
-):  # fmt: skip
-    """Blend the map around a person into the templates; returns the share of cells with height and their centroid.
-
-    ``row``, ``col``: the window's first cell in the padded maps. Cells nearer to another of ``people`` (K, 2: padded
-    rows and cols) than to person ``me`` are theirs and count as empty. Height is kept where the adapted occupancy is
-    at least ``occupancy_min``. Centroid offsets are in cells from the template's centre.
-    """
-    n = template_height.shape[0]
-    near = others_near(people, me, row, col, n)
-    count = 0
-    sum_row = 0.0
-    sum_col = 0.0
-    for i in range(n):
-        for j in range(n):
-            r, c = row + i, col + j
-            mine = (r - people[me, 0]) ** 2 + (c - people[me, 1]) ** 2
-            map_height = height[r, c]
-            map_occupancy = occupancy[r, c]
-            if nearer_to_another(people, near, r, c, mine):
-                map_height = 0.0
-                map_occupancy = 0.0
-            template_occupancy[i, j] += gain * (map_occupancy - template_occupancy[i, j])
-            if map_height > 0.0:
-                if template_height[i, j] > 0.0:
-                    template_height[i, j] += gain * (map_height - template_height[i, j])
-                else:
-                    template_height[i, j] = map_height
-            if template_occupancy[i, j] < occupancy_min:
-                template_height[i, j] = 0.0
-            if template_height[i, j] > 0.0:
-                count += 1
-                sum_row += i
-                sum_col += j
-    if count == 0:
+    """Cover, range and relative height of a body's surface along a ray."""
+    dx, dy, dz = x - cx, y - cy, 0.5 * h - cz
+    along = dx * ex + dy * ey
+    scale = b.body_m / h
+    iu = int(abs(dy * ex - dx * ey) * scale / b.cell_m)
+    iw = int((-(along * sin + dz * cos) * scale - b.w_min) / b.cell_m)
+    if iu >= cover.shape[1] or iw < 0 or iw >= cover.shape[2]:
         return 0.0, 0.0, 0.0
-    half = (n - 1) / 2
-    return count / (n * n), sum_row / count - half, sum_col / count - half
+    at = along * cos - dz * sin - front[angle, iu, iw] / scale
+    return cover[angle, iu, iw], at, (cz - sin * at) / h
+
+
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
+def _body_likelihood(  # type: ignore[no-untyped-def]
+    kind: int, seen: float, at: float, std: float, colour: float, b: Beliefs
+):
+    """Of a pixel that shows a body's surface at a range."""
+    if kind == 0:
+        return 1.0 - b.body
+    if kind == 2:
+        return b.body * b.no_depth
+    var = b.surface_var + std * std * at * at * at * at
+    off = seen - at
+    normal = math.exp(-0.5 * off * off / var) / math.sqrt(2.0 * math.pi * var)
+    return b.body * (1.0 - b.no_depth) * ((1.0 - b.outliers) * normal + b.outliers / b.range_m) * colour
+
+
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
+def _part(z: float) -> int:
+    return 0 if z < LEGS_TO else (1 if z < TORSO_TO else 2)
 
 
 @njit(cache=True, nogil=True)
-def occupancy_peak(  # type: ignore[no-untyped-def]
-    occupancy: F32, row: int, col: int, n: int, people: F64, me: int
-):
-    """Padded cell of the largest occupancy in the n x n window from (row, col), others' cells left out; -1 if empty."""
-    near = others_near(people, me, row, col, n)
-    best = 0.0
-    best_row, best_col = -1, -1
-    for r in range(row, row + n):
-        for c in range(col, col + n):
-            if occupancy[r, c] <= best:
+def gather(  # type: ignore[no-untyped-def]
+    pose: F64, reach_m: float, spacing_m: float, patch_m: float, centre: F64, direction: F32, stretch: F32,
+    projection: F64, pixel_sr: float, kind: U8, range_m: F32, colour: U8, std_per_m2: float, samples: F32, kinds: U8,
+    codes: U8, angles: I64, n: int, b: Beliefs,
+) -> int:  # fmt: skip
+    """Append the samples of one camera within ``reach_m`` of a body; the number of samples then."""
+    rows, cols = stretch.shape
+    x0, y0, x1, y1 = 1e9, 1e9, -1e9, -1e9
+    away = math.sqrt((pose[0] - centre[0]) ** 2 + (pose[1] - centre[1]) ** 2)
+    half = reach_m + 0.25
+    for k in range(8):
+        x = pose[0] + (half if k & 1 else -half)
+        y = pose[1] + (half if k & 2 else -half)
+        z = pose[2] + 0.1 if k & 4 else 0.0
+        depth = projection[2, 0] * x + projection[2, 1] * y + projection[2, 2] * z + projection[2, 3]
+        if depth < 0.15:
+            depth = 0.15
+        u = (projection[0, 0] * x + projection[0, 1] * y + projection[0, 2] * z + projection[0, 3]) / depth
+        v = (projection[1, 0] * x + projection[1, 1] * y + projection[1, 2] * z + projection[1, 3]) / depth
+        x0, x1, y0, y1 = min(x0, u), max(x1, u), min(y0, v), max(y1, v)
+    if x1 < 0 or y1 < 0 or x0 > cols - 1 or y0 > rows - 1:
+        return n
+    c0, c1, r0, r1 = max(0, int(x0)), min(cols - 1, int(x1) + 1), max(0, int(y0)), min(rows - 1, int(y1) + 1)
+    middle = math.sqrt(away**2 + (centre[2] - 0.5 * pose[2]) ** 2)
+    step = max(1, int(spacing_m / (middle * math.sqrt(pixel_sr)) + 0.5))
+    while ((c1 - c0) // step + 1) * ((r1 - r0) // step + 1) > 3000:
+        step += 1
+    for r in range(r0 + (-r0) % step, r1 + 1, step):
+        for c in range(c0 + (-c0) % step, c1 + 1, step):
+            if n >= len(samples):
+                return n
+            dx, dy, dz = direction[r, c, 0], direction[r, c, 1], direction[r, c, 2]
+            cos = math.sqrt(dx * dx + dy * dy)
+            ex, ey = (dx / cos, dy / cos) if cos > 1e-6 else (1.0, 0.0)
+            across = (pose[1] - centre[1]) * ex - (pose[0] - centre[0]) * ey
+            if abs(across) > half:
                 continue
-            mine = (r - people[me, 0]) ** 2 + (c - people[me, 1]) ** 2
-            if not nearer_to_another(people, near, r, c, mine):
-                best = occupancy[r, c]
-                best_row, best_col = r, c
-    return best_row, best_col
+            ahead = (pose[0] - centre[0]) * dx + (pose[1] - centre[1]) * dy + (0.5 * pose[2] - centre[2]) * dz
+            if ahead < 0.15:
+                continue
+            s = samples[n]
+            s[CX], s[CY], s[CZ] = centre[0], centre[1], centre[2]
+            s[EX], s[EY], s[COS], s[SIN] = ex, ey, cos, -dz
+            s[RANGE] = range_m[r, c]
+            depth = ahead / stretch[r, c]
+            s[WEIGHT] = depth * depth * pixel_sr * step * step / (patch_m * patch_m)
+            s[STD] = std_per_m2 / stretch[r, c]
+            kinds[n] = kind[r, c]
+            codes[n] = colour[r, c]
+            angle = int((math.atan2(-dz, cos) - b.angle_min) / b.angle_step + 0.5)
+            angles[n] = min(max(angle, 0), 24)
+            n += 1
+    return n
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def layer(  # type: ignore[no-untyped-def]
+    samples: F32, kinds: U8, codes: U8, angles: I64, n: int, poses: F64, sure: F64, ratios: F32, who: I64, skip: int,
+    cover: F32, front: F32, b: Beliefs, at: F32, through: F32, before: F32, rest: F32, count: I64,
+) -> None:  # fmt: skip
+    """The other people on every sample's ray, the nearest first, each covering as surely as it exists (``sure``).
+
+    Fills per sample: ``at`` (LAYERS) their ranges, ``through`` (LAYERS + 1) the share of the ray that passes the first
+    k of them, ``before`` the likelihood that these explain, ``rest`` what all behind them explains of what passes.
+    """
+    t = np.empty(LAYERS)
+    p = np.empty(LAYERS)
+    like = np.empty(LAYERS)
+    for i in range(n):
+        s = samples[i]
+        kind = kinds[i]
+        m = 0
+        near = False
+        for a in range(len(who)):
+            k = who[a]
+            if k == skip:
+                continue
+            h = poses[k, 2]
+            pi, range_m, z = _look(
+                poses[k, 0], poses[k, 1], h, s[CX], s[CY], s[CZ], s[EX], s[EY], s[COS], s[SIN], angles[i],
+                cover, front, b,
+            )  # fmt: skip
+            if kind == 1:
+                ox = s[CX] + s[EX] * s[COS] * s[RANGE] - poses[k, 0]
+                oy = s[CY] + s[EY] * s[COS] * s[RANGE] - poses[k, 1]
+                near = near or (sure[k] > 0.5 and ox * ox + oy * oy < b.reach_m * b.reach_m)
+            pi *= sure[k]
+            if pi < 0.01 or m >= LAYERS:
+                continue
+            std = s[STD]
+            hidden = kind == 0 and s[RANGE] > 0 and z < HIDDEN_MAX
+            if hidden and s[RANGE] < range_m - 3 * math.sqrt(b.surface_var + (std * range_m * range_m) ** 2):
+                continue
+            colour = 1.0 - b.colour + b.colour * ratios[k, _part(z), codes[i]] if kind == 1 else 1.0
+            value = _body_likelihood(kind, s[RANGE], range_m, std, colour, b)
+            j = m
+            while j > 0 and t[j - 1] > range_m:
+                t[j], p[j], like[j] = t[j - 1], p[j - 1], like[j - 1]
+                j -= 1
+            t[j], p[j], like[j] = range_m, pi, value
+            m += 1
+        if kind == 0:
+            ground = 1.0 - b.background
+        elif kind == 2:
+            ground = 0.5 * (b.near_people if near else b.background)
+        else:
+            ground = 0.5 * (b.near_people / (2 * b.reach_m) if near else b.background / b.range_m)
+        count[i] = m
+        through[i, 0] = 1.0
+        before[i, 0] = 0.0
+        for j in range(m):
+            at[i, j] = t[j]
+            before[i, j + 1] = before[i, j] + through[i, j] * p[j] * like[j]
+            through[i, j + 1] = through[i, j] * (1.0 - p[j])
+        value = ground
+        rest[i, m] = value
+        for j in range(m - 1, -1, -1):
+            value = p[j] * like[j] + (1.0 - p[j]) * value
+            rest[i, j] = value
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def evaluate(  # type: ignore[no-untyped-def]
+    x: float, y: float, h: float, samples: F32, kinds: U8, codes: U8, angles: I64, n: int, ratio: F32,
+    cover: F32, front: F32, b: Beliefs, at: F32, through: F32, before: F32, rest: F32, count: I64,
+) -> float:  # fmt: skip
+    """Lam of all samples with one person at a pose among the others, less Lam without that person."""
+    total = 0.0
+    for i in range(n):
+        s = samples[i]
+        kind = kinds[i]
+        pi, range_m, z = _look(x, y, h, s[CX], s[CY], s[CZ], s[EX], s[EY], s[COS], s[SIN], angles[i], cover, front, b)
+        if pi < 0.005 or z < 0.0:
+            continue
+        if kind == 0 and s[RANGE] > 0 and z < HIDDEN_MAX:
+            behind = 3 * math.sqrt(b.surface_var + (s[STD] * range_m * range_m) ** 2)
+            if s[RANGE] < range_m - behind:
+                continue
+        colour = 1.0 - b.colour + b.colour * ratio[_part(z), codes[i]] if kind == 1 else 1.0
+        like = _body_likelihood(kind, s[RANGE], range_m, s[STD], colour, b)
+        j = 0
+        while j < count[i] and at[i, j] < range_m:
+            j += 1
+        floor = b.unknown / b.range_m / (1.0 - b.unknown) if kind == 1 else TINY
+        without = before[i, j] + through[i, j] * rest[i, j] + floor
+        change = through[i, j] * pi * (like - rest[i, j])
+        total += s[WEIGHT] * math.log1p(change / without)
+    return total
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def believed(x: float, y: float, h: float, tall: float, tall_std: float, apart: F64, b: Beliefs) -> float:
+    """Logarithm of what is believed of a pose: upright, seldom lower, and no body inside another.
+
+    ``tall``, ``tall_std``: what is known of the person's height when upright. Relative to standing so with nobody near.
+    """
+    off = (h - tall) / tall_std
+    lower = b.low_share / (1.0 - b.low_share) * tall_std * math.sqrt(2 * math.pi) / tall
+    value = math.log((math.exp(-0.5 * off * off) + lower) / (1.0 + lower))
+    for k in range(len(apart)):
+        gap = math.sqrt((x - apart[k, 0]) ** 2 + (y - apart[k, 1]) ** 2)
+        if gap < b.apart_m:
+            value -= 0.5 * apart[k, 2] * ((b.apart_m - gap) / 0.07) ** 2
+    return value
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def ascend(  # type: ignore[no-untyped-def]
+    pose: F64, predicted: F64, info: F64, height_info: float, tall: float, tall_std: float, apart: F64, steps: F64, limits: F64,
+    samples: F32, kinds: U8, codes: U8, angles: I64, n: int, ratio: F32, cover: F32, front: F32, b: Beliefs,
+    at: F32, through: F32, before: F32, rest: F32, count: I64,
+):  # fmt: skip
+    """Pattern search on Lam - Mahalanobis / 2 along and across the first camera's ray, in height, and to the upright
+    posture; moves ``pose``.
+
+    ``info`` (3,): xx, xy, yy of the prediction's inverse covariance. ``apart`` (K, 3): places of other bodies, which
+    cannot be entered, and how surely they exist. Returns Lam at the end and what is believed of such a pose.
+    """
+    ax, ay = 1.0, 0.0
+    if n > 0:
+        ax, ay = pose[0] - samples[0, CX], pose[1] - samples[0, CY]
+        norm = math.sqrt(ax * ax + ay * ay)
+        ax, ay = (ax / norm, ay / norm) if norm > 1e-6 else (1.0, 0.0)
+    best, best_lam, best_prior = -1e300, 0.0, 0.0
+    for step in steps:
+        for _ in range(4):
+            x, y, h = pose[0], pose[1], pose[2]
+            moved = False
+            for move in range(8):
+                nx, ny, nh = x, y, h
+                if move == 0:
+                    if best > -1e299:
+                        continue
+                elif move == 1 or move == 2:
+                    f = step if move == 1 else -step
+                    nx, ny = x + f * ax, y + f * ay
+                elif move == 3 or move == 4:
+                    f = step if move == 3 else -step
+                    nx, ny = x - f * ay, y + f * ax
+                elif move == 7:
+                    nh = tall
+                    if step < steps[0] or nh == h:
+                        continue
+                else:
+                    nh = h + (0.5 * step if move == 5 else -0.5 * step)
+                    if nh < limits[0] or nh > limits[1]:
+                        continue
+                ox, oy, oh = nx - predicted[0], ny - predicted[1], nh - predicted[2]
+                prior = -0.5 * (info[0] * ox * ox + 2 * info[1] * ox * oy + info[2] * oy * oy)
+                prior -= 0.5 * height_info * oh * oh
+                prior += believed(nx, ny, nh, tall, tall_std, apart, b)
+                if prior < best - 200.0:
+                    continue
+                lam = evaluate(
+                    nx, ny, nh, samples, kinds, codes, angles, n, ratio, cover, front, b,
+                    at, through, before, rest, count,
+                )  # fmt: skip
+                if lam + prior > best + 1e-6:
+                    best, best_lam, best_prior = lam + prior, lam, believed(nx, ny, nh, tall, tall_std, apart, b)
+                    pose[0], pose[1], pose[2] = nx, ny, nh
+                    moved = True
+            if not moved:
+                break
+    return best_lam, best_prior
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def visible(  # type: ignore[no-untyped-def]
+    pose: F64, samples: F32, kinds: U8, codes: U8, angles: I64, n: int, ratio: F32, cover: F32, front: F32,
+    b: Beliefs, at: F32, through: F32, before: F32, rest: F32, count: I64,
+):  # fmt: skip
+    """Patches of a body that it explains better than all else, and those in view."""
+    mine = total = 0.0
+    for i in range(n):
+        s = samples[i]
+        pi, range_m, z = _look(
+            pose[0], pose[1], pose[2], s[CX], s[CY], s[CZ], s[EX], s[EY], s[COS], s[SIN], angles[i], cover, front, b
+        )
+        if pi < 0.02:
+            continue
+        total += pi * s[WEIGHT]
+        if kinds[i] == 0:
+            continue
+        like = _body_likelihood(kinds[i], s[RANGE], range_m, s[STD], 1.0, b)
+        j = 0
+        while j < count[i] and at[i, j] < range_m:
+            j += 1
+        own = through[i, j] * pi * like
+        floor = b.unknown / b.range_m if kinds[i] == 1 else 0.0
+        if own > before[i, j] + through[i, j] * (1 - pi) * rest[i, j] + floor:
+            mine += pi * s[WEIGHT]
+    return mine, total
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def share_out(  # type: ignore[no-untyped-def]
+    poses: F64, sure: F64, ratios: F32, boxes: I64, centre: F64, direction: F32, kind: U8, range_m: F32, colour: U8, std: F32,
+    cover: F32, front: F32, b: Beliefs, owner: I64, share: F32, height: F32,
+) -> None:  # fmt: skip
+    """Who owns each pixel of surface: -2 no surface, -1 nobody, else a person, with the responsibility.
+
+    ``height``: of the owner's pixels, relative to the owner.
+    """
+    rows, cols = kind.shape
+    t = np.empty(LAYERS)
+    p = np.empty(LAYERS)
+    like = np.empty(LAYERS)
+    zs = np.empty(LAYERS)
+    ks = np.empty(LAYERS, np.int64)
+    for r in range(rows):
+        for c in range(cols):
+            owner[r, c] = -2
+            if kind[r, c] != 1:
+                continue
+            dx, dy, dz = direction[r, c, 0], direction[r, c, 1], direction[r, c, 2]
+            cos = math.sqrt(dx * dx + dy * dy)
+            ex, ey = (dx / cos, dy / cos) if cos > 1e-6 else (1.0, 0.0)
+            angle = min(max(int((math.atan2(-dz, cos) - b.angle_min) / b.angle_step + 0.5), 0), 24)
+            m = 0
+            near = False
+            for k in range(len(poses)):
+                ox = centre[0] + dx * range_m[r, c] - poses[k, 0]
+                oy = centre[1] + dy * range_m[r, c] - poses[k, 1]
+                near = near or (sure[k] > 0.5 and ox * ox + oy * oy < b.reach_m * b.reach_m)
+                if c < boxes[k, 0] or c > boxes[k, 2] or r < boxes[k, 1] or r > boxes[k, 3] or m >= LAYERS:
+                    continue
+                pi, at, z = _look(
+                    poses[k, 0], poses[k, 1], poses[k, 2], centre[0], centre[1], centre[2], ex, ey, cos, -dz, angle,
+                    cover, front, b,
+                )  # fmt: skip
+                pi *= sure[k]
+                if pi < 0.01:
+                    continue
+                ratio = 1.0 - b.colour + b.colour * ratios[k, _part(z), colour[r, c]]
+                value = _body_likelihood(1, range_m[r, c], at, std[r, c], ratio, b)
+                j = m
+                while j > 0 and t[j - 1] > at:
+                    t[j], p[j], like[j], ks[j], zs[j] = t[j - 1], p[j - 1], like[j - 1], ks[j - 1], zs[j - 1]
+                    j -= 1
+                t[j], p[j], like[j], ks[j], zs[j] = at, pi, value, k, z
+                m += 1
+            passing, total, best, who, at_z = 1.0, 0.0, 0.0, -1, 0.0
+            for j in range(m):
+                value = passing * p[j] * like[j]
+                passing *= 1.0 - p[j]
+                total += value
+                if value > best:
+                    best, who, at_z = value, ks[j], zs[j]
+            other = passing * 0.5 * (b.near_people / (2 * b.reach_m) if near else b.background / b.range_m)
+            other += b.unknown / b.range_m
+            owner[r, c] = who if best > other else -1
+            share[r, c] = best / (total + other)
+            height[r, c] = at_z
+
+
+@njit(cache=True, nogil=True)
+def touching(boxes: I64, gap_px: int) -> Bool:
+    """(N, N) whether the boxes (left, top, right, bottom) of two people touch in the image."""
+    n = len(boxes)
+    out = np.zeros((n, n), np.bool_)
+    for i in range(n):
+        for j in range(n):
+            a, c = boxes[i], boxes[j]
+            out[i, j] = (
+                a[0] - gap_px <= c[2] and c[0] - gap_px <= a[2] and a[1] - gap_px <= c[3] and c[1] - gap_px <= a[3]
+            )
+    return out

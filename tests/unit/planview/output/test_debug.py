@@ -19,7 +19,7 @@ from planview.output.debug.again import changed_memory, track_again
 from planview.output.debug.difference import difference_text
 from planview.output.run import RunOptions, run
 from planview.output.scene.results import read_results
-from planview.tracking.template import TemplateTracker, TemplateTrackerParams
+from planview.tracking.harville import TemplateTracker, TemplateTrackerParams
 
 TRACKER = "ellipse-particle"
 

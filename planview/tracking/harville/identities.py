@@ -13,8 +13,8 @@ from planview.tracking.appearance import appearances, is_distinctive
 from planview.tracking.detection import PersonCandidate, inseparable_pairs
 from planview.tracking.identity import Exchange, IdentityLayer
 from planview.tracking.lifecycle import LifeCycle
-from planview.tracking.template.params import TemplateTrackerParams
-from planview.tracking.template.state import TemplatePerson
+from planview.tracking.harville.params import TemplateTrackerParams
+from planview.tracking.harville.state import TemplatePerson
 
 CONTACT_M = 0.5
 """Two people nearer than this (stretched along the ray by depth noise) may be exchanged [m]: shoulder to shoulder."""

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.types import F32, F64
-from planview.tracking.template._kernels import adapt, occupancy_peak
-from planview.tracking.template.params import TemplateTrackerParams
-from planview.tracking.template.state import TemplateFrame, TemplatePerson
+from planview.tracking.harville._kernels import adapt, occupancy_peak
+from planview.tracking.harville.params import TemplateTrackerParams
+from planview.tracking.harville.state import TemplateFrame, TemplatePerson
 
 
 def blend(frame: TemplateFrame, person: TemplatePerson, people: F64, me: int, gain: float) -> tuple[float, float]:

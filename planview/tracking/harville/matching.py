@@ -11,10 +11,10 @@ import numpy as np
 
 from calib.types import F32, Bool
 from planview.tracking.base import ScoreTerms
-from planview.tracking.template._kernels import clear, mean_where, search
-from planview.tracking.template.params import TemplateTrackerParams
-from planview.tracking.template.state import TemplateFrame, TemplatePerson
-from planview.tracking.template.templates import gaussian_model
+from planview.tracking.harville._kernels import clear, mean_where, search
+from planview.tracking.harville.params import TemplateTrackerParams
+from planview.tracking.harville.state import TemplateFrame, TemplatePerson
+from planview.tracking.harville.templates import gaussian_model
 
 JOINT_MAX = 3
 """Up to so many people in contact all orders are tried (6 searches of 3 people)."""

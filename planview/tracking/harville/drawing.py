@@ -9,7 +9,7 @@ import numpy as np
 from calib.types import F32
 from planview.maps.grid import Grid
 from planview.tracking.base import Drawing, TrackerDebug
-from planview.tracking.template.state import TemplatePerson
+from planview.tracking.harville.state import TemplatePerson
 
 
 def draw(people: Sequence[TemplatePerson], grid: Grid, width_m: float) -> TrackerDebug:

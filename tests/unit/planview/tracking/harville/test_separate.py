@@ -7,8 +7,8 @@ import pytest
 
 from planview.maps.builder import CameraViewpoint
 from planview.maps.grid import Grid
-from planview.tracking.template.params import TemplateTrackerParams
-from planview.tracking.template.separate import Separate
+from planview.tracking.harville.params import TemplateTrackerParams
+from planview.tracking.harville.separate import Separate
 
 VIEW = CameraViewpoint(np.array([0.0, 0.0, 2.75]), 0.002, np.eye(3, 4), (640, 480))
 

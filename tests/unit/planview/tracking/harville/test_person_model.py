@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from planview.tracking.template import TemplateTracker, TemplateTrackerParams
-from planview.tracking.template.templates import gaussian_model
+from planview.tracking.harville import TemplateTracker, TemplateTrackerParams
+from planview.tracking.harville.templates import gaussian_model
 from tests.unit.planview.tracking.overhead import observe
 
 

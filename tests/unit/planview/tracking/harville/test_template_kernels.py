@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planview.tracking import _axis_kernels
-from planview.tracking.template import _kernels as _template_kernels
+from planview.tracking.harville import _kernels as _template_kernels
 from tests.reference import axis as axis_reference
 from tests.reference import template as reference
 

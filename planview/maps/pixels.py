@@ -1,0 +1,110 @@
+"""What one camera saw at every analysis pixel: background, a surface at a distance, or a surface without depth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.pose import SE3
+from calib.types import F32, F64, U8
+from planview.maps.builder import FloorPoints
+from stereo.depth import RectifiedGeometry
+
+BACKGROUND_SEEN, SURFACE, NO_DEPTH = 0, 1, 2
+"""Kinds of pixels: the background is seen, foreground with depth, foreground without."""
+
+
+@dataclass(frozen=True, eq=False)
+class PixelRays:
+    """The rays of a camera's analysis pixels in the world.
+
+    Attributes:
+        centre_m: (3,) float64, the camera's centre [m].
+        direction: (H, W, 3) float32 unit vectors away from the camera.
+        stretch: (H, W) float32, range along the ray over depth.
+        projection: (3, 4) float64, world points to analysis pixels.
+        pixel_sr: 1 / (fu fv), area of a pixel's surface over squared depth.
+        depth_std_per_m2: growth of the depth's deviation with squared depth [1/m].
+        disparity_metre: disparity of one metre [px m].
+    """
+
+    centre_m: F64
+    direction: F32
+    stretch: F32
+    projection: F64
+    pixel_sr: float
+    depth_std_per_m2: float
+    disparity_metre: float
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(height, width) of the analysed image."""
+        return self.stretch.shape[0], self.stretch.shape[1]
+
+    @staticmethod
+    def of(geometry: RectifiedGeometry, world_SE3_left: SE3, shape: tuple[int, int], reduction: int) -> PixelRays:
+        """The rays of every ``reduction``-th pixel of a rectified image."""
+        rows, cols = np.mgrid[: shape[0], : shape[1]] * float(reduction)
+        rays = geometry.rays(np.stack([cols, rows], axis=-1)) @ world_SE3_left.rotation.T
+        stretch = np.linalg.norm(rays, axis=-1)
+        scale = np.diag([1.0 / reduction, 1.0 / reduction, 1.0])
+        return PixelRays(
+            np.asarray(world_SE3_left.translation, dtype=np.float64),
+            np.ascontiguousarray(rays / stretch[..., None], dtype=np.float32),
+            np.asarray(stretch, dtype=np.float32),
+            scale @ geometry.matrix @ world_SE3_left.inverse().matrix[:3],
+            reduction**2 / (geometry.focal_u_px * geometry.focal_v_px),
+            geometry.depth_std_per_m2,
+            geometry.disparity_metre,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SeenPixels:
+    """One frame of one camera.
+
+    Attributes:
+        rays: of the camera.
+        kind: (H, W) uint8 of BACKGROUND_SEEN, SURFACE and NO_DEPTH.
+        range_m: (H, W) float32 along the ray: the surface's, or the background's where that is seen; 0 unknown.
+        colour: (H, W) uint8 colour codes (``planview.maps.colour``); None without an image.
+    """
+
+    rays: PixelRays
+    kind: U8
+    range_m: F32
+    colour: U8 | None
+
+
+def seen_pixels(
+    rays: PixelRays, points: FloorPoints, mask: U8 | None, background: F32 | None, lowest_m: float
+) -> SeenPixels:
+    """Classify the pixels of one frame.
+
+    Foreground as low as the floor shows that nobody is in the way, as the background does.
+
+    Args:
+        points: foreground points of the frame; their pixels index an image of the rays' shape.
+        mask: (H, W) uint8, non-zero where foreground; None where only the points are known.
+        background: (H, W) float32 [px], the background's disparity; None or NaN where it is not known.
+        lowest_m: height from which people have surface [m].
+    """
+    n = rays.stretch.size
+    kind = np.zeros(n, np.uint8) if mask is None else np.where(mask.reshape(-1) > 0, NO_DEPTH, BACKGROUND_SEEN)
+    kind = np.asarray(kind, dtype=np.uint8)
+    kind[points.pixels] = np.where(points.xyz[:, 2] >= lowest_m, SURFACE, BACKGROUND_SEEN)
+    range_m = np.zeros(n, np.float32)
+    if background is not None:
+        with np.errstate(invalid="ignore", divide="ignore"):
+            far = (np.float32(rays.disparity_metre) / background * rays.stretch).reshape(-1)
+            np.copyto(range_m, far, where=np.isfinite(far) & (far > 0) & (kind == BACKGROUND_SEEN))
+    range_m[points.pixels] = np.linalg.norm(points.xyz - rays.centre_m.astype(np.float32), axis=1)
+    colour = None
+    if points.colours is not None:
+        colour = np.zeros(n, np.uint8)
+        colour[points.pixels] = points.colours
+    shape = rays.shape
+    return SeenPixels(
+        rays, kind.reshape(shape), range_m.reshape(shape), None if colour is None else colour.reshape(shape)
+    )

@@ -1,0 +1,116 @@
+"""The human body that every tracker believes in: anthropometric numbers and how a body looks along a ray."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from calib.human.model import HumanModel
+from calib.types import F32, F64, Bool
+
+HEIGHT_MEAN_M, HEIGHT_STD_M = 1.70, 0.12
+"""Heights of standing adults of both sexes [m] (NCD-RisC 2016, adults born 1996, over countries)."""
+HEIGHT_MIN_M, HEIGHT_MAX_M = 0.50, 2.10
+"""Heights of a head, from a child that crouches to a very tall man who walks [m]."""
+SPEED_MAX_MPS = 2.5
+"""Fastest walk [m/s]: men change to running at 2.0 to 2.5 m/s (Hreljac 1993)."""
+REACH_M = 0.9
+"""From the body's axis to a hand that holds something [m]: shoulder breadth / 2 + arm of 0.73 m (NASA-STD-3000)."""
+TORSO = HumanModel()
+"""Zhang et al. 2008, table 1."""
+CHEST_DEPTH = 0.65
+"""A chest's depth over the breadth of torso and arms: 0.24 m over 0.42 m (NASA-STD-3000, median man)."""
+PROFILE = (
+    (0.00, 0.48, 0.13, 0.55),
+    (0.48, 0.80, TORSO.torso_radius_m, CHEST_DEPTH),
+    (0.80, 0.85, 0.15, CHEST_DEPTH),
+    (0.85, 0.97, TORSO.head_radius_m, 0.6),
+    (0.97, 1.00, 0.06, 0.6),
+)
+"""Legs, torso, the slope of the shoulders, head with neck, and crown: from and to [of the height], half breadth [m] of a body
+of 1.76 m, depth over breadth. Hip, shoulder and chin after Drillis and Contini 1966, radii after Zhang."""
+ARMS = ((0.42, 0.80, 0.31, 0.4),)
+ARMS_SHARE = 0.35
+"""Where arms may be beside the torso, and how often they are there."""
+APART_M = 2.0 * TORSO.torso_radius_m
+"""Axes of two bodies side by side [m]."""
+
+
+class BodyTable(NamedTuple):
+    """How a body of ``TORSO.height_m`` looks along rays, for the depression angle of the ray.
+
+    A ray is described by where it passes the body's centre: ``u`` across it and ``w`` up, both perpendicular to the
+    ray. Sizes scale with the body's height.
+
+    Attributes:
+        cover: (A, U, W) float32, probability that the body covers the ray; symmetric in u, of which |u| is kept.
+        front: (A, U, W) float32 [m], how far the surface lies before the point of the ray nearest to the centre.
+        angle_min_rad, angle_step_rad, cell_m, w_min_m: of the axes.
+    """
+
+    cover: F32
+    front: F32
+    angle_min_rad: float
+    angle_step_rad: float
+    cell_m: float
+    w_min_m: float
+
+
+ANGLE_MIN_DEG, ANGLE_STEP_DEG, ANGLES = -30.0, 5.0, 25
+CELL_M, FINE_M = 0.025, 0.0125
+BLUR_M = 0.04
+"""Deviation of a body's outline from the cylinders: clothes, arms and posture [m] (Harville 2002: 1 to 4 cm)."""
+U_CELLS, W_CELLS = 16, 88
+
+
+@lru_cache(maxsize=1)
+def body_table() -> BodyTable:
+    """The table of Zhang's three cylinders, blurred by BLUR_M."""
+    fine = round(CELL_M / FINE_M)
+    u = (np.arange(-U_CELLS * fine, U_CELLS * fine) + 0.5) * FINE_M
+    w = (np.arange(W_CELLS * fine) + 0.5 - W_CELLS * fine / 2) * FINE_M
+    cover = np.empty((ANGLES, U_CELLS, W_CELLS), np.float32)
+    front = np.empty_like(cover)
+    for a in range(ANGLES):
+        hit, ahead = _cylinders(np.deg2rad(ANGLE_MIN_DEG + a * ANGLE_STEP_DEG), u[:, None], w[None, :])
+        share = cv2.GaussianBlur(hit.astype(np.float64), (0, 0), BLUR_M / FINE_M)
+        ahead = cv2.GaussianBlur(np.where(hit, ahead, 0.0), (0, 0), BLUR_M / FINE_M) / np.maximum(share, 1e-6)
+        held, near = _cylinders(np.deg2rad(ANGLE_MIN_DEG + a * ANGLE_STEP_DEG), u[:, None], w[None, :], ARMS)
+        arms = ARMS_SHARE * cv2.GaussianBlur(held.astype(np.float64), (0, 0), BLUR_M / FINE_M)
+        near = cv2.GaussianBlur(np.where(held, near, 0.0), (0, 0), BLUR_M / FINE_M) / np.maximum(
+            arms / ARMS_SHARE, 1e-6
+        )
+        ahead = np.where(arms > share, near, ahead)
+        share = np.maximum(arms, share)
+        for whole, table in ((share, cover), (np.where(share > 1e-3, ahead, 0.0), front)):
+            half = whole[U_CELLS * fine :].reshape(U_CELLS, fine, W_CELLS, fine)
+            table[a] = half.mean(axis=(1, 3))
+    step = float(np.deg2rad(ANGLE_STEP_DEG))
+    return BodyTable(cover, front, float(np.deg2rad(ANGLE_MIN_DEG)), step, CELL_M, -W_CELLS * CELL_M / 2)
+
+
+def _cylinders(
+    depression: float, u: F64, w: F64, profile: tuple[tuple[float, float, float, float], ...] = PROFILE
+) -> tuple[Bool, F64]:
+    """Which rays hit a cylinder, and how far before the point nearest to the body's centre [m]."""
+    c, s = np.cos(depression), np.sin(depression)
+    c = c if abs(c) > 1e-6 else 1e-6
+    s = s if abs(s) > 1e-6 else 1e-6
+    enter = np.full(np.broadcast_shapes(u.shape, w.shape), np.inf)
+    for low_share, high_share, radius, ratio in profile:
+        low, high = low_share * TORSO.height_m, high_share * TORSO.height_m
+        # From above it may face anywhere: a circle of the same area.
+        steep = np.sin(depression) ** 2
+        radius = radius * (1 - steep + steep * np.sqrt(ratio))
+        depth = ratio ** (1 - steep)
+        chord = depth * np.sqrt(np.maximum(radius**2 - u**2, 0.0))
+        sides = np.sort(np.stack([(-chord - w * s) / c, (chord - w * s) / c]), axis=0)
+        middle = TORSO.height_m / 2 + w * c
+        caps = np.sort(np.stack(np.broadcast_arrays((middle - high) / s, (middle - low) / s)), axis=0)
+        first, last = np.maximum(sides[0], caps[0]), np.minimum(sides[1], caps[1])
+        enter = np.where((np.abs(u) < radius) & (first < last), np.minimum(enter, first), enter)
+    hit = np.isfinite(enter)
+    return hit, np.where(hit, -enter, 0.0)
