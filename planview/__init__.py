@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from planview.engine.ablations import ABLATIONS, ablated
     from planview.engine.config import Config, load_config
     from planview.engine.engine import Engine, FrameResult
     from planview.engine.factory import open_engine
@@ -36,8 +35,9 @@ if TYPE_CHECKING:
     from planview.output.script import run
     from planview.tracking.base import Decision, Observation, Tracker, TrackerDebug
     from planview.tracking.ellipse_particle.make import floor_ellipse_tracker, image_ellipse_tracker
+    from planview.tracking.harville import HarvilleTracker
     from planview.tracking.human_model.tracker import HumanModelTracker
-    from planview.tracking.harville import TemplateTracker
+    from planview.tracking.template import TemplateTracker
     from planview.trajectories.state import TrackState
     from planview.trajectories.table import Trajectories, TrajectoryCollector, read_tracks, read_truth
     from stereo.matcher import Matcher, SgbmMatcher
@@ -50,7 +50,6 @@ _HOMES = {
     "planview.evaluation.result": ("Evaluation",),
     "planview.foreground.mixture": ("Foreground",),
     "planview.maps.builder": ("MapBuilder",),
-    "planview.engine.ablations": ("ABLATIONS", "ablated"),
     "planview.engine.config": ("Config", "load_config"),
     "planview.engine.engine": ("Engine", "FrameResult"),
     "planview.engine.factory": ("open_engine",),
@@ -61,7 +60,8 @@ _HOMES = {
     "planview.tracking.base": ("Decision", "Observation", "Tracker", "TrackerDebug"),
     "planview.tracking.ellipse_particle.make": ("floor_ellipse_tracker", "image_ellipse_tracker"),
     "planview.tracking.human_model.tracker": ("HumanModelTracker",),
-    "planview.tracking.harville": ("TemplateTracker",),
+    "planview.tracking.harville": ("HarvilleTracker",),
+    "planview.tracking.template": ("TemplateTracker",),
     "planview.trajectories.state": ("TrackState",),
     "planview.trajectories.table": ("Trajectories", "TrajectoryCollector", "read_tracks", "read_truth"),
     "stereo.matcher": ("Matcher", "SgbmMatcher"),
@@ -71,7 +71,6 @@ _HOMES = {
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
-    "ABLATIONS",
     "Config",
     "Decision",
     "Engine",
@@ -79,6 +78,7 @@ __all__ = [
     "EvaluationParams",
     "Foreground",
     "FrameResult",
+    "HarvilleTracker",
     "HumanModelTracker",
     "MapBuilder",
     "Matcher",
@@ -94,7 +94,6 @@ __all__ = [
     "TrackerDebug",
     "Trajectories",
     "TrajectoryCollector",
-    "ablated",
     "evaluate",
     "evaluate_tracks",
     "floor_ellipse_tracker",

@@ -17,8 +17,9 @@ from planview.engine.single_camera import SingleCameraParams
 from planview.foreground.params import ForegroundParams
 from planview.maps.builder import MapParams
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
+from planview.tracking.harville import HarvilleParams
 from planview.tracking.human_model.params import HumanModelParams
-from planview.tracking.harville import TemplateTrackerParams
+from planview.tracking.template.params import TemplateParams
 from stereo.floor import SETUP_FRAMES
 from stereo.gate import MatchingParams
 from stereo.matcher import RangeParams, SgbmParams
@@ -49,7 +50,8 @@ class Config(Params):
     foreground: ForegroundParams = ForegroundParams()
     feedback: FeedbackParams = FeedbackParams()
     maps: MapParams = MapParams()
-    template: TemplateTrackerParams = TemplateTrackerParams()
+    template: TemplateParams = TemplateParams()
+    harville: HarvilleParams = HarvilleParams()
     single_camera: SingleCameraParams = SingleCameraParams()
     human_model: HumanModelParams = HumanModelParams()
     ellipse_particle: EllipseParticleParams = EllipseParticleParams()

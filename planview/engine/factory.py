@@ -16,7 +16,8 @@ from planview.engine.pipeline import Pipeline
 from planview.engine.single_camera_pipeline import SingleCameraPipeline
 from planview.maps.recording import MapsRecording, is_maps
 from planview.tracking.base import ImageTracker, Tracker
-from planview.tracking.harville import TemplateTracker
+from planview.tracking.harville import HarvilleTracker
+from planview.tracking.template import TemplateTracker
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, holds_pair, open_video
 from stereo.readers.several import is_heads
@@ -26,8 +27,8 @@ if TYPE_CHECKING:
     from planview.engine.heads import HeadsPipeline
     from planview.engine.maps_pipeline import MapsPipeline
 
-TrackerName = Literal["template", "human-model", "ellipse-particle"]
-FloorTrackerName = Literal["template", "ellipse-particle"]
+TrackerName = Literal["template", "harville", "human-model", "ellipse-particle"]
+FloorTrackerName = Literal["template", "harville", "ellipse-particle"]
 ImageTrackerName = Literal["human-model", "ellipse-particle"]
 AnyTracker = TrackerName | Tracker
 FloorMaker = Callable[[Config], Tracker]
@@ -88,7 +89,7 @@ def _floor_maker(tracker: AnyTracker) -> FloorMaker | None:
 
 def _required(make: FloorMaker | None, path: Path, tracker: AnyTracker) -> FloorMaker:
     if make is None:
-        raise InputError(f"{path}: expected a tracker of plan-view maps (template, ellipse-particle), found {tracker}")
+        raise InputError(f"{path}: expected a tracker of plan-view maps (template, harville, ellipse-particle), found {tracker}")
     return make
 
 
@@ -137,7 +138,9 @@ def _open_heads(path: Path, make: FloorMaker, config: Config, foreign: Path | No
 def floor_tracker(tracker: FloorTrackerName, config: Config) -> Tracker:
     """A tracker of plan-view maps with its parameters."""
     if tracker == "template":
-        return TemplateTracker(config.template, config.maps.height_max_m)
+        return TemplateTracker(config.template)
+    if tracker == "harville":
+        return HarvilleTracker(config.harville, config.maps.height_max_m)
     from planview.tracking.ellipse_particle.make import floor_ellipse_tracker
 
     return floor_ellipse_tracker(config.ellipse_particle, config.seed)

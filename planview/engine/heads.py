@@ -141,9 +141,11 @@ class HeadsPipeline(StereoDescription):
         maps = self.maps([one.points if one else None for one in found])
         clock.record("maps")
         first, own = matched.pairs[0], found[0]
+        views = tuple(head.seen(one) for head, one in zip(self.heads, found, strict=True) if one is not None)
         observation = Observation(
-            frame.index, frame.timestamp_s, first.image if first else None, own.mask if own else None, None, maps
-        )
+            frame.index, frame.timestamp_s, first.image if first else None, own.mask if own else None, None, maps,
+            views=views,
+        )  # fmt: skip
         tracks = self.tracker.update(observation)
         boxed = [tuple(boxes(track) for track in tracks) for boxes in self._boxes]
         for head, one, people in zip(self.heads, found, boxed, strict=True):

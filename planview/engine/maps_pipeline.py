@@ -15,7 +15,7 @@ from planview.engine.config import Config
 from planview.engine.describe import StereoDescription
 from planview.engine.engine import FrameResult, StageClock, beyond, timed_steps
 from planview.maps.builder import MapBuilder
-from planview.maps.one_statistic import reduced
+from planview.maps.pixels import PixelRays, seen_pixels
 from planview.maps.recording import MapsFrame, MapsRecording
 from planview.tracking.base import Observation, Tracker
 
@@ -71,6 +71,7 @@ class MapsPipeline(StereoDescription):
         self._maps = MapBuilder(view.geometry, pose, c.maps, view.reduction)
         self.stereo = replace(view, grid=self._maps.grid)
         self._boxes = BodyBoxes(view.geometry, pose)
+        self._rays = PixelRays.of(view.geometry, pose, self._maps.shape, view.reduction)
         self._disparity = np.empty(view.shape, dtype=np.float32)
         self._mask = np.empty(view.shape, dtype=np.uint8)
 
@@ -110,9 +111,10 @@ class MapsPipeline(StereoDescription):
                 f"{self.recording.path}: frame {frame.index}: expected {len(frame.pixels)} points in reach of the rig, "
                 f"found {len(maps.points.pixels)}: the maps are damaged or another rig's"
             )
-        maps = reduced(replace(maps, points=replace(maps.points, colours=frame.colours)), self.config.maps.statistic)
+        maps = replace(maps, points=replace(maps.points, colours=frame.colours))
+        seen = seen_pixels(self._rays, maps.points, None, None, self.config.maps.height_min_m)
         clock.record("maps")
-        observation = Observation(frame.index, frame.timestamp_s, maps=maps)
+        observation = Observation(frame.index, frame.timestamp_s, maps=maps, views=(seen,))
         tracks = tuple(self._boxes(track) for track in self.tracker.update(observation))
         clock.record("track")
         return FrameResult(

@@ -11,7 +11,6 @@ import numpy as np
 from calib.types import U8
 from planview.checks.check import Check
 from planview.checks.motion import STEP_PX, sampled_thumbnails, thumbnails
-from planview.engine.ablations import ablated
 from planview.engine.boxes import BodyBoxes
 from planview.engine.config import Config
 from planview.engine.describe import StereoDescription
@@ -23,10 +22,10 @@ from planview.engine.kept_setup import KeptSetup, set_up_kept
 from planview.engine.setup import AnySetup
 from planview.foreground.mixture import Foreground
 from planview.maps.builder import MapBuilder
-from planview.maps.one_statistic import reduced
+from planview.maps.pixels import PixelRays, SeenPixels, seen_pixels
 from planview.maps.view import StereoView
 from planview.tracking.base import Observation, Tracker
-from planview.tracking.harville import TemplateTracker
+from planview.tracking.template import TemplateTracker
 from planview.trajectories.state import TrackState
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, open_any
@@ -72,7 +71,8 @@ class Pipeline(StereoDescription):
         self.maps = MapBuilder(geometry, floor.world_SE3_left, c.maps, reduction)
         self.foreground = Foreground(c.foreground, self.maps.shape, geometry.disparity_std_per_px2, reduction)
         self.feedback = Feedback(c.feedback)
-        self.tracker = tracker or TemplateTracker(c.template, c.maps.height_max_m)
+        self.tracker = tracker or TemplateTracker(c.template)
+        self.rays = PixelRays.of(geometry, floor.world_SE3_left, self.maps.shape, reduction)
         self.stereo = StereoView(
             geometry, floor, setup.floor_source, setup.calibration, setup.vertical_residual_px, setup.disparities,
             self.maps.grid, reduction, setup.sensor,
@@ -88,7 +88,6 @@ class Pipeline(StereoDescription):
         options: OpenOptions | None = None,
         tracker: Tracker | None = None,
         matcher: Matcher | None = None,
-        ablation: str | None = None,
         kept: KeptSetup | None = None,
     ) -> Pipeline:
         """Open a recording, find its floor and get ready.
@@ -96,13 +95,12 @@ class Pipeline(StereoDescription):
         Args:
             options: how the recording is opened (calibration, rate, topics).
             tracker, matcher: see the constructor.
-            ablation: a part of the engine to switch off, by its name in ``ABLATIONS``.
             kept: what an earlier run found out, or where this one keeps it.
         Raises:
-            InputError: no such recording, calibration or ablation.
+            InputError: no such recording or calibration.
             WorkError: no floor is visible.
         """
-        config = ablated(ablation, config) if ablation else config or Config()
+        config = config or Config()
         recording = open_any(Path(path), options)
         return Pipeline(recording, set_up_kept(recording, config, kept), config, tracker, matcher)
 
@@ -178,9 +176,11 @@ class Pipeline(StereoDescription):
         """Foreground, maps and people of the next frame."""
         clock = StageClock(matched.stages_ms)
         found = self.separate(matched, clock)
-        maps = reduced(self.maps.of(found.points), self.config.maps.statistic)
+        maps = self.maps.of(found.points)
         clock.record("maps")
-        observation = Observation(matched.frame, matched.timestamp_s, matched.image, found.mask, None, maps)
+        observation = Observation(
+            matched.frame, matched.timestamp_s, matched.image, found.mask, None, maps, views=(self.seen(found),)
+        )
         tracks = tuple(self._boxes(track) for track in self.tracker.update(observation))
         self.learn(found, tracks)
         clock.record("track")
@@ -205,6 +205,11 @@ class Pipeline(StereoDescription):
         clock.record("foreground")
         points = self.maps.points(now, mask, image, self.foreground.exposure)
         return Separated(image, mask, points, sampled, measured)
+
+    def seen(self, found: Separated) -> SeenPixels:
+        """What the camera saw of every analysis pixel."""
+        background = self.foreground.background_disparity()
+        return seen_pixels(self.rays, found.points, found.mask, background, self.config.maps.height_min_m)
 
     def learn(self, found: Separated, tracks: Sequence[TrackState]) -> None:
         """Tell the next frame's foreground and matching where people are, with their boxes in this image."""

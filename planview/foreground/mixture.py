@@ -13,7 +13,7 @@ from planview.foreground import _mixture_kernels as kernels
 from planview.foreground._block_kernels import BLOCK, N_LEAD
 from planview.foreground._change_kernels import find_changes
 from planview.foreground._gain_kernels import fill_luma
-from planview.foreground._gaussian_kernels import N_FIELDS, UpdateConstants
+from planview.foreground._gaussian_kernels import DEPTH_FRACTION, N_FIELDS, D, UpdateConstants
 from planview.foreground.gain import Exposure, GainFollower
 from planview.foreground.masks import FOREGROUND, SHADOW
 from planview.foreground.params import ForegroundParams
@@ -162,6 +162,13 @@ class Foreground:
         luma = np.empty(self._mask.size, np.uint8)
         fill_luma(self._lead, self._gain.gain, self._gain.offset, luma)
         return luma.reshape(self.shape)
+
+    def background_disparity(self) -> F32:
+        """(H, W) float32 [px], of the most common background; NaN where it has no depth, and before an update."""
+        lead = self._lead.reshape(len(self._lead), N_LEAD, BLOCK)
+        known = lead[:, DEPTH_FRACTION] >= np.float32(self.params.min_depth_fraction)
+        disparity = np.where(known & (lead[:, D] > 0), lead[:, D], np.float32(np.nan)).reshape(-1)
+        return np.asarray(disparity[: self._mask.size].reshape(self.shape), dtype=np.float32)
 
     def _flat_image(self, image: U8) -> U8:
         if image.dtype != np.uint8 or image.shape[:2] != self.shape or image.shape[2:] not in ((), (1,), (3,)):

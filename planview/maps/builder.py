@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 from pydantic import Field
@@ -22,9 +22,6 @@ from stereo.depth import RectifiedGeometry
 REFERENCE = Exposure()
 HEAD_M = 1.6
 """Height of a head [m], for the angle under which a camera views it."""
-
-
-Statistic = Literal["both", "height", "occupancy"]
 
 
 class MapParams(GridParams):
@@ -46,9 +43,6 @@ class MapParams(GridParams):
     2 W_avg of a template (Harville 2002, section 4; our choice)."""
     distance_max_m: float = Field(15.0, gt=0.5, le=100.0)
     """Farthest horizontal distance covered by the grid [m], where the depth allows it (our choice)."""
-    statistic: Statistic = "both"
-    """Which of height and occupancy the tracker is given; the paper's comparisons give it one of them alone (Harville
-    2002, section 5). Without occupancy also ``occupancy_min=0``: heights are not pruned."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,9 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-from planview.engine.ablations import ablated
 from planview.engine.config import Config
 from planview.engine.engine import Engine, FrameResult
-from planview.engine.factory import AnyTracker, base_config, open_engine
+from planview.engine.factory import AnyTracker, open_engine
 from planview.offline.refine import refine
 from planview.output.folder import check_folder, prepare_folder
 from planview.output.refine import refine_run
@@ -37,7 +36,6 @@ def run(
     tracker: AnyTracker = "template",
     matcher: Matcher | None = None,
     config: Config | None = None,
-    ablation: str | None = None,
     camera: Path | str | None = None,
     options: OpenOptions | None = None,
     frames: int = 0,
@@ -50,10 +48,9 @@ def run(
     Args:
         source: a recording, or an engine (``Pipeline``), which brings tracker, matcher and configuration of its own.
         out: folder for tracks.csv, run.json and report.html as ``planview run`` writes them; None to write nothing.
-        tracker: "template", "human-model", "ellipse-particle", or a tracker of your own.
+        tracker: "template", "harville", "human-model", "ellipse-particle", or a tracker of your own.
         matcher: of stereo pairs; SGBM when None.
         config: every parameter; the defaults when None.
-        ablation: a part of the engine to switch off, by its name in ``planview.ABLATIONS``.
         camera: camera.toml of a single camera.
         options: how the recording is opened (calibration, rate, topics).
         frames: stop after so many; 0 for all.
@@ -72,8 +69,6 @@ def run(
     if not isinstance(source, Path | str):
         return _track(source, out, extent, watch)
     path = Path(source)
-    if ablation is not None:
-        config = ablated(ablation, config or base_config(path))
     engine = open_engine(path, tracker, config, None if camera is None else Path(camera), options, matcher)
     return _track(engine, out, extent, watch, tracker if isinstance(tracker, str) else type(tracker).__name__)
 

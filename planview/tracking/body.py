@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -13,8 +14,10 @@ from calib.types import F32, F64, Bool
 
 HEIGHT_MEAN_M, HEIGHT_STD_M = 1.70, 0.12
 """Heights of standing adults of both sexes [m] (NCD-RisC 2016, adults born 1996, over countries)."""
-HEIGHT_MIN_M, HEIGHT_MAX_M = 0.50, 2.10
-"""Heights of a head, from a child that crouches to a very tall man who walks [m]."""
+HEIGHT_MIN_M, HEIGHT_MAX_M = 0.80, 2.10
+"""Heights of a head [m], from somebody who sits on the floor to a very tall man who walks."""
+THINGS = 0.1
+"""Share of what comes into view that is moved furniture and carried things, of any height up to a person's."""
 SPEED_MAX_MPS = 2.5
 """Fastest walk [m/s]: men change to running at 2.0 to 2.5 m/s (Hreljac 1993)."""
 REACH_M = 0.9
@@ -30,13 +33,19 @@ PROFILE = (
     (0.85, 0.97, TORSO.head_radius_m, 0.6),
     (0.97, 1.00, 0.06, 0.6),
 )
-"""Legs, torso, the slope of the shoulders, head with neck, and crown: from and to [of the height], half breadth [m] of a body
-of 1.76 m, depth over breadth. Hip, shoulder and chin after Drillis and Contini 1966, radii after Zhang."""
+"""Legs, torso, the slope of the shoulders, head with neck, and crown: from and to [of the height], half breadth [m] of
+a body of 1.76 m, depth over breadth. Hip, shoulder and chin after Drillis and Contini 1966, radii after Zhang."""
 ARMS = ((0.42, 0.80, 0.31, 0.4),)
 ARMS_SHARE = 0.35
 """Where arms may be beside the torso, and how often they are there."""
 APART_M = 2.0 * TORSO.torso_radius_m
 """Axes of two bodies side by side [m]."""
+
+
+def stature(height_m: float, tall_m: float, std_m: float, low_share: float) -> float:
+    """Density [1/m] of a person's height now: upright, or as likely anything lower."""
+    off = (height_m - tall_m) / std_m
+    return (1 - low_share) * math.exp(-0.5 * off * off) / (math.sqrt(2 * math.pi) * std_m) + low_share / tall_m
 
 
 class BodyTable(NamedTuple):
@@ -74,11 +83,12 @@ def body_table() -> BodyTable:
     w = (np.arange(W_CELLS * fine) + 0.5 - W_CELLS * fine / 2) * FINE_M
     cover = np.empty((ANGLES, U_CELLS, W_CELLS), np.float32)
     front = np.empty_like(cover)
+    across, up = np.meshgrid(np.asarray(u, dtype=np.float64), np.asarray(w, dtype=np.float64), indexing="ij")
     for a in range(ANGLES):
-        hit, ahead = _cylinders(np.deg2rad(ANGLE_MIN_DEG + a * ANGLE_STEP_DEG), u[:, None], w[None, :])
+        hit, ahead = _cylinders(np.deg2rad(ANGLE_MIN_DEG + a * ANGLE_STEP_DEG), across, up)
         share = cv2.GaussianBlur(hit.astype(np.float64), (0, 0), BLUR_M / FINE_M)
         ahead = cv2.GaussianBlur(np.where(hit, ahead, 0.0), (0, 0), BLUR_M / FINE_M) / np.maximum(share, 1e-6)
-        held, near = _cylinders(np.deg2rad(ANGLE_MIN_DEG + a * ANGLE_STEP_DEG), u[:, None], w[None, :], ARMS)
+        held, near = _cylinders(np.deg2rad(ANGLE_MIN_DEG + a * ANGLE_STEP_DEG), across, up, ARMS)
         arms = ARMS_SHARE * cv2.GaussianBlur(held.astype(np.float64), (0, 0), BLUR_M / FINE_M)
         near = cv2.GaussianBlur(np.where(held, near, 0.0), (0, 0), BLUR_M / FINE_M) / np.maximum(
             arms / ARMS_SHARE, 1e-6
@@ -99,7 +109,7 @@ def _cylinders(
     c, s = np.cos(depression), np.sin(depression)
     c = c if abs(c) > 1e-6 else 1e-6
     s = s if abs(s) > 1e-6 else 1e-6
-    enter = np.full(np.broadcast_shapes(u.shape, w.shape), np.inf)
+    enter = np.full(u.shape, np.inf)
     for low_share, high_share, radius, ratio in profile:
         low, high = low_share * TORSO.height_m, high_share * TORSO.height_m
         # From above it may face anywhere: a circle of the same area.

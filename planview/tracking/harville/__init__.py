@@ -1,6 +1,6 @@
-"""Adaptive plan-view templates with Kalman prediction and re-centering (Harville 2002, section 4)."""
+"""x"""
 
-from planview.tracking.harville.params import TemplateTrackerParams
-from planview.tracking.harville.tracker import TemplateTracker
+from planview.tracking.harville.params import TemplateTrackerParams as HarvilleParams
+from planview.tracking.harville.tracker import TemplateTracker as HarvilleTracker
 
-__all__ = ["TemplateTracker", "TemplateTrackerParams"]
+__all__ = ["HarvilleParams", "HarvilleTracker"]

@@ -11,10 +11,10 @@ from calib.types import F64
 from planview.maps.builder import PlanViewMaps
 from planview.tracking.appearance import appearances, is_distinctive
 from planview.tracking.detection import PersonCandidate, inseparable_pairs
-from planview.tracking.identity import Exchange, IdentityLayer
-from planview.tracking.lifecycle import LifeCycle
 from planview.tracking.harville.params import TemplateTrackerParams
 from planview.tracking.harville.state import TemplatePerson
+from planview.tracking.identity import Exchange, IdentityLayer
+from planview.tracking.lifecycle import LifeCycle
 
 CONTACT_M = 0.5
 """Two people nearer than this (stretched along the ray by depth noise) may be exchanged [m]: shoulder to shoulder."""

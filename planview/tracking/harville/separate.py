@@ -9,9 +9,9 @@ import numpy as np
 
 from planview.maps.builder import PlanViewMaps
 from planview.tracking.detection import PersonCandidate, inseparable
-from planview.tracking.newcomers import is_part_of
 from planview.tracking.harville.params import TemplateTrackerParams
 from planview.tracking.harville.state import TemplatePerson
+from planview.tracking.newcomers import is_part_of
 
 SEATED_M = 1.4
 """Heads of seated adults are below this [m] (anthropometric tables: seat 0.45 m, sitting height up to 0.95 m)."""

@@ -11,8 +11,6 @@ from planview.maps.grid import Grid
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.body_axis import AxisMeasurement, BodyAxis
 from planview.tracking.detection import PersonCandidate, PersonDetector, inseparable
-from planview.tracking.kalman import FloorKalman
-from planview.tracking.lifecycle import LifeCycle
 from planview.tracking.harville.drawing import draw
 from planview.tracking.harville.identities import HEAD_ROOM_M, Identities
 from planview.tracking.harville.matching import JointMatcher
@@ -20,6 +18,8 @@ from planview.tracking.harville.params import TemplateTrackerParams
 from planview.tracking.harville.separate import Separate, small_beside
 from planview.tracking.harville.state import TemplateFrame, TemplatePerson
 from planview.tracking.harville.templates import blend, nearest_peak, renew, slipped
+from planview.tracking.kalman import FloorKalman
+from planview.tracking.lifecycle import LifeCycle
 from planview.trajectories.state import TrackState
 
 UNLIKELY_MAX = 4.6

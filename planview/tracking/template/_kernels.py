@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from calib.types import F32, F64, I64, U8, Bool
+from calib.types import F32, F64, I64, U8
 
 CX, CY, CZ, EX, EY, COS, SIN, RANGE, WEIGHT, STD = range(10)
 SAMPLE_FIELDS = 10
@@ -19,6 +19,8 @@ LAYERS = 4
 """Other people on one ray, the nearest first."""
 TINY = 1e-12
 PARTS = 3
+SPACING = 0.7
+"""Distance of samples on a body [patches]."""
 LEGS_TO, TORSO_TO = 0.45, 0.85
 """Relative heights at which the hip and the shoulders are (Zhang et al. 2008, table 1)."""
 HIDDEN_MAX = 0.72
@@ -86,7 +88,7 @@ def _part(z: float) -> int:
 
 
 @njit(cache=True, nogil=True)
-def gather(  # type: ignore[no-untyped-def]
+def gather(
     pose: F64, reach_m: float, spacing_m: float, patch_m: float, centre: F64, direction: F32, stretch: F32,
     projection: F64, pixel_sr: float, kind: U8, range_m: F32, colour: U8, std_per_m2: float, samples: F32, kinds: U8,
     codes: U8, angles: I64, n: int, b: Beliefs,
@@ -142,8 +144,8 @@ def gather(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def layer(  # type: ignore[no-untyped-def]
-    samples: F32, kinds: U8, codes: U8, angles: I64, n: int, poses: F64, sure: F64, ratios: F32, who: I64, skip: int,
+def layer(
+    samples: F32, kinds: U8, codes: U8, angles: I64, n: int, poses: F64, sure: F64, ratios: F32, who: I64,
     cover: F32, front: F32, b: Beliefs, at: F32, through: F32, before: F32, rest: F32, count: I64,
 ) -> None:  # fmt: skip
     """The other people on every sample's ray, the nearest first, each covering as surely as it exists (``sure``).
@@ -161,8 +163,6 @@ def layer(  # type: ignore[no-untyped-def]
         near = False
         for a in range(len(who)):
             k = who[a]
-            if k == skip:
-                continue
             h = poses[k, 2]
             pi, range_m, z = _look(
                 poses[k, 0], poses[k, 1], h, s[CX], s[CY], s[CZ], s[EX], s[EY], s[COS], s[SIN], angles[i],
@@ -208,7 +208,7 @@ def layer(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def evaluate(  # type: ignore[no-untyped-def]
+def evaluate(
     x: float, y: float, h: float, samples: F32, kinds: U8, codes: U8, angles: I64, n: int, ratio: F32,
     cover: F32, front: F32, b: Beliefs, at: F32, through: F32, before: F32, rest: F32, count: I64,
 ) -> float:  # fmt: skip
@@ -254,22 +254,23 @@ def believed(x: float, y: float, h: float, tall: float, tall_std: float, apart: 
 
 @njit(cache=True, nogil=True, fastmath=True)
 def ascend(  # type: ignore[no-untyped-def]
-    pose: F64, predicted: F64, info: F64, height_info: float, tall: float, tall_std: float, apart: F64, steps: F64, limits: F64,
-    samples: F32, kinds: U8, codes: U8, angles: I64, n: int, ratio: F32, cover: F32, front: F32, b: Beliefs,
-    at: F32, through: F32, before: F32, rest: F32, count: I64,
+    pose: F64, predicted: F64, information: F64, tall: float, tall_std: float, apart: F64, steps: F64,
+    low: float, high: float, samples: F32, kinds: U8, codes: U8, angles: I64, n: int, ratio: F32,
+    cover: F32, front: F32, b: Beliefs, at: F32, through: F32, before: F32, rest: F32, count: I64,
 ):  # fmt: skip
     """Pattern search on Lam - Mahalanobis / 2 along and across the first camera's ray, in height, and to the upright
     posture; moves ``pose``.
 
-    ``info`` (3,): xx, xy, yy of the prediction's inverse covariance. ``apart`` (K, 3): places of other bodies, which
-    cannot be entered, and how surely they exist. Returns Lam at the end and what is believed of such a pose.
+    ``information`` (4,): xx, xy, yy of the place's and of the height's inverse covariance. ``apart`` (K, 3): places of
+    other bodies, which cannot be entered, and how surely they exist. Returns Lam at the end plus what is believed of
+    such a pose.
     """
     ax, ay = 1.0, 0.0
     if n > 0:
         ax, ay = pose[0] - samples[0, CX], pose[1] - samples[0, CY]
         norm = math.sqrt(ax * ax + ay * ay)
         ax, ay = (ax / norm, ay / norm) if norm > 1e-6 else (1.0, 0.0)
-    best, best_lam, best_prior = -1e300, 0.0, 0.0
+    best, worth = -1e300, 0.0
     for step in steps:
         for _ in range(4):
             x, y, h = pose[0], pose[1], pose[2]
@@ -291,37 +292,36 @@ def ascend(  # type: ignore[no-untyped-def]
                         continue
                 else:
                     nh = h + (0.5 * step if move == 5 else -0.5 * step)
-                    if nh < limits[0] or nh > limits[1]:
+                    if nh < low or nh > high:
                         continue
                 ox, oy, oh = nx - predicted[0], ny - predicted[1], nh - predicted[2]
-                prior = -0.5 * (info[0] * ox * ox + 2 * info[1] * ox * oy + info[2] * oy * oy)
-                prior -= 0.5 * height_info * oh * oh
+                prior = -0.5 * (information[0] * ox * ox + 2 * information[1] * ox * oy + information[2] * oy * oy)
+                prior -= 0.5 * information[3] * oh * oh
                 prior += believed(nx, ny, nh, tall, tall_std, apart, b)
-                if prior < best - 200.0:
-                    continue
                 lam = evaluate(
                     nx, ny, nh, samples, kinds, codes, angles, n, ratio, cover, front, b,
                     at, through, before, rest, count,
                 )  # fmt: skip
                 if lam + prior > best + 1e-6:
-                    best, best_lam, best_prior = lam + prior, lam, believed(nx, ny, nh, tall, tall_std, apart, b)
+                    best = lam + prior
+                    worth = lam + believed(nx, ny, nh, tall, tall_std, apart, b)
                     pose[0], pose[1], pose[2] = nx, ny, nh
                     moved = True
             if not moved:
                 break
-    return best_lam, best_prior
+    return worth
 
 
 @njit(cache=True, nogil=True, fastmath=True)
 def visible(  # type: ignore[no-untyped-def]
-    pose: F64, samples: F32, kinds: U8, codes: U8, angles: I64, n: int, ratio: F32, cover: F32, front: F32,
-    b: Beliefs, at: F32, through: F32, before: F32, rest: F32, count: I64,
+    pose: F64, samples: F32, kinds: U8, angles: I64, n: int, cover: F32, front: F32, b: Beliefs,
+    at: F32, through: F32, before: F32, rest: F32, count: I64,
 ):  # fmt: skip
     """Patches of a body that it explains better than all else, and those in view."""
     mine = total = 0.0
     for i in range(n):
         s = samples[i]
-        pi, range_m, z = _look(
+        pi, range_m, _ = _look(
             pose[0], pose[1], pose[2], s[CX], s[CY], s[CZ], s[EX], s[EY], s[COS], s[SIN], angles[i], cover, front, b
         )
         if pi < 0.02:
@@ -341,8 +341,9 @@ def visible(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def share_out(  # type: ignore[no-untyped-def]
-    poses: F64, sure: F64, ratios: F32, boxes: I64, centre: F64, direction: F32, kind: U8, range_m: F32, colour: U8, std: F32,
+def share_out(
+    poses: F64, sure: F64, ratios: F32, boxes: I64, centre: F64, direction: F32, stretch: F32, std_per_m2: float,
+    kind: U8, range_m: F32, colour: U8,
     cover: F32, front: F32, b: Beliefs, owner: I64, share: F32, height: F32,
 ) -> None:  # fmt: skip
     """Who owns each pixel of surface: -2 no surface, -1 nobody, else a person, with the responsibility.
@@ -380,7 +381,7 @@ def share_out(  # type: ignore[no-untyped-def]
                 if pi < 0.01:
                     continue
                 ratio = 1.0 - b.colour + b.colour * ratios[k, _part(z), colour[r, c]]
-                value = _body_likelihood(1, range_m[r, c], at, std[r, c], ratio, b)
+                value = _body_likelihood(1, range_m[r, c], at, std_per_m2 / stretch[r, c], ratio, b)
                 j = m
                 while j > 0 and t[j - 1] > at:
                     t[j], p[j], like[j], ks[j], zs[j] = t[j - 1], p[j - 1], like[j - 1], ks[j - 1], zs[j - 1]
@@ -399,17 +400,3 @@ def share_out(  # type: ignore[no-untyped-def]
             owner[r, c] = who if best > other else -1
             share[r, c] = best / (total + other)
             height[r, c] = at_z
-
-
-@njit(cache=True, nogil=True)
-def touching(boxes: I64, gap_px: int) -> Bool:
-    """(N, N) whether the boxes (left, top, right, bottom) of two people touch in the image."""
-    n = len(boxes)
-    out = np.zeros((n, n), np.bool_)
-    for i in range(n):
-        for j in range(n):
-            a, c = boxes[i], boxes[j]
-            out[i, j] = (
-                a[0] - gap_px <= c[2] and c[0] - gap_px <= a[2] and a[1] - gap_px <= c[3] and c[1] - gap_px <= a[3]
-            )
-    return out

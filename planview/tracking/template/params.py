@@ -30,8 +30,6 @@ class TemplateParams(Params):
     """Errors of pixels nearer than this are one error [m]; one look per patch (Harville's unit of occupancy)."""
     surface_std_m: float = Field(0.10, gt=0.01, le=0.5)
     """Deviation of a body's surface from its template [m]."""
-    template_s: float = Field(1.0, gt=0, le=60)
-    """Time in which a person's own template is learned [s]."""
     acceleration_mps2: float = Field(2.0, gt=0, le=20)
     """Deviation of a walker's acceleration [m/s^2]."""
     slow_down_s: float = Field(0.7, gt=0, le=60)
@@ -40,6 +38,8 @@ class TemplateParams(Params):
     """Speed of a head that goes up and down: sitting down, bending [m/s]."""
     low_share: float = Field(0.1, gt=0, lt=1)
     """Share of people who sit, bend, or are children."""
+    floor_m2: float = Field(20.0, gt=0.1, le=10000)
+    """Area of the floor over which strangers may appear [m^2]."""
     errors_s: float = Field(0.25, gt=0, le=10)
     """tau, time for which errors of the foreground stay the same [s]."""
     evidence_max: float = Field(6.0, gt=0.5, le=50)

@@ -1,0 +1,232 @@
+"""How well people at some places explain every pixel of one frame, and where they explain it best."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.types import F32, F64, I64, Bool
+from planview.maps.colour import CODES
+from planview.maps.pixels import SeenPixels
+from planview.tracking import body
+from planview.tracking.kalman import PositionNoise
+from planview.tracking.template import _kernels as kernels
+from planview.tracking.template.params import TemplateParams
+
+STEPS_M = np.array([0.12, 0.06, 0.03])
+"""Steps of the pattern search: a walker's error of prediction, down to half a patch's blur [m]."""
+MAX_SAMPLES = 4000
+GAP_PX = 6
+"""People whose boxes are nearer than this in an image are explained together [px]."""
+
+
+def beliefs_of(p: TemplateParams, table: body.BodyTable) -> kernels.Beliefs:
+    """The parameters as kernels take them."""
+    return kernels.Beliefs(
+        outliers=p.outliers,
+        body=p.seen_on_body,
+        background=p.seen_on_background,
+        near_people=p.seen_near_people,
+        no_depth=p.no_depth,
+        range_m=p.range_m,
+        unknown=p.unknown,
+        surface_var=p.surface_std_m**2,
+        colour=p.colour_weight,
+        body_m=body.TORSO.height_m,
+        reach_m=body.REACH_M,
+        apart_m=body.APART_M,
+        low_share=p.low_share,
+        angle_min=table.angle_min_rad,
+        angle_step=table.angle_step_rad,
+        cell_m=table.cell_m,
+        w_min=table.w_min_m,
+    )
+
+
+class People:
+    """What an explanation knows of people, side by side: all arrays have one row a person.
+
+    Attributes:
+        poses: (N, 3) float64 x, y, height [m].
+        sure: (N,) float64 probabilities of existence.
+        tall: (N, 2) float64 height when upright and its deviation [m].
+        ratios: (N, PARTS, CODES) float32 colours over those of anybody.
+    """
+
+    def __init__(self, poses: F64, sure: F64, tall: F64, ratios: F32) -> None:
+        self.poses, self.sure, self.tall, self.ratios = poses, sure, tall, ratios
+
+    def with_one(self, pose: F64) -> People:
+        """With one more, of whom nothing is known."""
+        return People(
+            np.concatenate([self.poses, pose[None]]),
+            np.append(self.sure, 1.0),
+            np.concatenate([self.tall, [[body.HEIGHT_MEAN_M, body.HEIGHT_STD_M]]]),
+            np.concatenate([self.ratios, np.ones((1, kernels.PARTS, CODES), np.float32)]),
+        )
+
+    def apart(self, others: I64) -> F64:
+        """(K, 3) float64: places of some, and how surely they exist."""
+        return np.column_stack([self.poses[others, :2], self.sure[others]]).reshape(-1, 3)
+
+
+class Explanation:
+    """One frame of all cameras.
+
+    Args:
+        views: what the cameras saw.
+    """
+
+    def __init__(self, views: Sequence[SeenPixels], params: TemplateParams, table: body.BodyTable) -> None:
+        self.views, self.params, self.table = views, params, table
+        self.beliefs = beliefs_of(params, table)
+
+    def around(self, pose: F64, reach_m: float) -> Samples:
+        """The samples within reach of a body, of all cameras."""
+        samples = Samples(self)
+        for v in self.views:
+            r = v.rays
+            colour = v.colour if v.colour is not None else v.kind
+            std = self.params.disparity_std_px / r.disparity_metre
+            samples.n = kernels.gather(
+                pose, reach_m, kernels.SPACING * self.params.patch_m, self.params.patch_m, r.centre_m, r.direction,
+                r.stretch, r.projection, r.pixel_sr, v.kind, v.range_m, colour, std, samples.values, samples.kinds,
+                samples.codes, samples.angles, samples.n, self.beliefs,
+            )  # fmt: skip
+        return samples
+
+    def boxes(self, view: SeenPixels, poses: F64) -> I64:
+        """(N, 4) int64 left, top, right, bottom of bodies in a view [px]."""
+        reach = np.array([(dx, dy, z) for dx in (-0.4, 0.4) for dy in (-0.4, 0.4) for z in (0.0, 1.05)])
+        points = np.repeat(poses[:, None, :2], 8, axis=1) + reach[None, :, :2]
+        z = reach[None, :, 2] * poses[:, 2:3]
+        image = np.concatenate([points, z[..., None], np.ones((len(poses), 8, 1))], axis=-1) @ view.rays.projection.T
+        depth = np.maximum(image[..., 2], 0.15)
+        u, v = image[..., 0] / depth, image[..., 1] / depth
+        boxes = np.stack([u.min(1), v.min(1), u.max(1), v.max(1)], axis=1)
+        return np.asarray(np.clip(boxes, -10_000, 10_000), dtype=np.int64)
+
+    def touching(self, poses: F64) -> Bool:
+        """(N, N) whether two people may be on one ray of a camera."""
+        touch = np.zeros((len(poses), len(poses)), np.bool_)
+        for v in self.views:
+            low, high = np.split(self.boxes(v, poses), 2, axis=1)
+            touch |= (low[:, None] - GAP_PX <= high[None]).all(-1) & (low[None] - GAP_PX <= high[:, None]).all(-1)
+        return np.asarray(touch, dtype=np.bool_)
+
+    def whole_patches(self, pose: F64) -> float:
+        """Patches of a body that is wholly in view, a mean over the cameras."""
+        total, scale = 0.0, (pose[2] / body.TORSO.height_m) ** 2
+        for v in self.views:
+            away = math.dist(pose[:2], v.rays.centre_m[:2])
+            depression = math.atan2(v.rays.centre_m[2] - 0.5 * pose[2], away)
+            angle = round((depression - self.table.angle_min_rad) / self.table.angle_step_rad)
+            cover = self.table.cover[min(max(angle, 0), len(self.table.cover) - 1)]
+            total += 2.0 * float(cover.sum()) * self.table.cell_m**2 * scale / self.params.patch_m**2
+        return total / len(self.views)
+
+    def share_out(self, people: People) -> list[tuple[I64, F32, F32]]:
+        """Per view: the owner of every pixel (-2 no surface, -1 nobody), the responsibility, the relative height."""
+        out = []
+        for v in self.views:
+            owner = np.empty(v.kind.shape, np.int64)
+            share, height = np.zeros(v.kind.shape, np.float32), np.zeros(v.kind.shape, np.float32)
+            colour = v.colour if v.colour is not None else v.kind
+            kernels.share_out(
+                people.poses, people.sure, people.ratios, self.boxes(v, people.poses), v.rays.centre_m,
+                v.rays.direction, v.rays.stretch, self.params.disparity_std_px / v.rays.disparity_metre, v.kind,
+                v.range_m, colour, self.table.cover, self.table.front, self.beliefs, owner, share, height,
+            )  # fmt: skip
+            out.append((owner, share, height))
+        return out
+
+
+class Samples:
+    """The samples around one person and the layers of others on their rays."""
+
+    def __init__(self, of: Explanation) -> None:
+        k = kernels.LAYERS
+        self._of = of
+        self.values = np.empty((MAX_SAMPLES, kernels.SAMPLE_FIELDS), np.float32)
+        self.kinds = np.empty(MAX_SAMPLES, np.uint8)
+        self.codes = np.empty(MAX_SAMPLES, np.uint8)
+        self.angles = np.empty(MAX_SAMPLES, np.int64)
+        self.n = 0
+        self._layers = (
+            np.empty((MAX_SAMPLES, k), np.float32),
+            np.empty((MAX_SAMPLES, k + 1), np.float32),
+            np.empty((MAX_SAMPLES, k + 1), np.float32),
+            np.empty((MAX_SAMPLES, k + 1), np.float32),
+            np.empty(MAX_SAMPLES, np.int64),
+        )
+
+    def layer(self, people: People, others: I64) -> None:
+        """Take these people for the others on the rays."""
+        t = self._of.table
+        kernels.layer(
+            self.values, self.kinds, self.codes, self.angles, self.n, people.poses, people.sure, people.ratios,
+            others, t.cover, t.front, self._of.beliefs, *self._layers,
+        )  # fmt: skip
+
+    def lam(self, pose: F64, ratio: F32) -> float:
+        """Lam with one more person at a pose, less Lam with the others alone."""
+        return self._lam(float(pose[0]), float(pose[1]), float(pose[2]), ratio)
+
+    def _lam(self, x: float, y: float, h: float, ratio: F32) -> float:
+        t = self._of.table
+        return float(
+            kernels.evaluate(
+                x, y, h, self.values, self.kinds, self.codes, self.angles, self.n, ratio, t.cover, t.front,
+                self._of.beliefs, *self._layers,
+            )
+        )  # fmt: skip
+
+    def ascend(
+        self, pose: F64, predicted: F64, information: F64, tall: F64, apart: F64, ratio: F32, steps: F64 = STEPS_M
+    ) -> float:
+        """Move a pose to where it explains best; Lam there plus what is believed of such a pose.
+
+        Args:
+            information: (4,) xx, xy, yy of the place's and of the height's inverse covariance.
+        """
+        t = self._of.table
+        return float(
+            kernels.ascend(
+                pose, predicted, information, float(tall[0]), float(tall[1]), apart, steps, body.HEIGHT_MIN_M,
+                body.HEIGHT_MAX_M, self.values, self.kinds, self.codes, self.angles, self.n, ratio, t.cover, t.front,
+                self._of.beliefs, *self._layers,
+            )
+        )  # fmt: skip
+
+    def believed(self, pose: F64, tall: F64, apart: F64) -> float:
+        """What is believed of a pose before any pixel is seen."""
+        x, y, h = map(float, pose)
+        return float(kernels.believed(x, y, h, float(tall[0]), float(tall[1]), apart, self._of.beliefs))
+
+    def visible(self, pose: F64) -> tuple[float, float]:
+        """Patches of a body that it explains better than all else, and those in view."""
+        t = self._of.table
+        mine, total = kernels.visible(
+            pose, self.values, self.kinds, self.angles, self.n, t.cover, t.front, self._of.beliefs, *self._layers
+        )
+        return float(mine), float(total)
+
+    def noise(self, pose: F64, ratio: F32) -> tuple[PositionNoise, float]:
+        """Covariance of the place and information on the height [1/m^2], from the second differences of Lam."""
+        x, y, h = map(float, pose)
+        d = float(STEPS_M[1])
+        ax, ay = (
+            (x - float(self.values[0, kernels.CX]), y - float(self.values[0, kernels.CY])) if self.n else (1.0, 0.0)
+        )
+        norm = max(math.hypot(ax, ay), 1e-6)
+        ax, ay = ax / norm, ay / norm
+        here = 2 * self._lam(x, y, h, ratio)
+        along = here - self._lam(x + d * ax, y + d * ay, h, ratio) - self._lam(x - d * ax, y - d * ay, h, ratio)
+        across = here - self._lam(x - d * ay, y + d * ax, h, ratio) - self._lam(x + d * ay, y - d * ax, h, ratio)
+        up = here - self._lam(x, y, h + d, ratio) - self._lam(x, y, h - d, ratio)
+        least = (d / 3) ** 2
+        va, vc = (max(d * d / max(bent, 0.02), least) for bent in (along, across))
+        place = PositionNoise(va * ax * ax + vc * ay * ay, (va - vc) * ax * ay, va * ay * ay + vc * ax * ax)
+        return place, max(up, 0.0) / (d * d)

@@ -1,0 +1,114 @@
+"""Who is who: people who were in contact may have each other's place, and newcomers may be people known before."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from calib.types import F32, F64, I64
+from planview.maps.colour import CODES
+from planview.maps.pixels import SeenPixels
+from planview.tracking import body
+from planview.tracking.template._kernels import LEGS_TO, PARTS, TORSO_TO
+from planview.tracking.template.params import TemplateParams
+from planview.tracking.template.person import KNOWN_LOOKS, Person, colour_ratios
+
+CONTACT_M = 0.7
+"""People nearer than this may be taken for each other [m]: a body, and an arm's movement."""
+DECIDED = 6.0
+"""Log-odds at which two people exchange identities: one error in 400."""
+PART_MAX = 2.0
+"""Largest evidence of the colours of one part of a body, as log-odds: light differs within a room."""
+Owned = Sequence[tuple[I64, F32, F32]]
+
+
+class Exchanges:
+    """Evidence, forgotten with ``lag_s``, that two people who were in contact have each other's place."""
+
+    def __init__(self, params: TemplateParams) -> None:
+        self._params = params
+        self._evidence: dict[tuple[int, int], float] = {}
+
+    def update(
+        self, people: Sequence[Person], owned: Owned, views: Sequence[SeenPixels], dt: float
+    ) -> list[tuple[Person, Person, float]]:
+        """Pairs that must exchange their identities, with the log-odds.
+
+        Args:
+            owned: per view, from ``Explanation.share_out``.
+        """
+        p, alive = self._params, {q.track_id for q in people}
+        self._evidence = {pair: v for pair, v in self._evidence.items() if alive.issuperset(pair)}
+        decided: list[tuple[Person, Person, float]] = []
+        ratios = np.log(colour_ratios(people))
+        colours: dict[int, tuple[F64, float]] = {}
+        for i, a in enumerate(people):
+            for j in range(i + 1, len(people)):
+                b = people[j]
+                pair = min(a.track_id, b.track_id), max(a.track_id, b.track_id)
+                if math.dist(a.at_m, b.at_m) < CONTACT_M:
+                    self._evidence.setdefault(pair, 0.0)
+                known = min(a.looks, b.looks) >= KNOWN_LOOKS and a.confirmed and b.confirmed
+                if pair not in self._evidence or not known:
+                    continue
+                gain = 0.0
+                for k, other in ((i, j), (j, i)):
+                    if k not in colours:
+                        colours[k] = owned_colours(k, owned, views, p.patch_m)
+                    seen, patches = colours[k]
+                    alike = float((seen * (ratios[other] - ratios[k])).sum())
+                    gain += float(np.clip(alike, -PART_MAX, PART_MAX)) * min(PARTS, patches / 20.0)
+                odds = self._evidence[pair] * math.exp(-dt / p.lag_s) + gain * min(1.0, dt / p.errors_s)
+                self._evidence[pair] = odds
+                if odds > DECIDED and not any(a in done or b in done for done in decided):
+                    decided.append((a, b, odds))
+                    self._evidence[pair] = 0.0
+        return decided
+
+
+def owned_colours(k: int, owned: Owned, views: Sequence[SeenPixels], patch_m: float) -> tuple[F64, float]:
+    """(PARTS, CODES) shares of the colours of a person's pixels, and how many patches they are."""
+    total, patches = np.zeros((PARTS, CODES)), 0.0
+    for (owner, share, height), v in zip(owned, views, strict=True):
+        mine = (owner == k) & (share > 0.3)
+        if v.colour is None:
+            continue
+        part = np.digitize(height[mine], (LEGS_TO, TORSO_TO))
+        np.add.at(total, (part, v.colour[mine]), 1.0)
+        depth = v.range_m[mine] / v.rays.stretch[mine]
+        patches += float((depth * depth).sum()) * v.rays.pixel_sr / patch_m**2
+    return total / max(total.sum(), 1.0), patches
+
+
+def continued(
+    born: Sequence[Person], known: Sequence[Person], now_s: float, params: TemplateParams
+) -> dict[int, tuple[Person, float]]:
+    """Newcomers, by index, who are people known before, with the log-odds: the best joint assignment."""
+    odds = np.array([[_log_odds(q, b, known, now_s, params) for q in known] for b in born]).reshape(len(born), -1)
+    rows, cols = linear_sum_assignment(np.maximum(odds, 0.0), maximize=True)
+    return {int(i): (known[j], float(odds[i, j])) for i, j in zip(rows, cols, strict=True) if odds[i, j] > 0}
+
+
+def _log_odds(q: Person, b: Person, known: Sequence[Person], now_s: float, params: TemplateParams) -> float:
+    """Of a newcomer being a person known before rather than a stranger: by place, height and colours."""
+    gone_s, away = now_s - q.seen_s, math.dist(q.at_m, b.at_m)
+    if away > body.TORSO.torso_radius_m + body.SPEED_MAX_MPS * gone_s or gone_s <= 0:
+        return -1.0
+    spread = min(body.TORSO.torso_radius_m + gone_s, math.sqrt(params.floor_m2) / 2)
+    place = math.log(params.floor_m2 / (2 * math.pi * spread**2)) - 0.5 * (away / spread) ** 2
+    mine = body.stature(b.height_m, q.tall_m, math.hypot(q.upright[1], math.sqrt(b.height_var)), params.low_share)
+    stranger = body.stature(b.height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, params.low_share)
+    anything = (1 - body.THINGS) * stranger + body.THINGS / body.HEIGHT_MEAN_M
+    return place + math.log(mine / anything) + _alike(q, b, known)
+
+
+def _alike(q: Person, b: Person, known: Sequence[Person]) -> float:
+    """Log-odds of a newcomer's colours being those of a person rather than of anybody."""
+    if q.looks < KNOWN_LOOKS:
+        return 0.0
+    ratio = np.log(colour_ratios(known)[list(known).index(q)])
+    seen = b.colours / np.maximum(b.colours.sum(axis=1, keepdims=True), 1e-6)
+    return float(np.clip((seen * ratio).sum(axis=1), -PART_MAX, PART_MAX).sum())

@@ -1,0 +1,59 @@
+"""Plain numpy twin of the template tracker's likelihood (``planview/tracking/template/_kernels.py``)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from toy_people import seen_body
+
+from planview.maps.pixels import SURFACE, SeenPixels
+from planview.tracking import body
+from planview.tracking.template.params import TemplateParams
+
+Poses = Sequence[tuple[float, float, float]]
+
+
+def log_likelihood(seen: SeenPixels, people: Poses, p: TemplateParams, reaching: Poses) -> float:
+    """Sum of log L_p over all pixels, without weights and colours; ``people`` are certain, ``reaching`` have arms."""
+    bodies = [seen_body(seen.rays, person) for person in people]
+    camera = seen.rays.centre_m
+    total = 0.0
+    for row in range(seen.kind.shape[0]):
+        for col in range(seen.kind.shape[1]):
+            kind, z = int(seen.kind[row, col]), float(seen.range_m[row, col])
+            stretch = float(seen.rays.stretch[row, col])
+            std = p.disparity_std_px / seen.rays.disparity_metre / stretch
+            point = camera + z * seen.rays.direction[row, col]
+            near = any(math.dist(point[:2], person[:2]) < body.REACH_M for person in reaching) and kind == SURFACE
+            layers = sorted((float(at[row, col]), float(cover[row, col])) for cover, at in bodies)
+            passing, value = 1.0, 0.0
+            for at, cover in layers:
+                if cover < 0.01:
+                    continue
+                value += passing * cover * _of_body(kind, z, at, std, p)
+                passing *= 1.0 - cover
+            value += passing * _of_background(kind, near, p, body.REACH_M)
+            if kind == SURFACE:
+                value = (1 - p.unknown) * value + p.unknown / p.range_m
+            total += math.log(value)
+    return total
+
+
+def _of_body(kind: int, z: float, at: float, std: float, p: TemplateParams) -> float:
+    if kind == 0:
+        return 1.0 - p.seen_on_body
+    if kind == 2:
+        return p.seen_on_body * p.no_depth
+    var = p.surface_std_m**2 + (std * at * at) ** 2
+    normal = math.exp(-0.5 * (z - at) ** 2 / var) / math.sqrt(2 * math.pi * var)
+    return p.seen_on_body * (1 - p.no_depth) * ((1 - p.outliers) * normal + p.outliers / p.range_m)
+
+
+def _of_background(kind: int, near: bool, p: TemplateParams, reach_m: float) -> float:
+    if kind == 0:
+        return 1.0 - p.seen_on_background
+    share = p.seen_near_people if near else p.seen_on_background
+    if kind == 2:
+        return 0.5 * p.seen_on_background
+    return 0.5 * share / (2 * reach_m if near else p.range_m)

@@ -1,0 +1,68 @@
+"""People as the body table sees them, in front of an empty floor, as pixels for the template tracker."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.pose import SE3
+from calib.types import F32, F64, U8
+from planview.maps.pixels import NO_DEPTH, SURFACE, PixelRays, SeenPixels
+from planview.tracking.base import Observation
+from planview.tracking.body import TORSO, body_table
+from stereo.depth import RectifiedGeometry
+
+GEOMETRY = RectifiedGeometry(160, 120, 130.0, 130.0, 79.5, 59.5, 0.12)
+
+
+def oblique_camera(height_m: float = 2.5, tilt_deg: float = 65.0) -> PixelRays:
+    """A camera ``height_m`` above the floor; its axis is ``tilt_deg`` from straight down, towards y."""
+    a = np.deg2rad(tilt_deg)
+    forward = np.array([0.0, np.sin(a), -np.cos(a)])
+    right = np.array([1.0, 0.0, 0.0])
+    rotation = np.column_stack([right, np.cross(forward, right), forward])
+    return PixelRays.of(GEOMETRY, SE3(rotation, np.array([0.0, 0.0, height_m])), (120, 160), 1)
+
+
+def look_at(rays: PixelRays, people: Sequence[tuple[float, float, float]], codes: Sequence[int] = ()) -> SeenPixels:
+    """People (x, y, height), each of one colour code, before a floor without texture."""
+    kind: U8 = np.zeros(rays.shape, np.uint8)
+    nearest: F32 = np.full(rays.shape, np.inf, np.float32)
+    colour: U8 = np.zeros(rays.shape, np.uint8)
+    for k, person in enumerate(people):
+        cover, at = seen_body(rays, person)
+        front = (cover > 0.5) & (at < nearest)
+        nearest[front], kind[front] = at[front], SURFACE
+        colour[front] = codes[k] if codes else 0
+    floor = np.where(rays.direction[..., 2] < -1e-3, -rays.centre_m[2] / rays.direction[..., 2], 0.0)
+    return SeenPixels(rays, kind, np.where(kind == SURFACE, nearest, floor).astype(np.float32), colour)
+
+
+def seen_body(rays: PixelRays, person: tuple[float, float, float]) -> tuple[F64, F64]:
+    """Cover and range of one body on every ray, from the table, in plain numpy."""
+    table, (x, y, h) = body_table(), person
+    d = rays.direction.astype(np.float64)
+    cos = np.hypot(d[..., 0], d[..., 1])
+    ex, ey, sin = d[..., 0] / cos, d[..., 1] / cos, -d[..., 2]
+    dx, dy, dz = x - rays.centre_m[0], y - rays.centre_m[1], 0.5 * h - rays.centre_m[2]
+    along, scale = dx * ex + dy * ey, TORSO.height_m / h
+    angle = np.arctan2(sin, cos)
+    a = np.clip(((angle - table.angle_min_rad) / table.angle_step_rad + 0.5).astype(int), 0, len(table.cover) - 1)
+    u = (np.abs(dy * ex - dx * ey) * scale / table.cell_m).astype(int)
+    w = ((-(along * sin + dz * cos) * scale - table.w_min_m) / table.cell_m).astype(int)
+    inside = (u < table.cover.shape[1]) & (w >= 0) & (w < table.cover.shape[2])
+    u, w = np.where(inside, u, 0), np.where(inside, w, 0)
+    cover = np.where(inside, table.cover[a, u, w], 0.0)
+    return cover, along * cos - dz * sin - table.front[a, u, w] / scale
+
+
+def observed(frame: int, timestamp_s: float, *views: SeenPixels) -> Observation:
+    """An observation of what cameras saw."""
+    return Observation(frame, timestamp_s, views=views)
+
+
+def without_depth(seen: SeenPixels) -> SeenPixels:
+    """The same, but the surface has no disparity."""
+    kind = np.where(seen.kind == SURFACE, NO_DEPTH, seen.kind).astype(np.uint8)
+    return SeenPixels(seen.rays, kind, seen.range_m, seen.colour)
