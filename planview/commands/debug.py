@@ -32,7 +32,7 @@ def debug(
     the run's maps.h5 (planview run --save-maps) where the parameter does not concern what comes before the maps: that
     takes a tenth of the time.
 
-    Example: planview debug out --frame 310 --set template.match.score_max=1.2
+    Example: planview debug out --frame 310 --set template.patch_m=0.15
 
     Parameters
     ----------

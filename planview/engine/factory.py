@@ -89,7 +89,9 @@ def _floor_maker(tracker: AnyTracker) -> FloorMaker | None:
 
 def _required(make: FloorMaker | None, path: Path, tracker: AnyTracker) -> FloorMaker:
     if make is None:
-        raise InputError(f"{path}: expected a tracker of plan-view maps (template, harville, ellipse-particle), found {tracker}")
+        raise InputError(
+            f"{path}: expected a tracker of plan-view maps (template, harville, ellipse-particle), found {tracker}"
+        )
     return make
 
 

@@ -141,7 +141,8 @@ class HeadsPipeline(StereoDescription):
         maps = self.maps([one.points if one else None for one in found])
         clock.record("maps")
         first, own = matched.pairs[0], found[0]
-        views = tuple(head.seen(one) for head, one in zip(self.heads, found, strict=True) if one is not None)
+        pairs = zip(self.heads, found, strict=True)
+        views = tuple(head.seen(one, frame.timestamp_s) for head, one in pairs if one is not None)
         observation = Observation(
             frame.index, frame.timestamp_s, first.image if first else None, own.mask if own else None, None, maps,
             views=views,

@@ -15,7 +15,7 @@ from planview.engine.config import Config
 from planview.engine.describe import StereoDescription
 from planview.engine.engine import FrameResult, StageClock, beyond, timed_steps
 from planview.maps.builder import MapBuilder
-from planview.maps.pixels import PixelRays, seen_pixels
+from planview.maps.pixels import KeptBackground, PixelRays, seen_pixels
 from planview.maps.recording import MapsFrame, MapsRecording
 from planview.tracking.base import Observation, Tracker
 
@@ -71,6 +71,7 @@ class MapsPipeline(StereoDescription):
         self._maps = MapBuilder(view.geometry, pose, c.maps, view.reduction)
         self.stereo = replace(view, grid=self._maps.grid)
         self._boxes = BodyBoxes(view.geometry, pose)
+        self._background = KeptBackground()
         self._rays = PixelRays.of(view.geometry, pose, self._maps.shape, view.reduction)
         self._disparity = np.empty(view.shape, dtype=np.float32)
         self._mask = np.empty(view.shape, dtype=np.uint8)
@@ -83,6 +84,7 @@ class MapsPipeline(StereoDescription):
     def reset(self) -> None:
         """Forget all people."""
         self.tracker.reset()
+        self._background.reset()
 
     def step(self, frame: MapsFrame) -> FrameResult:
         """Track the points of the next frame."""
@@ -95,7 +97,7 @@ class MapsPipeline(StereoDescription):
 
     def memory(self) -> dict[str, object]:
         """See ``Engine``."""
-        return {"tracker": self.tracker}
+        return {"tracker": self.tracker, "background": self._background}
 
     def after(self, frame: int) -> Iterator[FrameResult]:
         """See ``Engine``."""
@@ -112,7 +114,10 @@ class MapsPipeline(StereoDescription):
                 f"found {len(maps.points.pixels)}: the maps are damaged or another rig's"
             )
         maps = replace(maps, points=replace(maps.points, colours=frame.colours))
-        seen = seen_pixels(self._rays, maps.points, None, None, self.config.maps.height_min_m)
+        if frame.background is not None:
+            self._background.renew(frame.background, frame.timestamp_s)
+        lowest_m = self.config.maps.height_min_m
+        seen = seen_pixels(self._rays, maps.points, frame.unmatched, self._background.disparity, lowest_m)
         clock.record("maps")
         observation = Observation(frame.index, frame.timestamp_s, maps=maps, views=(seen,))
         tracks = tuple(self._boxes(track) for track in self.tracker.update(observation))

@@ -22,7 +22,7 @@ from planview.engine.kept_setup import KeptSetup, set_up_kept
 from planview.engine.setup import AnySetup
 from planview.foreground.mixture import Foreground
 from planview.maps.builder import MapBuilder
-from planview.maps.pixels import PixelRays, SeenPixels, seen_pixels
+from planview.maps.pixels import KeptBackground, PixelRays, SeenPixels, seen_pixels, unmatched_pixels
 from planview.maps.view import StereoView
 from planview.tracking.base import Observation, Tracker
 from planview.tracking.template import TemplateTracker
@@ -72,6 +72,7 @@ class Pipeline(StereoDescription):
         self.foreground = Foreground(c.foreground, self.maps.shape, geometry.disparity_std_per_px2, reduction)
         self.feedback = Feedback(c.feedback)
         self.tracker = tracker or TemplateTracker(c.template)
+        self.background = KeptBackground()
         self.rays = PixelRays.of(geometry, floor.world_SE3_left, self.maps.shape, reduction)
         self.stereo = StereoView(
             geometry, floor, setup.floor_source, setup.calibration, setup.vertical_residual_px, setup.disparities,
@@ -114,6 +115,7 @@ class Pipeline(StereoDescription):
         self.tracker.reset()
         self.foreground.reset()
         self.feedback.reset()
+        self.background.reset()
         if self.gated is not None:
             self.gated.memory.reset()
 
@@ -132,7 +134,8 @@ class Pipeline(StereoDescription):
 
     def memory(self) -> dict[str, object]:
         """See ``Engine``."""
-        memory = {"tracker": self.tracker, "foreground": self.foreground, "feedback": self.feedback}
+        memory: dict[str, object] = {"tracker": self.tracker, "foreground": self.foreground, "feedback": self.feedback}
+        memory["background"] = self.background
         return memory if self.gated is None else memory | {"matching": self.gated.memory}
 
     def after(self, frame: int) -> Iterator[FrameResult]:
@@ -179,7 +182,13 @@ class Pipeline(StereoDescription):
         maps = self.maps.of(found.points)
         clock.record("maps")
         observation = Observation(
-            matched.frame, matched.timestamp_s, matched.image, found.mask, None, maps, views=(self.seen(found),)
+            matched.frame,
+            matched.timestamp_s,
+            matched.image,
+            found.mask,
+            None,
+            maps,
+            views=(self.seen(found, matched.timestamp_s),),
         )
         tracks = tuple(self._boxes(track) for track in self.tracker.update(observation))
         self.learn(found, tracks)
@@ -206,10 +215,14 @@ class Pipeline(StereoDescription):
         points = self.maps.points(now, mask, image, self.foreground.exposure)
         return Separated(image, mask, points, sampled, measured)
 
-    def seen(self, found: Separated) -> SeenPixels:
+    def seen(self, found: Separated, timestamp_s: float) -> SeenPixels:
         """What the camera saw of every analysis pixel."""
-        background = self.foreground.background_disparity()
-        return seen_pixels(self.rays, found.points, found.mask, background, self.config.maps.height_min_m)
+        kept, renewed = self.background, self.foreground.settled and self.background.due(timestamp_s)
+        if renewed:
+            kept.renew(self.foreground.background_disparity(), timestamp_s)
+        unmatched = unmatched_pixels(found.mask, found.points)
+        lowest_m = self.config.maps.height_min_m
+        return seen_pixels(self.rays, found.points, unmatched, kept.disparity, lowest_m, renewed)
 
     def learn(self, found: Separated, tracks: Sequence[TrackState]) -> None:
         """Tell the next frame's foreground and matching where people are, with their boxes in this image."""

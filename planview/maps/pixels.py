@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from calib.pose import SE3
-from calib.types import F32, F64, U8
+from calib.types import F32, F64, I32, U8
 from planview.maps.builder import FloorPoints
 from stereo.depth import RectifiedGeometry
 
 BACKGROUND_SEEN, SURFACE, NO_DEPTH = 0, 1, 2
 """Kinds of pixels: the background is seen, foreground with depth, foreground without."""
+
+
+RENEW_S = 30.0
+"""Time after which moved furniture has become background (``ForegroundParams.learning_rate``) [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,30 +74,59 @@ class SeenPixels:
         kind: (H, W) uint8 of BACKGROUND_SEEN, SURFACE and NO_DEPTH.
         range_m: (H, W) float32 along the ray: the surface's, or the background's where that is seen; 0 unknown.
         colour: (H, W) uint8 colour codes (``planview.maps.colour``); None without an image.
+        renewed: (H, W) float32 [px], the background's disparity where it is another from this frame on; else None.
     """
 
     rays: PixelRays
     kind: U8
     range_m: F32
     colour: U8 | None
+    renewed: F32 | None = None
+
+
+class KeptBackground:
+    """The background's disparity, looked at anew every RENEW_S: furniture that hides people seldom moves.
+
+    Attributes:
+        disparity: (H, W) float32 [px], NaN where unknown; None before the first look.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the background."""
+        self.disparity: F32 | None = None
+        self._looked_s = -math.inf
+
+    def due(self, timestamp_s: float) -> bool:
+        """Whether it is to be looked at again."""
+        return timestamp_s - self._looked_s >= RENEW_S
+
+    def renew(self, disparity: F32, timestamp_s: float) -> None:
+        """Keep what the background looks like now."""
+        self.disparity, self._looked_s = disparity, timestamp_s
 
 
 def seen_pixels(
-    rays: PixelRays, points: FloorPoints, mask: U8 | None, background: F32 | None, lowest_m: float
-) -> SeenPixels:
+    rays: PixelRays, points: FloorPoints, unmatched: I32 | None, background: F32 | None, lowest_m: float,
+    renewed: bool = False,
+) -> SeenPixels:  # fmt: skip
     """Classify the pixels of one frame.
 
     Foreground as low as the floor shows that nobody is in the way, as the background does.
 
     Args:
         points: foreground points of the frame; their pixels index an image of the rays' shape.
-        mask: (H, W) uint8, non-zero where foreground; None where only the points are known.
+        unmatched: (K,) int32 pixels of foreground without depth; None where they are not known.
         background: (H, W) float32 [px], the background's disparity; None or NaN where it is not known.
         lowest_m: height from which people have surface [m].
+        renewed: the background is another from this frame on.
     """
     n = rays.stretch.size
-    kind = np.zeros(n, np.uint8) if mask is None else np.where(mask.reshape(-1) > 0, NO_DEPTH, BACKGROUND_SEEN)
-    kind = np.asarray(kind, dtype=np.uint8)
+    kind = np.zeros(n, np.uint8)
+    if unmatched is not None:
+        kind[unmatched] = NO_DEPTH
     kind[points.pixels] = np.where(points.xyz[:, 2] >= lowest_m, SURFACE, BACKGROUND_SEEN)
     range_m = np.zeros(n, np.float32)
     if background is not None:
@@ -106,5 +140,13 @@ def seen_pixels(
         colour[points.pixels] = points.colours
     shape = rays.shape
     return SeenPixels(
-        rays, kind.reshape(shape), range_m.reshape(shape), None if colour is None else colour.reshape(shape)
-    )
+        rays, kind.reshape(shape), range_m.reshape(shape), None if colour is None else colour.reshape(shape),
+        background if renewed else None,
+    )  # fmt: skip
+
+
+def unmatched_pixels(mask: U8, points: FloorPoints) -> I32:
+    """(K,) int32 pixels of foreground that are no point."""
+    flat = mask.reshape(-1) > 0
+    flat[points.pixels] = False
+    return np.asarray(np.flatnonzero(flat), dtype=np.int32)

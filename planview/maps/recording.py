@@ -5,9 +5,10 @@ disparity, so that these two are stored, without loss, and the maps are built an
 A point's appearance is its colour code (``planview.maps.colour``).
 
 Layout: attributes ``format``, ``version``, ``config`` (JSON), ``fps``; groups ``rig``, ``floor`` and ``grid`` with
-attributes named as in the classes they hold; per frame ``frames/index``, ``frames/timestamp_s`` and ``frames/end``
-(where its points end); per point ``points/pixel``, ``points/disparity`` and, optionally, ``points/appearance``;
-``skipped/index`` and ``skipped/why``.
+attributes named as in the classes they hold; per frame ``frames/index``, ``frames/timestamp_s``, ``frames/end`` (where
+its points end) and ``frames/unmatched_end``; per point ``points/pixel``, ``points/disparity`` and, optionally,
+``points/appearance``; per pixel of foreground without depth ``unmatched/pixel``; per background ``background/frame``
+(from which on) and ``background/disparity``; ``skipped/index`` and ``skipped/why``.
 """
 
 from __future__ import annotations
@@ -27,14 +28,15 @@ from calib.types import F32, I32, U8, AnyArray
 from planview.maps.builder import FloorPoints
 from planview.maps.colour import CODES
 from planview.maps.grid import Grid
+from planview.maps.pixels import NO_DEPTH, SeenPixels
 from planview.maps.view import StereoView
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import DisparityRange
 from stereo.recording import Skipped
 
 FORMAT = "planview maps"
-VERSION = 1
-"""Changes when an older reader would misunderstand the file."""
+VERSION = 2
+"""Changes when an older reader would misunderstand the file; 1 has neither unmatched pixels nor backgrounds."""
 BLOCK_FRAMES = 32
 """Frames written and read at a time."""
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -52,6 +54,8 @@ class MapsFrame:
         pixels: (N,) int32, row * width + column at the size of foreground and maps, ascending.
         disparities: (N,) float32 [px of the rectified image].
         colours: (N,) uint8 colour codes; None when not recorded.
+        unmatched: (K,) int32 pixels of foreground without depth, ascending; None when not recorded.
+        background: (H, W) float32 [px], the background's disparity where it is another from this frame on; else None.
     """
 
     index: int
@@ -59,11 +63,15 @@ class MapsFrame:
     pixels: I32
     disparities: F32
     colours: U8 | None = None
+    unmatched: I32 | None = None
+    background: F32 | None = None
 
     @staticmethod
-    def of(index: int, timestamp_s: float, points: FloorPoints, disparity: F32) -> MapsFrame:
+    def of(index: int, timestamp_s: float, points: FloorPoints, disparity: F32, seen: SeenPixels) -> MapsFrame:
         """The points of a frame, with their values in its (H, W) disparity at the size of foreground and maps."""
-        return MapsFrame(index, timestamp_s, points.pixels, disparity.reshape(-1)[points.pixels], points.colours)
+        unmatched = np.flatnonzero(seen.kind.reshape(-1) == NO_DEPTH).astype(np.int32)
+        values = disparity.reshape(-1)[points.pixels]
+        return MapsFrame(index, timestamp_s, points.pixels, values, points.colours, unmatched, seen.renewed)
 
 
 class MapsRecording:
@@ -93,6 +101,8 @@ class MapsRecording:
             self._indices, self._times, self._ends = (_values(file, f"frames/{name}") for name in FRAME_COLUMNS)
             why = file["skipped/why"].asstr()[:]
             self.skipped = [Skipped(int(i), str(w)) for i, w in zip(file["skipped/index"][:], why, strict=True)]
+            self._unmatched_ends = _values(file, "frames/unmatched_end") if "unmatched" in file else None
+            self._renewed = _values(file, "background/frame") if "background" in file else np.zeros(0, np.int64)
             self._check_lengths(file)
         self.n_frames = len(self._indices)
 
@@ -106,9 +116,10 @@ class MapsRecording:
 
         with _reading(self.path), h5py.File(self.path, "r") as file:
             for first in range(0, self.n_frames, BLOCK_FRAMES):
-                yield from self._block(file["points"], first, min(first + BLOCK_FRAMES, self.n_frames))
+                yield from self._block(file, first, min(first + BLOCK_FRAMES, self.n_frames))
 
-    def _block(self, points: Any, first: int, last: int) -> Iterator[MapsFrame]:
+    def _block(self, file: Any, first: int, last: int) -> Iterator[MapsFrame]:
+        points = file["points"]
         start, end = int(self._ends[first - 1]) if first else 0, int(self._ends[last - 1])
         pixels, disparities = points["pixel"][start:end], points["disparity"][start:end]
         colours = points["appearance"][start:end] if "appearance" in points else None
@@ -118,9 +129,29 @@ class MapsRecording:
         cuts = (self._ends[first : last - 1] - start).astype(int)
         parts = [np.split(column, cuts) for column in (pixels, disparities)]
         codes = np.split(colours, cuts) if colours is not None else [None] * (last - first)
+        unmatched = self._unmatched(file, first, last)
         for i in range(last - first):
             index, time = int(self._indices[first + i]), float(self._times[first + i])
-            yield MapsFrame(index, time, parts[0][i], parts[1][i], codes[i])
+            yield MapsFrame(
+                index, time, parts[0][i], parts[1][i], codes[i], unmatched[i], self._background(file, index)
+            )
+
+    def _unmatched(self, file: Any, first: int, last: int) -> list[I32] | list[None]:
+        if self._unmatched_ends is None:
+            return [None] * (last - first)
+        ends = self._unmatched_ends
+        start, end = int(ends[first - 1]) if first else 0, int(ends[last - 1])
+        pixels = file["unmatched/pixel"][start:end]
+        height, width = self.view.shape
+        if len(pixels) and not (pixels.min() >= 0 and pixels.max() < height * width):
+            raise InputError(f"{self.path}: expected pixels inside {width}x{height}, found them outside")
+        return list(np.split(pixels, (ends[first : last - 1] - start).astype(int)))
+
+    def _background(self, file: Any, index: int) -> F32 | None:
+        found = np.flatnonzero(self._renewed == index)
+        if not len(found):
+            return None
+        return np.asarray(file["background/disparity"][int(found[0])], dtype=np.float32).reshape(self.view.shape)
 
     def _check_lengths(self, file: Any) -> None:
         n = len(self._indices)
@@ -129,6 +160,14 @@ class MapsRecording:
         n_points = int(self._ends[-1]) if n else 0
         if (np.diff(self._indices) <= 0).any() or (np.diff(self._ends, prepend=0) < 0).any():
             raise ValueError("frames out of order")
+        if self._unmatched_ends is not None:
+            n_unmatched = int(self._unmatched_ends[-1]) if n else 0
+            rising = (np.diff(self._unmatched_ends, prepend=0) >= 0).all()
+            if len(self._unmatched_ends) != n or not rising or len(file["unmatched/pixel"]) != n_unmatched:
+                raise ValueError("pixels without depth that do not fit the frames")
+        shape = (len(self._renewed), self.view.shape[0] * self.view.shape[1])
+        if "background" in file and file["background/disparity"].shape != shape:
+            raise ValueError("backgrounds of another size")
         lengths = {name: len(column) for name, column in file["points"].items()}
         if set(POINT_COLUMNS) - lengths.keys() or set(lengths.values()) != {n_points}:
             raise ValueError(f"columns of points of lengths {lengths} where frames end with {n_points}")
@@ -147,8 +186,8 @@ def is_maps(path: Path) -> bool:
 def _check_version(path: Path, file: Any) -> None:
     if file.attrs.get("format") != FORMAT:
         raise ValueError("another HDF5 file")
-    if file.attrs["version"] != VERSION:
-        raise InputError(f"{path}: expected plan-view maps of version {VERSION}, found {file.attrs['version']}")
+    if file.attrs["version"] not in range(1, VERSION + 1):
+        raise InputError(f"{path}: expected plan-view maps of version 1 to {VERSION}, found {file.attrs['version']}")
     if "points/appearance" in file and file["points/appearance"].attrs["codes"] != CODES:
         found = file["points/appearance"].attrs["codes"]
         raise InputError(f"{path}: expected colours in {CODES} codes, found {found}: another version wrote them")

@@ -37,7 +37,7 @@ class MapsWriter:
     def __init__(self, path: Path, view: StereoView, config: str, fps: float) -> None:
         self._path = path
         self._block: list[MapsFrame] = []
-        self._end = 0
+        self._end = self._unmatched_end = 0
         with _writing(path):
             self._file = h5py.File(path, "w")
             self._file.attrs.update(format=FORMAT, version=VERSION, config=config, fps=fps)
@@ -46,6 +46,14 @@ class MapsWriter:
                 self._column(f"frames/{name}", kind)
             for name, kind in POINT_COLUMNS.items():
                 self._column(f"points/{name}", kind)
+            self._column("unmatched/pixel", np.int32)
+            self._column("frames/unmatched_end", np.int64)
+            self._column("background/frame", np.int64)
+            size = view.shape[0] * view.shape[1]
+            self._file.create_dataset(
+                "background/disparity", (0, size), np.float32, maxshape=(None, size), chunks=(1, size),
+                compression="gzip", compression_opts=4, shuffle=True,
+            )  # fmt: skip
 
     def add(self, frame: MapsFrame) -> None:
         """Append a frame.
@@ -78,13 +86,23 @@ class MapsWriter:
             return
         ends = self._end + np.cumsum([len(frame.pixels) for frame in block])
         self._end = int(ends[-1])
+        unmatched = [f.unmatched if f.unmatched is not None else np.zeros(0, np.int32) for f in block]
+        unmatched_ends = self._unmatched_end + np.cumsum([len(pixels) for pixels in unmatched])
+        self._unmatched_end = int(unmatched_ends[-1])
+        renewed = [f for f in block if f.background is not None]
+        backgrounds = [np.asarray(f.background, np.float32).reshape(-1) for f in renewed]
         columns: dict[str, Any] = {
+            "unmatched/pixel": np.concatenate(unmatched),
+            "frames/unmatched_end": unmatched_ends,
+            "background/frame": [f.index for f in renewed],
             "points/pixel": np.concatenate([frame.pixels for frame in block]),
             "points/disparity": np.concatenate([frame.disparities for frame in block]),
             "frames/index": [frame.index for frame in block],
             "frames/timestamp_s": [frame.timestamp_s for frame in block],
             "frames/end": ends,
         }
+        if backgrounds:
+            columns["background/disparity"] = np.stack(backgrounds)
         codes = [frame.colours for frame in block if frame.colours is not None]
         if codes and len(codes) != len(block):
             raise ValueError("expected colours in all frames or in none")

@@ -47,7 +47,8 @@ class MapsLog:
             raise InputError("--save-maps: expected a recording with images, found recorded maps")
         reduced = np.ascontiguousarray(disparity[:: self._step, :: self._step])
         self._writer = self._writer or self._new_writer(self._open_path)
-        self._writer.add(MapsFrame.of(result.frame, result.timestamp_s, maps.points, reduced))
+        seen = result.observation.views[0]
+        self._writer.add(MapsFrame.of(result.frame, result.timestamp_s, maps.points, reduced, seen))
 
     def mark(self) -> dict[str, int]:
         """See ``RunLog``."""

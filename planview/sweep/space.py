@@ -63,7 +63,7 @@ Space = Choices | Range
 
 @dataclass(frozen=True)
 class Configuration:
-    """Values of the varied parameters, as texts like ``template.width_m=0.4`` in the order of the study."""
+    """Values of the varied parameters, as texts like ``template.range_m=0.4`` in the order of the study."""
 
     settings: tuple[str, ...] = ()
 

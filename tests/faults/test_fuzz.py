@@ -147,7 +147,7 @@ def simple() -> dict[str, tuple[Callable[[Path], object], bytes]]:
         written = {name: (Path(place) / name).read_bytes() for name in ("w", "c")}
     tripwire = '[[tripwire]]\nname = "a"\nfrom_m = [0.0, 1.0]\nto_m = [1.0, 1.0]\nhysteresis_m = 0.2\n'
     zone = '[[zone]]\nname = "z"\npolygon_m = [[0, 0], [4, 0], [4, 3]]\n[[queue]]\nname = "q"\nzone = "z"\n'
-    config = "seed = 3\n[maps]\ncell_m = 0.04\n[template.match]\nscore_max = 1.5\n[floor]\nmax_tilt_deg = 80.0\n"
+    config = "seed = 3\n[maps]\ncell_m = 0.04\n[template]\nreport = 0.8\n[floor]\nmax_tilt_deg = 80.0\n"
     events = "frame,timestamp_s,rule,kind,id,direction\n3,0.2,a,crossing,1,left_to_right\n"
     run = (
         '{"input": "a", "finished": true, "frames_read": 3, "skipped": [{"index": 1, "why": "x"}], "config": {"a": 1}}'

@@ -15,7 +15,7 @@ from planview.maps.recording import MapsRecording
 from planview.output.info import read_run_info
 from planview.output.maps_log import MapsLog
 from planview.output.run import RunOptions, run
-from planview.tracking.harville import TemplateTracker
+from planview.tracking.template import TemplateTracker
 
 PRODUCTS = ("tracks.csv", "decisions.csv")
 
@@ -52,7 +52,7 @@ def test_maps_built_from_the_recording_are_those_of_the_run(
 ) -> None:
     recording = MapsRecording(live[0] / "maps.h5")
     config = recorded_config(recording)
-    again = list(MapsPipeline(recording, TemplateTracker(config.template, config.maps.height_max_m), config))
+    again = list(MapsPipeline(recording, TemplateTracker(config.template), config))
     assert len(again) == len(live[1]) == FRAMES
     for before, after in zip(live[1], again, strict=True):
         old, new = before.observation.maps, after.observation.maps
@@ -144,7 +144,7 @@ def damage_codes(file: h5py.File) -> None:
 @pytest.mark.parametrize(
     ("damage", "named"),
     [
-        (damage_version, "version 1, found 99"),
+        (damage_version, "version 1 to 2, found 99"),
         (damage_parameters, "another version"),
         (damage_rig, "another rig"),
         (damage_columns, "columns of points"),

@@ -23,7 +23,7 @@ from planview.tracking.human_model import HumanModelParams, HumanModelTracker
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
 from planview.tracking.human_model.params import NewTargetParams
 from planview.tracking.human_model.scene import ModelScene
-from planview.tracking.harville import TemplateTracker
+from planview.tracking.template import TemplateTracker
 from stereo.recording import Skipped, VideoFrame
 
 CAMERA = GroundCamera(160, 120, 120.0, 4.0, math.radians(62))

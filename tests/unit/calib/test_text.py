@@ -81,7 +81,7 @@ def test_folder_and_absence_are_named(tmp_path: Path) -> None:
     [
         ("floor.ransac_iterations=1000000000", "ransac_iterations"),
         ("maps.cell_m=1e-9", "cell_m"),
-        ("template.arm_m=1e9", "arm_m"),
+        ("template.patch_m=1e9", "patch_m"),
         ("template.template_time_s=1e-30", "template_time_s"),
         ("seed=" + "9" * 4000, "seed"),
         ("maps.distance_max_m=1e300", "distance_max_m"),

@@ -5,12 +5,12 @@ from planview.sweep.space import Range, grid, random_draws
 
 
 def test_grid_has_all_combinations_the_last_parameter_fastest() -> None:
-    found = grid({"maps.cell_m": [0.03, 0.04], "template.identity.enabled": [True, False]})
+    found = grid({"maps.cell_m": [0.03, 0.04], "feedback.enabled": [True, False]})
     assert [c.label for c in found] == [
-        "maps.cell_m=0.03 template.identity.enabled=true",
-        "maps.cell_m=0.03 template.identity.enabled=false",
-        "maps.cell_m=0.04 template.identity.enabled=true",
-        "maps.cell_m=0.04 template.identity.enabled=false",
+        "maps.cell_m=0.03 feedback.enabled=true",
+        "maps.cell_m=0.03 feedback.enabled=false",
+        "maps.cell_m=0.04 feedback.enabled=true",
+        "maps.cell_m=0.04 feedback.enabled=false",
     ]
 
 

@@ -5,8 +5,8 @@ from calib.types import F64
 from planview.maps.builder import CameraViewpoint, FloorPoints
 from planview.tracking.base import Observation
 from planview.tracking.body_axis import BodyAxis
-from planview.tracking.kalman import FloorKalman
 from planview.tracking.harville import TemplateTracker
+from planview.tracking.kalman import FloorKalman
 from planview.trajectories.state import TrackState
 from tests.unit.planview.tracking.overhead import Person, observe
 
