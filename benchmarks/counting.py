@@ -27,7 +27,7 @@ from planview.engine.factory import open_engine
 from planview.output.folder import prepare_folder
 from planview.output.run import RunOptions
 from planview.output.run import run as run_engine
-from planview.synthetic.committed import SCENES
+from planview.synthetic.assets import SCENES
 from planview.synthetic.scene import Scene, load_scene
 from planview.trajectories.layouts import read_laboratory
 from planview.trajectories.table import Trajectories, read_tracks, read_truth

@@ -1,8 +1,4 @@
-"""Conference rooms as in figure 10 of Zhang et al. 2008: a seed draws camera, room, seats, clothes and who sits where.
-
-The room fills from no person to twelve and empties again. The zone in which people are counted is the floor on which
-most of a standing person is inside the image.
-"""
+""""""
 
 from __future__ import annotations
 
@@ -15,10 +11,9 @@ import numpy as np
 
 from calib.errors import WorkError
 from calib.types import F64
-from planview.synthetic.placing import ground_camera
-from planview.synthetic.scene import CameraMount, Scene
-from planview.synthetic.setting import Pair
-from planview.synthetic.wardrobe import clothes, looks
+from planview.synthetic.camera import ground_camera
+from planview.synthetic.random_scenes.appearance import clothes, looks
+from planview.synthetic.scene import CameraMount, Pair, Scene
 
 PEOPLE, DURATION_S, FPS = 12, 115.0, 10.0
 LEAVE_FROM_S = 64.0
@@ -37,7 +32,7 @@ CARPETS = ("#66707c", "#7c6a5c", "#5c6a5e", "#8a8478")
 
 
 @dataclass(frozen=True)
-class DrawnConference:
+class RandomConference:
     """A drawn scene, and the zone to be counted in: corners on the floor in the camera's frame [m]."""
 
     scene: Scene
@@ -53,7 +48,7 @@ class _Seat:
     side: int
 
 
-def draw_conference(seed: int) -> DrawnConference:
+def random_conference(seed: int) -> RandomConference:
     """The room of a seed; the same seed gives the same room.
 
     Raises:
@@ -80,7 +75,7 @@ class _Composer:
             for side in (-1, 1)
         ]
 
-    def drawn(self) -> DrawnConference:
+    def drawn(self) -> RandomConference:
         """Camera, furniture and people."""
         mount, zone_m = self._camera()
         scene = Scene.model_validate(
@@ -96,7 +91,7 @@ class _Composer:
                 "people": self._people(),
             }
         )
-        return DrawnConference(scene, zone_m)
+        return RandomConference(scene, zone_m)
 
     def _uniform(self, low: float, high: float) -> float:
         return float(self._rng.uniform(low, high))

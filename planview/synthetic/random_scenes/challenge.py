@@ -1,4 +1,4 @@
-"""A scene of the challenge suite: what is in it, before a seed decides where and when (``ranges.draw``)."""
+"""A scene of the challenge suite: what is in it, before a seed decides where and when."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from calib.params import Params
-from planview.synthetic.setting import Pair
+from planview.synthetic.scene import Pair
 
 Phenomenon = Literal[
     "occlusion by people", "occlusion by static objects", "close interaction of two", "close interaction of three",

@@ -9,9 +9,9 @@ import pytest
 from calib.errors import InputError
 from calib.rigs_file import load_rigs
 from planview.cli import main
-from planview.synthetic.drawn_heads import drawn_heads
-from planview.synthetic.heads import load_heads, write_heads
-from planview.synthetic.rendering import SceneRenderer
+from planview.synthetic.random_scenes.rigs import random_rigs
+from planview.synthetic.render import SceneRenderer
+from planview.synthetic.write import load_rig_scenes, write_rigs
 from planview.trajectories.table import read_truth
 
 ROOM = "fps = 10\nduration_s = 1\n[room]\nsize_m = [8, 8, 4]\n[lights]\nlamps = [{ at_m = [4, 5, 3.9] }]\n"
@@ -31,7 +31,7 @@ def scene(tmp_path: Path) -> Path:
 
 
 def test_heads_record_the_same_person_on_their_own_clocks(scene: Path, tmp_path: Path) -> None:
-    write_heads(load_heads(scene), tmp_path / "out")
+    write_rigs(load_rig_scenes(scene), tmp_path / "out")
     south, west = load_rigs(tmp_path / "out" / "rigs.toml")
     assert (south.start_s, west.start_s) == (0.0, 0.3)
     assert west.world_SE3_left.translation == pytest.approx([-3.0, 3.0, 2.6], abs=1e-6)
@@ -43,7 +43,7 @@ def test_heads_record_the_same_person_on_their_own_clocks(scene: Path, tmp_path:
 
 
 def test_a_head_that_starts_at_once_records_what_a_single_rig_does(scene: Path) -> None:
-    head = load_heads(scene)[0]
+    head = load_rig_scenes(scene)[0]
     assert (head.renderer().frame(4).left == SceneRenderer(head.scene).frame(4).left).all()
 
 
@@ -58,11 +58,11 @@ def test_synth_renders_heads(scene: Path, tmp_path: Path, capsys: pytest.Capture
 def test_two_heads_of_one_name_are_refused(scene: Path) -> None:
     scene.write_text(scene.read_text().replace("west", "south"))
     with pytest.raises(InputError, match="name of their own"):
-        load_heads(scene)
+        load_rig_scenes(scene)
 
 
 def test_drawn_heads_are_the_same_for_the_same_seed() -> None:
-    one, again, other = drawn_heads(5), drawn_heads(5), drawn_heads(6)
+    one, again, other = random_rigs(5), random_rigs(5), random_rigs(6)
     assert [h.mount for h in one] == [h.mount for h in again]
     assert one[0].scene == again[0].scene
     assert one[0].scene != other[0].scene

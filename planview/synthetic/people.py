@@ -1,4 +1,4 @@
-"""An articulated human body: rest parts from body proportions, posed by joint angles.
+"""Articulated people, their postures over time, and the things that roll, turn or are carried.
 
 Proportions after Drillis and Contini (in Winter, Biomechanics and Motor Control of Human Movement, table 4.1),
 in fractions of the standing height: ankle 0.039, knee 0.285, hip 0.530, shoulder 0.818, chin 0.870.
@@ -11,13 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.types import F64
-from planview.synthetic.persons import Person
-from planview.synthetic.setting import Surface
-from planview.synthetic.shapes import Mesh, dome_rings, join, limb_rings, sweep
+from planview.synthetic.mesh import Mesh, dome_rings, join, limb_rings, sweep
+from planview.synthetic.motion import ACTIONS, Handling, Motion, scripted_motion, step_length_m, wander
+from planview.synthetic.room import furniture_mesh
+from planview.synthetic.scene import Furniture, Person, Scene, Surface
 from planview.synthetic.texture import Palette
 
 HIP, KNEE, ANKLE, SHOULDER, NECK = 0.530, 0.285, 0.039, 0.812, 0.842
 THIGH, SHIN, UPPER_ARM, FOREARM = HIP - KNEE, KNEE - ANKLE, 0.172, 0.150
+PUSH_M = 0.72
+"""Distance of a pushed thing in front of the person's hips."""
 
 
 @dataclass(frozen=True)
@@ -221,3 +224,161 @@ def _foot(h: float, shoes: int) -> Mesh:
     swap = np.array([[0, 0, 1], [0, 1, 0], [1, 0, 0]], np.float64)
     flat = upright.moved(swap, np.zeros(3))
     return Mesh(flat.vertices, flat.normals, flat.local, flat.triangles[:, ::-1].copy(), flat.material)
+
+
+def pose_at(person_index: int, height_m: float, motion: Motion, t: float) -> tuple[Pose, float, float, float]:
+    """Pose and hips (x, y, heading) at a time.
+
+    Walking legs follow the gait phase with the hip amplitude that makes feet stay on the floor; standing
+    people shift their weight and look around; actions blend in by their weights.
+    """
+    xy, heading, phase, speed, actions = motion.at(t)
+    w = dict(zip(ACTIONS, actions, strict=True))
+    still = float(np.clip(1.0 - speed / 0.35, 0.0, 1.0))
+    turned = w["turns"] % 1.0
+    wheel = float(np.clip(2.5 * np.sin(np.pi * turned), 0.0, 1.0))
+    still *= 1.0 - wheel
+    going = min(1.0, speed / 0.35) * (1.0 - max(w["sit"], w["floor"], w["low"], wheel))
+    step = float(step_length_m(height_m, np.array([speed]))[0])
+    swing = float(np.arcsin(np.clip(step / (2 * HIP * height_m), 0, 0.7))) * going
+    idle = _fidget(person_index, t)
+    sides = np.array([phase, phase + np.pi])
+    forward = np.cos(sides)
+    lifting = np.maximum(0.0, -np.sin(sides + 0.6)) ** 1.3
+    hip = 0.06 * going + swing * forward
+    knee = 0.06 * going + 2.3 * swing * lifting
+    foot = swing * (0.7 * np.maximum(0, forward) ** 4 - 1.5 * np.maximum(0, np.cos(sides - np.pi - 0.25)) ** 4)
+    shoulder = -0.8 * swing * forward + 0.04
+    elbow = np.full(2, 0.2 + 0.25 * going) + 0.25 * going * np.maximum(0, -forward)
+    pose = {
+        "lean": np.array([0.04 * going + 0.02 * idle[0] * still]),
+        "hip": hip, "knee": knee, "foot": foot, "shoulder": shoulder + 0.1 * still * idle[4:6], "elbow": elbow,
+        "spread": np.full(2, 0.02), "abduct": np.full(2, 0.12),
+    }  # fmt: skip
+    for name, target in _ACTION_POSES.items():
+        weight = wheel if name == "turns" else w[name]
+        for joint, value in target.items():
+            pose[joint] = pose[joint] + weight * (np.asarray(value) - pose[joint])
+    return (
+        Pose(
+            lean=float(pose["lean"][0]),
+            sway=0.03 * float(idle[1]) * still + 0.02 * going * float(np.sin(phase)),
+            twist=0.12 * going * float(np.sin(phase + np.pi / 2)) * swing / 0.4,
+            nod=0.08 + 0.06 * float(idle[2]),
+            turn=0.5 * float(idle[3]) * still,
+            wheel=2 * np.pi * turned,
+            **{name: _pair(pose[name]) for name in ("hip", "spread", "knee", "foot", "shoulder", "abduct", "elbow")},
+        ),
+        float(xy[0] + 0.015 * still * idle[0]),
+        float(xy[1] + 0.015 * still * idle[1]),
+        heading + 0.06 * still * float(idle[2]),
+    )
+
+
+_ACTION_POSES: dict[str, dict[str, tuple[float, ...]]] = {
+    "sit": {"hip": (1.5, 1.5), "knee": (1.5, 1.5), "lean": (0.08,), "shoulder": (0.35, 0.35), "elbow": (1.0, 1.0),
+            "foot": (0.0, 0.0), "spread": (0.12, 0.12)},
+    "floor": {"hip": (1.55, 1.55), "knee": (2.2, 2.2), "spread": (0.7, 0.7), "lean": (0.15,),
+              "shoulder": (0.5, 0.5), "elbow": (0.8, 0.8), "foot": (-0.2, -0.2)},
+    "reach": {"shoulder": (0.2, 2.7), "elbow": (0.2, 0.15), "lean": (-0.05,)},
+    "bend": {"lean": (1.15,), "hip": (0.25, 0.25), "knee": (0.5, 0.5), "shoulder": (0.9, 0.9), "elbow": (0.3, 0.3)},
+    "carry": {"shoulder": (0.12, 0.12), "elbow": (1.25, 1.25), "abduct": (0.05, 0.05)},
+    "low": {"hip": (1.97, 1.97), "knee": (1.97, 1.97), "lean": (0.12,), "shoulder": (0.5, 0.5), "elbow": (0.8, 0.8),
+            "foot": (0.0, 0.0), "spread": (0.15, 0.15)},
+    "crouch": {"hip": (2.15, 2.15), "knee": (2.55, 2.55), "lean": (0.45,), "shoulder": (0.8, 0.8),
+               "elbow": (0.7, 0.7), "foot": (-0.35, -0.35), "spread": (0.25, 0.25)},
+    "turns": {"shoulder": (0.0, 0.0), "elbow": (0.05, 0.05), "abduct": (2.6, 2.6), "hip": (0.0, 0.0),
+              "knee": (0.05, 0.05), "lean": (0.0,)},
+    "push": {"shoulder": (0.75, 0.75), "elbow": (0.55, 0.55), "lean": (0.15,), "abduct": (0.08, 0.08)},
+}  # fmt: skip
+
+
+def _pair(values: F64) -> tuple[float, float]:
+    return float(values[0]), float(values[1])
+
+
+def _fidget(index: int, t: float) -> F64:
+    """(6,) slow irregular numbers in about -1..1, different for each person."""
+    k = np.arange(6)
+    a = np.sin(0.61 * t * (1 + 0.13 * k) + 2.1 * k + 5.3 * index)
+    b = np.sin(1.37 * t * (1 - 0.07 * k) + 1.7 * k + 3.1 * index)
+    return np.asarray(0.6 * a + 0.4 * b)
+
+
+@dataclass(frozen=True, eq=False)
+class Actor:
+    """A moving surface in one frame; ``person`` is 0 for things, else the id, with its posed body."""
+
+    mesh: Mesh
+    person: int = 0
+    body: PosedBody | None = None
+
+
+class Cast:
+    """All actors of a scene over time."""
+
+    def __init__(self, scene: Scene, palette: Palette) -> None:
+        self._scene = scene
+        furniture = {f.name: f for f in scene.furniture if f.name}
+        scripted = [scripted_motion(p, furniture, scene.duration_s) for p in scene.people]
+        self.motions = wander(scene, scripted)
+        self._bodies = [Body(p, palette) for p in scene.people]
+        handled = {h.furniture for m in self.motions for h in m.handlings}
+        self.is_moving = [bool(f.moves or f.swivel or f.name in handled) for f in scene.furniture]
+        self._things = [
+            (f, furniture_mesh(f, palette)) for f, moving in zip(scene.furniture, self.is_moving, strict=True) if moving
+        ]
+
+    def at(self, t: float) -> list[Actor]:
+        """Actors that exist at a time [s], people first."""
+        actors, bodies = [], {}
+        for i, (motion, body) in enumerate(zip(self.motions, self._bodies, strict=True)):
+            if motion.exists(t):
+                bodies[i] = body.pose(*pose_at(i, body.height_m, motion, t))
+                actors.append(Actor(bodies[i].mesh, i + 1, bodies[i]))
+        for item, mesh in self._things:
+            place, heading, z = self._place(item, t, bodies)
+            actors.append(Actor(place_mesh(mesh, place, heading, z)))
+        return actors
+
+    def _place(self, item: Furniture, t: float, bodies: dict[int, PosedBody]) -> tuple[F64, float, float]:
+        place, heading, z = furniture_at(item, t)
+        past: list[tuple[Handling, int]] = sorted(
+            ((h, i) for i, m in enumerate(self.motions) for h in m.handlings if h.furniture == item.name and item.name),
+            key=lambda pair: pair[0].from_s,
+        )
+        for handling, i in past:
+            if t < handling.from_s:
+                break
+            xy, facing, _, _, _ = self.motions[i].at(min(t, handling.until_s))
+            if handling.how == "push":
+                place, heading = xy + PUSH_M * np.array([np.cos(facing), np.sin(facing)]), facing
+            elif t < handling.until_s and i in bodies:
+                hands = bodies[i].hands - 0.03 * np.array([np.cos(facing), np.sin(facing), 0.0])
+                place, heading, z = hands[:2], facing, float(hands[2]) - 0.12
+            else:
+                place, heading = xy + 0.5 * np.array([np.cos(facing), np.sin(facing)]), facing
+                z = handling.put_z_m
+        return place, heading, z
+
+
+def furniture_at(item: Furniture, t: float) -> tuple[F64, float, float]:
+    """Place (2,), heading [rad] and base height of furniture that is not handled."""
+    place, heading = np.asarray(item.at_m, np.float64), float(np.deg2rad(item.heading_deg))
+    if item.moves:
+        times = np.array([m.t_s for m in item.moves])
+        xy = np.array([m.at_m for m in item.moves])
+        angles = np.deg2rad([item.heading_deg if m.heading_deg is None else m.heading_deg for m in item.moves])
+        place = np.array([np.interp(t, times, xy[:, 0]), np.interp(t, times, xy[:, 1])])
+        heading = float(np.interp(t, times, angles))
+    if item.swivel is not None:
+        s = item.swivel
+        u = float(np.clip(t, s.from_s, s.until_s)) - s.from_s
+        heading += float(np.deg2rad(s.amplitude_deg) * np.sin(2 * np.pi * u / s.period_s))
+    return place, heading, item.z_m
+
+
+def place_mesh(mesh: Mesh, place: F64, heading: float, z: float) -> Mesh:
+    """A mesh around its own origin, put into the room."""
+    c, s = np.cos(heading), np.sin(heading)
+    return mesh.moved(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]), (place[0], place[1], z))

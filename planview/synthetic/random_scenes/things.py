@@ -1,16 +1,15 @@
-"""What people of a drawn scene do with things: seats, rolling chairs, bags, books, partitions."""
+"""What people of a random scene do with things: seats, rolling chairs, bags, books, partitions."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from calib.types import F64
-from planview.synthetic.actors import PUSH_M
-from planview.synthetic.challenge import Choreography
-from planview.synthetic.choreography import begin_s, fidget, unit
-from planview.synthetic.parts import Part
-from planview.synthetic.setting import Surface
-from planview.synthetic.stage import NoPlaceError, Stage
+from planview.synthetic.people import PUSH_M
+from planview.synthetic.random_scenes.challenge import Choreography
+from planview.synthetic.random_scenes.choreography import Part, begin_s, fidget, unit
+from planview.synthetic.random_scenes.stage import NoPlaceError, Stage
+from planview.synthetic.scene import Surface
 
 PUT_M = 0.5
 """A carried thing is put down so far ahead of the hips (``Cast``)."""

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planview.synthetic import committed
-from planview.synthetic.placing import ground_camera
-from planview.synthetic.views import draw_view
+from planview.synthetic import assets
+from planview.synthetic.camera import ground_camera
+from planview.synthetic.random_scenes.views import random_view
 
-VIEWS = sorted((committed.SCENES / "views").glob("*.toml"))
+VIEWS = sorted((assets.SCENES / "views").glob("*.toml"))
 
 
 def table(path: Path) -> dict[str, object]:
@@ -19,7 +19,7 @@ def table(path: Path) -> dict[str, object]:
 
 @pytest.mark.parametrize("path", VIEWS, ids=lambda p: p.stem)
 def test_view_of_a_seed_is_drawn_again_alike_and_another_seed_otherwise(path):
-    first, again, other = (draw_view(table(path), seed, path.stem) for seed in (0, 0, 1))
+    first, again, other = (random_view(table(path), seed, path.stem) for seed in (0, 0, 1))
     assert first == again
     assert first.scene != other.scene
 
@@ -27,7 +27,7 @@ def test_view_of_a_seed_is_drawn_again_alike_and_another_seed_otherwise(path):
 @pytest.mark.parametrize("path", VIEWS, ids=lambda p: p.stem)
 def test_line_of_a_view_lies_in_the_image_and_everybody_has_time_to_pass_it(path):
     for seed in range(4):
-        view = draw_view(table(path), seed, path.stem)
+        view = random_view(table(path), seed, path.stem)
         assert view.scene.camera is not None
         size = np.array([view.scene.camera.width, view.scene.camera.height])
         for end in view.wire_px:
@@ -39,13 +39,13 @@ def test_line_of_a_view_lies_in_the_image_and_everybody_has_time_to_pass_it(path
 
 def test_changes_take_the_place_of_what_a_seed_draws():
     given = {"description": "", "camera": {"tilt_deg": 75, "person_share": 0.5}, "walks": {"people": 1}}
-    view = draw_view(given, 0, "one", {"room": {"gloss": 0.25}})
+    view = random_view(given, 0, "one", {"room": {"gloss": 0.25}})
     assert view.scene.room.floor.gloss == 0.25
 
 
 def test_person_in_the_middle_of_a_view_is_as_large_as_drawn():
     given = {"description": "", "camera": {"tilt_deg": 75, "person_share": 0.5}, "walks": {"people": 1}}
-    mount = draw_view(given, 0, "one").scene.camera
+    mount = random_view(given, 0, "one").scene.camera
     assert mount is not None
     camera = ground_camera(mount)
     foot = camera.back_project(np.array([[159.5, 180.0]]))[0]

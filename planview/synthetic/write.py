@@ -1,23 +1,28 @@
-"""A rendered scene on disk: a recording folder with calibration and truth."""
+"""Rendered scenes on disk: recording folders with calibration and truth, one per stereo rig."""
 
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Literal
+from typing import IO, Any, Literal
 
 import cv2
+from pydantic import Field, ValidationError
 
 from calib.errors import InputError, WorkError
 from calib.floor.world_file import save_world
 from calib.ground_camera import save_ground_camera
 from calib.images import as_colour, encode_image
+from calib.params import Params, first_problem
 from calib.rig import Floor, save_rig
+from calib.rigs_file import RIGS_FILE, RigEntry, save_rigs
 from calib.text import reason
 from calib.types import U8
-from planview.synthetic.rendering import SceneRenderer
+from planview.synthetic.render import SceneRenderer
+from planview.synthetic.scene import Rig, Scene
 from planview.synthetic.truth import TruthRow
 
 Storage = Literal["png", "jpg", "video"]
@@ -165,3 +170,96 @@ def _write_opencv(renderer: SceneRenderer, folder: Path) -> None:
     outer.write("R", rig.right_SE3_left.rotation)
     outer.write("T", rig.right_SE3_left.translation.reshape(3, 1))
     outer.release()
+
+
+class RigMount(Params):
+    """A stereo head of a scene: ``[[head]]`` in its TOML."""
+
+    name: str = Field(pattern=r"^[A-Za-z0-9_-]{1,40}$")
+    """Folder of its recording."""
+    start_s: float = Field(0.0, ge=0, le=600)
+    """When its first frame is taken, on the clock of the scene [s]."""
+    rig: Rig
+
+
+@dataclass(frozen=True, eq=False)
+class RigScene:
+    """A head and the scene as it records it."""
+
+    mount: RigMount
+    scene: Scene
+
+    def renderer(self, scale: float = 1.0) -> SceneRenderer:
+        """Renders the recording of this head."""
+        return SceneRenderer(self.scene, scale, self.mount.start_s)
+
+
+def has_rigs(table: dict[str, Any]) -> bool:
+    """Whether a scene's table lists heads instead of one rig or camera."""
+    return "head" in table
+
+
+def rigs_of(table: dict[str, Any], source: str) -> tuple[RigScene, ...]:
+    """The heads of a scene's table, which has ``[[head]]`` in the place of ``[rig]``.
+
+    Raises:
+        InputError: an unknown key, a value out of range, or two heads of one name.
+    """
+    rest = {key: value for key, value in table.items() if key != "head"}
+    try:
+        mounts = [RigMount.model_validate(entry) for entry in table["head"]]
+        heads = tuple(RigScene(m, Scene.model_validate(rest | {"rig": m.rig})) for m in mounts)
+    except ValidationError as error:
+        raise InputError(f"{source}: {first_problem(error)}") from error
+    if len({m.name for m in mounts}) != len(mounts) or not mounts:
+        raise InputError(f"{source}: expected heads with a name of their own, found {[m.name for m in mounts]}")
+    return heads
+
+
+def load_rig_scenes(path: Path) -> tuple[RigScene, ...]:
+    """Read a scene with ``[[head]]`` tables; empty for a scene with one rig or camera.
+
+    Raises:
+        InputError: unreadable, or not TOML, and as ``rigs_of``.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{path}: expected a scene in TOML, found {reason(error)}") from error
+    return rigs_of(table, str(path)) if has_rigs(table) else ()
+
+
+def with_seed(heads: tuple[RigScene, ...], seed: int | None) -> tuple[RigScene, ...]:
+    """The heads of the same scene with another seed; unchanged without one."""
+    if seed is None:
+        return heads
+    return tuple(RigScene(h.mount, h.scene.model_copy(update={"seed": seed})) for h in heads)
+
+
+def write_rigs(
+    heads: tuple[RigScene, ...],
+    folder: Path,
+    *,
+    scale: float = 1.0,
+    frames: int | None = None,
+    storage: Storage = "png",
+    done: Callable[[], None] = lambda: None,
+) -> list[Written]:
+    """Render every head into a folder of its name, and write the true ``rigs.toml`` beside them.
+
+    The common world is that of the first head. Arguments and errors are those of ``write_recording``.
+    """
+    written, entries = [], []
+    common_SE3_room = None
+    for head in heads:
+        renderer = head.renderer(scale)
+        name = head.mount.name
+        written.append(write_recording(renderer, folder / name, frames=frames, storage=storage, done=done))
+        room_SE3_world = renderer.world_SE3_room.inverse()
+        common_SE3_room = common_SE3_room or renderer.world_SE3_room
+        world_SE3_left = renderer.world_SE3_left
+        assert world_SE3_left is not None  # heads are rigs
+        pose = common_SE3_room @ room_SE3_world @ world_SE3_left
+        entries.append(RigEntry(name, pose, head.mount.start_s - heads[0].mount.start_s))
+    save_rigs(entries, folder / RIGS_FILE, "true poses and clocks of a rendered scene")
+    return written

@@ -1,7 +1,7 @@
-"""Views of one camera with ranges: a seed draws camera, room, light, clothes and the ways of people past a line.
+"""Random views of one camera: a seed decides camera, room, light, clothes and the ways of people past a line.
 
-The table of a view has ranges as scenes of the challenge suite have (``ranges.resolved``). How large people are in the
-image is drawn, and the camera hung so that they are.
+The table of a view has ranges as scenes of the challenge suite have (``suite.resolved``). How large people are in the
+image is random, and the camera hung so that they are.
 """
 
 from __future__ import annotations
@@ -10,16 +10,16 @@ import math
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from pydantic import Field
 
-from planview.synthetic.placing import ground_camera
-from planview.synthetic.ranges import resolved
-from planview.synthetic.scene import Scene
-from planview.synthetic.setting import Pair
-from planview.synthetic.view_table import ViewTable
-from planview.synthetic.wardrobe import clothes, looks
+from calib.params import Params
+from planview.synthetic.camera import ground_camera
+from planview.synthetic.random_scenes.appearance import clothes, looks
+from planview.synthetic.random_scenes.suite import resolved
+from planview.synthetic.scene import Capture, Pair, Scene
 
 BODY_M, DEPTH_M = 1.7, 0.45
 """A person's height and, from straight above, depth [m]."""
@@ -33,8 +33,84 @@ FLOORS = (("tiles", "#a39a8a"), ("wood", "#b98f5f"), ("carpet", "#5c6a78"), ("co
 GREYS = ("#b8b4ac", "#a8a8a4", "#98a0a4", "#c4c0b8")
 
 
+class ViewCamera(Params):
+    """Where the camera hangs follows from how large people are in its image."""
+
+    width: int = Field(320, ge=64, le=1280)
+    height: int = Field(240, ge=48, le=960)
+    tilt_deg: float = Field(ge=0, le=87)
+    """Angle of the optical axis from straight down."""
+    lens_deg: float = Field(50.0, ge=25, le=100)
+    """Vertical field of view [deg]."""
+    person_share: float = Field(ge=0.04, le=0.9)
+    """Height of a person in the middle of the view over the height of the image."""
+
+
+class ViewWalks(Params):
+    """Who passes the line, and how."""
+
+    people: int = Field(ge=1, le=30)
+    start_s: float = Field(1.5, ge=0)
+    """When the first person comes to be [s]."""
+    every_s: float = Field(3.0, ge=0.2, le=60)
+    """Mean time between two people's coming [s]."""
+    across: bool = False
+    """Across the view, from side to side; else towards the camera and away from it."""
+    order: Literal["mixed", "waves", "single"] = "mixed"
+    """mixed: each a direction of their own. waves: the first half one way, the second half the other. single: each
+    comes when the one before has gone."""
+    together: float = Field(0.2, ge=0, le=1)
+    """Share of people who walk beside the one before."""
+    width_m: float = Field(2.2, ge=0.8, le=12)
+    """Width of the way [m]."""
+    speed_mps: Pair = (0.9, 1.5)
+    stop_s: Pair = (0.0, 0.0)
+    """How long people stand in the middle of their way [s]."""
+
+
+class ViewLight(Params):
+    """Light in the room."""
+
+    ambient: float = Field(0.5, ge=0.02, le=3)
+    lamps: int = Field(1, ge=0, le=3)
+    sun: bool = False
+    brightness: float = Field(0.22, gt=0.005, le=0.8)
+    """Mean linear level of the empty room: from dark to glaring."""
+    dimmed: bool = False
+    """Whether a lamp is dimmed for a while."""
+    full_well_e: float = Field(9000.0, ge=150)
+    """Electrons at full scale; few make noise."""
+    blur_px: float = Field(0.6, ge=0, le=3)
+
+
+class ViewRoom(Params):
+    """The room around the way."""
+
+    beyond_m: float = Field(2.0, ge=0.5, le=20)
+    """From the middle of the view to the wall behind it [m]."""
+    gloss: float = Field(0.0, ge=0, le=0.3)
+    """Share of light that the floor mirrors."""
+    grey_clothes: float = Field(0.1, ge=0, le=1)
+    """Share of people whose clothes have the wall's colour."""
+    moved: bool = False
+    """Whether a piece of furniture is moved once."""
+
+
+class ViewTable(Params):
+    """A view with every range drawn, but no person placed yet."""
+
+    description: str
+    fps: float = Field(10.0, ge=5, le=30)
+    duration_s: float = Field(30.0, ge=5, le=120)
+    camera: ViewCamera
+    walks: ViewWalks
+    light: ViewLight = ViewLight()
+    room: ViewRoom = ViewRoom()
+    capture: Capture = Capture()
+
+
 @dataclass(frozen=True)
-class DrawnView:
+class RandomView:
     """A drawn scene and the line to be counted at.
 
     Attributes:
@@ -45,9 +121,9 @@ class DrawnView:
     wire_px: tuple[Pair, Pair]
 
 
-def draw_view(
+def random_view(
     table: Mapping[str, Any], seed: int, name: str, changes: Mapping[str, Mapping[str, Any]] | None = None
-) -> DrawnView:
+) -> RandomView:
     """The view of a seed; the same table, seed and name give the same view.
 
     Args:
@@ -82,7 +158,7 @@ class _Composer:
         self._size = (wide, self._y + self._ahead_m + view.room.beyond_m, max(2.5, self._height_m + 0.3))
         self._x = wide / 2
 
-    def drawn(self) -> DrawnView:
+    def drawn(self) -> RandomView:
         """Everything drawn."""
         view = self._view
         scene = Scene.model_validate(
@@ -100,7 +176,7 @@ class _Composer:
                 "capture": view.capture,
             }
         )
-        return DrawnView(scene, self._wire(scene))
+        return RandomView(scene, self._wire(scene))
 
     def _mount(self) -> dict[str, Any]:
         camera = self._view.camera

@@ -1,4 +1,4 @@
-"""Where the committed scenes and the demo clip lie, and where real recordings are looked for."""
+"""Where the scenes and the demo clip of the package lie, and where real recordings are looked for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two heads that look into one room, drawn from a seed: where they hang, who walks where, how their clocks differ."""
+"""Two stereo rigs that look into one room, at random: where they hang, who walks where, how their clocks differ."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from planview.synthetic.challenge import Challenge
-from planview.synthetic.heads import SceneHead, heads_of
-from planview.synthetic.illumination import drawn_light
-from planview.synthetic.wardrobe import clothes, looks
+from planview.synthetic.random_scenes.appearance import clothes, looks, random_light
+from planview.synthetic.random_scenes.challenge import Challenge
+from planview.synthetic.write import RigScene, rigs_of
 
 FPS = 10.0
 DURATION_S = 36.0
@@ -23,7 +22,7 @@ MARGIN_M = 0.7
 LAYOUTS = ("opposite", "beside", "corner")
 
 
-def drawn_heads(seed: int) -> tuple[SceneHead, ...]:
+def random_rigs(seed: int) -> tuple[RigScene, ...]:
     """The heads and the scene of a seed; the same seed gives the same recording."""
     rng = np.random.default_rng([seed, zlib.crc32(b"heads")])
     size = float(rng.uniform(6.5, 7.5)), float(rng.uniform(5.4, 6.2)), 2.9
@@ -37,7 +36,7 @@ def drawn_heads(seed: int) -> tuple[SceneHead, ...]:
             "light": {"lamps": 2, "ambient": float(rng.uniform(0.35, 0.6))},
         }
     )
-    lights, sensor = drawn_light(challenge, rng)
+    lights, sensor = random_light(challenge, rng)
     openings = [{"wall": wall, "from_m": 0.5 * size[1] - 1.2, "width_m": 2.4} for wall in ("west", "east")]
     table: dict[str, Any] = {
         "description": challenge.description,
@@ -62,7 +61,7 @@ def drawn_heads(seed: int) -> tuple[SceneHead, ...]:
         "people": [_walker(i, size, layout, rng) for i in range(int(rng.integers(PEOPLE[0], PEOPLE[1] + 1)))],
         "head": _heads(layout, size, rng),
     }
-    return heads_of(table, f"seed {seed}")
+    return rigs_of(table, f"seed {seed}")
 
 
 def _heads(layout: str, size: tuple[float, float, float], rng: np.random.Generator) -> list[dict[str, Any]]:

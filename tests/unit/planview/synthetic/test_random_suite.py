@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from calib.errors import WorkError
-from planview.synthetic.actors import Cast
-from planview.synthetic.challenge import Challenge, Phenomenon
-from planview.synthetic.committed import SCENES
-from planview.synthetic.illumination import EXPOSURE_DELAY_S, automatic_exposure
-from planview.synthetic.ranges import draw, resolved
-from planview.synthetic.routes import FloorGrid
+from planview.synthetic.assets import SCENES
+from planview.synthetic.people import Cast
+from planview.synthetic.random_scenes.appearance import EXPOSURE_DELAY_S, automatic_exposure
+from planview.synthetic.random_scenes.challenge import Challenge, Phenomenon
+from planview.synthetic.random_scenes.stage import FloorGrid
+from planview.synthetic.random_scenes.suite import random_scene, resolved
 from planview.synthetic.texture import Palette
 
 FILES = sorted((SCENES / "suite").glob("*.toml"))
@@ -70,8 +70,8 @@ def test_committed_challenges_last_ten_minutes():
 @settings(max_examples=3, deadline=None)
 @given(st.integers(0, 10_000))
 def test_every_seed_draws_a_scene_in_which_people_keep_apart(seed):
-    scene = draw(TABLE, seed, "test")
-    assert draw(TABLE, seed, "test") == scene
+    scene = random_scene(TABLE, seed, "test")
+    assert random_scene(TABLE, seed, "test") == scene
     assert 5.5 <= scene.room.size_m[0] <= 7.0 and 2.1 <= scene.mount.at_m[2] <= 2.5
     times = np.arange(0, 12, 0.1)
     places = [m.places(times) for m in Cast(scene, Palette()).motions]
@@ -82,14 +82,14 @@ def test_every_seed_draws_a_scene_in_which_people_keep_apart(seed):
 
 
 def test_seeds_and_names_draw_other_scenes():
-    first = draw(TABLE, 1, "test")
-    assert draw(TABLE, 2, "test") != first
-    assert draw(TABLE, 1, "other") != first
+    first = random_scene(TABLE, 1, "test")
+    assert random_scene(TABLE, 2, "test") != first
+    assert random_scene(TABLE, 1, "other") != first
 
 
 def test_people_of_a_meeting_stay_at_their_spacing():
     meeting = {"kind": "meet", "people": 2, "duration_s": 8, "spacing_m": 0.5, "every_s": 1.5}
-    scene = draw(table_with(meeting, duration_s=24), 3, "test")
+    scene = random_scene(table_with(meeting, duration_s=24), 3, "test")
     one, other = (m.places(np.arange(0, 24, 0.1)) for m in Cast(scene, Palette()).motions)
     gap = np.linalg.norm(one - other, axis=1)
     close = np.flatnonzero(gap < 0.6)
@@ -99,7 +99,7 @@ def test_people_of_a_meeting_stay_at_their_spacing():
 
 def test_pair_walks_in_step_beside_each_other():
     walk = {"kind": "pair", "people": 2, "spacing_m": 0.45, "duration_s": 12, "turns": 2}
-    scene = draw(table_with(walk, duration_s=18), 4, "test")
+    scene = random_scene(table_with(walk, duration_s=18), 4, "test")
     one, other = Cast(scene, Palette()).motions
     times = np.arange(5.0, 8.0, 0.1)
     assert np.linalg.norm(one.places(times) - other.places(times), axis=1) == pytest.approx(0.45, abs=0.02)
@@ -108,7 +108,7 @@ def test_pair_walks_in_step_beside_each_other():
 
 
 def test_walkers_turn_in_view_and_hide_each_other_again_and_again():
-    scene = draw(tomllib.loads((SCENES / "suite" / "crossing.toml").read_text()), 2, "crossing")
+    scene = random_scene(tomllib.loads((SCENES / "suite" / "crossing.toml").read_text()), 2, "crossing")
     motions = Cast(scene, Palette()).motions
     x = [m.places(np.arange(0, scene.duration_s, 0.1))[:, 0] for m in motions]
     passes = sum(int((np.diff(np.sign(a - b)[np.isfinite(a - b)]) != 0).sum()) for a, b in combinations(x, 2))
@@ -116,28 +116,28 @@ def test_walkers_turn_in_view_and_hide_each_other_again_and_again():
 
 
 def test_recording_lasts_until_things_are_taken():
-    scene = draw(tomllib.loads((SCENES / "suite" / "objects.toml").read_text()), 3, "objects")
+    scene = random_scene(tomllib.loads((SCENES / "suite" / "objects.toml").read_text()), 3, "objects")
     ends = [motion.script_end_s for motion in Cast(scene, Palette()).motions]
     assert max(ends) < scene.duration_s + 4
 
 
 def test_similar_clothes_are_the_same_and_children_are_small():
     walkers = {"kind": "cross", "people": 3, "duration_s": 8}
-    scene = draw(table_with(walkers, clothes="similar", children=1), 5, "test")
+    scene = random_scene(table_with(walkers, clothes="similar", children=1), 5, "test")
     assert len({p.shirt for p in scene.people}) == 1
     assert sorted(p.height_m < 1.25 for p in scene.people) == [False, False, True]
 
 
 def test_table_with_an_unknown_key_is_refused():
     with pytest.raises(ValidationError, match="colour"):
-        draw({**TABLE, "colour": 3}, 1, "test")
+        random_scene({**TABLE, "colour": 3}, 1, "test")
 
 
 def test_ranges_that_ask_for_too_much_are_refused_in_one_sentence(monkeypatch):
-    monkeypatch.setattr("planview.synthetic.ranges.ATTEMPTS", 2)
+    monkeypatch.setattr("planview.synthetic.random_scenes.suite.ATTEMPTS", 2)
     crowded = {"kind": "meet", "people": 12, "spacing_m": 1.5}
     with pytest.raises(WorkError, match="test, seed 1: no draw of 2 fits into its room"):
-        draw(table_with(crowded), 1, "test")
+        random_scene(table_with(crowded), 1, "test")
 
 
 def test_automatic_exposure_makes_up_for_a_dimmed_lamp_with_a_delay():
