@@ -18,7 +18,7 @@ from calib.rigs_file import RIGS_FILE, RigEntry, load_rigs
 from calib.text import reason
 from calib.types import F64
 from planview.calibration.align import align_records, rig_entries
-from planview.calibration.head_record import record_head
+from planview.calibration.paths import record_head
 from planview.engine.config import Config
 from planview.engine.factory import floor_tracker
 from planview.engine.heads import HeadsPipeline

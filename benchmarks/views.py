@@ -17,11 +17,10 @@ from benchmarks.frame_counts import VISIBLE_MIN, count_frames
 from calib.errors import InputError
 from calib.params import first_problem
 from calib.text import parse_toml, read_text
-from planview.counting.clock import Clock
-from planview.counting.count import count_tracks, count_truth
 from planview.counting.geometry import RulePlane
 from planview.counting.rules import parse_rules
 from planview.counting.scoring import CrossingScores, score_counts
+from planview.counting.totals import Clock, count_tracks, count_truth
 from planview.engine.config import Config
 from planview.engine.factory import open_engine
 from planview.synthetic.assets import SCENES

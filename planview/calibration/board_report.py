@@ -17,7 +17,7 @@ from calib.board.solve import BoardCalibration
 from calib.files import write_whole
 from calib.images import as_colour, encode_image
 from calib.types import F64, U8
-from planview.calibration.board_images import BoardImages
+from planview.calibration.board import BoardImages
 from planview.drawing.page import page_of
 from stereo.rectify import Rectifier, RectifyParams
 

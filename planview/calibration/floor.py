@@ -13,7 +13,7 @@ from calib.errors import InputError
 from calib.floor.points import PeopleSeen, floor_from_people, floor_from_points
 from calib.rig import Floor
 from calib.types import F32, F64, U8
-from planview.calibration.pictures import draw_grid
+from planview.calibration.people import draw_grid
 from planview.trajectories.table import Trajectories
 from stereo.depth import RectifiedGeometry, median_image
 from stereo.floor import FloorEstimator, FloorSearch, setup_frames

@@ -14,10 +14,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from calib.errors import InputError
 from calib.rigs_file import save_rigs
-from planview.calibration.align import align_records, check_inside, rig_entries
-from planview.calibration.align_params import AlignParams
-from planview.calibration.head_alignment import HeadAlignment
-from planview.calibration.head_record import HeadRecord, record_head
+from planview.calibration.align import AlignParams, HeadAlignment, align_records, check_inside, rig_entries
+from planview.calibration.paths import HeadRecord, record_head
 from planview.commands.options import JsonFlag
 from planview.engine.config import Config, load_config
 from planview.output.console import PlainConsole

@@ -15,7 +15,7 @@ from calib.text import read_text
 from planview.commands.options import Flag, JsonFlag
 from planview.output.console import PlainConsole
 from planview.output.edit import edit_run, read_steps, undo_edits
-from planview.trajectories.regions import region_of
+from planview.trajectories.file import region_of
 
 _Many = Annotated[Sequence[str], Parameter(negative="")]
 

@@ -16,11 +16,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from calib.errors import InputError, WorkError, printable
 from planview.commands.options import JsonFlag
 from planview.output.console import PlainConsole
-from planview.sweep.figures import FIGURES
 from planview.sweep.pools import ClusterPool, Pool, ProcessPool
-from planview.sweep.ranking import Estimate, Ranked
-from planview.sweep.results import JobResult
-from planview.sweep.study import RecordingEntry, Study, load_study, varied
+from planview.sweep.results import Estimate, JobResult, Ranked
+from planview.sweep.study import FIGURES, RecordingEntry, Study, load_study, varied
 from planview.sweep.sweep import StudyResults, run_study
 
 FAILED_MAX = 20

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planview.counting.clock import JUMP_S, jump_told
 from planview.counting.events import Event
+from planview.counting.totals import JUMP_S, jump_told
 from planview.engine.engine import FrameResult
 
 TIMES_MAX = 4096

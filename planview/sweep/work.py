@@ -24,10 +24,9 @@ from planview.output.folder import finished_run
 from planview.output.info import write_result
 from planview.output.log import RunLog
 from planview.output.run import RunOptions, run
-from planview.sweep.content import engine_version
-from planview.sweep.figures import run_figures
-from planview.sweep.jobs import MAPS_FILE, RunJob, StudyJob
-from planview.trajectories.layouts import load_tracks, load_truth
+from planview.sweep.jobs import MAPS_FILE, RunJob, StudyJob, engine_version
+from planview.sweep.study import run_figures
+from planview.trajectories.formats import load_tracks, load_truth
 from stereo.readers import OpenOptions
 
 ATTEMPT = ".attempt-"

@@ -14,9 +14,8 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import I64, Bool
-from planview.trajectories.regions import Region, inside
-from planview.trajectories.table import Trajectories, rows_by_id
-from planview.trajectories.timing import frame_period_s
+from planview.trajectories.file import Region, inside
+from planview.trajectories.table import Trajectories, frame_period_s, rows_by_id
 
 HELP = {
     "join": "join A B: track B becomes part of track A",

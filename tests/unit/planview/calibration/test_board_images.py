@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from planview.calibration.board_images import BoardImages
+from planview.calibration.board import BoardImages
 
 
 def save(folder: Path, names: Sequence[str], size: tuple[int, int] = (40, 30)) -> Path:

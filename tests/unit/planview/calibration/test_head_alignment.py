@@ -7,9 +7,8 @@ import pytest
 
 from calib.errors import WorkError
 from calib.types import F64
-from planview.calibration.align_params import AlignParams
-from planview.calibration.head_alignment import HeadAlignment, after, align_heads
-from planview.calibration.head_paths import TICK_S, WalkedPath, by_time
+from planview.calibration.align import AlignParams, HeadAlignment, after, align_heads
+from planview.calibration.paths import TICK_S, WalkedPath, by_time
 from planview.evaluation.align import floor_rotation
 
 PARAMS = AlignParams(disparity_px=0.0)

@@ -6,14 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planview.counting.clock import Clock
-from planview.counting.count import count_tracks, count_truth
 from planview.counting.events import Event
 from planview.counting.geometry import RulePlane
-from planview.counting.params import AnalyticsParams
-from planview.counting.rules import parse_rules
+from planview.counting.rules import AnalyticsParams, parse_rules
 from planview.counting.stream import Analytics
-from planview.counting.totals import Counts
+from planview.counting.totals import Clock, Counts, count_tracks, count_truth
 from planview.trajectories.state import State, TrackState
 from planview.trajectories.table import positions_table
 

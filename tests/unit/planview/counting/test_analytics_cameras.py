@@ -10,7 +10,7 @@ from calib.errors import InputError
 from calib.floor.world_file import save_world
 from calib.pose import SE3
 from calib.rig import Floor, StereoRig, save_rig
-from planview.counting.cameras import stereo_plane
+from planview.counting.geometry import stereo_plane
 from planview.counting.rules import parse_rules
 from stereo.depth import RectifiedGeometry
 from stereo.floor_camera import StereoFloorCamera

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from planview.counting.clock import Clock, Span
-from planview.counting.totals import occupancy_at, over_frames
-from planview.counting.zone import Stay
+from planview.counting.passages import Stay
+from planview.counting.totals import Clock, Span, occupancy_at, over_frames
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import Trajectories, TrajectoryCollector
 

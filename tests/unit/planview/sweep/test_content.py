@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from calib.errors import InputError
-from planview.sweep.content import BLOCK, WHOLE_MAX, content_key, files_beside
+from planview.sweep.jobs import BLOCK, WHOLE_MAX, content_key, files_beside
 
 
 @pytest.fixture

@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from calib.errors import InputError
-from planview.sweep.pools import ClusterPool, ProcessPool
-from planview.sweep.schedule import Task, run_tasks
+from planview.sweep.pools import ClusterPool, ProcessPool, Task, run_tasks
 
 
 def test_processes_are_replaced_when_one_is_killed_and_its_task_is_tried_again(tmp_path: Path) -> None:

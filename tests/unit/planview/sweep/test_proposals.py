@@ -1,9 +1,8 @@
 from pathlib import Path
 
-from planview.sweep.proposals import Proposals
 from planview.sweep.results import JobResult
-from planview.sweep.space import Configuration, Range
-from planview.sweep.study import RecordingEntry, Study
+from planview.sweep.study import Configuration, Range, RecordingEntry, Study
+from planview.sweep.sweep import Proposals
 
 STUDY = Study(
     recordings=[RecordingEntry(path=Path("a"))], method="optuna", samples=24, objective="mota", search_seed=1,

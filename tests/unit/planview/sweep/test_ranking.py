@@ -3,9 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from planview.sweep.ranking import estimate, ranked
-from planview.sweep.results import JobResult
-from planview.sweep.space import Configuration
+from planview.sweep.results import JobResult, estimate, ranked
+from planview.sweep.study import Configuration
 
 A, B = Configuration(("a.b=1",)), Configuration(("a.b=2",))
 

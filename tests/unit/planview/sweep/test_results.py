@@ -1,5 +1,5 @@
 from planview.sweep.results import JobResult, summary_csv
-from planview.sweep.space import Configuration
+from planview.sweep.study import Configuration
 
 
 def test_summary_has_a_row_per_run_and_a_column_per_parameter() -> None:

@@ -6,7 +6,7 @@ import pytest
 from inline_pool import InlinePool
 
 from calib.errors import WorkError
-from planview.sweep.schedule import DEATHS_MAX, Task, run_tasks
+from planview.sweep.pools import DEATHS_MAX, Task, run_tasks
 
 
 def double(argument: object) -> int:

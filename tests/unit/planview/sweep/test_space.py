@@ -1,7 +1,7 @@
 import pytest
 
 from calib.errors import InputError
-from planview.sweep.space import Range, grid, random_draws
+from planview.sweep.study import Range, grid, random_draws
 
 
 def test_grid_has_all_combinations_the_last_parameter_fastest() -> None:

@@ -3,8 +3,7 @@ from pathlib import Path
 import pytest
 
 from calib.errors import InputError
-from planview.sweep.space import Range
-from planview.sweep.study import load_study, varied
+from planview.sweep.study import Range, load_study, varied
 
 
 def write(folder: Path, text: str) -> Path:

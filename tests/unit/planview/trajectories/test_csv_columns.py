@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.errors import InputError
-from planview.trajectories import csv_columns
-from planview.trajectories.csv_columns import csv_blocks, decimals
+from planview.trajectories import table
+from planview.trajectories.table import csv_blocks, decimals
 
 
 def written(tmp_path: Path, text: str) -> Path:
@@ -45,7 +45,7 @@ def test_quoted_cells_carriage_returns_and_a_byte_order_mark_are_read(tmp_path: 
 
 
 def test_blocks_continue_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(csv_columns, "BLOCK_BYTES", 7)
+    monkeypatch.setattr(table, "BLOCK_BYTES", 7)
     path = written(tmp_path, "a,b\n" + "".join(f"{i},{i / 8}\n" for i in range(50)))
     assert column(path, "b") == [i / 8 for i in range(50)]
 

@@ -7,7 +7,7 @@ import pytest
 
 from calib.errors import InputError
 from planview.trajectories.edits import edited
-from planview.trajectories.regions import Region
+from planview.trajectories.file import Region
 from planview.trajectories.table import Trajectories, positions_table
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from planview.trajectories.layouts import load_tracks, load_truth
+from planview.trajectories.formats import load_tracks, load_truth
 from planview.trajectories.table import IGNORED
 
 

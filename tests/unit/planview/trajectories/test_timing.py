@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from planview.trajectories.table import Trajectories, positions_table
-from planview.trajectories.timing import frame_period_s
+from planview.trajectories.table import Trajectories, frame_period_s, positions_table
 
 
 def table(frame: list[int], times: list[float]) -> Trajectories:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from calib.types import F64
-from planview.calibration.browser.marks import Handle, Point, handle_points
-from planview.calibration.browser.session import CalibrationSession
-from planview.calibration.pictures import crowd
+from planview.calibration.page.marks import Handle, Point, handle_points
+from planview.calibration.page.session import CalibrationSession
+from planview.calibration.people import crowd
 from planview.drawing.projection import grid_lines
 from stereo.floor_camera import StereoFloorCamera
 

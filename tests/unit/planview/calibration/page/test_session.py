@@ -8,9 +8,9 @@ from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera
 from calib.human.knowledge import KnownValues
 from calib.human.samples import HumanSample, read_samples
-from planview.calibration.browser.marks import Handle
-from planview.calibration.browser.overlay import overlay
-from planview.calibration.browser.session import CalibrationSession
+from planview.calibration.page.marks import Handle
+from planview.calibration.page.overlay import overlay
+from planview.calibration.page.session import CalibrationSession
 from tests.people import standing_people
 
 CAMERA = GroundCamera(640, 480, 500.0, 3.5, math.radians(55), "pinhole")

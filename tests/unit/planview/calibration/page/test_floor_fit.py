@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from planview.calibration.browser.floor_fit import fit_plane
-from planview.calibration.browser.verdict import floor_verdict
+from planview.calibration.page.solution import fit_plane, floor_verdict
 
 FLOOR = np.array([(-1.0, 2.0, 3.0), (1.0, 2.0, 3.0), (0.0, 2.0, 5.0), (1.5, 2.0, 4.0), (-1.5, 2.0, 4.5)])
 """On a floor 2 m below a level camera (x right, y down, z forward)."""
