@@ -33,8 +33,8 @@ BLOCKS = 16
 """Of larger files so many blocks are hashed, evenly spread, the first and the last among them."""
 FILES_MAX = 64
 """Of so many image files at most the content is hashed; of all others name and size."""
-ENGINE_ROOMS = ("foreground", "maps", "trajectories", "tracking", "pipeline")
-"""Rooms of planview whose code decides tracks."""
+DECIDING_ROOMS = ("foreground", "maps", "trajectories", "tracking", "checks", "engine", "evaluation")
+"""Rooms of planview whose code decides tracks (what the checks find of a camera's steadiness, too) or their scores."""
 _IMAGES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff", ".webp", ".bin", ".raw"))
 _TRUTH = frozenset(("truth.csv", "gt.txt"))
 _BESIDE = frozenset((".yml", ".yaml", ".json", ".xml", ".conf"))
@@ -83,9 +83,9 @@ def files_beside(path: Path) -> list[Path]:
 
 @cache
 def engine_version() -> str:
-    """Version of the package and a digest of the code that decides tracks."""
+    """Version of the package and a digest of the code that decides tracks and scores."""
     roots = [Path(package.__file__ or "").parent for package in (calib, stereo)]
-    roots += [Path(planview.__file__ or "").parent / room for room in ENGINE_ROOMS]
+    roots += [Path(planview.__file__ or "").parent / room for room in DECIDING_ROOMS]
     digest = hashlib.sha256()
     for root in roots:
         for file in sorted(root.rglob("*.py")):
@@ -231,7 +231,7 @@ class Planner:
         return StudyJob(recording.name, configuration, seed, run, maps, recording.truth, recording.truth_key)
 
     def _effective_of(self, configuration: Configuration, seed: int, recording: _Recording) -> _Effective:
-        """One object for all recordings that begin with the same parameters: a study may have 100,000 jobs."""
+        """One object for all recordings that begin with the same parameters: a study may have RUNS_MAX of them."""
         name = (configuration, seed, recording.base_key)
         if name not in self._effective:
             settings = [*configuration.settings, f"seed={seed}"]

@@ -12,7 +12,7 @@ import numpy as np
 
 from planview.drawing.page import page_of
 from planview.output.report.plots import COLOURS, new_figure, plain_text, png_bytes
-from planview.sweep.results import DRAWS, LEVEL, Estimate, JobResult, Ranked
+from planview.sweep.results import DRAWS, LEVEL, Estimate, JobResult, Ranked, why_no_intervals
 from planview.sweep.study import FIGURES, FigureName, Study
 
 LABEL_MAX = 60
@@ -105,6 +105,7 @@ def study_page(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked
         pictures=_pictures(study, runs, ranking),
         failed=failed[:ROWS_MAX],
         more_failed=max(0, len(failed) - ROWS_MAX),
+        no_intervals=why_no_intervals(runs),
         level=f"{LEVEL:.0%}",
         draws=DRAWS,
     )

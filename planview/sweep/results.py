@@ -16,6 +16,8 @@ from calib.types import F64
 from planview.sweep.study import FIGURES, Configuration, FigureName
 
 DRAWS = 1000
+RECORDINGS_MIN = 5
+"""Fewer recordings say too little of others for an interval (our choice): a bootstrap of four has 35 samples."""
 LEVEL = 0.95
 _SEED = 0
 _BLOCK = 5_000_000
@@ -86,7 +88,7 @@ def _cell(value: str) -> str:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A mean with its interval; NaN where there is none (one recording with one seed)."""
+    """A mean with its interval; NaN where there is none (fewer than RECORDINGS_MIN recordings)."""
 
     mean: float
     low: float
@@ -108,6 +110,12 @@ class Ranked:
     behind: Estimate
     runs: int
     failed: int
+
+
+def why_no_intervals(results: Sequence[JobResult]) -> str:
+    """Why estimates have no interval, in one sentence; empty where they have some."""
+    count = len({result.recording for result in results if result.figures})
+    return f"no {LEVEL:.0%} intervals: they need {RECORDINGS_MIN} recordings, found {count}" * (count < RECORDINGS_MIN)
 
 
 def ranked(results: Sequence[JobResult], objective: FigureName) -> list[Ranked]:
@@ -136,7 +144,7 @@ def estimate(values: F64) -> Estimate:
     """Of (recordings, seeds) values, NaN where a run is missing."""
     mean = _mean(values)
     values = values[np.isfinite(values).any(axis=1)]
-    if np.isfinite(values).sum() < 2:
+    if len(values) < RECORDINGS_MIN:
         return Estimate(mean, math.nan, math.nan)
     means = np.sort(_drawn_means(values))
     tail = (1.0 - LEVEL) / 2

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from calib.errors import InputError
 from calib.params import Params, first_problem
-from calib.text import reason
+from calib.text import load_toml, parse_toml
 from planview.engine.factory import TrackerName
 from planview.evaluation.result import Evaluation
 from planview.output.info import RunInfo
@@ -25,9 +24,8 @@ FigureName = Literal[
     "mota", "idf1", "hota", "significant_errors", "switches", "position_error_mean_m", "height_error_mean_m",
     "people", "elapsed_s",
 ]  # fmt: skip
-COMBINATIONS_MAX = 1_000_000
-SIZE_MAX = 1_000_000
-"""Largest study file [bytes]."""
+RUNS_MAX = 50_000
+"""Runs of a study: more take weeks on a cluster, and are a slip of the hand (our choice)."""
 
 
 class Figure(NamedTuple):
@@ -86,11 +84,15 @@ class Range(Params):
         """Whether all values are whole numbers."""
         return all(isinstance(value, int) for value in (self.min, self.max, self.step or 1))
 
+    @property
+    def steps(self) -> int:
+        """Number of values of a range with a step."""
+        return int(min((self.max - self.min) / (self.step or 1), 1e9) + 1e-9) + 1
+
     def at(self, fraction: float) -> int | float:
         """The value a fraction (0 to below 1) of the way through the range."""
         if self.step is not None:
-            count = int((self.max - self.min) / self.step + 1e-9) + 1
-            return self.min + self.step * int(fraction * count)
+            return self.min + self.step * int(fraction * self.steps)
         low, high = (math.log(self.min), math.log(self.max)) if self.log else (self.min, self.max)
         if not self.whole:
             value = low + fraction * (high - low)
@@ -131,10 +133,13 @@ def grid(parameters: Mapping[str, Space]) -> list[Configuration]:
     Raises:
         InputError: a range without step, or too many.
     """
-    values = [_listed(name, space) for name, space in parameters.items()]
-    count = math.prod(len(v) for v in values)
-    if not 0 < count <= COMBINATIONS_MAX:
-        raise InputError(f"expected 1 to {COMBINATIONS_MAX} combinations of parameters, found {count}")
+    count = combinations(parameters)
+    if not 0 < count <= RUNS_MAX:
+        raise InputError(f"expected 1 to {RUNS_MAX} combinations of parameters, found {count}")
+    values = [
+        space if isinstance(space, list) else [_tidy(space.min + (space.step or 1) * i) for i in range(space.steps)]
+        for space in parameters.values()
+    ]
     return [configuration(dict(zip(parameters, chosen, strict=True))) for chosen in itertools.product(*values)]
 
 
@@ -150,18 +155,24 @@ def random_draws(parameters: Mapping[str, Space], count: int, seed: int) -> list
     return list(drawn)
 
 
+def combinations(parameters: Mapping[str, Space]) -> int:
+    """Number of all combinations of a grid.
+
+    Raises:
+        InputError: a range without step.
+    """
+    for name, space in parameters.items():
+        if isinstance(space, Range) and space.step is None:
+            raise InputError(f"parameters.{name}: expected a list or a step for a grid, found a range without step")
+    return math.prod(len(space) if isinstance(space, list) else space.steps for space in parameters.values())
+
+
+def _tidy(value: int | float) -> int | float:
+    return float(f"{value:.9g}") if isinstance(value, float) else value
+
+
 def _drawn(space: Space, fraction: float) -> Any:
     return space.at(fraction) if isinstance(space, Range) else space[int(fraction * len(space))]
-
-
-def _listed(name: str, space: Space) -> list[Any]:
-    if isinstance(space, list):
-        return space
-    if space.step is None:
-        raise InputError(f"parameters.{name}: expected a list or a step for a grid, found a range without step")
-    count = int((space.max - space.min) / space.step + 1e-9) + 1
-    return [float(f"{value:.9g}") if isinstance(value, float) else value for value in
-            (space.min + space.step * i for i in range(min(count, COMBINATIONS_MAX + 1)))]  # fmt: skip
 
 
 class RecordingEntry(Params):
@@ -192,7 +203,7 @@ class Study(Params):
     """Seeds of the random generators: every configuration runs once with each."""
     method: Literal["grid", "random", "optuna"] = "grid"
     """All combinations; so many drawn independently; or so many that Optuna proposes from the results so far."""
-    samples: int = Field(20, ge=1, le=100_000)
+    samples: int = Field(20, ge=1, le=RUNS_MAX)
     """Configurations that "random" and "optuna" try."""
     search_seed: int = Field(0, ge=0)
     """Seed of the draws of "random" and "optuna"."""
@@ -211,8 +222,22 @@ class Study(Params):
     @classmethod
     def _different(cls, seeds: list[int]) -> list[int]:
         if len(set(seeds)) < len(seeds) or min(seeds) < 0:
-            raise ValueError(f"expected different seeds from 0, found {seeds}")
+            raise ValueError(f"expected different seeds from 0, found {str(seeds)[:80]}")
         return seeds
+
+    def refuse_many(self) -> None:
+        """Refuse a study by its size, before anything is looked at.
+
+        Raises:
+            InputError: more than RUNS_MAX runs, or a grid over a range without step.
+        """
+        n_configurations = combinations(self.parameters) if self.method == "grid" else self.samples
+        counts = n_configurations, len(self.recordings), len(self.seeds)
+        if math.prod(counts) > RUNS_MAX:
+            raise InputError(
+                f"expected a study of up to {RUNS_MAX} runs, found {math.prod(counts)} "
+                "({} configurations x {} recordings x {} seeds)".format(*counts)
+            )
 
 
 def load_study(path: Path) -> Study:
@@ -221,18 +246,15 @@ def load_study(path: Path) -> Study:
     Raises:
         InputError: unreadable, an unknown key, a value out of range, or a pattern that matches nothing.
     """
-    try:
-        if path.stat().st_size > SIZE_MAX:
-            raise InputError(f"{path}: expected a study of up to {SIZE_MAX} bytes, found {path.stat().st_size}")
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: expected a study in TOML, found {reason(error)}") from error
+    tables = load_toml(path, "a study in TOML")
     try:
         tables["recordings"] = _entries(tables.get("recordings", []), path.parent)
         tables["parameters"] = _flat(tables.get("parameters", {}))
         if "config" in tables:
             tables["config"] = path.parent / str(tables["config"])
-        return Study.model_validate(tables)
+        study = Study.model_validate(tables)
+        study.refuse_many()
+        return study
     except ValidationError as error:
         raise InputError(f"{path}: {first_problem(error)}") from error
     except InputError as error:
@@ -271,8 +293,8 @@ def varied(options: Sequence[str]) -> Varied:
 
 def _value(text: str) -> Any:
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        return parse_toml(f"value = {text}")["value"]
+    except ValueError:
         return text.strip()
 
 

@@ -136,6 +136,7 @@ def run_study(
         InputError: a setting that is no parameter, a cluster that cannot be reached, or another study in the folder.
         WorkError: the folder cannot be written.
     """
+    study.refuse_many()
     batches = _batches(study, Planner(study, out, names))
     batch: list[Planned] | None = next(batches)
     with folder_lock(out), closing(_Runner(open_pool, watch)) as runner:

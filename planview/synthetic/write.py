@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +18,7 @@ from calib.images import as_colour, encode_image
 from calib.params import Params, first_problem
 from calib.rig import Floor, save_rig
 from calib.rigs_file import RIGS_FILE, RigEntry, save_rigs
-from calib.text import reason
+from calib.text import load_toml, reason
 from calib.types import U8
 from planview.synthetic.render import SceneRenderer
 from planview.synthetic.scene import Rig, Scene
@@ -222,10 +221,7 @@ def load_rig_scenes(path: Path) -> tuple[RigScene, ...]:
     Raises:
         InputError: unreadable, or not TOML, and as ``rigs_of``.
     """
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: expected a scene in TOML, found {reason(error)}") from error
+    table = load_toml(path, "a scene in TOML")
     return rigs_of(table, str(path)) if has_rigs(table) else ()
 
 

@@ -3,8 +3,9 @@ from pathlib import Path
 
 import pytest
 
+import planview
 from calib.errors import InputError
-from planview.sweep.jobs import BLOCK, WHOLE_MAX, content_key, files_beside
+from planview.sweep.jobs import BLOCK, DECIDING_ROOMS, WHOLE_MAX, content_key, engine_version, files_beside
 
 
 @pytest.fixture
@@ -58,3 +59,19 @@ def test_files_beside_a_video_are_calibrations_and_times(tmp_path: Path) -> None
 def test_key_of_nothing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file or folder"):
         content_key(tmp_path / "none")
+
+
+@pytest.mark.parametrize("room", DECIDING_ROOMS)
+def test_version_changes_with_every_room_that_decides_tracks_or_scores(
+    room: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(Path(planview.__file__).parent / room, tmp_path / room)
+    monkeypatch.setattr(planview, "__file__", str(tmp_path / "__init__.py"))
+    before = engine_version.__wrapped__()
+    with next((tmp_path / room).rglob("[a-z]*.py")).open("a") as file:
+        file.write("# changed\n")
+    assert engine_version.__wrapped__() != before
+
+
+def test_checks_engine_and_evaluation_decide_results() -> None:
+    assert {"checks", "engine", "evaluation", "tracking", "maps", "foreground"} <= set(DECIDING_ROOMS)

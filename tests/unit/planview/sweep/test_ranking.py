@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from planview.sweep.results import JobResult, estimate, ranked
+from planview.sweep.results import JobResult, estimate, ranked, why_no_intervals
 from planview.sweep.study import Configuration
 
 A, B = Configuration(("a.b=1",)), Configuration(("a.b=2",))
@@ -36,14 +36,22 @@ def test_configuration_with_a_failed_run_comes_after_complete_ones() -> None:
     assert (ranking[1].runs, ranking[1].failed) == (1, 1)
 
 
-def test_single_run_has_no_interval() -> None:
-    found = estimate(np.array([[0.4]]))
-    assert found.mean == 0.4 and math.isnan(found.low) and math.isnan(found.high)
+@pytest.mark.parametrize("values", [[[0.4]], [[0.4, 0.5]] * 4, [[0.4]] * 4 + [[math.nan]]])
+def test_fewer_than_five_recordings_have_no_interval(values: list[list[float]]) -> None:
+    found = estimate(np.array(values))
+    assert found.mean == pytest.approx(np.nanmean(values)) and math.isnan(found.low) and math.isnan(found.high)
 
 
-def test_interval_of_two_recordings_spans_both() -> None:
-    found = estimate(np.array([[0.2], [0.4]]))
-    assert (found.mean, found.low, found.high) == pytest.approx((0.3, 0.2, 0.4))
+def test_why_there_are_no_intervals_is_said() -> None:
+    assert why_no_intervals([result(A, "x", 0.5), result(A, "y", None)]) == (
+        "no 95% intervals: they need 5 recordings, found 1"
+    )
+    assert not why_no_intervals([result(A, name, 0.5) for name in "abcde"])
+
+
+def test_interval_of_equal_recordings_has_no_width() -> None:
+    found = estimate(np.full((5, 1), 0.25))
+    assert (found.mean, found.low, found.high) == pytest.approx((0.25, 0.25, 0.25))
 
 
 def test_interval_of_many_recordings_is_that_of_the_mean() -> None:
@@ -53,7 +61,8 @@ def test_interval_of_many_recordings_is_that_of_the_mean() -> None:
 
 
 def test_difference_to_the_first_is_taken_run_by_run() -> None:
-    runs = [result(A, "x", 0.9), result(A, "y", 0.5), result(B, "x", 0.8), result(B, "y", 0.4)]
+    runs = [result(A, name, 0.5 + i / 10) for i, name in enumerate("vwxyz")]
+    runs += [result(B, name, 0.4 + i / 10) for i, name in enumerate("vwxyz")]
     behind = ranked(runs, "mota")[1].behind
     assert (behind.mean, behind.low, behind.high) == pytest.approx((-0.1, -0.1, -0.1))
 

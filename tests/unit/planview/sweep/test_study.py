@@ -1,3 +1,4 @@
+import time
 from pathlib import Path
 
 import pytest
@@ -23,7 +24,7 @@ def test_study_finds_recordings_by_path_pattern_and_table(tmp_path: Path) -> Non
 
 
 def test_study_takes_dotted_and_quoted_parameter_names(tmp_path: Path) -> None:
-    text = 'recordings = ["a"]\n[parameters]\ntemplate.width_m = [0.3]\n"maps.cell_m" = { min = 0.02, max = 0.05 }\n'
+    text = 'recordings = ["a"]\nmethod = "random"\n[parameters]\ntemplate.width_m = [0.3]\n"maps.cell_m" = { min = 0.02, max = 0.05 }\n'
     study = load_study(write(tmp_path, text))
     assert study.parameters == {"template.width_m": [0.3], "maps.cell_m": Range(min=0.02, max=0.05)}
 
@@ -51,3 +52,21 @@ def test_study_refuses_what_it_does_not_know_and_names_the_file(text: str, tmp_p
 def test_vary_takes_seeds_from_the_parameter_of_that_name() -> None:
     found = varied(["maps.cell_m=0.03,0.04", "seed=1,2"])
     assert (found.parameters, found.seeds) == ({"maps.cell_m": [0.03, 0.04]}, [1, 2])
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        (f"seeds = {list(range(100_000))}", "found"),
+        (f"seeds = {list(range(20_000))}\n[parameters]\n'a.b' = [1, 2, 3]", "60000 .3 configurations x 1 recordings"),
+        ("method = 'random'\nsamples = 100_000", "100000"),
+        ("[parameters]\n'a.b' = { min = 0.0, max = 1.0, step = 1e-6 }", "1000001"),
+        ("a" + ".b" * 60_000 + " = 1", "deeper ones"),
+    ],
+    ids=["many seeds", "many runs", "many samples", "many steps", "deep key"],
+)
+def test_study_that_is_too_large_is_refused_at_once(text: str, found: str, tmp_path: Path) -> None:
+    path, begin = write(tmp_path, f'recordings = ["a"]\n{text}\n'), time.perf_counter()
+    with pytest.raises(InputError, match=f"expected .* found .*{found}|less than or equal to 50000, found {found}"):
+        load_study(path)
+    assert time.perf_counter() - begin < 1.0
