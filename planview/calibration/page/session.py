@@ -20,7 +20,7 @@ from planview.calibration.floor import FloorView, view_floor
 from planview.calibration.page.marks import Draft, Handle, Point, grabbed, moved, nearest
 from planview.calibration.page.solution import Solution, Task, export, solve
 from stereo.floor import FloorSearch
-from stereo.readers import OpenOptions, holds_pair, open_recording, open_video
+from stereo.readers import OpenOptions, find_layout, holds_pair, open_recording, open_video
 
 Tool = Literal["person", "select", "floor"]
 GRAB_PX = 12.0
@@ -306,13 +306,16 @@ class CalibrationSession:
 def open_session(path: Path, calibration: Path | None = None, n_frames: int = 40) -> CalibrationSession:
     """Frames to draw on, spread over a video of one camera, or the depth of a stereo recording.
 
-    The focal length of photographs that say it is taken as known.
+    Both views of a side-by-side video, and the two cameras of a bag, are a stereo recording. The focal length of
+    photographs that say it is taken as known.
 
+    Args:
+        calibration: of a stereo recording, which the recording then must be.
     Raises:
-        InputError: neither a video nor a stereo recording.
+        InputError: neither a video nor a stereo recording, or a stereo recording without a calibration.
         WorkError: no usable frame.
     """
-    if path.is_dir() and (calibration is not None or holds_pair(path)):
+    if calibration is not None or holds_pair(path) or _is_side_by_side(path):
         recording = open_recording(path, OpenOptions(calibration))
         view = view_floor(recording, FloorSearch())
         return CalibrationSession(str(path), [view.image], [0], view, _plain_floor(view))
@@ -324,6 +327,14 @@ def open_session(path: Path, calibration: Path | None = None, n_frames: int = 40
     session = CalibrationSession(path.name, [image for _, image in kept], [index for index, _ in kept])
     session.known = known_of(path, session.size)
     return session
+
+
+def _is_side_by_side(path: Path) -> bool:
+    """Whether the pictures of a video are two views of one scene."""
+    try:
+        return find_layout(path)[0].key == "side-by-side"
+    except InputError:
+        return False
 
 
 def frames_at(path: Path, indices: Sequence[int]) -> list[tuple[int, U8]]:
