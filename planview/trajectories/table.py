@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import csv
-import io
 import math
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
+from operator import itemgetter
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.text import reason, require_file
-from calib.types import F64, I64, U8, AnyArray, Bool
+from calib.types import F64, I64, AnyArray, Bool
 from planview.trajectories.state import TrackState
 
 if TYPE_CHECKING:
@@ -25,13 +25,8 @@ if TYPE_CHECKING:
 KEY_MAX = 2**53
 """Largest frame number or id that a float64 holds exactly."""
 WordColumn = np.ndarray[tuple[int], np.dtype[np.str_]]
-BLOCK_BYTES = 4_000_000
-"""Text in memory at a time: that of 500,000 rows takes a gigabyte in cells (our choice)."""
-_QUOTED_ROWS = 10_000
-_BYTE_ORDER_MARK = "\ufeff"
-_DIGITS_MAX = 15
-"""A whole number of so many digits and a power of ten up to it are exact in float64, and so their quotient is rounded
-once, as ``float`` rounds (Clinger 1990)."""
+BLOCK_ROWS = 5_000
+"""Rows in memory as text at a time: more take longer, since their cells leave the processor's cache (our choice)."""
 TRACK_COLUMNS = (
     "frame", "timestamp_s", "id", "x_m", "y_m", "vx_mps", "vy_mps", "height_m", "state",
     "left_px", "top_px", "width_px", "height_px",
@@ -99,44 +94,18 @@ def csv_blocks(path: Path, required: Sequence[str], what: str) -> Iterator[CsvCo
     """
     require_file(path, f"a {what} file")
     try:
-        with path.open("rb") as file:
-            header = file.readline().decode().removeprefix(_BYTE_ORDER_MARK)
-            names = next(csv.reader([header]), [])
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.reader(file)
+            names = next(reader, [])
             missing = [name for name in required if name not in names]
             if missing:
                 raise InputError(f"{path}: expected a {what} file with the column {missing[0]!r}, found {names}")
-            line, block = 2, b""
-            for block in _blocks(file):
-                yield CsvColumns(path, names, block, line)
-                line += block.count(b"\n")
-            if not block:
-                yield CsvColumns(path, names, block, line)
+            filled = ((reader.line_num, row) for row in reader if row)
+            yield CsvColumns(path, names, list(islice(filled, BLOCK_ROWS)))
+            while block := list(islice(filled, BLOCK_ROWS)):
+                yield CsvColumns(path, names, block)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: expected a {what} file, found {reason(error)}") from error
-
-
-def _blocks(file: IO[bytes]) -> Iterator[bytes]:
-    """Whole lines, without quotes, that end with a line feed."""
-    while block := file.read(BLOCK_BYTES):
-        block += file.readline()
-        if b'"' in block or b"\r" in block.replace(b"\r\n", b""):
-            file.seek(-len(block), io.SEEK_CUR)
-            yield from _rewritten(file)
-            return
-        block.decode()
-        yield block.replace(b"\r", b"") + (b"" if block.endswith(b"\n") else b"\n")
-
-
-def _rewritten(file: IO[bytes]) -> Iterator[bytes]:
-    """The rest of a file with quotes, without them; what they protect is no number and may change."""
-    text = io.TextIOWrapper(file, "utf-8", newline="")
-    try:
-        rows = csv.reader(text)
-        while block := list(islice(rows, _QUOTED_ROWS)):
-            cells = [[" ".join(cell.replace(",", ";").splitlines()) for cell in row] for row in block]
-            yield "".join(",".join(row) + "\n" for row in cells).encode()
-    finally:
-        text.detach()  # the file is the caller's to close
 
 
 class CsvColumns:
@@ -144,33 +113,24 @@ class CsvColumns:
 
     Args:
         names: of the columns.
-        block: the rows, unquoted UTF-8, each ended by a line feed; empty ones are left out.
-        line: number of the first row's line.
+        rows: numbers of lines, and cells.
     """
 
-    def __init__(self, path: Path, names: Sequence[str], block: bytes, line: int) -> None:
-        self._path, self._block = path, block
+    def __init__(self, path: Path, names: Sequence[str], rows: Sequence[tuple[int, list[str]]]) -> None:
+        self._path = path
+        self._lines, self._rows = [line for line, _ in rows], [row for _, row in rows]
         self._column = {name: i for i, name in enumerate(names)}
-        self._bytes: U8 = np.frombuffer(block, dtype=np.uint8)
-        ends = np.flatnonzero(self._bytes == ord("\n"))
-        starts = np.concatenate([[0], ends[:-1] + 1]) if len(ends) else ends
-        filled = np.flatnonzero(ends > starts)
-        self._line = line + filled
-        self._starts, self._ends = starts[filled], ends[filled]
-        self._commas = np.flatnonzero(self._bytes == ord(","))
-        self._first_comma = np.searchsorted(self._commas, self._starts)
-        self._n_commas = np.searchsorted(self._commas, self._ends) - self._first_comma
 
     def numbers(self, name: str, default: float) -> F64:
         """(N,) values; ``default`` where the cell is empty, and throughout (read-only) where the column is missing."""
         if name not in self._column:
-            return np.broadcast_to(np.float64(default), len(self._line))
-        start, stop = self._cells(name)
-        values, plain = decimals(self._bytes, start, stop)
-        values[start == stop] = default
-        for row in np.flatnonzero(~plain & (start < stop)).tolist():
-            values[row] = self._number(name, row, default)
-        return values
+            return np.broadcast_to(np.float64(default), len(self._rows))
+        cells = self._cells(name)
+        try:
+            known = [cell or str(default) for cell in cells] if "" in cells else cells
+            return np.fromiter(map(float, known), dtype=np.float64, count=len(cells))
+        except ValueError:
+            return np.array([self._number(name, row, default) for row in range(len(cells))], dtype=np.float64)
 
     def integers(self, name: str) -> I64:
         """(N,) int64; an empty cell is refused."""
@@ -185,81 +145,33 @@ class CsvColumns:
         """(N,) words of a closed list; ``default`` where the cell is empty or the column missing."""
         kind = f"<U{max(map(len, allowed))}"
         if name not in self._column:
-            return np.broadcast_to(np.array(default, dtype=kind), len(self._line))
-        start, stop = self._cells(name)
-        which = np.select([self._equal(start, stop, word) for word in ("", *allowed)], range(len(allowed) + 1), -1)
-        if (which < 0).any():
-            raise self._refused(f"a {name} of {', '.join(allowed)}", name, int(np.argmax(which < 0)))
-        chosen: WordColumn = np.array([default, *allowed], dtype=kind)[which]
-        return chosen
+            return np.broadcast_to(np.array(default, dtype=kind), len(self._rows))
+        cells = self._cells(name)
+        foreign = set(cells) - {"", *allowed}
+        if foreign:
+            first = next(row for row, cell in enumerate(cells) if cell in foreign)
+            raise self._refused(f"a {name} of {', '.join(allowed)}", name, first)
+        return np.array([cell or default for cell in cells], dtype=kind)
 
-    def _cells(self, name: str) -> tuple[I64, I64]:
-        """Where the (N,) cells of a column begin and end."""
+    def _cells(self, name: str) -> list[str]:
         column = self._column[name]
-        short = np.flatnonzero(self._n_commas < column)
-        if len(short):
-            n, line = len(self._column), self._line[short[0]]
-            raise InputError(f"{self._path}: expected {n} cells in line {line}, found fewer")
-        if not len(self._line):
-            return self._starts, self._ends
-        before, after = self._first_comma + column - 1, self._first_comma + column
-        start = self._commas[before] + 1 if column else self._starts
-        last = self._n_commas == column
-        return start, np.where(last, self._ends, self._commas[np.where(last, 0, after)] if len(self._commas) else 0)
-
-    def _equal(self, start: I64, stop: I64, word: str) -> Bool:
-        same = stop - start == len(word)
-        for i, letter in enumerate(word.encode()):
-            same &= self._bytes[np.minimum(start + i, len(self._bytes) - 1)] == letter
-        return np.asarray(same)
-
-    def _text(self, name: str, row: int) -> str:
-        start, stop = self._cells(name)
-        return self._block[start[row] : stop[row]].decode()
+        try:
+            return list(map(itemgetter(column), self._rows))
+        except IndexError:
+            line = next(line for line, row in zip(self._lines, self._rows, strict=True) if len(row) <= column)
+            n = len(self._column)
+            raise InputError(f"{self._path}: expected {n} cells in line {line}, found fewer") from None
 
     def _number(self, name: str, row: int, default: float) -> float:
-        text = self._text(name, row)
+        text = self._rows[row][self._column[name]]
         try:
-            return float(text)
+            return float(text) if text.strip() else default
         except ValueError:
-            if not text.strip():
-                return default
             raise self._refused(f"a number in {name!r}", name, row) from None
 
     def _refused(self, expected: str, name: str, row: int) -> InputError:
-        where = f"line {self._line[row]}"
-        return InputError(f"{self._path}: expected {expected}, {where}, found {self._text(name, row)!r}")
-
-
-def decimals(data: U8, start: I64, stop: I64) -> tuple[F64, Bool]:
-    """Decimal numbers without an exponent, as ``float`` reads them.
-
-    Args:
-        data: (M,) ASCII.
-        start, stop: (N,) where each number begins and ends in it.
-    Returns:
-        (N,) values, and (N,) whether a text is such a number, of at most 15 digits; the value means nothing elsewhere.
-    """
-    n = len(start)
-    mantissa, scale = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
-    dots, odd = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.bool_)
-    if not n:
-        return mantissa.astype(np.float64), odd
-    negative = (stop > start) & (data[np.minimum(start, len(data) - 1)] == ord("-"))
-    at, digits = start + negative, np.zeros(n, dtype=np.int64)
-    for i in range(min(int((stop - at).max()), _DIGITS_MAX + 1)):
-        inside = at + i < stop
-        letter = np.where(inside, data[np.minimum(at + i, len(data) - 1)], ord(" "))
-        value = letter - np.uint8(ord("0"))
-        digit, dot = value < 10, letter == ord(".")
-        mantissa = np.where(digit, 10 * mantissa + value, mantissa)
-        digits += digit
-        dots += dot
-        scale += digit & (dots > 0)
-        odd |= inside & ~digit & ~dot
-    plain = ~odd & (digits > 0) & (digits <= _DIGITS_MAX) & (dots <= 1) & (stop - at <= _DIGITS_MAX + 1)
-    values = mantissa / 10.0**scale
-    return np.where(negative, -values, values), plain
+        found = self._rows[row][self._column[name]]
+        return InputError(f"{self._path}: expected {expected}, line {self._lines[row]}, found {found!r}")
 
 
 @dataclass(frozen=True, eq=False)
