@@ -55,10 +55,6 @@ class View:
             np.asarray(np.gradient(grid, axis=0)).reshape(-1, 6).astype(np.float32),
         )
 
-    def project_room(self, points: F64) -> F64:
-        """(N, 2) pixels of room points (N, 3)."""
-        return self.project(self.room_SE3_camera.inverse() @ points)
-
 
 def camera_view(camera: Camera, room_SE3_camera: SE3) -> View:
     return View(camera.width, camera.height, camera.fx, room_SE3_camera, camera.project, camera.unproject)

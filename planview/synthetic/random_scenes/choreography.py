@@ -60,13 +60,6 @@ class Part:
         self.go([self.behind, self.hidden])
         self.leaves = True
 
-    def go_out_and_in(self, pause_s: float) -> None:
-        """Out of the opening, wait, and come back in."""
-        self.walk_to(self.inside)
-        self.go([self.behind, self.hidden])
-        self.do("stand", pause_s)
-        self.go([self.behind, self.inside])
-
     def do(self, action: str, seconds: float, face: float | None = None) -> None:
         """Stand, bend, reach, crouch or sit on the floor for a time, facing a direction [rad]."""
         step: dict[str, Any] = {f"{action}_s": float(seconds)}
@@ -143,7 +136,11 @@ def cross(stage: Stage, plan: Choreography) -> list[Part]:
             side = "east" if ends[-1] is east else "west"
             if part.time_s > plan.start_s + plan.duration_s:
                 break
-            _turn_outside(part, side, float(stage.rng.uniform(*plan.away_s)))
+            pause_s, (_, behind, inside) = float(stage.rng.uniform(*plan.away_s)), stage.door(side)
+            part.walk_to(inside)
+            part.go([behind])
+            part.do("stand", pause_s)
+            part.go([inside])
         part.leave(side)
         parts.append(part)
     return parts
@@ -155,14 +152,6 @@ def _walked(stage: Stage, plan: Choreography, ends: list[F64]) -> list[F64]:
     inward = TURN_M * (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
     inside = [ends[0] + inward, ends[1] - inward]
     return [ends[0], *(inside[k % 2] for k in range(1, turns + 1)), ends[(turns + 1) % 2]]
-
-
-def _turn_outside(part: Part, side: str, pause_s: float) -> None:
-    _, behind, inside = part.stage.door(side)
-    part.walk_to(inside)
-    part.go([behind])
-    part.do("stand", pause_s)
-    part.go([inside])
 
 
 def _lanes(stage: Stage, n: int) -> list[tuple[F64, F64]]:

@@ -54,7 +54,7 @@ def random_conference(seed: int) -> RandomConference:
     Raises:
         WorkError: no camera of many sees all seats.
     """
-    return _Composer(np.random.default_rng([seed, 1008])).drawn()
+    return _Composer(np.random.default_rng([seed, 1008])).composed()
 
 
 class _Composer:
@@ -67,27 +67,48 @@ class _Composer:
         self._wall = str(rng.choice(WALLS))
         per_side = 4 if self._size[0] < 8.0 else 5
         self._table = (0.9 * per_side + 0.3, self._uniform(1.1, 1.4))
-        self._middle = (0.5 * self._size[0] + self._uniform(-0.2, 0.2), self._size[1] - self._uniform(2.6, 3.0))
+        x, y = (0.5 * self._size[0] + self._uniform(-0.2, 0.2), self._size[1] - self._uniform(2.6, 3.0))
+        self._middle = (x, y)
         self._chair = str(rng.choice(("office_chair", "office_chair", "chair")))
+        across = 0.5 * self._table[1] + 0.5
         self._seats = [
-            _Seat(f"c{2 * i + (side > 0)}", self._seat_place(i, per_side, side), side)
+            _Seat(f"c{2 * i + (side > 0)}", (x + 0.9 * (i - 0.5 * (per_side - 1)), y + side * across), side)
             for i in range(per_side)
             for side in (-1, 1)
         ]
+        self._outside = (self._door_x + math.copysign(3.2, self._door_x - 1.0), 1.0)
 
-    def drawn(self) -> RandomConference:
+    def composed(self) -> RandomConference:
         """Camera, furniture and people."""
         mount, zone_m = self._camera()
+        width, depth, high = self._size
+        seed, carpet = int(self._rng.integers(1 << 31)), str(self._rng.choice(CARPETS))
+        floor = {"texture": "carpet", "colour": carpet, "scale_m": 0.25, "contrast": self._uniform(0.2, 0.4)}
+        room = {
+            "size_m": self._size,
+            "floor": floor,
+            "walls": {"colour": self._wall, "scale_m": 0.8, "contrast": 0.05},
+            "openings": [{"wall": "west" if self._door_x < 1.0 else "east", "from_m": 0.4, "width_m": 1.2}],
+        }
+        lamps = [{"at_m": (a * width, b * depth, high - 0.1), "level": self._uniform(0.3, 0.5)}
+                 for a, b in ((0.3, 0.4), (0.7, 0.65))]  # fmt: skip
+        lights = {"ambient": self._uniform(0.4, 0.6), "lamps": lamps}
+        chairs: list[dict[str, Any]] = [
+            {"kind": self._chair, "name": s.name, "at_m": s.at_m, "heading_deg": -90.0 * s.side} for s in self._seats
+        ]
+        swivelled = chairs[int(self._rng.integers(len(chairs)))]
+        swivelled["swivel"] = {"from_s": 8, "until_s": 14, "amplitude_deg": 50, "period_s": 3}
+        table = {"kind": "table", "at_m": self._middle, "size_m": (*self._table, 0.74)}
         scene = Scene.model_validate(
             {
                 "description": "A drawn conference room fills from no person to twelve and empties again.",
-                "seed": int(self._rng.integers(1 << 31)),
+                "seed": seed,
                 "fps": FPS,
                 "duration_s": DURATION_S,
-                "room": self._room(),
+                "room": room,
                 "camera": mount,
-                "lights": self._lights(),
-                "furniture": self._furniture(),
+                "lights": lights,
+                "furniture": [table, *chairs],
                 "people": self._people(),
             }
         )
@@ -96,52 +117,22 @@ class _Composer:
     def _uniform(self, low: float, high: float) -> float:
         return float(self._rng.uniform(low, high))
 
-    def _seat_place(self, i: int, per_side: int, side: int) -> Pair:
-        x, y = self._middle
-        return (x + 0.9 * (i - 0.5 * (per_side - 1)), y + side * (0.5 * self._table[1] + 0.5))
-
     def _camera(self) -> tuple[CameraMount, tuple[Pair, ...]]:
-        seats = np.array([seat.at_m for seat in self._seats])
+        """A camera that has every seat in view, and the outline of the floor that it sees."""
+        width, rng, seats = self._size[0], self._rng, np.array([seat.at_m for seat in self._seats])
         for _ in range(ATTEMPTS):
-            mount = self._mount()
-            outline = _visible_floor(mount, self._size)
-            if len(outline) > 2 and all(_inside(outline, at) >= SEAT_INSIDE_M for at in _to_camera(mount, seats)):
+            x = self._uniform(0.3, 0.7) * width if rng.random() < 0.6 else float(rng.choice((0.25, width - 0.25)))
+            y, z = self._uniform(0.15, 0.3), self._uniform(2.7, 3.3)
+            ahead = math.degrees(math.atan2(self._middle[1] - y, self._middle[0] - x))
+            mount = CameraMount.model_validate(
+                {"at_m": (x, y, z), "heading_deg": ahead + self._uniform(-6, 6), "tilt_deg": self._uniform(46, 60),
+                 "focal_px": self._uniform(125, 165), "width": 320, "height": 240}
+            )  # fmt: skip
+            outline = _visible_floor(mount, self._size).astype(np.float32)
+            places = [(float(u), float(v)) for u, v in _to_camera(mount, seats)]
+            if len(outline) > 2 and all(cv2.pointPolygonTest(outline, at, True) >= SEAT_INSIDE_M for at in places):
                 return mount, tuple((float(x), float(y)) for x, y in outline)
         raise WorkError(f"no camera of {ATTEMPTS} drawn has all seats in view")
-
-    def _mount(self) -> CameraMount:
-        width, rng = self._size[0], self._rng
-        x = self._uniform(0.3, 0.7) * width if rng.random() < 0.6 else float(rng.choice((0.25, width - 0.25)))
-        y, z = self._uniform(0.15, 0.3), self._uniform(2.7, 3.3)
-        ahead = math.degrees(math.atan2(self._middle[1] - y, self._middle[0] - x))
-        return CameraMount.model_validate(
-            {"at_m": (x, y, z), "heading_deg": ahead + self._uniform(-6, 6), "tilt_deg": self._uniform(46, 60),
-             "focal_px": self._uniform(125, 165), "width": 320, "height": 240}
-        )  # fmt: skip
-
-    def _room(self) -> dict[str, Any]:
-        wall = "west" if self._door_x < 1.0 else "east"
-        return {
-            "size_m": self._size,
-            "floor": {"texture": "carpet", "colour": str(self._rng.choice(CARPETS)), "scale_m": 0.25,
-                      "contrast": self._uniform(0.2, 0.4)},
-            "walls": {"colour": self._wall, "scale_m": 0.8, "contrast": 0.05},
-            "openings": [{"wall": wall, "from_m": 0.4, "width_m": 1.2}],
-        }  # fmt: skip
-
-    def _lights(self) -> dict[str, Any]:
-        width, depth, high = self._size
-        lamps = [{"at_m": (a * width, b * depth, high - 0.1), "level": self._uniform(0.3, 0.5)}
-                 for a, b in ((0.3, 0.4), (0.7, 0.65))]  # fmt: skip
-        return {"ambient": self._uniform(0.4, 0.6), "lamps": lamps}
-
-    def _furniture(self) -> list[dict[str, Any]]:
-        chairs: list[dict[str, Any]] = [
-            {"kind": self._chair, "name": s.name, "at_m": s.at_m, "heading_deg": -90.0 * s.side} for s in self._seats
-        ]
-        swivelled = chairs[int(self._rng.integers(len(chairs)))]
-        swivelled["swivel"] = {"from_s": 8, "until_s": 14, "amplitude_deg": 50, "period_s": 3}
-        return [{"kind": "table", "at_m": self._middle, "size_m": (*self._table, 0.74)}, *chairs]
 
     def _people(self) -> list[dict[str, Any]]:
         rng, seats = self._rng, list(self._seats)
@@ -149,14 +140,23 @@ class _Composer:
         sitting = 8 if len(seats) < 10 else int(rng.integers(8, 10))
         enter, leave = self._times(6.0, 3.6), self._times(LEAVE_FROM_S, 2.6)
         rng.shuffle(leave)
+        front = self._middle[1] - 0.5 * self._table[1] - 1.2
+        area = (1.4, min(1.3, front - 0.8), self._size[0] - 1.4, front)
         people: list[dict[str, Any]] = []
         for i, enter_s in enumerate(enter):
-            person = looks(rng, self._uniform(1.58, 1.88)) | self._clothes(people)
-            person |= {"start_m": self._outside(), "enter_s": float(enter_s), "leaves": True}
+            person, worn = looks(rng, self._uniform(1.58, 1.88)), clothes(rng)
+            if people and rng.random() < ALIKE:
+                other = people[int(rng.integers(len(people)))]
+                worn = {name: other[name] for name in worn}
+            if rng.random() < LIKE_THE_WALL:
+                worn["shirt"] = {"colour": self._wall, "scale_m": 0.08, "contrast": 0.1}
+            person |= worn | {"start_m": self._outside, "enter_s": float(enter_s), "leaves": True}
             if i < sitting:
                 people.append(person | {"steps": self._sitting(seats[i], enter_s, float(leave[i]))})
             else:
-                people.append(person | self._standing(float(leave[i])))
+                way = {"area_m": area, "speed_mps": (0.6, 1.1), "pause_s": (3, 9), "until_s": float(leave[i]),
+                       "exit_m": [(self._door_x, 1.0), self._outside]}  # fmt: skip
+                people.append(person | {"steps": [{"go": [(self._door_x, 1.0)], "speed_mps": 1.2}], "wander": way})
         return people
 
     def _times(self, first_s: float, mean_s: float) -> F64:
@@ -164,41 +164,20 @@ class _Composer:
         gaps = np.where(file, self._rng.uniform(0.8, 1.2, PEOPLE), self._rng.uniform(0.7, 1.7, PEOPLE) * mean_s)
         return first_s + np.cumsum(gaps)
 
-    def _clothes(self, people: list[dict[str, Any]]) -> dict[str, Any]:
-        worn = clothes(self._rng)
-        if people and self._rng.random() < ALIKE:
-            other = people[int(self._rng.integers(len(people)))]
-            worn = {name: other[name] for name in worn}
-        if self._rng.random() < LIKE_THE_WALL:
-            worn["shirt"] = {"colour": self._wall, "scale_m": 0.08, "contrast": 0.1}
-        return worn
-
-    def _outside(self) -> Pair:
-        return (self._door_x + math.copysign(3.2, self._door_x - 1.0), 1.0)
-
     def _sitting(self, seat: _Seat, enter_s: float, leave_s: float) -> list[dict[str, Any]]:
         x, y = seat.at_m
-        beside = (x + 0.45, y)
-        aisle = y + 0.9 * seat.side
-        first = (self._door_x, 1.0) if seat.side < 0 else (self._door_x, aisle)
-        way = [(self._door_x, 1.0), first, (x + 0.45, aisle), beside]
-        if seat.side < 0:
-            way = [(self._door_x, 1.0), (x + 0.45, aisle), beside]
+        beside, aisle = (x + 0.45, y), y + 0.9 * seat.side
+        way = [(self._door_x, 1.0), (x + 0.45, aisle), beside]
+        if seat.side > 0:
+            way.insert(1, (self._door_x, aisle))
         speed = self._uniform(1.0, 1.3)
-        length = sum(math.dist(a, b) for a, b in zip([self._outside(), *way[:-1]], way, strict=True))
+        length = sum(math.dist(a, b) for a, b in zip([self._outside, *way[:-1]], way, strict=True))
         seconds = max(5.0, leave_s - enter_s - length / speed - 2.0)
         return [
             {"go": way, "speed_mps": speed},
             {"sit_s": seconds, "on": seat.name},
-            {"go": [*way[::-1], self._outside()], "speed_mps": self._uniform(1.0, 1.3)},
+            {"go": [*way[::-1], self._outside], "speed_mps": self._uniform(1.0, 1.3)},
         ]
-
-    def _standing(self, leave_s: float) -> dict[str, Any]:
-        front = self._middle[1] - 0.5 * self._table[1] - 1.2
-        area = (1.4, min(1.3, front - 0.8), self._size[0] - 1.4, front)
-        way = {"area_m": area, "speed_mps": (0.6, 1.1), "pause_s": (3, 9), "until_s": leave_s,
-               "exit_m": [(self._door_x, 1.0), self._outside()]}  # fmt: skip
-        return {"steps": [{"go": [(self._door_x, 1.0)], "speed_mps": 1.2}], "wander": way}
 
 
 def _to_camera(mount: CameraMount, xy_m: F64) -> F64:
@@ -228,8 +207,3 @@ def _visible_floor(mount: CameraMount, size_m: tuple[float, float, float]) -> F6
     if len(visible) < 3:
         return np.zeros((0, 2))
     return np.asarray(cv2.convexHull(visible)[:, 0], np.float64)
-
-
-def _inside(outline: F64, at: F64) -> float:
-    """How far a point is inside an outline [m], negative outside."""
-    return float(cv2.pointPolygonTest(outline.astype(np.float32), (float(at[0]), float(at[1])), True))

@@ -111,7 +111,7 @@ class ViewTable(Params):
 
 @dataclass(frozen=True)
 class RandomView:
-    """A drawn scene and the line to be counted at.
+    """A random scene and the line to be counted at.
 
     Attributes:
         wire_px: both ends in the image.
@@ -135,7 +135,7 @@ def random_view(
     values = dict(resolved(table, rng))
     for section, others in (changes or {}).items():
         values[section] = {**values.get(section, {}), **others}
-    return _Composer(ViewTable.model_validate(values), rng).drawn()
+    return _Composer(ViewTable.model_validate(values), rng).composed()
 
 
 class _Composer:
@@ -157,10 +157,14 @@ class _Composer:
         wide = max(view.walks.width_m, 2 * half if view.walks.across else 0.0) + 1.0
         self._size = (wide, self._y + self._ahead_m + view.room.beyond_m, max(2.5, self._height_m + 0.3))
         self._x = wide / 2
+        self._mount = {
+            "at_m": (self._x, self._y, self._height_m), "heading_deg": 90.0, "tilt_deg": camera.tilt_deg,
+            "width": camera.width, "height": camera.height, "focal_px": self._focal,
+        }  # fmt: skip
 
-    def drawn(self) -> RandomView:
-        """Everything drawn."""
-        view = self._view
+    def composed(self) -> RandomView:
+        """The scene and the line to be counted at."""
+        view, light = self._view, self._view.light
         scene = Scene.model_validate(
             {
                 "description": view.description,
@@ -168,8 +172,13 @@ class _Composer:
                 "fps": view.fps,
                 "duration_s": view.duration_s,
                 "room": self._room(),
-                "camera": self._mount(),
-                "sensor": self._sensor(),
+                "camera": self._mount,
+                "sensor": {
+                    "brightness": light.brightness,
+                    "full_well_e": light.full_well_e,
+                    "blur_px": light.blur_px,
+                    "vignetting": float(self._rng.uniform(0.05, 0.3)),
+                },
                 "lights": self._lights(),
                 "furniture": self._furniture(),
                 "people": self._people(),
@@ -177,13 +186,6 @@ class _Composer:
             }
         )
         return RandomView(scene, self._wire(scene))
-
-    def _mount(self) -> dict[str, Any]:
-        camera = self._view.camera
-        return {
-            "at_m": (self._x, self._y, self._height_m), "heading_deg": 90.0, "tilt_deg": camera.tilt_deg,
-            "width": camera.width, "height": camera.height, "focal_px": self._focal,
-        }  # fmt: skip
 
     def _room(self) -> dict[str, Any]:
         walks, (x, y, z) = self._view.walks, self._size
@@ -196,17 +198,15 @@ class _Composer:
             low = self._x - walks.width_m / 2
             openings = [{"wall": wall, "from_m": low, "width_m": walks.width_m} for wall in ("north", "south")]
         high = min(5.5, z - 0.2)
+        scale_m, contrast = float(self._rng.uniform(0.15, 0.5)), float(self._rng.uniform(0.1, 0.35))
+        self._grey = str(self._rng.choice(GREYS))
         return {
             "size_m": (x, y, z),
-            "floor": {"texture": texture, "colour": colour, "scale_m": float(self._rng.uniform(0.15, 0.5)),
-                      "contrast": float(self._rng.uniform(0.1, 0.35)), "gloss": self._view.room.gloss},
-            "walls": {"colour": self._wall_colour(), "scale_m": 0.8, "contrast": 0.06},
+            "floor": {"texture": texture, "colour": colour, "scale_m": scale_m, "contrast": contrast,
+                      "gloss": self._view.room.gloss},
+            "walls": {"colour": self._grey, "scale_m": 0.8, "contrast": 0.06},
             "openings": [o | {"height_m": high} for o in openings],
         }  # fmt: skip
-
-    def _wall_colour(self) -> str:
-        self._grey = str(self._rng.choice(GREYS))
-        return self._grey
 
     def _lights(self) -> dict[str, Any]:
         light, rng, (x, y, z) = self._view.light, self._rng, self._size
@@ -222,11 +222,6 @@ class _Composer:
             at, level = float(rng.uniform(0.3, 0.6)) * self._view.duration_s, float(rng.uniform(0.3, 0.7))
             lamps[0]["dim"] = ((at, 1.0), (at + 0.4, level), (at + 5.0, level), (at + 5.4, 1.0))
         return {"ambient": light.ambient, "lamps": lamps}
-
-    def _sensor(self) -> dict[str, Any]:
-        light = self._view.light
-        return {"brightness": light.brightness, "full_well_e": light.full_well_e, "blur_px": light.blur_px,
-                "vignetting": float(self._rng.uniform(0.05, 0.3))}  # fmt: skip
 
     def _furniture(self) -> list[dict[str, Any]]:
         if not self._view.room.moved:
@@ -245,8 +240,11 @@ class _Composer:
                 shift = 0.65 if lane < 0 else -0.65
                 enter, lane = enter + float(rng.uniform(0.0, 0.3)), lane + shift
             else:
-                enter += 0.0 if i == 0 else self._gap_s(speed)
-                forward = self._forward(i)
+                if i and walks.order == "single":
+                    enter += self._length_m / speed + walks.stop_s[1] + float(rng.uniform(0.5, walks.every_s))
+                elif i:
+                    enter += float(rng.uniform(0.5, 1.5)) * walks.every_s
+                forward = i < walks.people / 2 if walks.order == "waves" else bool(rng.random() < 0.5)
                 speed = float(rng.uniform(*walks.speed_mps))
                 # On the right of the way, as seen by the one who walks there.
                 lane = float(rng.uniform(0.0, 1.0)) * max(0.1, self._reach()) * (1 if forward else -1)
@@ -255,17 +253,6 @@ class _Composer:
                 people.pop()
                 break
         return people
-
-    def _forward(self, i: int) -> bool:
-        if self._view.walks.order == "waves":
-            return i < self._view.walks.people / 2
-        return bool(self._rng.random() < 0.5)
-
-    def _gap_s(self, speed: float) -> float:
-        walks = self._view.walks
-        if walks.order == "single":
-            return self._length_m / speed + walks.stop_s[1] + float(self._rng.uniform(0.5, walks.every_s))
-        return float(self._rng.uniform(0.5, 1.5)) * walks.every_s
 
     def _reach(self) -> float:
         walks = self._view.walks
@@ -280,7 +267,10 @@ class _Composer:
         ends = (-BEYOND_M, self._length_m - BEYOND_M)
         start, end = ends if forward else ends[::-1]
         middle = self._size[0] / 2 if walks.across else self._y + self._ahead_m
-        points = [self._place(a, lane) for a in (start, middle, end)]
+        points = [
+            (along, self._y + self._ahead_m - lane) if walks.across else (self._x + lane, along)
+            for along in (start, middle, end)
+        ]
         look = looks(rng, float(rng.uniform(1.55, 1.9))) | clothes(rng)
         if rng.random() < self._view.room.grey_clothes:
             look["shirt"] = {"colour": self._grey, "scale_m": 0.08, "contrast": 0.1}
@@ -296,11 +286,6 @@ class _Composer:
         area = (0.3, 0.3, self._size[0] - 0.3, self._size[1] - 0.3)
         way = {"area_m": area, "speed_mps": (speed, speed), "until_s": 0, "exit_m": points[1:]}
         return look | {"wander": way}
-
-    def _place(self, along: float, lane: float) -> Pair:
-        if self._view.walks.across:
-            return (along, self._y + self._ahead_m - lane)
-        return (self._x + lane, along)
 
     def _wire(self, scene: Scene) -> tuple[Pair, Pair]:
         """Across the way through the middle of the view, where the feet of people are; beside it where people stop."""
