@@ -43,15 +43,24 @@ def looks(rng: np.random.Generator, height_m: float) -> dict[str, Any]:
 def random_light(challenge: Challenge, rng: np.random.Generator) -> tuple[dict[str, Any], dict[str, Any]]:
     """The scene's lights and sensor, as tables."""
     light = challenge.light
-    lamps = [_lamp(k, light.lamps, challenge, rng) for k in range(light.lamps)]
+    room, lamps = challenge.room, []
+    for k in range(light.lamps):
+        x = room.width_m * (k + 0.5) / light.lamps + rng.uniform(-0.4, 0.4)
+        at_m = (x, room.depth_m * rng.uniform(0.35, 0.75), room.height_m - 0.1)
+        # One lamp throws the shadows that show; those of the others cost as much time and are filled by the first.
+        lamps.append({"at_m": at_m, "level": float(rng.uniform(0.35, 0.6)), "shadows": k == 0})
     lights: dict[str, Any] = {"ambient": light.ambient, "lamps": lamps}
     if light.sun:
         lights["ambient"] = min(light.ambient, 0.3)
         side = float(rng.choice((-1.0, 1.0)))
         towards = (side * rng.uniform(0.5, 1.0), rng.uniform(-0.2, 0.5), -rng.uniform(0.45, 0.8))
         lamps.append({"kind": "sun", "towards": towards, "level": float(rng.uniform(0.6, 1.0)), "softness_deg": 0.6})
-    for _ in range(light.changes):
-        _change(lamps, challenge.duration_s, rng)
+    for _ in range(light.changes):  # a lamp is dimmed for a while, at once or slowly
+        lamp = lamps[int(rng.integers(len(lamps)))]
+        start = float(rng.uniform(0.15, 0.75) * challenge.duration_s)
+        ramp, stay, level = float(rng.choice((0.07, 0.5, 2.0))), float(rng.uniform(3, 8)), float(rng.uniform(0.15, 0.6))
+        on_again = start + ramp + stay
+        lamp.setdefault("dim", ((start, 1.0), (start + ramp, level), (on_again, level), (start + 2 * ramp + stay, 1.0)))
     sensor: dict[str, Any] = {
         "brightness": float(rng.uniform(0.2, 0.3)),
         "full_well_e": float(rng.uniform(6000, 16000)),
@@ -62,24 +71,6 @@ def random_light(challenge: Challenge, rng: np.random.Generator) -> tuple[dict[s
     if light.automatic_exposure:
         sensor["exposure"] = automatic_exposure(lights, challenge.duration_s)
     return lights, sensor
-
-
-def _lamp(k: int, n: int, challenge: Challenge, rng: np.random.Generator) -> dict[str, Any]:
-    room = challenge.room
-    x = room.width_m * (k + 0.5) / n + rng.uniform(-0.4, 0.4)
-    y = room.depth_m * rng.uniform(0.35, 0.75)
-    # One lamp throws the shadows that show; those of the others cost as much time and are filled by the first.
-    return {"at_m": (x, y, room.height_m - 0.1), "level": float(rng.uniform(0.35, 0.6)), "shadows": k == 0}
-
-
-def _change(lamps: list[dict[str, Any]], duration_s: float, rng: np.random.Generator) -> None:
-    """Dim one lamp for a while, at once or slowly."""
-    lamp = lamps[int(rng.integers(len(lamps)))]
-    start = float(rng.uniform(0.15, 0.75) * duration_s)
-    ramp, stay, level = float(rng.choice((0.07, 0.5, 2.0))), float(rng.uniform(3, 8)), float(rng.uniform(0.15, 0.6))
-    if "dim" not in lamp:
-        frames = ((start, 1.0), (start + ramp, level), (start + ramp + stay, level), (start + 2 * ramp + stay, 1.0))
-        lamp["dim"] = frames
 
 
 def automatic_exposure(lights: dict[str, Any], duration_s: float) -> tuple[tuple[float, float], ...]:

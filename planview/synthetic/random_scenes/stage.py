@@ -67,7 +67,17 @@ class FloorGrid:
         if self.is_clear(a, b):
             return [b]
         cells = self._search(self._nearest_free(a), self._nearest_free(b))
-        return None if cells is None else self._straightened([a, *(self.point(c) for c in cells), b])
+        if cells is None:
+            return None
+        # Corners only: from each point straight to the farthest one that is in sight.
+        points, corners, at = [a, *(self.point(c) for c in cells), b], [], 0
+        while at < len(points) - 1:
+            ahead = len(points) - 1
+            while ahead > at + 1 and not self.is_clear(points[at], points[ahead]):
+                ahead -= 1
+            corners.append(points[ahead])
+            at = ahead
+        return corners
 
     def _nearest_free(self, point: F64) -> tuple[int, int]:
         cells = np.argwhere(self.free)
@@ -80,40 +90,23 @@ class FloorGrid:
         while queue:
             far, cell = heapq.heappop(queue)
             if cell == goal:
-                return self._back(before, start, goal)
+                cells = [goal]
+                while cells[-1] != start:
+                    cells.append(before[cells[-1]])
+                return cells[::-1]
             if cell in done:
                 continue
             done.add(cell)
             for i, j, step in _MOVES:
                 other = (cell[0] + i, cell[1] + j)
-                if self._is_free(other) and far + step < best.get(other, np.inf):
+                inside = 0 <= other[0] < self.free.shape[0] and 0 <= other[1] < self.free.shape[1]
+                if inside and self.free[other] and far + step < best.get(other, np.inf):
                     best[other], before[other] = far + step, cell
                     heapq.heappush(queue, (far + step, other))
         return None
 
-    def _is_free(self, cell: tuple[int, int]) -> bool:
-        i, j = cell
-        return 0 <= i < self.free.shape[0] and 0 <= j < self.free.shape[1] and bool(self.free[i, j])
 
-    @staticmethod
-    def _back(
-        before: dict[tuple[int, int], tuple[int, int]], start: tuple[int, int], goal: tuple[int, int]
-    ) -> list[tuple[int, int]]:
-        cells = [goal]
-        while cells[-1] != start:
-            cells.append(before[cells[-1]])
-        return cells[::-1]
-
-    def _straightened(self, points: list[F64]) -> list[F64]:
-        """Corners only: from each point straight to the farthest one that is in sight."""
-        kept, at = [], 0
-        while at < len(points) - 1:
-            ahead = len(points) - 1
-            while ahead > at + 1 and not self.is_clear(points[at], points[ahead]):
-                ahead -= 1
-            kept.append(points[ahead])
-            at = ahead
-        return kept
+_POSTERS = ("#7a3030", "#305070", "#28607a", "#5a7a30", "#805a20")
 
 
 class NoPlaceError(Exception):
@@ -151,8 +144,9 @@ class Stage:
             free &= np.linalg.norm(points - centre, axis=1) > radius
         if not self.is_overhead:
             free &= np.linalg.norm(points - self.camera_xy, axis=1) > MIN_RANGE_M - 0.3
+        inside = ((points > 0.3) & (points < [sx - 0.3, sy - 0.3])).all(axis=1)
         self.grid = FloorGrid(low, CELL_M, free.reshape(shape))
-        self._points, self._spots = points, free & self.in_view(points) & self._is_inside(points)
+        self._points, self._spots = points, free & self.in_view(points) & inside
 
     @property
     def is_overhead(self) -> bool:
@@ -161,10 +155,6 @@ class Stage:
     @property
     def camera_xy(self) -> F64:
         return np.array(self.rig.at_m[:2])
-
-    def _is_inside(self, points: F64) -> Bool:
-        sx, sy, _ = self.room.size_m
-        return np.asarray(((points > 0.3) & (points < [sx - 0.3, sy - 0.3])).all(axis=1))
 
     def in_view(self, points: F64) -> Bool:
         """(N,) whether people at points (N, 2) are in the left image and near enough for stereo."""
@@ -264,10 +254,12 @@ def _room(challenge: Challenge, rng: np.random.Generator) -> Room:
         at = float(np.clip(rng.uniform(0.3, 0.6) * size.depth_m - width / 2 + 0.4, 1.1, size.depth_m - width - 0.5))
         walls.append(Opening(wall=wall, from_m=at, width_m=width))
     texture, colour = _FLOORS[int(rng.integers(len(_FLOORS)))]
-    panels = [
-        Panel(wall="north", from_m=float(x * size.width_m), width_m=float(rng.uniform(0.7, 1.3)), surface=_poster(rng))
-        for x in rng.uniform((0.05, 0.55), (0.35, 0.8))
-    ]
+    panels = []
+    for x in rng.uniform((0.05, 0.55), (0.35, 0.8)):
+        width_m, colour2 = float(rng.uniform(0.7, 1.3)), str(rng.choice(_POSTERS))
+        scale_m = float(rng.uniform(0.12, 0.25))
+        poster = Surface(texture="poster", colour="#e0d8c8", colour2=colour2, scale_m=scale_m)
+        panels.append(Panel(wall="north", from_m=float(x * size.width_m), width_m=width_m, surface=poster))
     return Room(
         size_m=(size.width_m, size.depth_m, size.height_m),
         floor=Surface(texture=texture, colour=colour, scale_m=float(rng.uniform(0.15, 0.5)),
@@ -276,13 +268,6 @@ def _room(challenge: Challenge, rng: np.random.Generator) -> Room:
         openings=tuple(walls),
         panels=tuple(panels),
     )  # fmt: skip
-
-
-def _poster(rng: np.random.Generator) -> Surface:
-    colours = ("#7a3030", "#305070", "#28607a", "#5a7a30", "#805a20")
-    return Surface(
-        texture="poster", colour="#e0d8c8", colour2=str(rng.choice(colours)), scale_m=float(rng.uniform(0.12, 0.25))
-    )
 
 
 def _rig(challenge: Challenge, rng: np.random.Generator) -> Rig:

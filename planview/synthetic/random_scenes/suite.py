@@ -21,7 +21,7 @@ from planview.synthetic.random_scenes.appearance import clothes, looks, random_l
 from planview.synthetic.random_scenes.challenge import Challenge, Choreography, Kind
 from planview.synthetic.random_scenes.choreography import Part
 from planview.synthetic.random_scenes.stage import NoPlaceError, Stage
-from planview.synthetic.scene import Person, Rig, Scene
+from planview.synthetic.scene import Scene
 
 GAP_M = 0.38
 """Smallest distance between two body axes: shoulders turned, touching."""
@@ -54,28 +54,17 @@ def varied(scene: Scene, seed: int) -> Scene:
     if seed == 0:
         return scene
     rng = np.random.default_rng([scene.seed, seed])
-    people = tuple(_person(p, rng) for p in scene.people)
+    heights = [float(np.clip(person.height_m + rng.uniform(-0.05, 0.05), 0.9, 2.2)) for person in scene.people]
+    people = tuple(p.model_copy(update={"height_m": h}) for p, h in zip(scene.people, heights, strict=True))
     update: dict[str, Any] = {"seed": scene.seed + 1000 * seed, "people": people}
     if scene.rig is not None:
-        update["rig"] = _rig(scene.rig, scene.room.size_m[2], rng)
+        rig, (x, y, z) = scene.rig, scene.rig.at_m
+        focal_px, baseline_m = (value * float(rng.uniform(0.9, 1.1)) for value in (rig.focal_px, rig.baseline_m))
+        at_m = (x, y, float(np.clip(z + rng.uniform(-0.2, 0.2), 2.1, scene.room.size_m[2] - 0.1)))
+        tilt_deg = rig.tilt_deg + (0.0 if rig.tilt_deg < 5 else float(rng.uniform(-4, 4)))
+        values = {"focal_px": focal_px, "baseline_m": baseline_m, "at_m": at_m, "tilt_deg": tilt_deg}
+        update["rig"] = rig.model_copy(update=values)
     return scene.model_copy(update=update)
-
-
-def _rig(rig: Rig, room_height_m: float, rng: np.random.Generator) -> Rig:
-    x, y, z = rig.at_m
-    overhead = rig.tilt_deg < 5
-    return rig.model_copy(
-        update={
-            "focal_px": rig.focal_px * float(rng.uniform(0.9, 1.1)),
-            "baseline_m": rig.baseline_m * float(rng.uniform(0.9, 1.1)),
-            "at_m": (x, y, float(np.clip(z + rng.uniform(-0.2, 0.2), 2.1, room_height_m - 0.1))),
-            "tilt_deg": rig.tilt_deg + (0.0 if overhead else float(rng.uniform(-4, 4))),
-        }
-    )
-
-
-def _person(person: Person, rng: np.random.Generator) -> Person:
-    return person.model_copy(update={"height_m": float(np.clip(person.height_m + rng.uniform(-0.05, 0.05), 0.9, 2.2))})
 
 
 def implausible(scene: Scene, stage: Stage) -> str:
@@ -167,7 +156,7 @@ def random_scene(table: Mapping[str, Any], seed: int, name: str) -> Scene:
         challenge = Challenge.model_validate(resolved(table, rng))
         try:
             stage = Stage(challenge, rng)
-            scene = _composed(stage, seed)
+            scene = _composed(stage)
         except NoPlaceError as error:
             reason = str(error)
             continue
@@ -192,7 +181,7 @@ def resolved(value: Any, rng: np.random.Generator) -> Any:
     return value
 
 
-def _composed(stage: Stage, seed: int) -> Scene:
+def _composed(stage: Stage) -> Scene:
     challenge, rng = stage.challenge, stage.rng
     parts = [part for plan in challenge.choreography for part in CHOREOGRAPHIES[plan.kind](stage, plan)]
     lights, sensor = random_light(challenge, rng)
