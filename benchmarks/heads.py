@@ -18,7 +18,7 @@ from calib.rigs_file import RIGS_FILE, RigEntry, load_rigs
 from calib.text import reason
 from calib.types import F64
 from planview.calibration.align import align_records, rig_entries
-from planview.calibration.paths import record_head
+from planview.calibration.paths import record_rig
 from planview.engine.config import Config
 from planview.engine.factory import floor_tracker
 from planview.engine.heads import HeadsPipeline
@@ -130,7 +130,7 @@ def score_heads(seed: int, cache: Path, config: Config, tell: Callable[[str], No
     folder = rendered_heads(seed, cache)
     true = load_rigs(folder / RIGS_FILE)
     tell(f"seed {seed}: each head alone")
-    records = [record_head(folder / entry.folder, config) for entry in true]
+    records = [record_rig(folder / entry.folder, config) for entry in true]
     single = tuple(evaluate_tracks(r.tracks, read_truth(r.path / "truth.csv")) for r in records)
     refusal, error, entries = "", None, list(true)
     try:

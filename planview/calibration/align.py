@@ -21,7 +21,7 @@ from calib.params import Params
 from calib.pose import SE3
 from calib.rigs_file import RigEntry
 from calib.types import F64
-from planview.calibration.paths import TICK_S, HeadRecord, WalkedPath, by_time, paths_of
+from planview.calibration.paths import TICK_S, RigRecord, WalkedPath, by_time, paths_of
 from planview.evaluation.align import floor_rotation
 
 CORRELATED_S = 1.0
@@ -75,7 +75,7 @@ class AlignParams(Params):
 
 
 @dataclass(frozen=True)
-class HeadAlignment:
+class RigAlignment:
     """``first_SE2_second`` and the clock, with the deviation of each value.
 
     Attributes:
@@ -114,7 +114,7 @@ class HeadAlignment:
         return math.sqrt(self.covariance[3][3])
 
 
-def align_heads(first: list[WalkedPath], second: list[WalkedPath], params: AlignParams | None = None) -> HeadAlignment:
+def align_rigs(first: list[WalkedPath], second: list[WalkedPath], params: AlignParams | None = None) -> RigAlignment:
     """Lay the second head's people over the first's.
 
     Raises:
@@ -139,9 +139,7 @@ def align_heads(first: list[WalkedPath], second: list[WalkedPath], params: Align
     return best
 
 
-def _refuse_rivals(
-    best: HeadAlignment, found: list[HeadAlignment], scores: F64, top: float, params: AlignParams
-) -> None:
+def _refuse_rivals(best: RigAlignment, found: list[RigAlignment], scores: F64, top: float, params: AlignParams) -> None:
     others = [score for other, score in zip(found, scores, strict=True) if _apart(best, other)]
     rival = max(others, default=0.0)
     if rival > params.rival * max(top, float(scores.max())):
@@ -152,7 +150,7 @@ def _refuse_rivals(
         )
 
 
-def _refuse_uncertain(best: HeadAlignment, params: AlignParams) -> None:
+def _refuse_uncertain(best: RigAlignment, params: AlignParams) -> None:
     if best.shared_s < params.shared_s:
         raise WorkError(
             f"expected people in both heads' views for at least {params.shared_s:g} s, found {best.shared_s:.1f} s"
@@ -170,7 +168,7 @@ def _refuse_uncertain(best: HeadAlignment, params: AlignParams) -> None:
             )
 
 
-def _apart(one: HeadAlignment, other: HeadAlignment) -> bool:
+def _apart(one: RigAlignment, other: RigAlignment) -> bool:
     turn = math.remainder(one.heading_rad - other.heading_rad, 2 * math.pi)
     middle = np.array(one.pivot_m)
     shift = float(np.hypot(*(one.apply(middle) - other.apply(middle))))
@@ -184,7 +182,7 @@ class _Scorer:
     def __init__(self, first: list[WalkedPath], second: list[WalkedPath], params: AlignParams) -> None:
         self._first, self._second, self._params = by_time(first), by_time(second), params
 
-    def __call__(self, motion: HeadAlignment) -> float:
+    def __call__(self, motion: RigAlignment) -> float:
         (a, a_height, a_first), (b, b_height, b_first) = self._first, self._second
         shift = b_first + round(motion.clock_s / TICK_S) - a_first
         start, end = max(0, shift), min(len(a), shift + len(b))
@@ -198,11 +196,11 @@ class _Scorer:
         return float(np.maximum(0.0, 1.0 - nearest / self._params.meet_m**2).sum() * TICK_S)
 
 
-def _hypotheses(first: list[WalkedPath], second: list[WalkedPath], params: AlignParams) -> list[HeadAlignment]:
+def _hypotheses(first: list[WalkedPath], second: list[WalkedPath], params: AlignParams) -> list[RigAlignment]:
     """Motions that lay a piece of one path over another at some clock, the best of each pair of paths first."""
     length = max(4, round(params.piece_s / TICK_S))
     widest = math.ceil(params.clock_s / TICK_S)
-    found: list[tuple[float, HeadAlignment]] = []
+    found: list[tuple[float, RigAlignment]] = []
     for path in first:
         for start in range(0, len(path.xy_m) - length + 1, length // 2):
             piece = path.xy_m[start : start + length]
@@ -217,7 +215,7 @@ def _hypotheses(first: list[WalkedPath], second: list[WalkedPath], params: Align
 
 def _fits(
     piece: F64, tick: int, other: WalkedPath, widest: int, params: AlignParams
-) -> list[tuple[float, HeadAlignment]]:
+) -> list[tuple[float, RigAlignment]]:
     """Rigid fits of all windows of another path to a piece; residual over extent, and motion, of the good ones."""
     n = len(piece)
     if len(other.xy_m) < n:
@@ -240,7 +238,7 @@ def _fits(
     motions = []
     for k in best:
         x, y = centre - floor_rotation(float(angle[k])) @ centres[k]
-        motions.append((float(rms[k]), HeadAlignment(float(angle[k]), float(x), float(y), float(lags[k]) * TICK_S)))
+        motions.append((float(rms[k]), RigAlignment(float(angle[k]), float(x), float(y), float(lags[k]) * TICK_S)))
     return motions
 
 
@@ -255,8 +253,8 @@ def _extent(piece: F64) -> float:
 
 
 def _refined(
-    motion: HeadAlignment, first: list[WalkedPath], second: list[WalkedPath], meet_m: float, params: AlignParams
-) -> HeadAlignment:
+    motion: RigAlignment, first: list[WalkedPath], second: list[WalkedPath], meet_m: float, params: AlignParams
+) -> RigAlignment:
     """The motion and clock that fit all people best who meet under a motion."""
     meetings = [m for m in _meetings(motion, first, second, meet_m, params.height_m) if len(m.ticks) >= 5]
     if not meetings:
@@ -278,7 +276,7 @@ def _refined(
     covariance = _covariance(result.jac * params.noise_m, left, np.column_stack(off))
     v = result.x
     shift = v[1:3] - floor_rotation(float(v[0])) @ pivot
-    return HeadAlignment(
+    return RigAlignment(
         math.remainder(float(v[0]), 2 * math.pi), float(shift[0]), float(shift[1]), float(v[3]),
         float(np.sqrt((left**2).mean())), len(left) / 2 * TICK_S,
         tuple(tuple(float(c) for c in row) for row in covariance), (float(pivot[0]), float(pivot[1])),
@@ -316,7 +314,7 @@ class _Meeting:
 
 
 def _meetings(
-    motion: HeadAlignment, first: list[WalkedPath], second: list[WalkedPath], meet_m: float, height_m: float
+    motion: RigAlignment, first: list[WalkedPath], second: list[WalkedPath], meet_m: float, height_m: float
 ) -> list[_Meeting]:
     """Where people of both heads meet under a motion."""
     pairs = []
@@ -332,7 +330,7 @@ def _meetings(
     return pairs
 
 
-def after(before: HeadAlignment, nearer: HeadAlignment) -> HeadAlignment:
+def after(before: RigAlignment, nearer: RigAlignment) -> RigAlignment:
     """The alignment of a third head to the first, from that of the second to the first and of the third to the second.
 
     Deviations are those of the nearer one.
@@ -342,7 +340,7 @@ def after(before: HeadAlignment, nearer: HeadAlignment) -> HeadAlignment:
     return replace(nearer, heading_rad=heading, x_m=float(x), y_m=float(y), clock_s=before.clock_s + nearer.clock_s)
 
 
-def align_records(records: Sequence[HeadRecord], params: AlignParams | None = None) -> list[HeadAlignment]:
+def align_records(records: Sequence[RigRecord], params: AlignParams | None = None) -> list[RigAlignment]:
     """Alignments of all heads but the first to the first.
 
     A head is laid over every head that has its place already, and takes the most certain result: not every head needs
@@ -352,7 +350,7 @@ def align_records(records: Sequence[HeadRecord], params: AlignParams | None = No
         WorkError: people do not tell where a head is; the head is named.
     """
     paths = [paths_of(record.tracks, record.effect) for record in records]
-    placed: dict[int, HeadAlignment | None] = {0: None}
+    placed: dict[int, RigAlignment | None] = {0: None}
     waiting = list(range(1, len(records)))
     while waiting:
         reasons: dict[int, WorkError] = {}
@@ -360,7 +358,7 @@ def align_records(records: Sequence[HeadRecord], params: AlignParams | None = No
             found = []
             for j, before in placed.items():
                 try:
-                    nearer = align_heads(paths[j], paths[k], params)
+                    nearer = align_rigs(paths[j], paths[k], params)
                 except WorkError as error:
                     reasons[k] = error
                     continue
@@ -374,7 +372,7 @@ def align_records(records: Sequence[HeadRecord], params: AlignParams | None = No
     return [alignment for k in range(1, len(records)) if (alignment := placed[k]) is not None]
 
 
-def rig_entries(records: Sequence[HeadRecord], alignments: Sequence[HeadAlignment], folder: Path) -> list[RigEntry]:
+def rig_entries(records: Sequence[RigRecord], alignments: Sequence[RigAlignment], folder: Path) -> list[RigEntry]:
     """The heads as ``rigs.toml`` in a folder lists them.
 
     Raises:

@@ -133,7 +133,7 @@ def by_time(paths: list[WalkedPath]) -> tuple[F64, F64, int]:
 
 
 @dataclass(frozen=True, eq=False)
-class HeadRecord:
+class RigRecord:
     """One head, in its own world and on its own clock.
 
     Attributes:
@@ -149,7 +149,7 @@ class HeadRecord:
     scene: F32
 
 
-def record_head(path: Path, config: Config | None = None, done: Callable[[], None] = lambda: None) -> HeadRecord:
+def record_rig(path: Path, config: Config | None = None, done: Callable[[], None] = lambda: None) -> RigRecord:
     """Track a head's recording and gather the scene behind the people.
 
     Args:
@@ -170,7 +170,7 @@ def record_head(path: Path, config: Config | None = None, done: Callable[[], Non
             disparities.append(result.disparity)
         done()
     effect = DisparityEffect(engine.stereo.floor.world_SE3_left, engine.stereo.geometry.disparity_metre)
-    return HeadRecord(path, effect, collector.trajectories(), _scene(engine, disparities))
+    return RigRecord(path, effect, collector.trajectories(), _scene(engine, disparities))
 
 
 def _scene(engine: Pipeline, disparities: list[F32]) -> F32:

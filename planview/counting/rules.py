@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
@@ -14,6 +14,7 @@ from calib.errors import InputError
 from calib.params import Location, Params, dotted, first_problem
 from calib.text import load_toml
 from calib.types import F64
+from planview.counting.events import Direction
 from planview.counting.geometry import PlaneName, RulePlane, crossing_edges
 
 Point = tuple[float, float]
@@ -73,6 +74,8 @@ class Tripwire(_Table):
     to_m: _PointIn | None = None
     from_px: _PointIn | None = None
     to_px: _PointIn | None = None
+    inward: Literal["left_to_right", "right_to_left"] | None = None
+    """The direction that the totals also call ``in``; the other one is ``out``."""
     hysteresis_m: float | None = Field(None, ge=0, le=5)
     """Instead of the parameter of the same name."""
     min_age_s: float | None = Field(None, ge=0, le=60)
@@ -117,6 +120,7 @@ class Placed:
     points: F64
     hysteresis_m: float | None = None
     min_age_s: float | None = None
+    inward: Direction = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,18 +169,28 @@ def parse_rules(data: dict[str, Any], plane: RulePlane, source: str) -> Rules:
         raise InputError(f"{source}: {first_problem(error, partial(_name_of, data))}") from error
     if not file.tripwire and not file.zone:
         raise InputError(f"{source}: expected at least one [[tripwire]] or [[zone]], found none")
-    _refuse_duplicates([rule.name for rule in (*file.tripwire, *file.zone, *file.queue)], source)
-    _refuse_unknown_zones(file, source)
+    names, zones = [rule.name for rule in (*file.tripwire, *file.zone, *file.queue)], [z.name for z in file.zone]
+    twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
+    if twice is not None:
+        raise InputError(f"{source}: expected every rule to have a name of its own, found {twice!r} twice")
+    for queue in file.queue:
+        if queue.zone not in zones:
+            raise InputError(
+                f"{source}: expected queue {queue.name!r} to name one of the zones "
+                f"({', '.join(zones) or 'there are none'}), found {queue.zone!r}"
+            )
     return Rules(
-        tuple(_placed(rule, *_wire_points(rule, plane, source)) for rule in file.tripwire),
-        tuple(_placed(rule, *_zone_points(rule, plane, source)) for rule in file.zone),
+        tuple(
+            Placed(rule.name, *_wire_points(rule, plane, source), rule.hysteresis_m, rule.min_age_s, rule.inward or "")
+            for rule in file.tripwire
+        ),
+        tuple(
+            Placed(rule.name, *_zone_points(rule, plane, source), rule.hysteresis_m, rule.min_age_s)
+            for rule in file.zone
+        ),
         tuple(file.queue),
         source,
     )
-
-
-def _placed(rule: Tripwire | Zone, plane: PlaneName, points: F64) -> Placed:
-    return Placed(rule.name, plane, points, rule.hysteresis_m, rule.min_age_s)
 
 
 def _name_of(data: dict[str, Any], location: Location) -> str:
@@ -190,22 +204,6 @@ def _name_of(data: dict[str, Any], location: Location) -> str:
     except (LookupError, TypeError, ValueError):
         rule = f"{table} number {int(number) + 1}" if isinstance(number, int) else str(table)
     return f"{dotted(tuple(keys))} in {rule}" if keys else rule
-
-
-def _refuse_duplicates(names: list[str], source: str) -> None:
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            raise InputError(f"{source}: expected every rule to have a name of its own, found {name!r} twice")
-
-
-def _refuse_unknown_zones(file: _File, source: str) -> None:
-    known = [zone.name for zone in file.zone]
-    for queue in file.queue:
-        if queue.zone not in known:
-            raise InputError(
-                f"{source}: expected queue {queue.name!r} to name one of the zones "
-                f"({', '.join(known) or 'there are none'}), found {queue.zone!r}"
-            )
 
 
 def _wire_points(rule: Tripwire, plane: RulePlane, source: str) -> tuple[PlaneName, F64]:

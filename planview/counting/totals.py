@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import F64, I64
-from planview.counting.events import Event
+from planview.counting.events import Direction, Event
 from planview.counting.passages import Places, Stay
 from planview.counting.rules import AnalyticsParams, Placed, Queue, Rules
 from planview.counting.stream import Analytics, TrackRow
@@ -29,7 +29,7 @@ _BLOCK_FRAMES = 1000
 """Frames whose rows are located at a time, so that memory does not grow with the recording (our choice)."""
 
 
-def jump_told(before_frame: int, frame: int, step_s: float) -> str:
+def jump_note(before_frame: int, frame: int, step_s: float) -> str:
     """A jump of the clock in words."""
     days, hours = step_s / 86400.0, step_s / 3600.0
     size = f"{days:.1f} days" if days >= 2 else f"{hours:.1f} hours" if hours >= 2 else f"{step_s / 60:.0f} minutes"
@@ -97,7 +97,7 @@ class Clock:
         if not len(steps) or steps.max() <= JUMP_S:
             return ""
         n = int(np.argmax(steps))
-        return jump_told(int(self._frames[n]), int(self._frames[n + 1]), float(steps[n]))
+        return jump_note(int(self._frames[n]), int(self._frames[n + 1]), float(steps[n]))
 
     def at(self, frame: I64) -> F64:
         """(N,) times [s] of (N,) frames."""
@@ -132,7 +132,7 @@ class Counts:
 
     def to_json(self) -> dict[str, Any]:
         """The object of ``count --json`` and counts.json: ``rules`` by name, the totals per interval within."""
-        rules: dict[str, Any] = {rule.name: self._wire(rule.name) | _place(rule) for rule in self.rules.tripwires}
+        rules: dict[str, Any] = {rule.name: self._wire(rule) | _place(rule) for rule in self.rules.tripwires}
         rules |= {rule.name: self._zone(rule.name) | _place(rule) for rule in self.rules.zones}
         rules |= {queue.name: self._queue(queue) for queue in self.rules.queues}
         return {
@@ -146,13 +146,14 @@ class Counts:
         """(N,) people in a zone at times [s]."""
         return occupancy_at(self.stays[zone], times_s, self.span.frame_s)
 
-    def _wire(self, name: str) -> dict[str, Any]:
-        crossings = [event for event in self.events if event.rule == name]
+    def _wire(self, wire: Placed) -> dict[str, Any]:
+        crossings = [event for event in self.events if event.rule == wire.name]
+        intervals = self._intervals(crossings)
         return {
             "kind": "tripwire",
-            **_by_direction(crossings),
-            "people": self.people[name],
-            "intervals": [{"start_s": start, **_by_direction(group)} for start, group in self._intervals(crossings)],
+            **_by_direction(crossings, wire.inward),
+            "people": self.people[wire.name],
+            "intervals": [{"start_s": start, **_by_direction(group, wire.inward)} for start, group in intervals],
         }
 
     def _zone(self, name: str) -> dict[str, Any]:
@@ -259,9 +260,10 @@ def _place(rule: Placed) -> dict[str, Any]:
     return {"plane": rule.plane, "points": rule.points.tolist()}
 
 
-def _by_direction(events: Sequence[Event]) -> dict[str, int]:
+def _by_direction(events: Sequence[Event], inward: Direction) -> dict[str, int]:
     count = Counter(event.direction for event in events)
-    return {"left_to_right": count["left_to_right"], "right_to_left": count["right_to_left"]}
+    found = {"left_to_right": count["left_to_right"], "right_to_left": count["right_to_left"]}
+    return found | {"in": count[inward], "out": len(events) - count[inward]} if inward else found
 
 
 def _passages(events: Sequence[Event]) -> dict[str, int]:

@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from nicegui import app, events, run, ui
 
@@ -24,7 +24,7 @@ from calib.types import U8
 from planview.calibration.page.overlay import overlay
 from planview.calibration.page.session import GRAB_PX, CalibrationSession, frames_at
 from planview.calibration.page.solution import solve
-from planview.calibration.page.viewer import SCRIPT, STYLE, OwnPageOnly
+from planview.calibration.page.viewer import SCRIPT, STYLE, SameOriginOnly
 
 LENSES = {"": "try all lenses", **{lens: lens for lens in LENS_K_320}}
 KNOWN = {
@@ -42,20 +42,6 @@ HELP = (
 )
 
 
-class Host(Protocol):
-    """What the panel asks of the page."""
-
-    async def solve(self) -> None: ...
-
-    async def load(self, name: str, content: bytes) -> None: ...
-
-    def refresh(self) -> None: ...
-
-    def show_sample(self, number: int) -> None: ...
-
-    def export(self, solution: bool = True) -> None: ...
-
-
 class Panel:
     """Widgets of the panel.
 
@@ -63,8 +49,8 @@ class Panel:
         everywhere: whether people are drawn all over the floor.
     """
 
-    def __init__(self, session: CalibrationSession, host: Host) -> None:
-        self._session, self._host = session, host
+    def __init__(self, session: CalibrationSession, page: Page) -> None:
+        self._session, self._page = session, page
         self.everywhere = False
         self._listed: object = None
         with ui.column().classes("pv-side q-pa-sm gap-2 no-wrap h-full"):
@@ -76,9 +62,9 @@ class Panel:
             self._values = ui.column().classes("w-full gap-0")
             self._people = ui.column().classes("w-full gap-0")
             if session.view is None:
-                self._single_camera()
+                self._add_single_camera()
 
-    def _single_camera(self) -> None:
+    def _add_single_camera(self) -> None:
         """What means something for one camera only: lens, known values, files of samples."""
         ui.checkbox("draw people all over the floor", on_change=self._on_everywhere).props("dense")
         ui.label("known values").classes("text-caption q-mt-sm")
@@ -92,11 +78,11 @@ class Panel:
         ui.select(LENSES, value=self._session.lens or "", on_change=self._on_lens, label="lens").props("dense").classes(
             "w-full"
         )
-        self._told = ui.label().classes("text-caption")
+        self._note = ui.label().classes("text-caption")
         with ui.row().classes("gap-1"):
             _picker("Focal length of a photo", "image/*", self._on_photo)
             _picker("Load samples", ".json,.csv", self._on_samples)
-            ui.button("Save samples", on_click=lambda: self._host.export(False)).props("dense flat no-caps")
+            ui.button("Save samples", on_click=lambda: self._page.export(False)).props("dense flat no-caps")
 
     def refresh(self, solving: bool) -> None:
         """Show the session as it is."""
@@ -115,17 +101,14 @@ class Panel:
         listed = (session.solution, tuple(session.samples), session.shown, session.selected)
         if listed != self._listed:
             self._listed = listed
-            self._list_values()
+            self._values.clear()
+            with self._values:
+                for name, value, deviation in session.solution.rows(session.plain_floor):
+                    with ui.row().classes("w-full no-wrap items-baseline gap-2"):
+                        ui.label(name).classes("text-caption grow")
+                        ui.label(value).classes("text-weight-medium")
+                        ui.label(deviation).classes("text-caption")
             self._list_people()
-
-    def _list_values(self) -> None:
-        self._values.clear()
-        with self._values:
-            for name, value, deviation in self._session.solution.rows(self._session.plain_floor):
-                with ui.row().classes("w-full no-wrap items-baseline gap-2"):
-                    ui.label(name).classes("text-caption grow")
-                    ui.label(value).classes("text-weight-medium")
-                    ui.label(deviation).classes("text-caption")
 
     def _list_people(self) -> None:
         session, found = self._session, self._session.solution.found
@@ -137,38 +120,32 @@ class Panel:
                 if numbers:
                     ui.label(title).classes("text-caption")
                 for number in numbers:
-                    self._person(number, number in odd)
-            self._other_frames()
+                    self._add_person(number, number in odd)
+            first = {s.frame: i for i, s in reversed(list(enumerate(session.samples)))}
+            others = [frame for frame in sorted(first) if frame != session.indices[session.shown]]
+            if others:
+                ui.label("people on other frames").classes("text-caption")
+                with ui.row().classes("gap-0 w-full"):
+                    for frame in others:
+                        go = partial(self._page.show_sample, first[frame])
+                        ui.button(str(frame), on_click=go).props("dense flat no-caps color=grey-8")
 
-    def _other_frames(self) -> None:
-        """A button for every other frame with people."""
-        session = self._session
-        first = {s.frame: i for i, s in reversed(list(enumerate(session.samples)))}
-        others = [frame for frame in sorted(first) if frame != session.indices[session.shown]]
-        if not others:
-            return
-        ui.label("people on other frames").classes("text-caption")
-        with ui.row().classes("gap-0 w-full"):
-            for frame in others:
-                go = partial(self._host.show_sample, first[frame])
-                ui.button(str(frame), on_click=go).props("dense flat no-caps color=grey-8")
-
-    def _person(self, number: int, odd: bool) -> None:
+    def _add_person(self, number: int, odd: bool) -> None:
         session, found = self._session, self._session.solution.found
         errors = found.sample_errors if found else ()
         error = f", error {errors[number]:.2f}" if number < len(errors) else ""
         text = f"{number + 1}: frame {session.samples[number].frame}{error}"
         chosen = session.selected is not None and session.selected.number == number and session.tool == "select"
         colour = "negative" if odd else "primary" if chosen else "grey-8"
-        ui.button(text, on_click=lambda: self._host.show_sample(number)).props(f"dense flat no-caps color={colour}")
+        ui.button(text, on_click=lambda: self._page.show_sample(number)).props(f"dense flat no-caps color={colour}")
 
     def _on_everywhere(self, event: events.ValueChangeEventArguments[Any]) -> None:
         self.everywhere = bool(event.value)
-        self._host.refresh()
+        self._page.refresh()
 
     async def _on_lens(self, event: events.ValueChangeEventArguments[Any]) -> None:
         self._session.choose_lens(event.value or "")
-        await self._host.solve()
+        await self._page.solve()
 
     async def _on_known(self) -> None:
         values = {
@@ -180,28 +157,28 @@ class Panel:
             text = str(error)
             for name, meaning in KNOWN.items():
                 text = text.replace(name, meaning)
-            self._told.text = text
+            self._note.text = text
             return
-        self._told.text = ""
+        self._note.text = ""
         if known != self._session.known:
             self._session.known = known
-            await self._host.solve()
+            await self._page.solve()
 
     async def _on_photo(self, event: events.UploadEventArguments) -> None:
         width, height = self._session.size
         try:
             focal_px = focal_share(await event.file.read()) * math.hypot(width, height)
         except InputError as error:
-            self._told.text = str(error)
+            self._note.text = str(error)
             return
         field = 2 * math.degrees(math.atan(width / 2 / focal_px))
         self._session.known = replace(self._session.known, focal_px=focal_px, field_deg=None)
         self._known["field_deg"].value, self._known["focal_px"].value = None, round(focal_px, 1)
-        self._told.text = f"{focal_px:.0f} px, {field:.0f}° across; videos of a phone often show less than its photos"
-        await self._host.solve()
+        self._note.text = f"{focal_px:.0f} px, {field:.0f}° across; videos of a phone often show less than its photos"
+        await self._page.solve()
 
     async def _on_samples(self, event: events.UploadEventArguments) -> None:
-        await self._host.load(event.file.name, await event.file.read())
+        await self._page.load(event.file.name, await event.file.read())
 
 
 def _picker(text: str, accept: str, on_upload: Callable[[events.UploadEventArguments], Awaitable[None]]) -> None:
@@ -231,46 +208,35 @@ class Page:
         ui.add_body_html(SCRIPT)
         ui.keyboard(on_key=self._on_key)
         with ui.column().classes("w-full h-screen gap-0 no-wrap"):
-            self._toolbar()
+            with ui.row().classes("items-center w-full q-px-sm q-py-xs gap-2"):
+                tools = {name: text for name, text in TOOLS.items() if session.view is None or name != "person"}
+                self._tool = ui.toggle(tools, value=session.tool, on_change=self._on_tool).props("dense no-caps")
+                ui.button("Undo", on_click=self.undo).props("dense flat no-caps")
+                ui.button("Delete", on_click=self.remove).props("dense flat no-caps")
+                ui.space()
+                ui.label(f"calibration of {session.name}").classes("text-caption")
+                ui.button("Export", on_click=self._on_export).props("dense no-caps")
             with ui.row().classes("w-full gap-0 no-wrap pv-row"):
-                self._picture()
+                with ui.element("div").classes("pv-view"), ui.element("div").classes("pv-stage"):
+                    self._image = ui.interactive_image(
+                        _source(session.frames[session.shown]),
+                        on_mouse=self._on_mouse,
+                        events=["mousedown", "mousemove", "mouseup"],
+                        cross="#ffffff80",
+                        size=session.size,
+                        sanitize=False,
+                    )
                 self._panel = Panel(session, self)
-            self._footer()
+            with ui.row().classes("items-center w-full q-px-sm gap-3 no-wrap"):
+                self._status = ui.label().classes("text-subtitle1")
+                ui.space()
+                ui.label("?").classes("text-caption").tooltip(HELP)
+                if len(session.frames) > 1:
+                    self._frame_text = ui.label().classes("text-caption").style("white-space: nowrap")
+                    last = len(session.frames) - 1
+                    self._slider = ui.slider(min=0, max=last, value=session.shown, on_change=self._on_frame)
+                    self._slider.style("width: 300px; flex: none")
         self.refresh()
-
-    def _toolbar(self) -> None:
-        session = self._session
-        with ui.row().classes("items-center w-full q-px-sm q-py-xs gap-2"):
-            tools = {name: text for name, text in TOOLS.items() if session.view is None or name != "person"}
-            self._tool = ui.toggle(tools, value=session.tool, on_change=self._on_tool).props("dense no-caps")
-            ui.button("Undo", on_click=self.undo).props("dense flat no-caps")
-            ui.button("Delete", on_click=self.remove).props("dense flat no-caps")
-            ui.space()
-            ui.label(f"calibration of {session.name}").classes("text-caption")
-            ui.button("Export", on_click=self._on_export).props("dense no-caps")
-
-    def _picture(self) -> None:
-        session = self._session
-        with ui.element("div").classes("pv-view"), ui.element("div").classes("pv-stage"):
-            self._image = ui.interactive_image(
-                _source(session.frames[session.shown]),
-                on_mouse=self._on_mouse,
-                events=["mousedown", "mousemove", "mouseup"],
-                cross="#ffffff80",
-                size=session.size,
-                sanitize=False,
-            )
-
-    def _footer(self) -> None:
-        with ui.row().classes("items-center w-full q-px-sm gap-3 no-wrap"):
-            self._status = ui.label().classes("text-subtitle1")
-            ui.space()
-            ui.label("?").classes("text-caption").tooltip(HELP)
-            if len(self._session.frames) > 1:
-                self._frame_text = ui.label().classes("text-caption").style("white-space: nowrap")
-                last = len(self._session.frames) - 1
-                self._slider = ui.slider(min=0, max=last, value=self._session.shown, on_change=self._on_frame)
-                self._slider.style("width: 300px; flex: none")
 
     def refresh(self) -> None:
         """Show the session as it is."""
@@ -436,7 +402,7 @@ def serve(session: CalibrationSession, folder: Path, port: int, source: Path | N
     def index() -> None:
         Page(session, folder, source)
 
-    app.add_middleware(OwnPageOnly, port=port)
+    app.add_middleware(SameOriginOnly, port=port)
     ui.run(host="127.0.0.1", port=port, show=False, reload=False, title="planview", show_welcome_message=False)
 
 

@@ -132,7 +132,7 @@ Application = Callable[[Scope, Receive, Send], Awaitable[None]]
 NAMES = ("127.0.0.1", "localhost")
 
 
-class OwnPageOnly:
+class SameOriginOnly:
     """ASGI middleware that refuses requests and websockets of other pages.
 
     ``Host`` must be this machine's, which a name that an attacker points to 127.0.0.1 is not; ``Origin``, which

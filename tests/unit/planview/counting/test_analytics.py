@@ -214,6 +214,15 @@ def test_truth_counts_at_once_but_not_steps_back_within_the_hysteresis() -> None
     assert event.timestamp_s == pytest.approx(0.2 + 0.1 * 0.08 / 0.58)
 
 
+@pytest.mark.parametrize(("inward", "found"), [("left_to_right", (4, 0)), ("right_to_left", (0, 4))])
+def test_a_tripwire_with_an_inward_direction_counts_in_and_out(inward: str, found: tuple[int, int]) -> None:
+    rows = [row for k in range(4) for row in way(DOWN, track_id=k + 1, start=30 * k)]
+    _, rules = totals(rows, {"tripwire": [{**WIRE, "inward": inward}]}, interval_s=5.0)
+    door = rules["door"]
+    assert (door["in"], door["out"]) == found and door["left_to_right"] == 4
+    assert tuple(sum(part[way] for part in door["intervals"]) for way in ("in", "out")) == found
+
+
 def test_totals_per_interval_add_up() -> None:
     rows = [row for k in range(4) for row in way(DOWN, track_id=k + 1, start=30 * k)]
     counts, rules = totals(rows, {"tripwire": [WIRE]}, interval_s=5.0)
