@@ -96,7 +96,7 @@ def edit(out: Path, *, options: EditOptions | None = None) -> None:
 
 
 def _lines(options: EditOptions) -> list[str]:
-    """The options as lines of ``planview.trajectories.edits``."""
+    """The options as lines of ``planview.offline.edit``."""
     lines = [] if options.list is None else _listed(options.list)
     for kind in ("join", "split", "delete", "rename"):
         lines += [f"{kind} {edit.replace(':', ' ').replace('@', ' ')}" for edit in getattr(options, kind)]
