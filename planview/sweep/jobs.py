@@ -66,7 +66,14 @@ def content_key(path: Path) -> str:
         files = sorted(_files(path), key=lambda file: file.relative_to(path).as_posix())
         images = [file for file in files if file.suffix.lower() in _IMAGES]
         hashed = set(files) - set(images) | set(images[:: max(1, -(-len(images) // FILES_MAX))])
-        listed = [[*_name_and_size(file, path), _file_digest(file) if file in hashed else ""] for file in files]
+        listed = [
+            [
+                os.fsencode(file.relative_to(path)).hex(),
+                file.stat().st_size,
+                _file_digest(file) if file in hashed else "",
+            ]
+            for file in files
+        ]
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({reason(error)})") from error
     return key_of(listed)
@@ -99,18 +106,13 @@ def engine_version() -> str:
 
 def _files(folder: Path) -> Iterator[Path]:
     for parent, folders, names in os.walk(folder):
-        folders[:] = [name for name in folders if not name.startswith(".") and not _is_output(Path(parent, name))]
+        folders[:] = [
+            name for name in folders
+            if not name.startswith(".") and not any(Path(parent, name, file).is_file() for file in _OUTPUTS)
+        ]  # fmt: skip
         for name in names:
             if not name.startswith(".") and name not in _TRUTH and Path(parent, name).is_file():
                 yield Path(parent, name)
-
-
-def _is_output(folder: Path) -> bool:
-    return any((folder / name).is_file() for name in _OUTPUTS)
-
-
-def _name_and_size(file: Path, folder: Path) -> tuple[str, int]:
-    return os.fsencode(file.relative_to(folder)).hex(), file.stat().st_size
 
 
 def _file_digest(path: Path) -> str:

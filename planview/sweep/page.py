@@ -6,7 +6,6 @@ import base64
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -97,10 +96,24 @@ def study_page(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked
         study=study,
         objective=FIGURES[study.objective],
         known=any(study.objective in row.figures for row in ranking),
-        tiles=_tiles(runs, ranking),
+        tiles=[
+            ("configurations", str(len(ranking))),
+            ("recordings", str(len({run.recording for run in runs}))),
+            ("seeds", str(len({run.seed for run in runs}))),
+            ("runs", str(len(runs))),
+            ("failed", str(len(failed))),
+        ],
         from_maps=any(run.from_maps for run in runs),
         columns=[FIGURES[name].label for name in columns],
-        rows=[_row(row, columns, study.objective) for row in ranking[:ROWS_MAX]],
+        rows=[
+            {
+                "label": row.configuration.label,
+                "runs": f"{row.runs}" + (f", {row.failed} failed" if row.failed else ""),
+                "behind": _text(row.behind, FIGURES[study.objective].digits, sign="+"),
+                "cells": [_text(row.figures.get(name), FIGURES[name].digits) for name in columns],
+            }
+            for row in ranking[:ROWS_MAX]
+        ],
         more_rows=max(0, len(ranking) - ROWS_MAX),
         pictures=_pictures(study, runs, ranking),
         failed=failed[:ROWS_MAX],
@@ -109,26 +122,6 @@ def study_page(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked
         level=f"{LEVEL:.0%}",
         draws=DRAWS,
     )
-
-
-def _tiles(runs: Sequence[JobResult], ranking: Sequence[Ranked]) -> list[tuple[str, str]]:
-    return [
-        ("configurations", str(len(ranking))),
-        ("recordings", str(len({run.recording for run in runs}))),
-        ("seeds", str(len({run.seed for run in runs}))),
-        ("runs", str(len(runs))),
-        ("failed", str(sum(bool(run.error) for run in runs))),
-    ]
-
-
-def _row(row: Ranked, columns: Sequence[FigureName], objective: FigureName) -> dict[str, Any]:
-    cells = [_text(row.figures.get(name), FIGURES[name].digits) for name in columns]
-    return {
-        "label": row.configuration.label,
-        "runs": f"{row.runs}" + (f", {row.failed} failed" if row.failed else ""),
-        "behind": _text(row.behind, FIGURES[objective].digits, sign="+"),
-        "cells": cells,
-    }
 
 
 def _text(value: Estimate | None, digits: int, sign: str = "") -> str:
@@ -146,7 +139,8 @@ def _pictures(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked]
         return []
     label = FIGURES[figure].label
     shown = known[:BARS_MAX]
-    note = f"Mean (dot) and {LEVEL:.0%} interval (bar)" + (f" of the first {BARS_MAX}." if known != shown else ".")
+    note = "Mean (dot)" if why_no_intervals(runs) else f"Mean (dot) and {LEVEL:.0%} interval (bar)"
+    note += f" of the first {BARS_MAX}." if known != shown else "."
     pictures = [_picture(f"Ranking by {label}", ranking_plot(shown, figure), note)]
     for name in study.parameters:
         note = "A dot per configuration; the line joins the means of each value."

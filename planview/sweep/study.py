@@ -89,6 +89,11 @@ class Range(Params):
         """Number of values of a range with a step."""
         return int(min((self.max - self.min) / (self.step or 1), 1e9) + 1e-9) + 1
 
+    def listed(self) -> list[int | float]:
+        """All values of a range with a step."""
+        values = (self.min + (self.step or 1) * i for i in range(self.steps))
+        return [float(f"{value:.9g}") if isinstance(value, float) else value for value in values]
+
     def at(self, fraction: float) -> int | float:
         """The value a fraction (0 to below 1) of the way through the range."""
         if self.step is not None:
@@ -136,10 +141,7 @@ def grid(parameters: Mapping[str, Space]) -> list[Configuration]:
     count = combinations(parameters)
     if not 0 < count <= RUNS_MAX:
         raise InputError(f"expected 1 to {RUNS_MAX} combinations of parameters, found {count}")
-    values = [
-        space if isinstance(space, list) else [_tidy(space.min + (space.step or 1) * i) for i in range(space.steps)]
-        for space in parameters.values()
-    ]
+    values = [space if isinstance(space, list) else space.listed() for space in parameters.values()]
     return [configuration(dict(zip(parameters, chosen, strict=True))) for chosen in itertools.product(*values)]
 
 
@@ -148,7 +150,11 @@ def random_draws(parameters: Mapping[str, Space], count: int, seed: int) -> list
     generator = np.random.default_rng(seed)
     drawn: dict[Configuration, None] = {}
     for _ in range(20 * count):
-        values = {name: _drawn(space, float(generator.random())) for name, space in parameters.items()}
+        fractions = {name: float(generator.random()) for name in parameters}
+        values = {
+            name: space.at(fractions[name]) if isinstance(space, Range) else space[int(fractions[name] * len(space))]
+            for name, space in parameters.items()
+        }
         drawn[configuration(values)] = None
         if len(drawn) == count:
             break
@@ -165,14 +171,6 @@ def combinations(parameters: Mapping[str, Space]) -> int:
         if isinstance(space, Range) and space.step is None:
             raise InputError(f"parameters.{name}: expected a list or a step for a grid, found a range without step")
     return math.prod(len(space) if isinstance(space, list) else space.steps for space in parameters.values())
-
-
-def _tidy(value: int | float) -> int | float:
-    return float(f"{value:.9g}") if isinstance(value, float) else value
-
-
-def _drawn(space: Space, fraction: float) -> Any:
-    return space.at(fraction) if isinstance(space, Range) else space[int(fraction * len(space))]
 
 
 class RecordingEntry(Params):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -12,7 +12,7 @@ from typing import Any, Protocol
 from calib.errors import InputError
 from planview.output.info import write_result
 from planview.output.lock import folder_lock
-from planview.sweep.jobs import Planned, Planner, Refused, RunJob, StudyJob
+from planview.sweep.jobs import Planned, Planner, Refused, StudyJob
 from planview.sweep.pools import Pool, Task, run_tasks
 from planview.sweep.results import JobResult, Ranked, ranked, summary_csv
 from planview.sweep.study import FIGURES, Configuration, Range, Space, Study, configuration, grid, random_draws
@@ -51,7 +51,8 @@ class Proposals:
     def extremes(self) -> list[Configuration]:
         """Every choice and both ends of every range, one parameter at a time: to be checked before anything runs."""
         spaces = self._study.parameters.items()
-        return [configuration({name: value}) for name, space in spaces for value in _ends(space)]
+        ends = {name: [space.min, space.max] if isinstance(space, Range) else space for name, space in spaces}
+        return [configuration({name: value}) for name, values in ends.items() for value in values]
 
     def ask(self) -> list[Configuration]:
         """The next configurations; none when all samples are taken or no run has the objective."""
@@ -60,7 +61,11 @@ class Proposals:
             return []
         self._left -= count
         trials = [self._optuna.ask() for _ in range(count)]
-        self._asked = [(trial, configuration(self._values(trial))) for trial in trials]
+        spaces = self._study.parameters
+        self._asked = [
+            (trial, configuration({name: _suggested(trial, name, space) for name, space in spaces.items()}))
+            for trial in trials
+        ]
         return list(dict.fromkeys(proposed for _, proposed in self._asked))
 
     def tell(self, results: Sequence[JobResult]) -> None:
@@ -80,9 +85,6 @@ class Proposals:
                 self._known += 1
                 self._optuna.tell(trial, mean)
 
-    def _values(self, trial: Any) -> dict[str, Any]:
-        return {name: _suggested(trial, name, space) for name, space in self._study.parameters.items()}
-
 
 def _suggested(trial: Any, name: str, space: Space) -> Any:
     if not isinstance(space, Range):
@@ -90,10 +92,6 @@ def _suggested(trial: Any, name: str, space: Space) -> Any:
     if space.whole:
         return trial.suggest_int(name, space.min, space.max, step=int(space.step or 1), log=space.log)
     return float(f"{trial.suggest_float(name, space.min, space.max, step=space.step, log=space.log):.6g}")
-
-
-def _ends(space: Space) -> list[Any]:
-    return [space.min, space.max] if isinstance(space, Range) else space
 
 
 class StudyWatch(Protocol):
@@ -138,25 +136,22 @@ def run_study(
     """
     study.refuse_many()
     batches = _batches(study, Planner(study, out, names))
-    batch: list[Planned] | None = next(batches)
+    batch: list[Planned] = next(batches)
     with folder_lock(out), closing(_Runner(open_pool, watch)) as runner:
         remove_stale_attempts(out)
         write_result(out / STUDY_FILE, study.model_dump_json(indent=2) + "\n")
         runs: list[JobResult] = []
-        while batch:
-            done = runner.run(batch)
-            runs += done
-            batch = _next_batch(batches, done)
+        with suppress(StopIteration):
+            while batch:
+                runs += (done := runner.run(batch))
+                batch = batches.send(done)
         remove_stale_attempts(out)
         results = StudyResults(study, runs, ranked(runs, study.objective))
         _write(results, out)
     return results
 
 
-Batches = Generator[list[Planned], list[JobResult], None]
-
-
-def _batches(study: Study, planner: Planner) -> Batches:
+def _batches(study: Study, planner: Planner) -> Generator[list[Planned], list[JobResult], None]:
     """Jobs to run together, for the results of the batch before."""
     if study.method == "grid":
         yield planner.jobs(grid(study.parameters))
@@ -167,13 +162,6 @@ def _batches(study: Study, planner: Planner) -> Batches:
         planner.jobs(proposals.extremes())
         while configurations := proposals.ask():
             proposals.tell((yield planner.jobs(configurations)))
-
-
-def _next_batch(batches: Batches, results: list[JobResult]) -> list[Planned] | None:
-    try:
-        return batches.send(results)
-    except StopIteration:
-        return None
 
 
 class _Runner:
@@ -196,17 +184,8 @@ class _Runner:
         for result in early.values():
             self._watch.ended(result)
         results = early
-        for key, value, error in self._done(jobs, maps):
-            for i in waiting[key]:
-                results[i] = _result(batch[i], value, error)
-                self._watch.ended(results[i])
-        return [results[i] for i in range(len(batch))]
-
-    def _done(
-        self, jobs: Sequence[StudyJob], maps: dict[str, RunJob]
-    ) -> Generator[tuple[str, dict[str, float], str], None, None]:
         if not jobs:
-            return
+            return [results[i] for i in range(len(batch))]
         tasks = [Task(key, track, job) for key, job in maps.items()]
         for job in jobs:
             after = job.maps.key if job.maps and job.maps.key in maps else None
@@ -215,8 +194,10 @@ class _Runner:
         for done in run_tasks(tasks, self._pool):
             if done.key in maps:
                 self._watch.recorded(done.error)
-            else:
-                yield done.key, done.value or {}, done.error
+            for i in waiting.get(done.key, []):
+                results[i] = _result(batch[i], done.value or {}, done.error)
+                self._watch.ended(results[i])
+        return [results[i] for i in range(len(batch))]
 
     def close(self) -> None:
         if self._pool is not None:
