@@ -45,45 +45,41 @@ class BoardPair:
     why: str = ""
 
 
-@dataclass(frozen=True)
-class _Layout:
-    """Where the images are: files in pairs, files that hold both images, or one or two videos."""
-
-    pairs: Sequence[tuple[Path | None, Path | None]] = ()
-    wide: Sequence[Path] = ()
-    videos: Sequence[Path] = ()
+Files = Sequence[Path | None]
+"""A file of each camera, None where there is none, or one that holds both images."""
 
 
 class BoardImages:
     """The pairs at a path; iterating reads them one by one.
 
+    Attributes:
+        names: of the pairs in order.
+        is_video: whether the pairs are frames of a video.
     Raises:
         InputError: no pairs there.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._files: Sequence[Files] = ()
+        self._videos: Sequence[Path] = ()
+        self._frames: list[int] = []
         if path.is_file() and path.suffix.lower() in VIDEO_SUFFIXES:
-            self._layout = _Layout(videos=(path,))
+            self._videos = (path,)
         elif path.is_dir():
-            self._layout = _in_folder(path)
+            self._files, self._videos = _in_folder(path)
         else:
             raise InputError(f"{path}: expected a folder of board images or a video, found none")
-        self._frames = self._frame_indices() if self.is_video else []
-
-    @property
-    def is_video(self) -> bool:
-        """Whether the pairs are frames of a video."""
-        return bool(self._layout.videos)
+        self.is_video = bool(self._videos)
+        if self.is_video:
+            n = min(VideoFile(video).n_frames for video in self._videos)
+            if n < 1:
+                raise InputError(f"{path}: expected a video that tells its number of frames, found none")
+            self._frames = sorted({int(i) for i in np.linspace(0, n - 1, min(n, MAX_FRAMES))})
+        self.names = [_name(files) for files in self._files] + [f"frame {i}" for i in self._frames]
 
     def __len__(self) -> int:
-        return len(self._frames) + len(self._layout.pairs) + len(self._layout.wide)
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the pairs in order."""
-        pairs = [_pair_name(*pair) for pair in self._layout.pairs]
-        return [*pairs, *(file.name for file in self._layout.wide), *map(_frame_name, self._frames)]
+        return len(self.names)
 
     def __iter__(self) -> Iterator[BoardPair]:
         return self.at(range(len(self)))
@@ -91,44 +87,52 @@ class BoardImages:
     def at(self, indices: Sequence[int]) -> Iterator[BoardPair]:
         """Only these pairs, in ascending order."""
         if self.is_video:
-            yield from self._video_pairs([self._frames[i] for i in indices])
+            streams = [VideoFile(path).at([self._frames[i] for i in indices]) for path in self._videos]
+            for decoded in zip(*streams, strict=False):
+                yield _pair(f"frame {decoded[0].index}", [one.image for one in decoded])
             return
-        for index in indices:
-            if self._layout.wide:
-                yield _split(self._layout.wide[index].name, _read(self._layout.wide[index]))
-            else:
-                yield _read_pair(*self._layout.pairs[index])
-
-    def _frame_indices(self) -> list[int]:
-        n = min(VideoFile(path).n_frames for path in self._layout.videos)
-        if n < 1:
-            raise InputError(f"{self.path}: expected a video that tells its number of frames, found none")
-        return sorted({int(i) for i in np.linspace(0, n - 1, min(n, MAX_FRAMES))})
-
-    def _video_pairs(self, frames: Sequence[int]) -> Iterator[BoardPair]:
-        streams = [VideoFile(path).at(frames) for path in self._layout.videos]
-        for decoded in zip(*streams, strict=False):
-            name = _frame_name(decoded[0].index)
-            images = [one.image for one in decoded]
-            if any(image is None for image in images):
-                yield BoardPair(name, None, None, "cannot be decoded")
-            elif len(images) == 2:
-                yield BoardPair(name, images[0], images[1])
-            else:
-                yield _split(name, images[0])
+        for files in (self._files[index] for index in indices):
+            found = [file for file in files if file is not None]
+            if len(found) < len(files):
+                yield BoardPair(_name(files), None, None, "has no mate from the other camera")
+                continue
+            images = [_read(file) for file in found]
+            broken = [f"{f.parent.name}/{f.name} " for f, image in zip(found, images, strict=True) if image is None]
+            yield _pair(_name(files), images, broken[0] if broken and len(files) == 2 else "")
 
 
-def _in_folder(folder: Path) -> _Layout:
+def _name(files: Files) -> str:
+    return " ".join(dict.fromkeys(file.name for file in files if file is not None))
+
+
+def _pair(name: str, images: Sequence[U8 | None], which: str = "") -> BoardPair:
+    """A pair of an image of each camera, or of one that holds both side by side."""
+    left, right = images[0], images[-1]
+    if left is None or right is None:
+        return BoardPair(name, None, None, f"{which}cannot be decoded")
+    if len(images) == 2:
+        return BoardPair(name, left, right)
+    height, width = left.shape[:2]
+    if width < _SIDE_BY_SIDE_ASPECT * height or width % 2:
+        raise InputError(
+            f"{name}: expected a left and a right image side by side (an even width, at least twice the height), "
+            f"found {width}x{height}"
+        )
+    return BoardPair(name, left[:, : width // 2], left[:, width // 2 :])
+
+
+def _in_folder(folder: Path) -> tuple[Sequence[Files], Sequence[Path]]:
+    """Images, or videos."""
     sides = _side_folders(folder)
     if sides is not None:
-        return _Layout(pairs=_paired(image_files(sides[0]), image_files(sides[1])))
+        return _paired(image_files(sides[0]), image_files(sides[1])), ()
     images = image_files(folder)
     if not images:
-        return _Layout(videos=_videos(folder))
+        return (), _videos(folder)
     by_side = {side: [f for f in images if side_of(_spaced(f.stem)) == side] for side in ("left", "right")}
     if by_side["left"] and by_side["right"]:
-        return _Layout(pairs=_paired(by_side["left"], by_side["right"]))
-    return _Layout(wide=images)
+        return _paired(by_side["left"], by_side["right"]), ()
+    return [(file,) for file in images], ()
 
 
 def _side_folders(folder: Path) -> tuple[Path, Path] | None:
@@ -183,17 +187,6 @@ def _plain(file: Path) -> str:
     return re.sub(r"(?<![a-z])[lr](?![a-z])", "*", name)
 
 
-def _read_pair(left: Path | None, right: Path | None) -> BoardPair:
-    name = _pair_name(left, right)
-    if left is None or right is None:
-        return BoardPair(name, None, None, "has no mate from the other camera")
-    images = [_read(file) for file in (left, right)]
-    for file, image in zip((left, right), images, strict=True):
-        if image is None:
-            return BoardPair(name, None, None, f"{file.parent.name}/{file.name} cannot be decoded")
-    return BoardPair(name, images[0], images[1])
-
-
 def _read(file: Path) -> U8 | None:
     """(H, W) or (H, W, 3) uint8, None when it cannot be decoded; deeper images are stretched to fill 8 bits."""
     image = read_image(file)
@@ -203,27 +196,6 @@ def _read(file: Path) -> U8 | None:
     if deep is None or deep.dtype == np.uint8:
         return image
     return np.asarray(cv2.normalize(deep, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U), dtype=np.uint8)  # type: ignore[call-overload]
-
-
-def _pair_name(left: Path | None, right: Path | None) -> str:
-    names = dict.fromkeys(file.name for file in (left, right) if file is not None)
-    return " ".join(names)
-
-
-def _frame_name(index: int) -> str:
-    return f"frame {index}"
-
-
-def _split(name: str, image: U8 | None) -> BoardPair:
-    if image is None:
-        return BoardPair(name, None, None, "cannot be decoded")
-    height, width = image.shape[:2]
-    if width < _SIDE_BY_SIDE_ASPECT * height or width % 2:
-        raise InputError(
-            f"{name}: expected a left and a right image side by side (an even width, at least twice the height), "
-            f"found {width}x{height}"
-        )
-    return BoardPair(name, image[:, : width // 2], image[:, width // 2 :])
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,51 +280,35 @@ class _Detected:
 
 
 def _detect(images: BoardImages, board: Board, progress: Callable[[int, int], None]) -> _Detected:
+    """The corners that both images of a pair show and how sharp the lesser image is, or why a pair is of no use."""
     detector = Detector(board, thorough=not images.is_video)
-    found = _Detected([], [], [], (0, 0))
+    found, size = _Detected([], [], [], (0, 0)), (0, 0)
     for done, pair in enumerate(images, 1):
         progress(done, len(images))
         if pair.left is None or pair.right is None:
             found.rejected.append(RejectedView(pair.name, pair.why))
             continue
-        found = replace(found, size=_same_size(images.path, pair, found.size))
-        result = _look(pair, detector, board)
-        if isinstance(result, RejectedView):
-            found.rejected.append(result)
-        else:
-            found.views.append(result[0])
-            found.sharpness.append(result[1])
-    if found.size == (0, 0):
+        for side, image in (("left", pair.left), ("right", pair.right)):
+            its_size = (image.shape[1], image.shape[0])
+            if size not in {(0, 0), its_size}:
+                raise InputError(
+                    f"{images.path}: expected images of one size, {size[0]}x{size[1]}, "
+                    f"found {its_size[0]}x{its_size[1]} in {pair.name} ({side})"
+                )
+            size = its_size
+        left, right = detector(pair.left), detector(pair.right)
+        if left is None or right is None:
+            missing = " and ".join(side for side, corners in (("left", left), ("right", right)) if corners is None)
+            found.rejected.append(RejectedView(pair.name, f"no {board.name} found in the {missing} image"))
+            continue
+        view = common_view(pair.name, left, same_order(board, left, right))
+        if not spans_a_plane(board, view.ids):
+            why = f"only {len(view.ids)} corners of the {board.name} are in both images"
+            found.rejected.append(RejectedView(pair.name, why))
+            continue
+        found.views.append(view)
+        found.sharpness.append(min(sharpness(as_grey(pair.left), left), sharpness(as_grey(pair.right), right)))
+    if size == (0, 0):
         why = f", e.g. {found.rejected[0].name}: {found.rejected[0].why}" if found.rejected else ""
         raise InputError(f"{images.path}: expected pairs of images, found none that can be read{why}")
-    return found
-
-
-def _same_size(path: Path, pair: BoardPair, size: tuple[int, int]) -> tuple[int, int]:
-    """The size of the pair's images, which is that of the earlier ones (0, 0 before the first)."""
-    for side, image in (("left", pair.left), ("right", pair.right)):
-        if image is None:
-            continue
-        found = (image.shape[1], image.shape[0])
-        if size not in {(0, 0), found}:
-            raise InputError(
-                f"{path}: expected images of one size, {size[0]}x{size[1]}, "
-                f"found {found[0]}x{found[1]} in {pair.name} ({side})"
-            )
-        size = found
-    return size
-
-
-def _look(pair: BoardPair, detector: Detector, board: Board) -> tuple[BoardView, float] | RejectedView:
-    """The corners that both images show and how sharp the lesser image is, or why the pair is of no use."""
-    if pair.left is None or pair.right is None:
-        raise ValueError("expected a pair with images")
-    left, right = detector(pair.left), detector(pair.right)
-    if left is None or right is None:
-        missing = " and ".join(side for side, corners in (("left", left), ("right", right)) if corners is None)
-        return RejectedView(pair.name, f"no {board.name} found in the {missing} image")
-    view = common_view(pair.name, left, same_order(board, left, right))
-    if not spans_a_plane(board, view.ids):
-        return RejectedView(pair.name, f"only {len(view.ids)} corners of the {board.name} are in both images")
-    sharp = [sharpness(as_grey(image), corners) for image, corners in ((pair.left, left), (pair.right, right))]
-    return view, min(sharp)
+    return replace(found, size=size)
