@@ -204,7 +204,8 @@ def _hypotheses(first: list[WalkedPath], second: list[WalkedPath], params: Align
     for path in first:
         for start in range(0, len(path.xy_m) - length + 1, length // 2):
             piece = path.xy_m[start : start + length]
-            if _extent(piece) < MIN_EXTENT_M:
+            # The largest deviation of a piece from its middle along any direction.
+            if np.sqrt(np.linalg.eigvalsh(np.cov(piece.T))[-1]) < MIN_EXTENT_M:
                 continue
             for other in second:
                 if not abs(path.height_m - other.height_m) > params.height_m:
@@ -234,22 +235,13 @@ def _fits(
     square = np.maximum((a**2).sum() + (b**2).sum(axis=(1, 2)) - 2 * np.hypot(dot, cross), 0.0)
     rms, angle = np.sqrt(square / n), np.arctan2(cross, dot)
     # Of neighbouring clocks only the best fit counts.
-    best = np.flatnonzero((rms <= params.piece_rms_m) & _is_local_minimum(rms))
+    beside = np.concatenate([[np.inf], rms, [np.inf]])
+    best = np.flatnonzero((rms <= params.piece_rms_m) & (rms <= beside[:-2]) & (rms <= beside[2:]))
     motions = []
     for k in best:
         x, y = centre - floor_rotation(float(angle[k])) @ centres[k]
         motions.append((float(rms[k]), RigAlignment(float(angle[k]), float(x), float(y), float(lags[k]) * TICK_S)))
     return motions
-
-
-def _is_local_minimum(values: F64) -> F64:
-    padded = np.concatenate([[np.inf], values, [np.inf]])
-    return np.asarray((values <= padded[:-2]) & (values <= padded[2:]))
-
-
-def _extent(piece: F64) -> float:
-    """Largest deviation of a piece from its middle along any direction [m]."""
-    return float(np.sqrt(np.linalg.eigvalsh(np.cov(piece.T))[-1]))
 
 
 def _refined(

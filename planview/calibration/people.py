@@ -122,7 +122,8 @@ class _Path:
 
     @property
     def walks(self) -> bool:
-        middles = np.array([_middle(s) for s in self.samples])
+        boxes = np.array([s.box_px for s in self.samples])
+        middles = boxes[:, :2] + boxes[:, 2:] / 2
         size = float(np.median([s.diagonal_px for s in self.samples]))
         return len(self.samples) >= MIN_PATH and float(np.hypot(*np.ptp(middles, axis=0))) >= MIN_TRAVEL * size
 
@@ -214,11 +215,7 @@ def usual_sizes(samples: Sequence[HumanSample]) -> Bool:
         fits = np.abs(sizes - expected) < SIZE_TOLERANCE * np.maximum(expected, 1.0)
         if fits.sum() > best.sum():
             best = fits
-    return best if best.any() else _near_median(feet, sizes)
-
-
-def _near_median(feet: F64, sizes: F64) -> Bool:
-    return np.asarray(np.abs(sizes - np.median(sizes)) < SIZE_TOLERANCE * sizes)
+    return best if best.any() else np.abs(sizes - np.median(sizes)) < SIZE_TOLERANCE * sizes
 
 
 def _continue(paths: list[_Path], bodies: Sequence[HumanSample], frame: int) -> None:
@@ -239,11 +236,6 @@ def _overlap(one: HumanSample, other: HumanSample) -> float:
     (a, b, w, h), (c, d, v, g) = one.box_px, other.box_px
     common = max(0.0, min(a + w, c + v) - max(a, c)) * max(0.0, min(b + h, d + g) - max(b, d))
     return common / (w * h + v * g - common)
-
-
-def _middle(sample: HumanSample) -> tuple[float, float]:
-    left, top, width, height = sample.box_px
-    return left + width / 2, top + height / 2
 
 
 def _crowded(blobs: Blobs, label: int) -> bool:

@@ -318,7 +318,11 @@ def open_session(path: Path, calibration: Path | None = None, n_frames: int = 40
     if calibration is not None or holds_pair(path) or _is_side_by_side(path):
         recording = open_recording(path, OpenOptions(calibration))
         view = view_floor(recording, FloorSearch())
-        return CalibrationSession(str(path), [view.image], [0], view, _plain_floor(view))
+        try:
+            plain_floor = view.find()
+        except WorkError:
+            plain_floor = None
+        return CalibrationSession(str(path), [view.image], [0], view, plain_floor)
     video = open_video(path)
     step = max(1, video.n_frames // n_frames)
     kept = [(frame.index, frame.image) for frame in video if frame.index % step == 0]
@@ -355,10 +359,3 @@ def known_of(path: Path, size: tuple[int, int]) -> KnownValues:
         if photographs:
             return KnownValues(focal_px=focal_share(photographs[0]) * math.hypot(*size))
     return KnownValues()
-
-
-def _plain_floor(view: FloorView) -> Floor | None:
-    try:
-        return view.find()
-    except WorkError:
-        return None
