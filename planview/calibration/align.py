@@ -30,7 +30,7 @@ choice)."""
 HYPOTHESES = 400
 """Motions that are judged by all people."""
 MIN_EXTENT_M = 0.5
-"""Shortest half axis sum of a piece: a person who stands tells no heading [m]."""
+"""Shortest half axis sum of a piece: a person who stands gives no heading [m]."""
 APART_DEG, APART_M, APART_S = 15.0, 0.75, 1.0
 """Motions farther apart than any of these are different ones."""
 ROUNDS = 4
@@ -118,7 +118,7 @@ def align_rigs(first: list[WalkedPath], second: list[WalkedPath], params: AlignP
     """Lay the second head's people over the first's.
 
     Raises:
-        WorkError: people do not tell: too few, too short, standing, or walking so that several motions fit.
+        WorkError: people do not determine it: too few, too short, standing, or walking so that several motions fit.
     """
     params = params or AlignParams()
     if not first or not second:
@@ -298,7 +298,7 @@ class _Meeting:
     ticks: F64
 
     def residual(self, v: F64, disparities_px: tuple[float, float], pivot: F64) -> F64:
-        """(2 N,) differences [m] under (heading, x and y of the pivot, clock), with both heads' disparities mended."""
+        """(2 N,) differences [m] under (heading, x and y of the pivot, clock), with disparities corrected."""
         then = self.ticks - v[3] / TICK_S
         ours = self.first.at(self.ticks) + disparities_px[0] * self.first.per_px_at(self.ticks)
         theirs = self.second.at(then) + disparities_px[1] * self.second.per_px_at(then)
@@ -339,7 +339,7 @@ def align_records(records: Sequence[RigRecord], params: AlignParams | None = Non
     to see what the first one sees.
 
     Raises:
-        WorkError: people do not tell where a head is; the head is named.
+        WorkError: people do not determine where a rig is; it is named.
     """
     paths = [paths_of(record.tracks, record.effect) for record in records]
     placed: dict[int, RigAlignment | None] = {0: None}

@@ -200,7 +200,7 @@ def _read(file: Path) -> U8 | None:
 
 @dataclass(frozen=True, eq=False)
 class BoardRequest:
-    """What the user said.
+    """What the user asks for.
 
     Attributes:
         board: None to find a chessboard's counts.

@@ -25,7 +25,7 @@ TICK_S = 0.1
 GAP_S = 0.5
 """Over longer gaps a path is not interpolated [s] (our choice)."""
 MIN_PATH_S = 2.0
-"""Shorter pieces tell nothing [s] (our choice)."""
+"""Shorter pieces are left out [s] (our choice)."""
 SCENE_FRAMES = 24
 """Frames, spread over the recording, whose median is the scene without people (our choice)."""
 SCENE_STD_MAX_M = 0.30

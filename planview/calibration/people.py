@@ -50,11 +50,11 @@ SIZE_TOLERANCE = 0.15
 """Sizes differ by this part from what most people have at that place [1] (our choice: body heights, strides)."""
 SIZE_TRIALS = 400
 MIN_USUAL = 0.35
-"""Share of the blobs that must have one person's size for one size to be told [1] (our choice)."""
+"""Share of the blobs that must have one person's size to have a usual size [1] (our choice)."""
 
 
 def draw_grid(image: U8, project: Project, extent_m: tuple[float, float, float, float]) -> U8:
-    """A floor grid with lines every metre and the axes from below the camera, drawn on a copy."""
+    """A floor grid with lines every metre and the axes from below the camera, on a copy."""
     canvas = as_colour(image).copy()
     size = (canvas.shape[1], canvas.shape[0])
     for line in grid_lines(project, extent_m, size):
@@ -69,7 +69,7 @@ def draw_grid(image: U8, project: Project, extent_m: tuple[float, float, float, 
 
 
 def draw_samples(image: U8, camera: GroundCamera, model: HumanModel, samples: Sequence[HumanSample]) -> U8:
-    """What was given (blue) and what was computed (pink) of each sample (figure 6a), drawn on a copy."""
+    """What was given (blue) and what was computed (pink) of each sample (figure 6a), on a copy."""
     canvas = as_colour(image).copy()
     for sample in samples:
         left, top, width, height = sample.box_px

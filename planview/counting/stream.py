@@ -179,9 +179,9 @@ def changes(frame: I64, moments_s: F64, places: Places, rules: Sequence[SidedRul
     if not len(frame) or (np.diff(moments_s) < 0).any():
         return Changes(np.ones(len(frame), dtype=np.bool_), np.ones(len(moments_s), dtype=np.bool_))
     order = np.lexsort((number, places.track_id))
-    kept = (places.track_id, places.confirmed, places.observed, *(rule.sides(places) for rule in rules))
+    columns = (places.track_id, places.confirmed, places.observed, *(rule.sides(places) for rule in rules))
     begins = np.diff(number[order], prepend=-2) != 1
-    for column in kept:
+    for column in columns:
         begins[1:] |= np.diff(column[order].astype(np.int64)) != 0
     ends = np.append(begins[1:], True)
     rows = np.zeros(len(frame), dtype=np.bool_)
@@ -210,7 +210,7 @@ class _Memory:
 class Analytics:
     """Tripwires and zones over tracks.
 
-    Call ``update`` once per frame, in order; afterwards ``stays`` and the events returned tell everything
+    Call ``update`` once per frame, in order; afterwards ``stays`` and the events returned hold everything
     (``planview.counting.totals``). ``people`` has each person once per rule and visit, however often it is crossed.
 
     Args:

@@ -67,7 +67,7 @@ class Range(Params):
     step: int | float | None = None
     """Only min, min + step, ...; not together with log."""
     log: bool = False
-    """Drawn evenly in the logarithm."""
+    """Values are even in the logarithm."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Range:
@@ -148,17 +148,17 @@ def grid(parameters: Mapping[str, Space]) -> list[Configuration]:
 def random_draws(parameters: Mapping[str, Space], count: int, seed: int) -> list[Configuration]:
     """So many independent draws, each once; fewer where the space holds fewer."""
     generator = np.random.default_rng(seed)
-    drawn: dict[Configuration, None] = {}
+    found: dict[Configuration, None] = {}
     for _ in range(20 * count):
         fractions = {name: float(generator.random()) for name in parameters}
         values = {
             name: space.at(fractions[name]) if isinstance(space, Range) else space[int(fractions[name] * len(space))]
             for name, space in parameters.items()
         }
-        drawn[configuration(values)] = None
-        if len(drawn) == count:
+        found[configuration(values)] = None
+        if len(found) == count:
             break
-    return list(drawn)
+    return list(found)
 
 
 def combinations(parameters: Mapping[str, Space]) -> int:

@@ -16,7 +16,7 @@ from planview.sweep.jobs import Planned, Planner, Refused, StudyJob
 from planview.sweep.pools import Pool, Task, run_tasks
 from planview.sweep.results import JobResult, Ranked, ranked, summary_csv
 from planview.sweep.study import FIGURES, Configuration, Range, Space, Study, configuration, grid, random_draws
-from planview.sweep.work import is_done, kept_figures, remove_stale_attempts, track, track_and_score
+from planview.sweep.work import earlier_figures, is_done, remove_stale_attempts, track, track_and_score
 
 BATCH = 4
 """Proposals made together. Not the number of processes: the same study proposes the same on any machine, so that what
@@ -46,7 +46,7 @@ class Proposals:
         )
         self._study = study
         self._asked: list[tuple[Any, Configuration]] = []
-        self._left, self._told, self._known = study.samples, 0, 0
+        self._left, self._recorded, self._known = study.samples, 0, 0
 
     def extremes(self) -> list[Configuration]:
         """Every choice and both ends of every range, one parameter at a time: to be checked before anything runs."""
@@ -57,7 +57,7 @@ class Proposals:
     def ask(self) -> list[Configuration]:
         """The next configurations; none when all samples are taken or no run has the objective."""
         count = min(BATCH, self._left)
-        if self._told and not self._known:
+        if self._recorded and not self._known:
             return []
         self._left -= count
         trials = [self._optuna.ask() for _ in range(count)]
@@ -68,7 +68,7 @@ class Proposals:
         ]
         return list(dict.fromkeys(proposed for _, proposed in self._asked))
 
-    def tell(self, results: Sequence[JobResult]) -> None:
+    def record(self, results: Sequence[JobResult]) -> None:
         """The runs of the configurations asked last; one that failed makes its configuration fail."""
         objective = self._study.objective
         means = {
@@ -78,7 +78,7 @@ class Proposals:
         }
         for trial, proposed in self._asked:
             mean = means.get(proposed, math.nan)
-            self._told += 1
+            self._recorded += 1
             if math.isnan(mean):
                 self._optuna.tell(trial, state=self._failed)
             else:
@@ -95,7 +95,7 @@ def _suggested(trial: Any, name: str, space: Space) -> Any:
 
 
 class StudyWatch(Protocol):
-    """Is told what happens."""
+    """Follows what happens."""
 
     def planned(self, runs: int, maps: int) -> None:
         """So many runs and plan-view recordings are to be made, those that are done included."""
@@ -161,7 +161,7 @@ def _batches(study: Study, planner: Planner) -> Generator[list[Planned], list[Jo
         proposals = Proposals(study)
         planner.jobs(proposals.extremes())
         while configurations := proposals.ask():
-            proposals.tell((yield planner.jobs(configurations)))
+            proposals.record((yield planner.jobs(configurations)))
 
 
 class _Runner:
@@ -208,7 +208,7 @@ def _early(job: Planned) -> JobResult | None:
     """What is known without work: a run that is done, or one that cannot begin."""
     if isinstance(job, Refused):
         return JobResult(job.name, job.configuration, job.seed, error=job.error)
-    figures = kept_figures(job)
+    figures = earlier_figures(job)
     return None if figures is None else _result(job, figures, "", reused=True)
 
 

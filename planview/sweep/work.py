@@ -71,7 +71,7 @@ def is_done(job: RunJob) -> bool:
 
 
 def track_and_score(job: StudyJob) -> dict[str, float]:
-    """Run unless that is done, and score; the figures are kept beside the run.
+    """Run unless that is done, and score; the figures are written beside the run.
 
     Raises:
         InputError, WorkError: as ``track``; truth that cannot be read.
@@ -89,11 +89,11 @@ def track_and_score(job: StudyJob) -> dict[str, float]:
     return figures
 
 
-def kept_figures(job: StudyJob) -> dict[str, float] | None:
+def earlier_figures(job: StudyJob) -> dict[str, float] | None:
     """Figures of an earlier study with the same input, configuration, version and truth; None where there are none."""
     try:
-        kept: Any = json.loads(_scores_file(job).read_text(encoding="utf-8"))
-        return {str(name): float(value) for name, value in kept.items()}
+        found: Any = json.loads(_scores_file(job).read_text(encoding="utf-8"))
+        return {str(name): float(value) for name, value in found.items()}
     except (OSError, ValueError, TypeError, AttributeError, RecursionError):
         return None
 

@@ -9,9 +9,9 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 _PACKAGED = Path(__file__).resolve().parent / "scenes"
 """Where an installed package has them (``setup.py``)."""
 SCENES = _PACKAGED if _PACKAGED.is_dir() else REPOSITORY / "data" / "synthetic"
-"""The committed scenes, one TOML each."""
+"""The scenes of the package, one TOML each."""
 DEMO = SCENES / "demo"
-"""The committed clip."""
+"""The demo clip."""
 
 
 def real_recordings() -> Path:

@@ -52,7 +52,7 @@ class Handling:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A person's movement at TICK_HZ; arrays (T,) over time unless said.
+    """A person's movement at TICK_HZ; arrays (T,) over time unless noted.
 
     Attributes:
         first_s, last_s: the person exists from first to last (exclusive; infinite when it stays).
@@ -173,7 +173,7 @@ def step_length_m(height_m: float, speed_mps: F64) -> F64:
 
 
 def _headings(face: F64, along: F64, speed: F64, first: float) -> F64:
-    """Along the movement while moving, else as told, else unchanged; turned smoothly the short way."""
+    """Along the movement while moving, else as the step says, else unchanged; turned smoothly the short way."""
     wanted = np.where(speed > 0.25, along, face)
     held = np.empty_like(wanted)
     current = first

@@ -191,12 +191,12 @@ def measured_rate(table: Trajectories) -> float | None:
 
 
 def _plain_rows(table: Trajectories, needs_floor: bool, lost: bool) -> Trajectories:
-    kept = (table.state == "confirmed") | (lost & (table.state == "lost"))
+    confirmed = (table.state == "confirmed") | (lost & (table.state == "lost"))
     floor = np.isfinite(table.x_m) & np.isfinite(table.y_m)
     usable = floor if needs_floor else floor | np.isfinite(table.box_px).all(axis=1)
     if len(table) and not usable.any():
         raise InputError("expected trajectories with floor positions, found none")
-    return table.where(kept & usable)
+    return table.where(confirmed & usable)
 
 
 class FilePair(NamedTuple):

@@ -91,9 +91,9 @@ def _has_classes(table: F64) -> Bool | bool:
 
 def _with_classes(table: F64) -> Trajectories:
     distractor = np.isin(table[:, 7], _DISTRACTORS)
-    kept = distractor | ((table[:, 7] == _PEDESTRIAN) & (table[:, 6] == 1))
+    counted = distractor | ((table[:, 7] == _PEDESTRIAN) & (table[:, 6] == 1))
     visible = np.where(distractor, IGNORED, table[:, 8])
-    return _positions(table[kept], np.full((int(kept.sum()), 2), np.nan), visible[kept])
+    return _positions(table[counted], np.full((int(counted.sum()), 2), np.nan), visible[counted])
 
 
 def _floor(table: F64) -> F64:
@@ -110,7 +110,7 @@ def _positions(table: F64, floor_m: F64, visible: F64 | None = None) -> Trajecto
 
 
 def read_petrack(path: Path) -> TrajectoryFile:
-    """Read a text file whose comments tell the unit and, usually, the frame rate.
+    """Read a text file whose comments give the unit and, usually, the frame rate.
 
     A z of 0 or less, or none, is no height.
 

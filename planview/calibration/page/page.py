@@ -58,7 +58,7 @@ class Panel:
                 self._spinner = ui.spinner(size="1.2em")
                 self._busy = ui.label("solving").classes("text-caption")
                 self._count = ui.label().classes("text-caption")
-            self._verdict = ui.label().classes("w-full q-pa-sm rounded-borders text-white")
+            self._assessment = ui.label().classes("w-full q-pa-sm rounded-borders text-white")
             self._values = ui.column().classes("w-full gap-0")
             self._people = ui.column().classes("w-full gap-0")
             if session.view is None:
@@ -91,12 +91,12 @@ class Panel:
         points = f", {len(session.floor_points)} floor points" if session.floor_points else ""
         people = f"{len(session.samples)} people" if session.view is None else "floor of a stereo recording"
         self._count.text = f"{people}{points}"
-        verdict = session.solution.verdict()
-        self._verdict.visible = verdict is not None
-        if verdict is not None:
-            self._verdict.text = verdict.sentence
-            colour = "#1b7f3b" if verdict.enough else "#b54708"
-            self._verdict.style(f"background: {colour}; opacity: {0.5 if solving else 1}")
+        assessment = session.solution.assessment()
+        self._assessment.visible = assessment is not None
+        if assessment is not None:
+            self._assessment.text = assessment.sentence
+            colour = "#1b7f3b" if assessment.enough else "#b54708"
+            self._assessment.style(f"background: {colour}; opacity: {0.5 if solving else 1}")
         # Rebuilt only when changed: the page refreshes with every movement of the mouse.
         listed = (session.solution, tuple(session.samples), session.shown, session.selected)
         if listed != self._listed:
@@ -365,9 +365,9 @@ class Page:
     async def _on_export(self) -> None:
         while self._solving:
             await asyncio.sleep(0.05)
-        verdict, solution = self._session.solution.verdict(), self._session.solution
-        if (solution.found or solution.fit) and verdict is not None and not verdict.enough:
-            self._ask(verdict.sentence)
+        assessment, solution = self._session.solution.assessment(), self._session.solution
+        if (solution.found or solution.fit) and assessment is not None and not assessment.enough:
+            self._ask(assessment.sentence)
         else:
             self.export()
 

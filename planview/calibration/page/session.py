@@ -49,7 +49,7 @@ class CalibrationSession:
         floor_points: (u, v) on the floor, in the order made.
         selected: what was picked up last.
         solution: what was computed last.
-        message: what to tell the person at the screen.
+        message: for the person at the screen.
     """
 
     name: str
@@ -325,10 +325,10 @@ def open_session(path: Path, calibration: Path | None = None, n_frames: int = 40
         return CalibrationSession(str(path), [view.image], [0], view, plain_floor)
     video = open_video(path)
     step = max(1, video.n_frames // n_frames)
-    kept = [(frame.index, frame.image) for frame in video if frame.index % step == 0]
-    if not kept:
+    pictures = [(frame.index, frame.image) for frame in video if frame.index % step == 0]
+    if not pictures:
         raise InputError(f"{path}: expected a video with frames, found none that can be decoded")
-    session = CalibrationSession(path.name, [image for _, image in kept], [index for index, _ in kept])
+    session = CalibrationSession(path.name, [image for _, image in pictures], [index for index, _ in pictures])
     session.known = known_of(path, session.size)
     return session
 

@@ -88,7 +88,7 @@ class ValueRow(NamedTuple):
     deviation: str
 
 
-class Verdict(NamedTuple):
+class Assessed(NamedTuple):
     """Whether a solution may be used without a second thought, and why."""
 
     enough: bool
@@ -123,15 +123,17 @@ def floor_rows(fit: FloorFit, found: Floor | None) -> list[ValueRow]:
     ]
 
 
-def floor_verdict(fit: FloorFit) -> Verdict:
+def floor_assessment(fit: FloorFit) -> Assessed:
     """A plane through three points fits whatever they lie on; the fourth one checks it."""
     n_used, n_off = int(fit.used.sum()), int((~fit.used).sum())
     if n_off and n_used < n_off + 3:
-        return Verdict(False, f"not enough: {n_off} of {n_used + n_off} points lie off the plane of the others")
+        return Assessed(False, f"not enough: {n_off} of {n_used + n_off} points lie off the plane of the others")
     if n_used < 4:
-        return Verdict(False, "not enough: three points fit any plane; add a fourth one far from them, which checks it")
+        return Assessed(
+            False, "not enough: three points fit any plane; add a fourth one far from them, which checks it"
+        )
     off = f"; {n_off} off the plane not used" if n_off else ""
-    return Verdict(True, f"enough: {n_used} points lie on one plane{off}")
+    return Assessed(True, f"enough: {n_used} points lie on one plane{off}")
 
 
 def _angle(name: str, value_rad: float, std_rad: float) -> ValueRow:
@@ -175,13 +177,13 @@ class Solution:
             return camera_rows(self.found)
         return floor_rows(self.fit, plain_floor) if self.fit else []
 
-    def verdict(self) -> Verdict | None:
+    def assessment(self) -> Assessed | None:
         """Whether it is enough; None where nothing was solved."""
         if self.problem:
-            return Verdict(False, self.problem)
+            return Assessed(False, self.problem)
         if self.found is not None:
-            return Verdict(self.found.assessment.enough, self.found.assessment.sentence)
-        return floor_verdict(self.fit) if self.fit else None
+            return Assessed(self.found.assessment.enough, self.found.assessment.sentence)
+        return floor_assessment(self.fit) if self.fit else None
 
     def metres(self, pixels: Sequence[Point]) -> list[Point | None]:
         """World (x, y) of pixels on the floor of the camera found, None where they are not on the floor."""

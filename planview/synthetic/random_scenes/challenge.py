@@ -94,7 +94,7 @@ class ChallengeLight(Params):
 
 
 class Challenge(Params):
-    """A scene with every range drawn, but no person placed yet."""
+    """A scene with every range resolved, but no person placed yet."""
 
     description: str
     covers: tuple[Phenomenon, ...] = Field(min_length=1)

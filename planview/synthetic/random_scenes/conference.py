@@ -26,7 +26,7 @@ VISIBLE, BODY_M = 0.7, 1.7
 SEAT_INSIDE_M = 0.25
 """Seats are at least so far inside the zone: a person who sits on its outline is in and out by centimetres."""
 ATTEMPTS = 200
-"""Cameras that do not see all seats are drawn again."""
+"""Cameras that do not see all seats are tried again."""
 WALLS = ("#dad4c8", "#c8ccd0", "#b8b4ac", "#e2dccf")
 CARPETS = ("#66707c", "#7c6a5c", "#5c6a5e", "#8a8478")
 

@@ -18,7 +18,7 @@ CELL_M = 0.15
 CLEARANCE_M = 0.42
 """Distance of ways and places from walls and furniture [m]: half a shoulder width and a hand."""
 MIN_DISPARITY_PX = 4.0
-"""People stay near enough for this disparity; farther away stereo of the paper's image size tells little."""
+"""People stay near enough for this disparity; farther away stereo of the paper's image size is too coarse."""
 MIN_RANGE_M = 1.3
 """Horizontal distance that people keep from a camera on the wall [m]."""
 _VIEW_HEIGHTS_M = (0.9, 1.75)
@@ -110,7 +110,7 @@ _POSTERS = ("#7a3030", "#305070", "#28607a", "#5a7a30", "#805a20")
 
 
 class NoPlaceError(Exception):
-    """The drawn room, camera and people do not fit; another draw may."""
+    """The random room, camera and people do not fit; another draw may."""
 
 
 class Stage:
@@ -188,7 +188,7 @@ class Stage:
         return np.asarray(good)
 
     def spot(self, radius_m: float = 0.0, *, reserve: bool = True) -> F64:
-        """A random place (2,) of that radius, kept from others from now on unless told."""
+        """A random place (2,) of that radius, reserved unless ``reserve`` is false."""
         good = self.spots(radius_m)
         place = good[int(self.rng.integers(len(good)))]
         if reserve:

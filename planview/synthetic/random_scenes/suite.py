@@ -35,7 +35,7 @@ HIDDEN_M = 0.25
 LEAVE_S = 4.0
 """People who carry or push things are on their way out at the end, at most so long from the end of their steps [s]."""
 ATTEMPTS = 60
-"""Draws in which people would walk through each other, or do not fit into the view, are drawn again."""
+"""Attempts in which people would walk through each other, or do not fit into the view, are repeated."""
 
 CHOREOGRAPHIES: dict[Kind, Callable[[Stage, Choreography], list[Part]]] = {
     "cross": together.cross, "meet": together.meet, "stand": together.stand, "pair": together.pair,

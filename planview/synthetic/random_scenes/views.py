@@ -97,7 +97,7 @@ class ViewRoom(Params):
 
 
 class ViewTable(Params):
-    """A view with every range drawn, but no person placed yet."""
+    """A view with every range resolved, but no person placed yet."""
 
     description: str
     fps: float = Field(10.0, ge=5, le=30)
@@ -127,7 +127,7 @@ def random_view(
     """The view of a seed; the same table, seed and name give the same view.
 
     Args:
-        changes: values by section and key that take the place of those drawn, e.g. ``{"room": {"gloss": 0.2}}``.
+        changes: values by section and key that take the place of the random ones, e.g. ``{"room": {"gloss": 0.2}}``.
     Raises:
         pydantic.ValidationError: the table is no view, or a value is out of its range.
     """

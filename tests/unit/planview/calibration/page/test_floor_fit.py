@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from planview.calibration.page.solution import fit_plane, floor_verdict
+from planview.calibration.page.solution import fit_plane, floor_assessment
 
 FLOOR = np.array([(-1.0, 2.0, 3.0), (1.0, 2.0, 3.0), (0.0, 2.0, 5.0), (1.5, 2.0, 4.0), (-1.5, 2.0, 4.5)])
 """On a floor 2 m below a level camera (x right, y down, z forward)."""
@@ -30,6 +30,6 @@ def test_points_on_a_line_are_refused() -> None:
 
 
 def test_three_points_are_not_enough_and_four_on_a_plane_are() -> None:
-    three, four = (floor_verdict(fit_plane(FLOOR[:n], LIMIT[:n])) for n in (3, 4))
+    three, four = (floor_assessment(fit_plane(FLOOR[:n], LIMIT[:n])) for n in (3, 4))
     assert not three.enough and "fourth" in three.sentence
     assert four.enough

@@ -59,8 +59,8 @@ def test_solution_gives_every_value_with_its_deviation_and_a_verdict(solved: Cal
     rows = {row.name: row for row in solved.solution.rows()}
     assert rows["height above the floor"].value.startswith("3.5")
     assert all(rows[name].deviation.startswith("±") for name in ("height above the floor", "roll", "focal length"))
-    verdict = solved.solution.verdict()
-    assert verdict is not None and verdict.sentence.startswith("enough" if verdict.enough else "not enough")
+    assessment = solved.solution.assessment()
+    assert assessment is not None and assessment.sentence.startswith("enough" if assessment.enough else "not enough")
 
 
 def test_session_says_how_many_people_are_missing() -> None:
