@@ -13,7 +13,14 @@ import numpy as np
 from calib.errors import InputError
 from calib.types import F64, AnyArray
 from planview.trajectories.file import TrajectoryFile, checked_area, checked_rate, refuse_many, replaced
-from planview.trajectories.table import STATES, TRACK_COLUMNS, Trajectories, positions_table, sorted_rows
+from planview.trajectories.table import (
+    NUMBER_COLUMNS,
+    STATES,
+    TRACK_COLUMNS,
+    numbers_table,
+    positions_table,
+    sorted_rows,
+)
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -33,7 +40,6 @@ CREATE TABLE frame_data (frame INTEGER NOT NULL, geometry_hash INTEGER NOT NULL)
 CREATE INDEX frame_id_idx ON trajectory_data (frame, id);
 """
 _REQUIRED = ("frame", "id", "x_m", "y_m")
-_NUMBERS = tuple(name for name in TRACK_COLUMNS if name != "state")
 
 
 def read_ped_data_archive(path: Path) -> TrajectoryFile:
@@ -220,34 +226,22 @@ def read_parquet(path: Path) -> TrajectoryFile:
         if missing:
             raise InputError(f"{path}: expected the column {missing[0]!r}, found {', '.join(names) or 'none of ours'}")
         frame = pandas.read_parquet(path, engine="pyarrow", columns=names)
-        return _trajectories(path, frame)
+        numbers = [
+            frame[name].to_numpy(dtype=np.float64, na_value=np.nan) if name in frame else np.full(len(frame), np.nan)
+            for name in NUMBER_COLUMNS
+        ]
+        state = frame["state"].to_numpy(dtype=np.str_) if "state" in frame else np.full(len(frame), "confirmed")
+        foreign = set(np.unique(state)) - set(STATES)
+        if foreign:
+            raise InputError(f"{path}: expected a state of {', '.join(STATES)}, found {min(foreign)!r}")
+        fps, area = frame.attrs.get("fps"), frame.attrs.get("walkable_wkt")
+        return TrajectoryFile(
+            numbers_table(np.column_stack(numbers), state, path),
+            None if fps is None else checked_rate(path, fps),
+            None if area is None else checked_area(str(area), str(path)),
+        )
     except (OSError, ValueError, TypeError, ArrowException) as error:
         raise InputError(f"{path}: expected trajectories in Parquet, found {' '.join(str(error).split())}") from error
-
-
-def _trajectories(path: Path, frame: DataFrame) -> TrajectoryFile:
-    unknown = np.full(len(frame), np.nan)
-    numbers = {n: frame[n].to_numpy(dtype=np.float64, na_value=np.nan) if n in frame else unknown for n in _NUMBERS}
-    rows: F64 = np.column_stack([*numbers.values(), np.arange(len(frame))])
-    rows = sorted_rows(path, rows, frame=_NUMBERS.index("frame"), track_id=_NUMBERS.index("id"))
-    column = dict(zip(_NUMBERS, rows.T[:-1], strict=True))
-    state = frame["state"].to_numpy(dtype=np.str_) if "state" in frame else np.full(len(frame), "confirmed")
-    foreign = set(np.unique(state)) - set(STATES)
-    if foreign:
-        raise InputError(f"{path}: expected a state of {', '.join(STATES)}, found {min(foreign)!r}")
-    table = Trajectories(
-        frame=column["frame"].astype(np.int64), track_id=column["id"].astype(np.int64),
-        timestamp_s=column["timestamp_s"], x_m=column["x_m"], y_m=column["y_m"], height_m=column["height_m"],
-        state=state[rows[:, -1].astype(np.int64)], visible=np.ones(len(rows)),
-        box_px=np.column_stack([column[n] for n in ("left_px", "top_px", "width_px", "height_px")]),
-        velocity_mps=np.column_stack([column["vx_mps"], column["vy_mps"]]),
-    )  # fmt: skip
-    fps, area = frame.attrs.get("fps"), frame.attrs.get("walkable_wkt")
-    return TrajectoryFile(
-        table,
-        None if fps is None else checked_rate(path, fps),
-        None if area is None else checked_area(str(area), str(path)),
-    )
 
 
 def _pandas() -> Any:

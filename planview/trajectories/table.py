@@ -31,6 +31,7 @@ TRACK_COLUMNS = (
     "frame", "timestamp_s", "id", "x_m", "y_m", "vx_mps", "vy_mps", "height_m", "state",
     "left_px", "top_px", "width_px", "height_px",
 )  # fmt: skip
+NUMBER_COLUMNS = tuple(name for name in TRACK_COLUMNS if name != "state")
 TRUTH_COLUMNS = ("frame", "id", "x_m", "y_m", "height_m")
 STATES = ("tentative", "confirmed", "lost")
 IGNORED = -1.0
@@ -259,6 +260,24 @@ def positions_table(
     )
 
 
+def numbers_table(numbers: F64, state: WordColumn, path: Path | None = None) -> Trajectories:
+    """Tracks from (N, 12) numbers in the order of NUMBER_COLUMNS, and (N,) states.
+
+    Args:
+        path: of the file that the rows come from; they are sorted then, and checked.
+    Raises:
+        InputError: see ``sorted_rows``.
+    """
+    if path is not None:
+        numbers = sorted_rows(path, np.column_stack([numbers, np.arange(len(numbers))]), frame=0, track_id=2)
+        state, numbers = state[numbers[:, -1].astype(np.int64)], numbers[:, :-1]
+    frame, track_id = numbers[:, [0, 2]].T.astype(np.int64)
+    return Trajectories(
+        frame, track_id, numbers[:, 1], numbers[:, 3], numbers[:, 4], numbers[:, 7], state, np.ones(len(numbers)),
+        box_px=numbers[:, 8:], velocity_mps=numbers[:, 5:7],
+    )  # fmt: skip
+
+
 def concatenated(tables: Sequence[Trajectories]) -> Trajectories:
     """The rows of at least one table together, sorted by frame, then id."""
     names = Trajectories.__dataclass_fields__
@@ -327,20 +346,14 @@ class TrajectoryCollector:
     def trajectories(self) -> Trajectories:
         """Everything gathered so far, rounded as in ``tracks.csv``: 0.1 mm, 0.1 ms, 0.1 px."""
         rows = sorted(self._rows, key=lambda row: (row[0], row[2].track_id))
-        tracks = [track for _, _, track in rows]
-        place = _rounded([(t.x_m, t.y_m, t.height_m, t.vx_mps, t.vy_mps) for t in tracks], 5, 4)
-        return Trajectories(
-            frame=np.array([frame for frame, _, _ in rows], dtype=np.int64),
-            track_id=np.array([track.track_id for track in tracks], dtype=np.int64),
-            timestamp_s=_rounded([(time,) for _, time, _ in rows], 1, 4)[:, 0],
-            x_m=place[:, 0],
-            y_m=place[:, 1],
-            height_m=place[:, 2],
-            state=np.array([track.state for track in tracks], dtype=np.str_),
-            visible=np.ones(len(rows)),
-            box_px=_rounded([track.box_px for track in tracks], 4, 1),
-            velocity_mps=place[:, 3:],
-        )
+        numbers = [
+            (frame, _rounded(time, 4), t.track_id,
+             *(_rounded(value, 4) for value in (t.x_m, t.y_m, t.vx_mps, t.vy_mps, t.height_m)),
+             *(_rounded(value, 1) for value in t.box_px))
+            for frame, time, t in rows
+        ]  # fmt: skip
+        states = np.array([track.state for _, _, track in rows], dtype=np.str_)
+        return numbers_table(np.array(numbers, dtype=np.float64).reshape(-1, len(NUMBER_COLUMNS)), states)
 
 
 def read_tracks(path: Path, *, boxes: bool = True) -> Trajectories:
@@ -363,10 +376,9 @@ def _cell(value: float, digits: int) -> str:
     return "" if math.isnan(value) else f"{value:.{digits}f}"
 
 
-def _rounded(rows: Sequence[Sequence[float]], columns: int, digits: int) -> F64:
-    """(N, columns) values with as many digits as the file has; NaN where its cell is empty."""
-    values = [[float(_cell(value, digits) or "nan") for value in row] for row in rows]
-    return np.array(values, dtype=np.float64).reshape(-1, columns)
+def _rounded(value: float, digits: int) -> float:
+    """With as many digits as the file has; NaN where its cell is empty."""
+    return float(_cell(value, digits) or "nan")
 
 
 def _read(path: Path, required: tuple[str, ...], what: str, boxes: bool = True) -> Trajectories:

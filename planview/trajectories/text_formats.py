@@ -16,7 +16,16 @@ from calib.errors import InputError
 from calib.text import reason
 from calib.types import F64, Bool
 from planview.trajectories.file import TrajectoryFile, checked_rate, replaced
-from planview.trajectories.table import IGNORED, STATES, Trajectories, positions_table, read_numbers, sorted_rows
+from planview.trajectories.table import (
+    IGNORED,
+    NUMBER_COLUMNS,
+    STATES,
+    Trajectories,
+    numbers_table,
+    positions_table,
+    read_numbers,
+    sorted_rows,
+)
 
 _PEDESTRIAN = 1
 _DISTRACTORS = (2, 7, 8, 12)
@@ -181,7 +190,14 @@ def stream_jsonl(out: IO[str], table: Trajectories) -> None:
     frames, first = np.unique(table.frame, return_index=True)
     for frame, start, end in zip(frames.tolist(), first.tolist(), [*first[1:].tolist(), len(table)], strict=True):
         time = _known(float(table.timestamp_s[start]))
-        people = [_person(table, row) for row in range(start, end)]
+        people = []
+        for row in range(start, end):
+            vx, vy = table.velocity_mps[row]
+            values = (table.x_m[row], table.y_m[row], vx, vy, table.height_m[row])
+            box = [_known(float(value)) for value in table.box_px[row]]
+            person = {"id": int(table.track_id[row]), "state": str(table.state[row])}
+            person |= {name: _known(float(value)) for name, value in zip(_VALUES, values, strict=True)}
+            people.append(person | {"box_px": None if None in box else box})
         out.write(json.dumps({"frame": frame, "timestamp_s": time, "people": people}) + "\n")
 
 
@@ -196,20 +212,19 @@ def read_jsonl(path: Path) -> TrajectoryFile:
     for line, frame in _frames(path):
         try:
             for person in frame["people"]:
-                numbers.append(_numbers(frame, person))
-                states.append(_state(person.get("state", "confirmed")))
+                box, state = person.get("box_px") or [None] * 4, person.get("state", "confirmed")
+                if len(box) != 4:
+                    raise ValueError(f"a box of {len(box)} numbers")
+                values = (frame.get("timestamp_s"), *(person.get(name) for name in _VALUES), *box)
+                time, *rest = (math.nan if v is None else float(v) for v in values)
+                numbers.append([float(frame["frame"]), time, float(person["id"]), *rest])
+                if state not in STATES:
+                    raise ValueError(f"the state {str(state)[:40]!r}")
+                states.append(str(state))
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise InputError(f"{path}: expected a frame with people in line {line}, found {_found(error)}") from error
-    rows: F64 = np.column_stack([np.array(numbers, dtype=np.float64).reshape(-1, 12), np.arange(len(numbers))])
-    rows = sorted_rows(path, rows, frame=0, track_id=1)
-    order = rows[:, 12].astype(np.int64)
-    return TrajectoryFile(
-        Trajectories(
-            frame=rows[:, 0].astype(np.int64), track_id=rows[:, 1].astype(np.int64), timestamp_s=rows[:, 2],
-            x_m=rows[:, 3], y_m=rows[:, 4], height_m=rows[:, 7], state=np.array(states, dtype=np.str_)[order],
-            visible=np.ones(len(rows)), box_px=rows[:, 8:12], velocity_mps=rows[:, 5:7],
-        )
-    )  # fmt: skip
+    rows = np.array(numbers, dtype=np.float64).reshape(-1, len(NUMBER_COLUMNS))
+    return TrajectoryFile(numbers_table(rows, np.array(states, dtype=np.str_), path))
 
 
 def _frames(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
@@ -230,32 +245,6 @@ def _frames(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
                 yield number, value
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: expected JSON lines, found {reason(error)}") from error
-
-
-def _numbers(frame: dict[str, Any], person: dict[str, Any]) -> list[float]:
-    box = person.get("box_px") or [None] * 4
-    if len(box) != 4:
-        raise ValueError(f"a box of {len(box)} numbers")
-    values = [frame.get("timestamp_s"), *(person.get(name) for name in _VALUES), *box]
-    return [float(frame["frame"]), float(person["id"]), *(math.nan if v is None else float(v) for v in values)]
-
-
-def _state(state: object) -> str:
-    if state not in STATES:
-        raise ValueError(f"the state {str(state)[:40]!r}")
-    return str(state)
-
-
-def _person(table: Trajectories, row: int) -> dict[str, Any]:
-    vx, vy = table.velocity_mps[row]
-    values = (table.x_m[row], table.y_m[row], vx, vy, table.height_m[row])
-    box = [_known(float(value)) for value in table.box_px[row]]
-    return {
-        "id": int(table.track_id[row]),
-        "state": str(table.state[row]),
-        **{name: _known(float(value)) for name, value in zip(_VALUES, values, strict=True)},
-        "box_px": None if None in box else box,
-    }
 
 
 def _known(value: float) -> float | None:
