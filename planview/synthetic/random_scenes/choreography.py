@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -117,6 +118,12 @@ def _pair(point: F64) -> tuple[float, float]:
 def begin_s(plan: Choreography, k: int) -> float:
     """When the k-th person sets out."""
     return plan.start_s + k * plan.every_s
+
+
+def arriving(stage: Stage, plan: Choreography) -> Iterator[Part]:
+    """The people of a plan; what one of them does is decided before the next one comes."""
+    for k in range(plan.people):
+        yield Part(stage, begin_s(plan, k), None, plan.speed_mps)
 
 
 def unit(angle: float) -> F64:
@@ -236,17 +243,14 @@ def _mill(
         part.until(span[1], at + np.pi)
 
 
-def stand(stage: Stage, plan: Choreography) -> list[Part]:
+def stand(stage: Stage, plan: Choreography) -> Iterator[Part]:
     """Stand at a place for a long time: shift, look around, scratch, bend."""
-    parts = []
-    for k in range(plan.people):
-        part = Part(stage, begin_s(plan, k), None, plan.speed_mps)
+    for part in arriving(stage, plan):
         place = stage.spot(0.55)
         part.walk_to(place)
         fidget(part, plan.duration_s, ("stand", "stand", "reach", "bend"))
         part.leave()
-        parts.append(part)
-    return parts
+        yield part
 
 
 def fidget(part: Part, duration_s: float, actions: tuple[str, ...]) -> None:
@@ -261,11 +265,9 @@ def fidget(part: Part, duration_s: float, actions: tuple[str, ...]) -> None:
             part.go([place + rng.uniform(-0.09, 0.09, 2)], 0.3)
 
 
-def postures(stage: Stage, plan: Choreography) -> list[Part]:
+def postures(stage: Stage, plan: Choreography) -> Iterator[Part]:
     """Crouch, bend and reach, with short stands between."""
-    parts = []
-    for k in range(plan.people):
-        part = Part(stage, begin_s(plan, k), None, plan.speed_mps)
+    for part in arriving(stage, plan):
         part.walk_to(stage.spot(0.6))
         for action in stage.rng.permutation(["crouch", "bend", "reach", "crouch"]):
             face = float(stage.rng.uniform(-np.pi, np.pi))
@@ -273,15 +275,12 @@ def postures(stage: Stage, plan: Choreography) -> list[Part]:
             part.do(str(action), float(stage.rng.uniform(1.5, 4.0)), face)
         part.do("stand", 1.0)
         part.leave()
-        parts.append(part)
-    return parts
+        yield part
 
 
-def cartwheel(stage: Stage, plan: Choreography) -> list[Part]:
+def cartwheel(stage: Stage, plan: Choreography) -> Iterator[Part]:
     """Turn a cartwheel across the view, with a run-up, and one back."""
-    parts = []
-    for k in range(plan.people):
-        part = Part(stage, begin_s(plan, k), None, plan.speed_mps)
+    for part in arriving(stage, plan):
         centre, way = stage.spot(1.3), unit(float(stage.rng.uniform(-0.5, 0.5)))
         ends = [centre - 1.0 * way, centre + 1.0 * way]
         part.walk_to(ends[0])
@@ -291,8 +290,7 @@ def cartwheel(stage: Stage, plan: Choreography) -> list[Part]:
         part.cartwheel(ends[0])
         part.do("stand", 2.0)
         part.leave()
-        parts.append(part)
-    return parts
+        yield part
 
 
 def pair(stage: Stage, plan: Choreography) -> list[Part]:
@@ -330,11 +328,9 @@ def _legs(
     return legs, side
 
 
-def come_back(stage: Stage, plan: Choreography) -> list[Part]:
+def come_back(stage: Stage, plan: Choreography) -> Iterator[Part]:
     """Leave the view and come back after a while, again and again."""
-    parts = []
-    for k in range(plan.people):
-        part = Part(stage, begin_s(plan, k), None, plan.speed_mps)
+    for part in arriving(stage, plan):
         while True:
             place = stage.spot(0.4, reserve=False)
             part.walk_to(place)
@@ -343,8 +339,7 @@ def come_back(stage: Stage, plan: Choreography) -> list[Part]:
                 break
             _out_of_view(part, float(stage.rng.uniform(*plan.away_s)))
         part.leave()
-        parts.append(part)
-    return parts
+        yield part
 
 
 def _out_of_view(part: Part, pause_s: float) -> None:

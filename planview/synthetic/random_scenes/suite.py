@@ -7,7 +7,7 @@ one of the list; everything else is taken as it is.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,7 @@ LEAVE_S = 4.0
 ATTEMPTS = 60
 """Attempts in which people would walk through each other, or do not fit into the view, are repeated."""
 
-CHOREOGRAPHIES: dict[Kind, Callable[[Stage, Choreography], list[Part]]] = {
+CHOREOGRAPHIES: dict[Kind, Callable[[Stage, Choreography], Iterable[Part]]] = {
     "cross": together.cross, "meet": together.meet, "stand": together.stand, "pair": together.pair,
     "return": together.come_back, "wander": together.wander, "cartwheel": together.cartwheel,
     "postures": together.postures, "sit": things.sit, "floor": things.floor, "chair": things.chair,

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from calib.types import F64
 from planview.synthetic.people import PUSH_M
 from planview.synthetic.random_scenes.challenge import Choreography
-from planview.synthetic.random_scenes.choreography import Part, begin_s, fidget, unit
+from planview.synthetic.random_scenes.choreography import Part, arriving, begin_s, fidget, unit
 from planview.synthetic.random_scenes.stage import NoPlaceError, Stage
 from planview.synthetic.scene import Surface
 
@@ -31,7 +33,15 @@ def _to_camera(stage: Stage, place: F64) -> float:
     return float(np.arctan2(offset[1], offset[0]))
 
 
-def sit(stage: Stage, plan: Choreography) -> list[Part]:
+def _outside(stage: Stage, plan: Choreography) -> Part:
+    """The first person of a plan before any step, out of view."""
+    part = Part(stage, begin_s(plan, 0), None, plan.speed_mps)
+    part.steps.pop()
+    part.time_s, part.place = part.enter_s, part.start
+    return part
+
+
+def sit(stage: Stage, plan: Choreography) -> Iterator[Part]:
     """Sit on chairs, one of them low."""
     seats = []
     for k in range(plan.people):
@@ -45,40 +55,39 @@ def sit(stage: Stage, plan: Choreography) -> list[Part]:
                 size_m=(0.45, 0.5, 0.33) if low else None, surface=_surface(stage),
             )
         )  # fmt: skip
-    parts = []
-    for k, seat in enumerate(seats):
-        part = Part(stage, begin_s(plan, k), None, plan.speed_mps)
+    for seat, part in zip(seats, arriving(stage, plan), strict=True):
         part.take_seat(seat, plan.duration_s)
         part.do("stand", 1.0)
         part.leave()
-        parts.append(part)
-    return parts
+        yield part
 
 
-def floor(stage: Stage, plan: Choreography) -> list[Part]:
+def floor(stage: Stage, plan: Choreography) -> Iterator[Part]:
     """Sit on the floor."""
-    parts = []
-    for k in range(plan.people):
-        part, place = Part(stage, begin_s(plan, k), None, plan.speed_mps), stage.spot(0.75)
+    for part in arriving(stage, plan):
+        place = stage.spot(0.75)
         part.walk_to(place)
         face = _to_camera(stage, place) + float(stage.rng.uniform(-1.5, 1.5))
         part.do("stand", 1.0, face)
         part.do("sit", plan.duration_s, face)
         part.do("stand", 1.5, face)
         part.leave()
-        parts.append(part)
-    return parts
+        yield part
 
 
-def chair(stage: Stage, plan: Choreography) -> list[Part]:
+def chair(stage: Stage, plan: Choreography) -> Iterator[Part]:
     """The first person rolls a chair to another place and leaves it; every further one rolls it on."""
     here = stage.spot(0.9, reserve=False)
     item = _name(stage, "chair")
     stage.put(kind="office_chair", name=item, at_m=tuple(here), heading_deg=float(stage.rng.uniform(0, 360)),
               surface=_surface(stage))  # fmt: skip
-    parts, ready = [], 0.0
+    ready = 0.0
     for k in range(plan.people):
-        there = _other_place(stage, here, 1.2)
+        good = stage.spots(0.8)
+        good = good[np.linalg.norm(good - here, axis=1) > 1.2]
+        if len(good) == 0:
+            raise NoPlaceError("no other place for a chair")
+        there = good[int(stage.rng.integers(len(good)))]
         way = (there - here) / np.linalg.norm(there - here)
         face = float(np.arctan2(way[1], way[0]))
         part = Part(stage, max(begin_s(plan, k), ready - 4), None, plan.speed_mps)
@@ -89,17 +98,8 @@ def chair(stage: Stage, plan: Choreography) -> list[Part]:
         part.do("stand", 1.0, face)
         part.go([there - (PUSH_M + 0.4) * way])
         part.leave()
-        parts.append(part)
+        yield part
         here = there
-    return parts
-
-
-def _other_place(stage: Stage, here: F64, far_m: float) -> F64:
-    good = stage.spots(0.8)
-    good = good[np.linalg.norm(good - here, axis=1) > far_m]
-    if len(good) == 0:
-        raise NoPlaceError("no other place for a chair")
-    return np.asarray(good[int(stage.rng.integers(len(good)))])
 
 
 def bag(stage: Stage, plan: Choreography) -> list[Part]:
@@ -108,13 +108,10 @@ def bag(stage: Stage, plan: Choreography) -> list[Part]:
     size = (0.3, 0.4, float(stage.rng.uniform(0.3, 0.55)))
     place = stage.spot(0.9)
     stage.put(kind=kind, name=item, at_m=_FAR, size_m=size, surface=_surface(stage))
-    bringer = Part(stage, begin_s(plan, 0), None, plan.speed_mps)
-    bringer.steps[0]["carry"] = item
-    way = stage.route(bringer.place, place)
-    bringer.steps.pop()
-    bringer.time_s, bringer.place = bringer.enter_s, bringer.start
+    bringer = _outside(stage, plan)
+    way = stage.route(bringer.inside, place)
     bringer.go([bringer.behind, bringer.inside, *way], carry=item)
-    put = place + PUT_M * unit(_last_heading(bringer, way))
+    put = place + PUT_M * unit(_to(way[-2] if len(way) > 1 else bringer.inside, way[-1]))
     bringer.do("bend", 1.2)
     bringer.leave()
     taker = Part(stage, max(begin_s(plan, 1), bringer.time_s + plan.duration_s - 6), None, plan.speed_mps)
@@ -129,11 +126,6 @@ def _to(a: F64, b: F64) -> float:
     return float(np.arctan2(b[1] - a[1], b[0] - a[0]))
 
 
-def _last_heading(part: Part, way: list[F64]) -> float:
-    before = way[-2] if len(way) > 1 else part.inside
-    return _to(before, way[-1])
-
-
 def book(stage: Stage, plan: Choreography) -> list[Part]:
     """One person puts a book on a shelf at eye level, another takes it."""
     sy = stage.room.size_m[1]
@@ -146,9 +138,7 @@ def book(stage: Stage, plan: Choreography) -> list[Part]:
     stage.put(kind="box", name=item, at_m=_FAR, size_m=(0.22, 0.07, 0.3), surface=_surface(stage, 0.08))
     at = np.array([x, shelf_y - 0.2 - PUT_M])
     before = at - np.array([0.0, 0.45])
-    bringer = Part(stage, begin_s(plan, 0), None, plan.speed_mps)
-    bringer.steps.pop()
-    bringer.time_s, bringer.place = bringer.enter_s, bringer.start
+    bringer = _outside(stage, plan)
     way = stage.route(bringer.inside, before)
     bringer.go([bringer.behind, bringer.inside, *way, at], carry=item, put_z_m=z)
     bringer.do("reach", 1.5, np.pi / 2)
@@ -163,7 +153,7 @@ def book(stage: Stage, plan: Choreography) -> list[Part]:
     return [bringer, taker]
 
 
-def partition(stage: Stage, plan: Choreography) -> list[Part]:
+def partition(stage: Stage, plan: Choreography) -> Iterator[Part]:
     """Walk to and fro behind a row of partitions that leave heads in view, and behind a screen that leaves nothing."""
     spots = stage.spots(0.2)
     low, high = np.quantile(spots[:, 1], [0.1, 0.98])
@@ -180,9 +170,7 @@ def partition(stage: Stage, plan: Choreography) -> list[Part]:
     free = x0 + 0.4 if x - x0 > x1 - x else x1 - 0.4
     if abs(free - x) > length / 2 + 0.6:
         stage.put(kind="partition", at_m=(free, y + 0.1), heading_deg=90.0, size_m=(0.06, 0.9, 2.05))
-    parts = []
-    for k in range(plan.people):
-        part = Part(stage, begin_s(plan, k), None, plan.speed_mps)
+    for k, part in enumerate(arriving(stage, plan)):
         lane = y + 0.75 + 0.62 * (k % 2)
         end = part.time_s + plan.duration_s
         while part.time_s < end:
@@ -191,5 +179,4 @@ def partition(stage: Stage, plan: Choreography) -> list[Part]:
             part.go([np.array([x, lane])])
             fidget(part, 3.0, ("stand",))
         part.leave()
-        parts.append(part)
-    return parts
+        yield part
