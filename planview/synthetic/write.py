@@ -81,21 +81,30 @@ def _write_frames(renderer: SceneRenderer, folder: Path, count: int, storage: St
     truth.write(TRUTH_HEADER + (BOX_HEADER if single else "") + "\n")
     times.write("frame,timestamp_s\n")
     sides = [""] if single else ["left", "right"]
-    sinks = [_sink(folder, side, storage, renderer) for side in sides]
+    videos: list[_Video] = []
     rows = 0
+    for side in sides:
+        if storage == "video":
+            videos.append(_Video(folder / f"{side or 'video'}.mp4", renderer.scene.fps, renderer.size))
+        else:
+            (folder / side).mkdir(parents=True, exist_ok=True)
     try:
         for index in range(count):
             frame = renderer.frame(index)
-            for sink, image in zip(sinks, (frame.left, frame.right), strict=False):
-                if image is not None:
-                    sink.write(image)
+            images = [image for image in (frame.left, frame.right) if image is not None]
+            for video, image in zip(videos, images, strict=False):
+                video.write(image)
+            if not videos:
+                for side, image in zip(sides, images, strict=True):
+                    content = encode_image(image, f".{storage}", quality=95)
+                    (folder / side / f"{index:06d}.{storage}").write_bytes(content)
             times.write(f"{index},{frame.timestamp_s:.6f}\n")
             truth.writelines(truth_line(index, row, boxes=single) for row in frame.truth)
             rows += len(frame.truth)
             done()
     finally:
-        for sink in sinks:
-            sink.close()
+        for video in videos:
+            video.close()
     return rows
 
 
@@ -106,22 +115,6 @@ def truth_line(frame: int, row: TruthRow, *, boxes: bool) -> str:
     if boxes:
         cells += ["" if math.isnan(v) else f"{v:.1f}" for v in (*row.box_px, *row.full_box_px)]
     return ",".join(cells) + "\n"
-
-
-class _Images:
-    """Numbered image files."""
-
-    def __init__(self, folder: Path, ending: str) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        self._folder, self._ending, self._next = folder, ending, 0
-
-    def write(self, image: U8) -> None:
-        content = encode_image(image, f".{self._ending}", quality=95)
-        (self._folder / f"{self._next:06d}.{self._ending}").write_bytes(content)
-        self._next += 1
-
-    def close(self) -> None:
-        """Nothing is open between images."""
 
 
 class _Video:
@@ -139,36 +132,24 @@ class _Video:
         self._writer.release()
 
 
-def _sink(folder: Path, side: str, storage: Storage, renderer: SceneRenderer) -> _Images | _Video:
-    if storage != "video":
-        return _Images(folder / side, storage)
-    return _Video(folder / f"{side or 'video'}.mp4", renderer.scene.fps, renderer.size)
-
-
 def _write_calibration(renderer: SceneRenderer, folder: Path, *, opencv: bool, world: bool) -> None:
-    if renderer.rig is not None:
-        save_rig(renderer.rig, folder / "rig.toml")
+    rig = renderer.rig
     if renderer.ground_camera is not None:
         save_ground_camera(renderer.ground_camera, folder / "camera.toml")
-    if opencv and renderer.rig is not None:
-        _write_opencv(renderer, folder)
+    if rig is not None:
+        save_rig(rig, folder / "rig.toml")
     if world and renderer.world_SE3_left is not None:
         save_world(Floor(renderer.world_SE3_left), folder / "world.toml")
-
-
-def _write_opencv(renderer: SceneRenderer, folder: Path) -> None:
-    """intrinsics.yml and extrinsics.yml as OpenCV's stereo_calib sample writes them."""
-    rig = renderer.rig
-    assert rig is not None  # the caller has looked
-    inner = cv2.FileStorage(str(folder / "intrinsics.yml"), cv2.FILE_STORAGE_WRITE)
-    for name, camera in (("1", rig.left), ("2", rig.right)):
-        inner.write(f"M{name}", camera.matrix)
-        inner.write(f"D{name}", camera.coefficients.reshape(1, -1))
-    inner.release()
-    outer = cv2.FileStorage(str(folder / "extrinsics.yml"), cv2.FILE_STORAGE_WRITE)
-    outer.write("R", rig.right_SE3_left.rotation)
-    outer.write("T", rig.right_SE3_left.translation.reshape(3, 1))
-    outer.release()
+    if opencv and rig is not None:  # as OpenCV's stereo_calib sample writes them
+        inner = cv2.FileStorage(str(folder / "intrinsics.yml"), cv2.FILE_STORAGE_WRITE)
+        for name, camera in (("1", rig.left), ("2", rig.right)):
+            inner.write(f"M{name}", camera.matrix)
+            inner.write(f"D{name}", camera.coefficients.reshape(1, -1))
+        inner.release()
+        outer = cv2.FileStorage(str(folder / "extrinsics.yml"), cv2.FILE_STORAGE_WRITE)
+        outer.write("R", rig.right_SE3_left.rotation)
+        outer.write("T", rig.right_SE3_left.translation.reshape(3, 1))
+        outer.release()
 
 
 class RigMount(Params):
