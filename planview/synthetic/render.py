@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -189,10 +188,6 @@ class SceneRenderer:
         turn = SE3.from_rotvec([0.0, 0.0, heading], [mount.at_m[0], mount.at_m[1], 0.0])
         self.world_SE3_room = turn.inverse()
         return [ground_view(camera, turn)]
-
-    def __iter__(self) -> Iterator[RenderedFrame]:
-        for index in range(self.n_frames):
-            yield self.frame(index)
 
     def frame(self, index: int) -> RenderedFrame:
         """Frame ``index``, from 0; frames may be rendered in any order."""
