@@ -39,7 +39,7 @@ ENCOUNTER_S = 1.0
 
 
 class AlignParams(Params):
-    """How two heads are laid over each other; our choices."""
+    """How two rigs are laid over each other; our choices."""
 
     clock_s: float = Field(10.0, ge=0.0, le=3600.0)
     """Largest difference of the times at which the two recordings begin [s]."""
@@ -52,17 +52,17 @@ class AlignParams(Params):
     height_m: float = Field(0.15, gt=0.0, le=1.0)
     """People whose heights differ by more are different [m]."""
     near_m: float = Field(0.25, gt=0.0, le=2.0)
-    """The same once the motion is known [m]: farther ones are of people half hidden from one of the heads."""
+    """The same once the motion is known [m]: farther ones are of people half hidden from one of the rigs."""
     noise_m: float = Field(0.03, gt=0.0, le=1.0)
     """Differences of positions from which on they count linearly [m]."""
     shared_s: float = Field(8.0, ge=0.0)
-    """Shortest time that people must be seen by both heads, added up [s]."""
+    """Shortest time that people must be seen by both rigs, added up [s]."""
     rival: float = Field(0.8, gt=0.0, le=1.0)
     """A quite different motion under which so large a share of the best one's people meet makes the result ambiguous:
     to and fro on one line is the same line turned by 180 degrees at another clock."""
     disparity_px: float = Field(0.07, ge=-2.0, le=2.0)
     """What is missing in the disparities of people [px]: they are small against the window of the matching, which mixes
-    them with what is behind, so that they are found 2 to 4 cm too far away on small images, and heads that face each
+    them with what is behind, so that they are found 2 to 4 cm too far away on small images, and rigs that face each
     other would be found twice that apart. Measured against truth on a rendered recording of 320x240 (0.06 and 0.07)."""
     disparity_std_px: float = Field(0.05, ge=0.0, le=2.0)
     """Deviation of that from one camera to another [px]; it is a part of the deviations of x and y."""
@@ -80,11 +80,11 @@ class RigAlignment:
 
     Attributes:
         heading_rad, x_m, y_m: p_first = R(heading_rad) p_second + (x_m, y_m).
-        clock_s: time on the first head's clock at which the second one's begins.
+        clock_s: time on the first rig's clock at which the second one's begins.
         residual_m: root mean square distance of people who meet, per axis.
-        shared_s: how long people are seen by both heads, added up.
+        shared_s: how long people are seen by both rigs, added up.
         covariance: of (heading_rad, x_m, y_m, clock_s), row by row; of x and y where people meet, see ``pivot_m``.
-        pivot_m: middle of the second head's positions that meet, in its world; x and y are most certain there.
+        pivot_m: middle of the second rig's positions that meet, in its world; x and y are most certain there.
     """
 
     heading_rad: float
@@ -97,7 +97,7 @@ class RigAlignment:
     pivot_m: tuple[float, float] = (0.0, 0.0)
 
     def apply(self, xy_m: F64) -> F64:
-        """(..., 2) positions of the second head's world in the first's."""
+        """(..., 2) positions of the second rig's world in the first's."""
         return np.asarray(xy_m @ floor_rotation(self.heading_rad).T + np.array([self.x_m, self.y_m]))
 
     @property
@@ -115,7 +115,7 @@ class RigAlignment:
 
 
 def align_rigs(first: list[WalkedPath], second: list[WalkedPath], params: AlignParams | None = None) -> RigAlignment:
-    """Lay the second head's people over the first's.
+    """Lay the second rig's people over the first's.
 
     Raises:
         WorkError: people do not determine it: too few, too short, standing, or walking so that several motions fit.
@@ -177,7 +177,7 @@ def _apart(one: RigAlignment, other: RigAlignment) -> bool:
 
 
 class _Scorer:
-    """Seconds of the first head's paths that meet the second's under a motion; nearer ones count more."""
+    """Seconds of the first rig's paths that meet the second's under a motion; nearer ones count more."""
 
     def __init__(self, first: list[WalkedPath], second: list[WalkedPath], params: AlignParams) -> None:
         self._first, self._second, self._params = by_time(first), by_time(second), params
@@ -286,7 +286,7 @@ def _covariance(jacobian: F64, residual_m: F64, systematic_m: F64) -> F64:
 
 @dataclass(frozen=True, eq=False)
 class _Meeting:
-    """A path of each head that are one person's.
+    """A path of each rig that are one person's.
 
     Attributes:
         first, second: the paths.
@@ -308,7 +308,7 @@ class _Meeting:
 def _meetings(
     motion: RigAlignment, first: list[WalkedPath], second: list[WalkedPath], meet_m: float, height_m: float
 ) -> list[_Meeting]:
-    """Where people of both heads meet under a motion."""
+    """Where people of both rigs meet under a motion."""
     pairs = []
     for path in first:
         ticks = np.arange(path.first, path.end, dtype=np.float64)
@@ -323,7 +323,7 @@ def _meetings(
 
 
 def after(before: RigAlignment, nearer: RigAlignment) -> RigAlignment:
-    """The alignment of a third head to the first, from that of the second to the first and of the third to the second.
+    """The alignment of a third rig to the first, from that of the second to the first and of the third to the second.
 
     Deviations are those of the nearer one.
     """
@@ -333,9 +333,9 @@ def after(before: RigAlignment, nearer: RigAlignment) -> RigAlignment:
 
 
 def align_records(records: Sequence[RigRecord], params: AlignParams | None = None) -> list[RigAlignment]:
-    """Alignments of all heads but the first to the first.
+    """Alignments of all rigs but the first to the first.
 
-    A head is laid over every head that has its place already, and takes the most certain result: not every head needs
+    A rig is laid over every rig that has its place already, and takes the most certain result: not every rig needs
     to see what the first one sees.
 
     Raises:
@@ -365,10 +365,10 @@ def align_records(records: Sequence[RigRecord], params: AlignParams | None = Non
 
 
 def rig_entries(records: Sequence[RigRecord], alignments: Sequence[RigAlignment], folder: Path) -> list[RigEntry]:
-    """The heads as ``rigs.toml`` in a folder lists them.
+    """The rigs as ``rigs.toml`` in a folder lists them.
 
     Raises:
-        InputError: a head that is not inside the folder.
+        InputError: a rig that is not inside the folder.
     """
     entries = [RigEntry(_inside(records[0].path, folder), records[0].effect.world_SE3_left)]
     for record, alignment in zip(records[1:], alignments, strict=True):
@@ -379,7 +379,7 @@ def rig_entries(records: Sequence[RigRecord], alignments: Sequence[RigAlignment]
 
 
 def check_inside(heads: Sequence[Path], folder: Path) -> None:
-    """Heads must lie in the folder of ``rigs.toml``, which becomes the recording.
+    """Rigs must lie in the folder of ``rigs.toml``, which becomes the recording.
 
     Raises:
         InputError: one does not.

@@ -68,7 +68,7 @@ class WalkedPath:
 
 @dataclass(frozen=True, eq=False)
 class DisparityEffect:
-    """What an offset of a head's disparities does to floor positions.
+    """What an offset of a rig's disparities does to floor positions.
 
     Attributes:
         world_SE3_left: pose of the rectified left camera.
@@ -134,7 +134,7 @@ def by_time(paths: list[WalkedPath]) -> tuple[F64, F64, int]:
 
 @dataclass(frozen=True, eq=False)
 class RigRecord:
-    """One head, in its own world and on its own clock.
+    """One rig, in its own world and on its own clock.
 
     Attributes:
         path: of its recording.
@@ -150,7 +150,7 @@ class RigRecord:
 
 
 def record_rig(path: Path, config: Config | None = None, done: Callable[[], None] = lambda: None) -> RigRecord:
-    """Track a head's recording and gather the scene behind the people.
+    """Track a rig's recording and gather the scene behind the people.
 
     Args:
         done: called after every frame.

@@ -16,15 +16,12 @@ from calib.human.model import HumanModel
 from calib.human.samples import MIN_SAMPLES, HumanSample
 from calib.images import as_colour
 from calib.types import F64, U8, Bool
-from planview.drawing.projection import Project, grid_lines
 from planview.engine.single_camera import SingleCamera, SingleCameraParams
 from planview.foreground.blobs import Blobs, find_blobs
 from stereo.recording import Video
 
 GIVEN = (255, 140, 0)
 COMPUTED = (200, 60, 255)
-GRID = (90, 220, 90)
-AXIS = (60, 200, 255)
 WARM_UP_S = 1.0
 """The background is learned for so long before samples are taken [s] (our choice)."""
 MIN_SIZE_SHARE = 0.06
@@ -51,21 +48,6 @@ SIZE_TOLERANCE = 0.15
 SIZE_TRIALS = 400
 MIN_USUAL = 0.35
 """Share of the blobs that must have one person's size to have a usual size [1] (our choice)."""
-
-
-def draw_grid(image: U8, project: Project, extent_m: tuple[float, float, float, float]) -> U8:
-    """A floor grid with lines every metre and the axes from below the camera, on a copy."""
-    canvas = as_colour(image).copy()
-    size = (canvas.shape[1], canvas.shape[0])
-    for line in grid_lines(project, extent_m, size):
-        _polyline(canvas, line.pixels, GRID)
-    for axis, name in (((1.0, 0.0, 0.0), "x"), ((0.0, 1.0, 0.0), "y")):
-        ends = project(np.array([[0.0, 0.0, 0.0], axis]))
-        if np.isfinite(ends).all():
-            start, end = (tuple(int(v) for v in np.clip(np.rint(p), -9999, 9999)) for p in ends)
-            cv2.arrowedLine(canvas, start, end, AXIS, 2, cv2.LINE_AA)
-            cv2.putText(canvas, name, end, cv2.FONT_HERSHEY_SIMPLEX, 0.6, AXIS, 2, cv2.LINE_AA)
-    return canvas
 
 
 def draw_samples(image: U8, camera: GroundCamera, model: HumanModel, samples: Sequence[HumanSample]) -> U8:

@@ -19,8 +19,7 @@ from calib.floor.world_file import load_world, save_world
 from calib.images import write_image
 from calib.rig import Floor
 from calib.text import reason
-from planview.calibration.floor import FloorView, floor_from_tracks, given_floor, view_floor
-from planview.calibration.people import AXIS, GRID
+from planview.calibration.floor import AXIS, GRID, FloorView, floor_from_tracks, given_floor, view_floor
 from planview.commands.options import Flag, JsonFlag
 from planview.drawing.colours import as_bgr
 from planview.drawing.legend import Entry, with_legend

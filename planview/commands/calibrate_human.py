@@ -23,12 +23,12 @@ from calib.human.samples import HumanSample, check_samples, read_image_size, rea
 from calib.images import as_colour, write_image
 from calib.text import reason
 from calib.types import U8
+from planview.calibration.floor import draw_grid
 from planview.calibration.people import (
     COMPUTED,
     CollectedSamples,
     collect_samples,
     crowd,
-    draw_grid,
     draw_person,
     draw_samples,
 )

@@ -18,12 +18,12 @@ EMPTY_S = 3.0
 """The room is empty for so long, while the background is learned [s]."""
 PEOPLE = (2, 3)
 MARGIN_M = 0.7
-"""People walk this far from walls [m]; from those with a head on them 1.4 m."""
+"""People walk this far from walls [m]; from those with a rig on them 1.4 m."""
 LAYOUTS = ("opposite", "beside", "corner")
 
 
 def random_rigs(seed: int) -> tuple[RigScene, ...]:
-    """The heads and the scene of a seed; the same seed gives the same recording."""
+    """The rigs and the scene of a seed; the same seed gives the same recording."""
     rng = np.random.default_rng([seed, zlib.crc32(b"heads")])
     size = float(rng.uniform(6.5, 7.5)), float(rng.uniform(5.4, 6.2)), 2.9
     layout = LAYOUTS[seed % len(LAYOUTS)]
