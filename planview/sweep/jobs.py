@@ -28,7 +28,7 @@ from stereo.readers.several import is_heads, rigs_file
 
 WHOLE_MAX = 256 * 1024
 """Files up to this size are hashed whole [bytes]."""
-BLOCK = 64 * 1024
+BLOCK_BYTES = 64 * 1024
 BLOCKS = 16
 """Of larger files so many blocks are hashed, evenly spread, the first and the last among them."""
 FILES_MAX = 64
@@ -123,8 +123,8 @@ def _file_digest(path: Path) -> str:
             digest.update(file.read(WHOLE_MAX))
         else:
             for block in range(BLOCKS):
-                file.seek((size - BLOCK) * block // (BLOCKS - 1))
-                digest.update(file.read(BLOCK))
+                file.seek((size - BLOCK_BYTES) * block // (BLOCKS - 1))
+                digest.update(file.read(BLOCK_BYTES))
     return digest.hexdigest()
 
 

@@ -29,14 +29,16 @@ CARTWHEEL_MPS = 1.3
 """Speed of the hips during a cartwheel (our choice: 2 m, about an arm span and a stride, in 1.5 s)."""
 SEAT_BACK_M = 0.32
 """How far the hips move back when sitting down on a chair."""
-STEP_S = 0.1
+WALK_STEP_S = 0.1
+"""Time between two decisions of a wanderer [s]."""
 PERSONAL_M = 0.62
 """Distance between body axes that walkers keep: a shoulder width and a hand."""
 CLEARANCE_M = 0.35
 """Distance of a body's axis from furniture."""
 HORIZON_S = 2.5
-_TURNS = np.deg2rad([0, 18, -18, 40, -40, 70, -70, 110, -110, 180])
-_SPEEDS = np.array([1.0, 0.6, 0.25])
+"""Wanderers look so far ahead [s]."""
+_FAN_TURNS = np.deg2rad([0, 18, -18, 40, -40, 70, -70, 110, -110, 180])
+_FAN_SPEEDS = np.array([1.0, 0.6, 0.25])
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,7 +250,7 @@ def _sit(script: _Script, step: Step, furniture: dict[str, Furniture], face: flo
 
 @dataclass
 class _Walker:
-    """A wanderer while simulated; ``track`` holds positions at STEP_S from ``begin``."""
+    """A wanderer while simulated; ``track`` holds positions at WALK_STEP_S from ``begin``."""
 
     person: Person
     wander: Wander
@@ -307,8 +309,8 @@ def wander(scene: Scene, scripted: Sequence[Motion]) -> list[Motion]:
     obstacles = Obstacles(scene.room, scene.furniture)
     for walker in walkers.values():
         _new_goal(walker, obstacles)
-    for k in range(int((scene.duration_s + 1) / STEP_S) + 1):
-        _advance(k * STEP_S, walkers, scripted, obstacles)
+    for k in range(int((scene.duration_s + 1) / WALK_STEP_S) + 1):
+        _advance(k * WALK_STEP_S, walkers, scripted, obstacles)
     return [
         _merged(scene.people[i], motion, walkers[i]) if i in walkers else motion for i, motion in enumerate(scripted)
     ]
@@ -342,8 +344,8 @@ def _step(walker: _Walker, t: float, others: F64, moving: F64, obstacles: Obstac
     distance = float(np.linalg.norm(to_goal))
     speed = 0.0 if t < walker.rest_until else min(walker.speed, distance / 0.4)
     wanted = to_goal / max(distance, 1e-9) * speed
-    angle = np.arctan2(to_goal[1], to_goal[0]) + _TURNS
-    fan = max(speed, 0.4) * _SPEEDS[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
+    angle = np.arctan2(to_goal[1], to_goal[0]) + _FAN_TURNS
+    fan = max(speed, 0.4) * _FAN_SPEEDS[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
     candidates = np.concatenate([wanted[None], np.zeros((1, 2)), fan.reshape(-1, 2)])
     cost = np.linalg.norm(candidates - wanted, axis=1) + 0.35 * np.linalg.norm(candidates - walker.velocity, axis=1)
     cost += _danger(walker.place, candidates, others, moving)
@@ -352,7 +354,7 @@ def _step(walker: _Walker, t: float, others: F64, moving: F64, obstacles: Obstac
         cost += 6.0 * np.clip(CLEARANCE_M - gap, 0, CLEARANCE_M) / CLEARANCE_M / (0.5 + ahead)
     best = candidates[int(np.argmin(cost))]
     walker.velocity = 0.45 * walker.velocity + 0.55 * best
-    walker.place = walker.place + walker.velocity * STEP_S
+    walker.place = walker.place + walker.velocity * WALK_STEP_S
 
 
 def _danger(place: F64, candidates: F64, others: F64, moving: F64) -> F64:
@@ -387,7 +389,7 @@ def _think(walker: _Walker, t: float, obstacles: Obstacles) -> None:
         walker.rest_until = t + walker.rng.uniform(*plan.pause_s)
         _new_goal(walker, obstacles)
     elif t >= walker.rest_until:
-        walker.stuck_s = 0.0 if distance < walker.best_m - 0.05 else walker.stuck_s + STEP_S
+        walker.stuck_s = 0.0 if distance < walker.best_m - 0.05 else walker.stuck_s + WALK_STEP_S
         walker.best_m = min(walker.best_m, distance)
         if walker.stuck_s > 3.0 and walker.leaving < 0:
             _new_goal(walker, obstacles)
@@ -422,9 +424,9 @@ def _new_goal(walker: _Walker, obstacles: Obstacles) -> None:
 def _merged(person: Person, scripted: Motion, walker: _Walker) -> Motion:
     """Steps first, then the walk, as one motion."""
     n = max(1, round((walker.begin - scripted.first_s) * TICK_HZ))
-    times = np.arange(len(walker.track) * int(TICK_HZ * STEP_S)) / TICK_HZ
+    times = np.arange(len(walker.track) * int(TICK_HZ * WALK_STEP_S)) / TICK_HZ
     track = np.array(walker.track) if walker.track else walker.place[None]
-    known = np.arange(len(track)) * STEP_S
+    known = np.arange(len(track)) * WALK_STEP_S
     walk = np.column_stack([np.interp(times, known, track[:, c]) for c in (0, 1)])
     xy = np.concatenate([scripted.raw_xy[:n], walk])
     after = np.zeros((len(walk), len(ACTIONS)))

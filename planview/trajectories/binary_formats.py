@@ -25,10 +25,10 @@ from planview.trajectories.table import (
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-FILE_VERSION = "1.0.0"
+ARCHIVE_VERSION = "1.0.0"
 _FIELDS = ("id", "frame", "x", "y")
 _ROW = np.dtype([("id", "<i8"), ("frame", "<i8"), ("x", "<f8"), ("y", "<f8"), ("z", "<f8")])
-VERSION = 2
+JUPEDSIM_VERSION = 2
 AREAS_MAX = 100
 """Most walkable areas that are read."""
 _SCHEMA = """
@@ -84,7 +84,7 @@ def write_ped_data_archive(path: Path, file: TrajectoryFile) -> None:
     for name, column in zip(_ROW.names or (), columns, strict=True):
         rows[name] = column[order]
     with replaced(path) as part, h5py.File(part, "w") as out:
-        out.attrs.update(file_version=FILE_VERSION, wkt_geometry=file.walkable_wkt or "", source="planview")
+        out.attrs.update(file_version=ARCHIVE_VERSION, wkt_geometry=file.walkable_wkt or "", source="planview")
         dataset = out.create_dataset("trajectory", data=rows, compression="gzip" if len(rows) else None)
         dataset.attrs.update(
             fps=file.fps, id="unique identifier for pedestrian", frame="frame number",
@@ -143,7 +143,7 @@ def write_jupedsim(path: Path, file: TrajectoryFile) -> None:
 
 
 def _metadata(file: TrajectoryFile) -> list[tuple[str, str]]:
-    rows = [("version", str(VERSION)), ("fps", f"{file.fps!r}")]
+    rows = [("version", str(JUPEDSIM_VERSION)), ("fps", f"{file.fps!r}")]
     if len(file.table):
         for axis, values in (("x", file.table.x_m), ("y", file.table.y_m)):
             rows += [(f"{axis}min", f"{values.min()}"), (f"{axis}max", f"{values.max()}")]

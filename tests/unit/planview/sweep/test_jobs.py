@@ -5,7 +5,7 @@ import pytest
 
 import planview
 from calib.errors import InputError
-from planview.sweep.jobs import BLOCK, DECIDING_ROOMS, WHOLE_MAX, content_key, engine_version, files_beside
+from planview.sweep.jobs import BLOCK_BYTES, DECIDING_ROOMS, WHOLE_MAX, content_key, engine_version, files_beside
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def test_key_does_not_change_with_truth_hidden_files_or_results(recording: Path)
 
 
 def test_key_of_a_large_file_depends_on_its_first_and_last_bytes_and_size(tmp_path: Path) -> None:
-    path, size = tmp_path / "left.mp4", 40 * BLOCK
+    path, size = tmp_path / "left.mp4", 40 * BLOCK_BYTES
     assert size > WHOLE_MAX
     keys = set()
     for place in (None, 0, size - 1, size):
