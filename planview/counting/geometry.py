@@ -137,11 +137,7 @@ def segments_meet(a: F64, b: F64, c: F64, d: F64) -> bool:
     if d1 * d2 < 0 and d3 * d4 < 0:
         return True
     on = ((d1, a, b, c), (d2, a, b, d), (d3, c, d, a), (d4, c, d, b))
-    return any(side == 0 and _within(p, q, x) for side, p, q, x in on)
-
-
-def _within(p: F64, q: F64, x: F64) -> bool:
-    return bool((np.minimum(p, q) <= x).all() and (x <= np.maximum(p, q)).all())
+    return any(side == 0 and ((np.minimum(p, q) <= x) & (x <= np.maximum(p, q))).all() for side, p, q, x in on)
 
 
 def cross(a: F64, b: F64) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.types import F64
 from planview.synthetic.mesh import Mesh, box, dome_rings, join, limb_rings, quad, sweep
-from planview.synthetic.scene import Furniture, FurnitureKind, Opening, Panel, Room, Surface, Wall
+from planview.synthetic.scene import Furniture, FurnitureKind, Opening, Room, Surface, Wall
 from planview.synthetic.texture import Palette
 
 CORRIDOR_M = 3.5
@@ -27,9 +27,20 @@ def room_mesh(room: Room, palette: Palette) -> Mesh:
     parts = [quad((0, 0, 0), (sx, 0, 0), (0, sy, 0), floor), quad((0, sy, sz), (sx, 0, 0), (0, -sy, 0), ceiling)]
     for side in ("south", "north", "west", "east"):
         openings = sorted((o for o in room.openings if o.wall == side), key=lambda o: o.from_m)
-        parts += _wall(room, side, openings, wall)
+        length, at = wall_frame(room, side)[3], 0.0
+        for o in openings:
+            if o.from_m > at:
+                parts.append(_rectangle(room, side, at, o.from_m, 0.0, sz, wall))
+            if o.height_m < sz:
+                parts.append(_rectangle(room, side, o.from_m, o.from_m + o.width_m, o.height_m, sz, wall))
+            at = o.from_m + o.width_m
+        if at < length:
+            parts.append(_rectangle(room, side, at, length, 0.0, sz, wall))
         parts += [m for o in openings for m in _corridor(room, o, floor, wall, ceiling)]
-    parts += [_panel(room, p, palette) for p in room.panels]
+    for p in room.panels:
+        material = palette.add(p.surface, emission=0.9 if p.kind == "window" else 0.0)
+        right, top = p.from_m + p.width_m, p.bottom_m + p.height_m
+        parts.append(_rectangle(room, p.wall, p.from_m, right, p.bottom_m, top, material, proud_m=0.015))
     return join(parts)
 
 
@@ -68,20 +79,6 @@ def _rectangle(room: Room, wall: Wall, low: float, high: float, bottom: float, t
     return quad(start, span, up, material)
 
 
-def _wall(room: Room, wall: Wall, openings: list[Opening], material: int) -> list[Mesh]:
-    length, top = wall_frame(room, wall)[3], room.size_m[2]
-    pieces, at = [], 0.0
-    for o in openings:
-        if o.from_m > at:
-            pieces.append(_rectangle(room, wall, at, o.from_m, 0.0, top, material))
-        if o.height_m < top:
-            pieces.append(_rectangle(room, wall, o.from_m, o.from_m + o.width_m, o.height_m, top, material))
-        at = o.from_m + o.width_m
-    if at < length:
-        pieces.append(_rectangle(room, wall, at, length, 0.0, top, material))
-    return pieces
-
-
 def _corridor(room: Room, o: Opening, floor: int, wall: int, ceiling: int) -> list[Mesh]:
     """Floor, sides, end and ceiling of the space behind an opening, wider than it."""
     corner, along, inward, _ = wall_frame(room, o.wall)
@@ -89,28 +86,15 @@ def _corridor(room: Room, o: Opening, floor: int, wall: int, ceiling: int) -> li
     side = 1.5
     start = corner + along * (o.from_m - side)
     span, out = along * (o.width_m + 2 * side), -inward * CORRIDOR_M
+    faces_up = np.cross(span, out)[2] >= 0
+    ground = quad(start, span, out, floor) if faces_up else quad(start + span, -span, out, floor)
     return [
-        _upwards(start, span, out, floor),
+        Mesh(ground.vertices, ground.normals, ground.vertices, ground.triangles, ground.material),
         quad(start + out, span, up, wall),
         quad(start, out, up, wall),
         quad(start + span, out, up, wall),
         quad(start + up, span, out, ceiling),
     ]
-
-
-def _upwards(corner: F64, a: F64, b: F64, material: int) -> Mesh:
-    if np.cross(a, b)[2] < 0:
-        corner, a = corner + a, -a
-    mesh = quad(corner, a, b, material)
-    return Mesh(mesh.vertices, mesh.normals, mesh.vertices, mesh.triangles, mesh.material)
-
-
-def _panel(room: Room, p: Panel, palette: Palette) -> Mesh:
-    window = p.kind == "window"
-    material = palette.add(p.surface, emission=0.9 if window else 0.0)
-    return _rectangle(
-        room, p.wall, p.from_m, p.from_m + p.width_m, p.bottom_m, p.bottom_m + p.height_m, material, proud_m=0.015
-    )
 
 
 def furniture_mesh(item: Furniture, palette: Palette) -> Mesh:
