@@ -197,7 +197,10 @@ class _Schedule:
             try:
                 self._pool.check()
             except WorkError as error:
-                yield from self._give_up(str(error))
+                open_tasks = [*self._running.values(), *self._ready]
+                self._running, self._ready = {}, deque()
+                for task in open_tasks:
+                    yield from self._close(Done(task.key, error=str(error)))
                 return
             for future in ended:
                 yield from self._ended(future)
@@ -219,21 +222,17 @@ class _Schedule:
         try:
             value, error = future.result()
         except BrokenProcessPool:
-            yield from self._died(task)
-            return
+            # Killed, of this task or of another that ran beside it: try again, but not for ever.
+            self._deaths[task.key] = self._deaths.get(task.key, 0) + 1
+            if not self._running:
+                self._pool.restart()
+            if self._deaths[task.key] < DEATHS_MAX:
+                self._ready.append(task)
+                return
+            value, error = None, f"its process was killed {DEATHS_MAX} times"
         except (Exception, CancelledError) as failure:
             value, error = None, f"the worker was lost ({type(failure).__name__})"
         yield from self._close(Done(task.key, value, error))
-
-    def _died(self, task: Task) -> Iterator[Done]:
-        """The process was killed, of this task or of another that ran beside it: try again, but not for ever."""
-        self._deaths[task.key] = self._deaths.get(task.key, 0) + 1
-        if not self._running:
-            self._pool.restart()
-        if self._deaths[task.key] < DEATHS_MAX:
-            self._ready.append(task)
-        else:
-            yield from self._close(Done(task.key, error=f"its process was killed {DEATHS_MAX} times"))
 
     def _close(self, done: Done) -> Iterator[Done]:
         yield done
@@ -242,9 +241,3 @@ class _Schedule:
                 yield from self._close(Done(task.key, error=done.error))
             else:
                 self._ready.append(task)
-
-    def _give_up(self, why: str) -> Iterator[Done]:
-        open_tasks = [*self._running.values(), *self._ready]
-        self._running, self._ready = {}, deque()
-        for task in open_tasks:
-            yield from self._close(Done(task.key, error=why))

@@ -137,7 +137,13 @@ def ranked(results: Sequence[JobResult], objective: FigureName) -> list[Ranked]:
     if not configurations:
         return []
     first = table.values(configurations[0], objective)
-    return [_ranked(table, configuration, objective, first) for configuration in configurations]
+    ranking = []
+    for configuration in configurations:
+        figures = {name: estimate(table.values(configuration, name)) for name in FIGURES}
+        known = {name: found for name, found in figures.items() if not math.isnan(found.mean)}
+        behind, failed = estimate(table.values(configuration, objective) - first), table.failed(configuration)
+        ranking.append(Ranked(configuration, known, behind, table.runs - failed, failed))
+    return ranking
 
 
 def estimate(values: F64) -> Estimate:
@@ -146,24 +152,17 @@ def estimate(values: F64) -> Estimate:
     values = values[np.isfinite(values).any(axis=1)]
     if len(values) < RECORDINGS_MIN:
         return Estimate(mean, math.nan, math.nan)
-    means = np.sort(_drawn_means(values))
-    tail = (1.0 - LEVEL) / 2
-    low, high = np.nanquantile(means, [tail, 1.0 - tail])
-    return Estimate(mean, float(low), float(high))
-
-
-def _drawn_means(values: F64) -> F64:
-    """(DRAWS,) means of samples drawn with replacement."""
     n_recordings, n_seeds = values.shape
-    generator = np.random.default_rng(_SEED)
-    means: list[F64] = []
+    generator, means = np.random.default_rng(_SEED), []
     block = max(1, _BLOCK // values.size)
     for start in range(0, DRAWS, block):
         count = min(block, DRAWS - start)
         recording = generator.integers(0, n_recordings, (count, n_recordings, 1))
         seed = generator.integers(0, n_seeds, (count, n_recordings, n_seeds))
         means.append(_mean_of_means(values[recording, seed]))
-    return np.concatenate(means)
+    tail = (1.0 - LEVEL) / 2
+    low, high = np.nanquantile(np.sort(np.concatenate(means)), [tail, 1.0 - tail])
+    return Estimate(mean, float(low), float(high))
 
 
 def _mean(values: F64) -> float:
@@ -178,14 +177,6 @@ def _mean_of_means(values: F64) -> F64:
     recordings = (seeds > 0).sum(axis=1)
     total = np.where(seeds > 0, per_recording, 0.0).sum(axis=1)
     return np.where(recordings > 0, total / np.maximum(recordings, 1), np.nan)
-
-
-def _ranked(table: _Table, configuration: Configuration, objective: FigureName, first: F64) -> Ranked:
-    figures = {name: estimate(table.values(configuration, name)) for name in FIGURES}
-    behind = estimate(table.values(configuration, objective) - first)
-    failed = table.failed(configuration)
-    known = {name: found for name, found in figures.items() if not math.isnan(found.mean)}
-    return Ranked(configuration, known, behind, table.runs - failed, failed)
 
 
 class _Table:
