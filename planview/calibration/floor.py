@@ -33,7 +33,7 @@ AXIS = (60, 200, 255)
 
 
 @dataclass(frozen=True, eq=False)
-class FloorView:
+class FloorDepths:
     """Depth over some frames of a recording.
 
     Attributes:
@@ -85,7 +85,7 @@ class FloorView:
         return draw_grid(self.image, camera.project, floor.extent_m or (-5.0, -5.0, 5.0, 5.0))
 
 
-def view_floor(recording: StereoRecording, search: FloorSearch) -> FloorView:
+def view_floor(recording: StereoRecording, search: FloorSearch) -> FloorDepths:
     """Depth of frames spread over a recording.
 
     Raises:
@@ -95,16 +95,16 @@ def view_floor(recording: StereoRecording, search: FloorSearch) -> FloorView:
     rectifier, _ = aligned_rectifier(recording.rig, frames, search.rectify)
     estimator = FloorEstimator(rectifier, search)
     pairs = [rectifier(frame.left, frame.right) for frame in frames]
-    return FloorView(estimator, pairs[len(pairs) // 2].left, tuple(estimator.depth(pair) for pair in pairs))
+    return FloorDepths(estimator, pairs[len(pairs) // 2].left, tuple(estimator.depth(pair) for pair in pairs))
 
 
-def given_floor(view: FloorView, points: F64, pixels: bool) -> Floor:
+def given_floor(view: FloorDepths, points: F64, pixels: bool) -> Floor:
     """The floor through points by hand: pixels of the rectified left image, or metres in its camera frame."""
     return floor_from_points(view.points_at(points) if pixels else points, "--points")
 
 
 def floor_from_tracks(
-    recording: StereoRecording, view: FloorView, tracks: Trajectories, used: Floor, path: Path
+    recording: StereoRecording, view: FloorDepths, tracks: Trajectories, used: Floor, path: Path
 ) -> Floor:
     """Refine a floor by where tracked people's heads and feet are (see ``calib.floor.points.floor_from_people``).
 

@@ -37,7 +37,7 @@ class InPlane(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class TrackPlaces:
     """Rows of tracks, (N,) each.
 
     Attributes:
@@ -55,7 +55,7 @@ class Places:
     box_px: F64
 
     @staticmethod
-    def of_states(tracks: Sequence[TrackState]) -> Places:
+    def of_states(tracks: Sequence[TrackState]) -> TrackPlaces:
         """One frame's tracks."""
         return _places(
             np.array([track.track_id for track in tracks], dtype=np.int64),
@@ -65,7 +65,7 @@ class Places:
         )
 
     @staticmethod
-    def of_rows(tracks: Trajectories, rows: slice | I64) -> Places:
+    def of_rows(tracks: Trajectories, rows: slice | I64) -> TrackPlaces:
         """Rows of a table."""
         floor_m = np.column_stack([tracks.x_m[rows], tracks.y_m[rows]])
         return _places(tracks.track_id[rows], tracks.state[rows], floor_m, tracks.box_px[rows])
@@ -84,10 +84,10 @@ class Places:
         return np.where(np.isfinite(self.floor_m[:, :1]), self.floor_m, image_m)
 
 
-def _places(track_id: I64, state: np.ndarray[tuple[int], np.dtype[np.str_]], floor_m: F64, box_px: F64) -> Places:
-    places = Places(track_id, state == "confirmed", state != "lost", floor_m, box_px)
+def _places(track_id: I64, state: np.ndarray[tuple[int], np.dtype[np.str_]], floor_m: F64, box_px: F64) -> TrackPlaces:
+    places = TrackPlaces(track_id, state == "confirmed", state != "lost", floor_m, box_px)
     known = np.isfinite(places.metres().sum(axis=1))
-    return Places(track_id, places.confirmed, places.observed & known, floor_m, box_px)
+    return TrackPlaces(track_id, places.confirmed, places.observed & known, floor_m, box_px)
 
 
 def side_codes(side: F64, decided: Bool, known: Bool) -> I8:
@@ -129,7 +129,7 @@ class Wire:
         self._ahead: list[float] = ((points[1] - points[0]) / self._length).tolist()
         self._left_sign = 1.0 if plane == "floor" else -1.0
 
-    def locate(self, places: Places) -> tuple[F64, F64]:
+    def locate(self, places: TrackPlaces) -> tuple[F64, F64]:
         """(N,) distance left of the line [m], and place along it from 0 to 1; NaN when not known in this plane."""
         x, y, unit = places.within(self.plane)
         dx, dy = x - self._start[0], y - self._start[1]
@@ -137,7 +137,7 @@ class Wire:
         left = self._left_sign * (self._ahead[0] * dy - self._ahead[1] * dx)
         return left / unit, np.where(np.isfinite(x + y + unit), ahead / self._length, np.nan)
 
-    def sides(self, places: Places) -> I8:
+    def sides(self, places: TrackPlaces) -> I8:
         """(N,) 0 not known, 1 to 4 from decided right to decided left."""
         side_m, along = self.locate(places)
         return side_codes(side_m, np.abs(side_m) >= self.hysteresis_m, np.isfinite(along))
@@ -257,14 +257,14 @@ class Area:
         self._hysteresis_m = hysteresis_m
         self._margin_limit = _MARGIN_SHARE * inner_radius(points)
 
-    def locate(self, places: Places) -> tuple[F64, F64]:
+    def locate(self, places: TrackPlaces) -> tuple[F64, F64]:
         """(N,) depth inside (negative outside) and the margin that decides [m]; NaN when not known in this plane."""
         x, y, unit = places.within(self.plane)
         margin = np.minimum(self._hysteresis_m, self._margin_limit / unit)
         known = np.isfinite(x + y + unit)
         return self._outline.depth(x, y) / unit, np.where(known, margin, np.nan)
 
-    def sides(self, places: Places) -> I8:
+    def sides(self, places: TrackPlaces) -> I8:
         """(N,) 0 not known, 1 to 4 from decided outside to decided inside."""
         depth_m, margin_m = self.locate(places)
         return side_codes(depth_m, np.abs(depth_m) >= margin_m, np.isfinite(margin_m))

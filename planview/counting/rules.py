@@ -61,13 +61,13 @@ MAX_RULES = 200
 _Polygon = Annotated[list[_PointIn], Field(max_length=MAX_POINTS)]
 
 
-class _Table(BaseModel):
+class _NamedRule(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
 
     name: _Name
 
 
-class Tripwire(_Table):
+class Tripwire(_NamedRule):
     """A line that people cross, from its first to its second point, on the floor [m] or in the image [px]."""
 
     from_m: _PointIn | None = None
@@ -82,7 +82,7 @@ class Tripwire(_Table):
     """Instead of the parameter of the same name."""
 
 
-class Zone(_Table):
+class Zone(_NamedRule):
     """An area that people are in; the polygon is closed by itself."""
 
     polygon_m: _Polygon | None = None
@@ -93,7 +93,7 @@ class Zone(_Table):
     """Instead of the parameter of the same name."""
 
 
-class Queue(_Table):
+class Queue(_NamedRule):
     """People waiting in a zone."""
 
     zone: _Name

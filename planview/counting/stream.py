@@ -14,7 +14,7 @@ import numpy as np
 from calib.types import F64, I8, I64, Bool
 from planview.counting.events import Event
 from planview.counting.geometry import PlaneName
-from planview.counting.passages import Area, AreaState, Places, Stay, Wire, WireState
+from planview.counting.passages import Area, AreaState, Stay, TrackPlaces, Wire, WireState
 from planview.counting.rules import AnalyticsParams, Placed, Rules
 from planview.trajectories.state import TrackState
 
@@ -158,11 +158,11 @@ class Changes(NamedTuple):
 class SidedRule(Protocol):
     """A tripwire or a zone."""
 
-    def sides(self, places: Places) -> I8:
+    def sides(self, places: TrackPlaces) -> I8:
         """(N,) side on which each row is; only a change of it, or a beginning or end, can change a count."""
 
 
-def changes(frame: I64, moments_s: F64, places: Places, rules: Sequence[SidedRule]) -> Changes:
+def changes(frame: I64, moments_s: F64, places: TrackPlaces, rules: Sequence[SidedRule]) -> Changes:
     """The rows and frames that ``Analytics`` must be given for the counts that it gives of all.
 
     A track that goes on from one frame to the next, in the same state and on the same side of every rule, changes
@@ -245,9 +245,9 @@ class Analytics:
 
         An event is dated to its moment, which lies before this frame by the time that the hysteresis and the age took.
         """
-        return self.update_rows(frame, timestamp_s, self.rows(Places.of_states(tracks)))
+        return self.update_rows(frame, timestamp_s, self.rows(TrackPlaces.of_states(tracks)))
 
-    def rows(self, places: Places, changing: Bool | None = None) -> list[TrackRow]:
+    def rows(self, places: TrackPlaces, changing: Bool | None = None) -> list[TrackRow]:
         """Rows of tracks, of any number of frames, with where they are at every rule.
 
         Args:
@@ -261,7 +261,7 @@ class Analytics:
         shown = (at if ask else () for at, ask in zip(located, asked, strict=False))
         return list(map(TrackRow, *(column.tolist() for column in columns), shown))
 
-    def changes(self, frame: I64, moments_s: F64, places: Places) -> Changes:
+    def changes(self, frame: I64, moments_s: F64, places: TrackPlaces) -> Changes:
         """What ``update_rows`` needs of a table (``planview.counting.stream``)."""
         return changes(frame, moments_s, places, [*self._wires, *self._areas])
 

@@ -13,7 +13,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.types import F64, I64
 from planview.counting.events import Direction, Event
-from planview.counting.passages import Places, Stay
+from planview.counting.passages import Stay, TrackPlaces
 from planview.counting.rules import AnalyticsParams, Placed, Queue, Rules
 from planview.counting.stream import Analytics, TrackRow
 from planview.trajectories.table import IGNORED, Trajectories, frame_period_s
@@ -328,13 +328,13 @@ def _frames(tracks: Trajectories, clock: Clock, analytics: Analytics) -> Iterato
     """(frame, time, rows) of every frame in which the counts may change."""
     frames, starts = np.unique(tracks.frame, return_index=True)
     moments = clock.at(frames)
-    changes = analytics.changes(tracks.frame, moments, Places.of_rows(tracks, slice(None)))
+    changes = analytics.changes(tracks.frame, moments, TrackPlaces.of_rows(tracks, slice(None)))
     bounds = np.append(starts, len(tracks))
     for block in np.array_split(np.flatnonzero(changes.frames), 1 + len(frames) // _BLOCK_FRAMES):
         counts = bounds[block + 1] - bounds[block]
         ends = np.cumsum(counts)
         rows = np.repeat(bounds[block + 1] - ends, counts) + np.arange(counts.sum())
-        located = analytics.rows(Places.of_rows(tracks, rows), changes.rows[rows])
+        located = analytics.rows(TrackPlaces.of_rows(tracks, rows), changes.rows[rows])
         for i, start, end in zip(block.tolist(), (ends - counts).tolist(), ends.tolist(), strict=True):
             yield int(frames[i]), float(moments[i]), located[start:end]
 

@@ -125,7 +125,7 @@ def ranked(results: Sequence[JobResult], objective: FigureName) -> list[Ranked]:
     recordings drawn with replacement and, of each, seeds drawn with replacement (Efron and Tibshirani 1993, chapter 8:
     the bootstrap of a two-stage sample).
     """
-    table = _Table(results)
+    table = _FigureTable(results)
     better = FIGURES[objective].better
 
     def order(configuration: Configuration) -> tuple[bool, bool, float]:
@@ -179,7 +179,7 @@ def _mean_of_means(values: F64) -> F64:
     return np.where(recordings > 0, total / np.maximum(recordings, 1), np.nan)
 
 
-class _Table:
+class _FigureTable:
     """Figures by configuration, recording and seed."""
 
     def __init__(self, results: Sequence[JobResult]) -> None:

@@ -42,7 +42,7 @@ HELP = (
 )
 
 
-class Panel:
+class SidePanel:
     """Widgets of the panel.
 
     Attributes:
@@ -226,7 +226,7 @@ class Page:
                         size=session.size,
                         sanitize=False,
                     )
-                self._panel = Panel(session, self)
+                self._panel = SidePanel(session, self)
             with ui.row().classes("items-center w-full q-px-sm gap-3 no-wrap"):
                 self._status = ui.label().classes("text-subtitle1")
                 ui.space()

@@ -16,9 +16,9 @@ from calib.human.knowledge import KnownValues
 from calib.human.samples import MIN_SAMPLES, HumanSample
 from calib.rig import Floor
 from calib.types import U8
-from planview.calibration.floor import FloorView, view_floor
+from planview.calibration.floor import FloorDepths, view_floor
 from planview.calibration.page.marks import Draft, Handle, Point, grabbed, moved, nearest
-from planview.calibration.page.solution import Solution, Task, export, solve
+from planview.calibration.page.solution import CalibrationTask, Solution, export, solve
 from stereo.floor import FloorSearch
 from stereo.readers import OpenOptions, find_layout, holds_pair, open_recording, open_video
 
@@ -55,7 +55,7 @@ class CalibrationSession:
     name: str
     frames: list[U8]
     indices: list[int]
-    view: FloorView | None = None
+    view: FloorDepths | None = None
     plain_floor: Floor | None = None
     shown: int = 0
     tool: Tool = "person"
@@ -243,9 +243,9 @@ class CalibrationSession:
         """Compute what the drawing allows."""
         self.solution = solve(self.task())
 
-    def task(self) -> Task:
+    def task(self) -> CalibrationTask:
         """What is to be solved now, apart from what is drawn meanwhile."""
-        return Task(
+        return CalibrationTask(
             self.name, self.size, tuple(self.samples), self.lens, self.known, tuple(self.floor_points), self.view
         )
 

@@ -21,7 +21,7 @@ from calib.human.samples import MIN_SAMPLES, HumanSample, write_samples
 from calib.rig import Floor
 from calib.text import reason
 from calib.types import F64, Bool
-from planview.calibration.floor import FloorView
+from planview.calibration.floor import FloorDepths
 from planview.calibration.page.marks import Point
 
 OFF_PLANE_M = 0.06
@@ -46,7 +46,7 @@ class FloorFit(NamedTuple):
     used: Bool
 
 
-def fit_floor(view: FloorView, pixels: Sequence[Point]) -> FloorFit:
+def fit_floor(view: FloorDepths, pixels: Sequence[Point]) -> FloorFit:
     """The plane that most points lie on; of several with as many, that of the points clicked first.
 
     Raises:
@@ -141,7 +141,7 @@ def _angle(name: str, value_rad: float, std_rad: float) -> ValueRow:
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class CalibrationTask:
     """Everything that a solution depends on (see ``CalibrationSession``)."""
 
     name: str
@@ -150,7 +150,7 @@ class Task:
     lens: str | None
     known: KnownValues
     floor_points: tuple[Point, ...]
-    view: FloorView | None
+    view: FloorDepths | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +193,7 @@ class Solution:
         return [(float(x), float(y)) if math.isfinite(x) and math.isfinite(y) else None for x, y in xy]
 
 
-def solve(task: Task) -> Solution:
+def solve(task: CalibrationTask) -> Solution:
     """The camera or the floor of what is drawn so far; takes up to seconds."""
     try:
         if task.view is not None:
@@ -205,7 +205,7 @@ def solve(task: Task) -> Solution:
         return Solution(problem=str(error))
 
 
-def export(folder: Path, task: Task, solution: Solution) -> tuple[Path, ...]:
+def export(folder: Path, task: CalibrationTask, solution: Solution) -> tuple[Path, ...]:
     """Write samples.json, and camera.toml or world.toml as far as there is a solution.
 
     Raises:

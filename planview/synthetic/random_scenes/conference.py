@@ -54,10 +54,10 @@ def random_conference(seed: int) -> RandomConference:
     Raises:
         WorkError: no camera of many sees all seats.
     """
-    return _Composer(np.random.default_rng([seed, 1008])).composed()
+    return _RoomComposer(np.random.default_rng([seed, 1008])).composed()
 
 
-class _Composer:
+class _RoomComposer:
     """Draws one room: x to the east, y to the north, the camera on the south wall or in one of its corners."""
 
     def __init__(self, rng: np.random.Generator) -> None:

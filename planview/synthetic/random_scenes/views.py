@@ -135,10 +135,10 @@ def random_view(
     values = dict(resolved(table, rng))
     for section, others in (changes or {}).items():
         values[section] = {**values.get(section, {}), **others}
-    return _Composer(ViewTable.model_validate(values), rng).composed()
+    return _ViewComposer(ViewTable.model_validate(values), rng).composed()
 
 
-class _Composer:
+class _ViewComposer:
     """A room around one camera, seen from the room's frame: y ahead, the camera above (``_x``, ``_y``)."""
 
     def __init__(self, view: ViewTable, rng: np.random.Generator) -> None:
