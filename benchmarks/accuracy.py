@@ -23,11 +23,11 @@ from planview.evaluation.result import Evaluation
 from planview.output.folder import prepare_folder
 from planview.output.run import RunOptions
 from planview.output.run import run as run_engine
-from planview.synthetic.committed import SCENES
-from planview.synthetic.rendering import RENDERER_VERSION, SceneRenderer
+from planview.synthetic.assets import SCENES
+from planview.synthetic.random_scenes.suite import varied
+from planview.synthetic.render import RENDERER_VERSION, SceneRenderer
 from planview.synthetic.scene import Scene, load_scene
-from planview.synthetic.varying import varied
-from planview.synthetic.writing import write_recording
+from planview.synthetic.write import write_recording
 from planview.trajectories.table import Trajectories, TrajectoryCollector, read_truth
 
 LIMITS = {"significant_errors": 1, "position_error_m": 0.10, "height_error_m": 0.06}
@@ -150,7 +150,7 @@ def score_scene(
 
     Args:
         path: a stereo scene.
-        seed: 0 for the scene itself, else a variation (``planview.synthetic.varying``).
+        seed: 0 for the scene itself, else a variation (``planview.synthetic.random_scenes.suite``).
         options: of rendering.
         out: folder that gets a folder with the run; None to keep nothing.
         config: of the pipeline.

@@ -10,8 +10,8 @@ import numpy as np
 from benchmarks.rows import Row
 from calib.errors import WorkError
 from calib.rig import Floor, StereoRig
-from planview.synthetic.committed import SCENES, real_recordings
-from planview.synthetic.rendering import SceneRenderer
+from planview.synthetic.assets import SCENES, real_recordings
+from planview.synthetic.render import SceneRenderer
 from planview.synthetic.scene import Scene, load_scene
 from stereo.floor import FloorEstimator, setup_frames
 from stereo.readers.opening import open_recording

@@ -19,7 +19,7 @@ from calib.human.choice import choose_spread
 from calib.human.model import HumanModel
 from calib.human.samples import HumanSample
 from calib.types import F64
-from planview.synthetic.committed import real_recordings
+from planview.synthetic.assets import real_recordings
 
 Reading = Literal["marked", "middles"]
 """Heads and feet are clicked where they are, or at the middles of the boxes' edges."""

@@ -15,7 +15,7 @@ from planview.engine.config import Config, load_config
 from planview.engine.engine import FrameResult
 from planview.engine.pipeline import Pipeline
 from planview.engine.setup import set_up
-from planview.synthetic.committed import DEMO
+from planview.synthetic.assets import DEMO
 from stereo.matcher import make_sgbm
 from stereo.readers import open_recording
 from stereo.recording import Recording, StereoFrame

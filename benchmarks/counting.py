@@ -14,22 +14,20 @@ from benchmarks.counting_figures import JPEG_QUALITY, BusiestFrame, write_occupa
 from benchmarks.frame_counts import FrameCounts, count_frames
 from calib.errors import InputError
 from calib.images import write_image
-from planview.counting.clock import Clock
-from planview.counting.count import count_tracks, count_truth
 from planview.counting.events import Direction, Event
 from planview.counting.geometry import RulePlane
 from planview.counting.rules import Rules, load_rules, parse_rules
 from planview.counting.scoring import CountScores, CrossingScores, OccupancyGroup, score_counts, score_events
-from planview.counting.totals import Counts
+from planview.counting.totals import Clock, Counts, count_tracks, count_truth
 from planview.engine.config import Config
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.factory import open_engine
 from planview.output.folder import prepare_folder
 from planview.output.run import RunOptions
 from planview.output.run import run as run_engine
-from planview.synthetic.committed import SCENES
+from planview.synthetic.assets import SCENES
 from planview.synthetic.scene import Scene, load_scene
-from planview.trajectories.layouts import read_laboratory
+from planview.trajectories.formats import read_laboratory
 from planview.trajectories.table import Trajectories, read_tracks, read_truth
 
 SINGLE = SCENES / "single"

@@ -14,7 +14,7 @@ from benchmarks.views import drawn_view
 from calib.types import I32, Bool
 from planview.engine.config import Config
 from planview.engine.factory import open_engine
-from planview.synthetic.rendering import SceneRenderer
+from planview.synthetic.render import SceneRenderer
 
 CONDITIONS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
     "as drawn": {},

@@ -18,15 +18,15 @@ from calib.rigs_file import RIGS_FILE, RigEntry, load_rigs
 from calib.text import reason
 from calib.types import F64
 from planview.calibration.align import align_records, rig_entries
-from planview.calibration.head_record import record_head
+from planview.calibration.paths import record_rig
 from planview.engine.config import Config
 from planview.engine.factory import floor_tracker
 from planview.engine.heads import HeadsPipeline
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.evaluation.result import Evaluation
-from planview.synthetic.drawn_heads import drawn_heads
-from planview.synthetic.heads import write_heads
-from planview.synthetic.rendering import RENDERER_VERSION
+from planview.synthetic.random_scenes.rigs import random_rigs
+from planview.synthetic.render import RENDERER_VERSION
+from planview.synthetic.write import write_rigs
 from planview.trajectories.table import Trajectories, TrajectoryCollector, concatenated, positions_table, read_truth
 from stereo.readers.heads import heads_in
 
@@ -104,7 +104,7 @@ def rendered_heads(seed: int, cache: Path) -> Path:
     Raises:
         WorkError: the cache cannot be written.
     """
-    heads = drawn_heads(seed)
+    heads = random_rigs(seed)
     text = "".join(h.scene.model_dump_json() + h.mount.model_dump_json() for h in heads)
     key = hashlib.sha256(f"{text} {RENDERER_VERSION}".encode()).hexdigest()[:16]
     folder = cache / f"heads-{seed}-{key}"
@@ -116,7 +116,7 @@ def rendered_heads(seed: int, cache: Path) -> Path:
     except OSError as error:
         raise WorkError(f"{cache}: the cache cannot be written: {reason(error)}") from error
     try:
-        write_heads(heads, part, storage="jpg")
+        write_rigs(heads, part, storage="jpg")
         if not folder.is_dir():
             part.rename(folder)
     finally:
@@ -130,7 +130,7 @@ def score_heads(seed: int, cache: Path, config: Config, tell: Callable[[str], No
     folder = rendered_heads(seed, cache)
     true = load_rigs(folder / RIGS_FILE)
     tell(f"seed {seed}: each head alone")
-    records = [record_head(folder / entry.folder, config) for entry in true]
+    records = [record_rig(folder / entry.folder, config) for entry in true]
     single = tuple(evaluate_tracks(r.tracks, read_truth(r.path / "truth.csv")) for r in records)
     refusal, error, entries = "", None, list(true)
     try:
@@ -140,7 +140,7 @@ def score_heads(seed: int, cache: Path, config: Config, tell: Callable[[str], No
         refusal = str(refused)
     tell(f"seed {seed}: both heads")
     joint = _joint(folder, entries, true, config)
-    return HeadsScore(seed, drawn_heads(seed)[0].scene.description, error, refusal, single, joint)
+    return HeadsScore(seed, random_rigs(seed)[0].scene.description, error, refusal, single, joint)
 
 
 def alignment_error(found: Sequence[RigEntry], true: Sequence[RigEntry]) -> AlignmentError:

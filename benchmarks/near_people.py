@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.accuracy import RenderOptions, cache_folder, rendered
-from planview.synthetic.committed import SCENES
+from planview.synthetic.assets import SCENES
 from planview.synthetic.scene import Scene, load_scene
 
 FRAMES = 170

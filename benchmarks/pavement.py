@@ -18,11 +18,11 @@ from benchmarks.counting import (
     track_single,
 )
 from calib.types import U8
-from planview.counting.count import count_tracks
 from planview.counting.events import Direction, Event
 from planview.counting.geometry import RulePlane
 from planview.counting.rules import parse_rules
 from planview.counting.scoring import score_events
+from planview.counting.totals import count_tracks
 from planview.engine.factory import image_tracker
 from planview.engine.single_camera_pipeline import SingleCameraPipeline
 from planview.trajectories.table import read_tracks

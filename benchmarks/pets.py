@@ -19,7 +19,7 @@ from planview.engine.config import Config
 from planview.engine.factory import TrackerName, open_engine
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import Evaluation
-from planview.trajectories.layouts import load_truth
+from planview.trajectories.formats import load_truth
 from planview.trajectories.table import Trajectories, TrajectoryCollector
 
 FPS = 7.0

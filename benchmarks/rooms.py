@@ -8,7 +8,7 @@ from benchmarks.counting import CountingTable, OccupancyRow, Scorer
 from planview.counting.geometry import RulePlane
 from planview.counting.rules import Rules, parse_rules
 from planview.counting.scoring import OccupancyGroup
-from planview.synthetic.conference import draw_conference
+from planview.synthetic.random_scenes.conference import random_conference
 
 ROOM_RIGHT_MIN_PERCENT = {"0": 98.0, "1-2": 98.0, "3-5": 97.0, "6-9": 95.0, "10+": 88.0}
 """Time with the right occupancy by true number that drawn rooms together must reach."""
@@ -16,7 +16,7 @@ ROOM_RIGHT_MIN_PERCENT = {"0": 98.0, "1-2": 98.0, "3-5": 97.0, "6-9": 95.0, "10+
 
 def score_room(seed: int, scorer: Scorer) -> CountingTable:
     """Score the number of people in the conference room of a seed."""
-    drawn, name = draw_conference(seed), f"conference-{seed}"
+    drawn, name = random_conference(seed), f"conference-{seed}"
 
     def rules_on(plane: RulePlane) -> Rules:
         zone = {"name": "room", "polygon_m": [list(corner) for corner in drawn.zone_m]}

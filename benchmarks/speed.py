@@ -39,7 +39,7 @@ from calib.types import F64
 from planview.engine.engine import STAGES
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
-from planview.synthetic.committed import DEMO, real_recordings
+from planview.synthetic.assets import DEMO, real_recordings
 from stereo.gate import SAMPLE
 
 PARTS = ("engine", "foreground", "after-disparity", "single", "start", "worst-case", "full-resolution", *CURVES)

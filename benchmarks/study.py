@@ -18,7 +18,7 @@ from planview.sweep.pools import ProcessPool, cores
 from planview.sweep.results import JobResult
 from planview.sweep.study import RecordingEntry, Study
 from planview.sweep.sweep import run_study
-from planview.synthetic.committed import DEMO
+from planview.synthetic.assets import DEMO
 
 JOBS = 16
 PARAMETER = "template.width_m"

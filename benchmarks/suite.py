@@ -21,8 +21,8 @@ from planview.engine.config import Config
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.evaluation.result import KINDS
 from planview.output.refine import refine_run
-from planview.synthetic.committed import SCENES
-from planview.synthetic.ranges import draw
+from planview.synthetic.assets import SCENES
+from planview.synthetic.random_scenes.suite import random_scene
 from planview.synthetic.scene import Scene
 from planview.trajectories.table import Trajectories, read_tracks, read_truth
 
@@ -125,7 +125,7 @@ def drawn_scene(path: Path, seed: int) -> Scene:
         WorkError: the ranges ask for more than fits into the room.
     """
     try:
-        return draw(load_challenge(path), seed, path.stem)
+        return random_scene(load_challenge(path), seed, path.stem)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(p) for p in first["loc"]) or "the challenge"

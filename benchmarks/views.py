@@ -17,15 +17,14 @@ from benchmarks.frame_counts import VISIBLE_MIN, count_frames
 from calib.errors import InputError
 from calib.params import first_problem
 from calib.text import parse_toml, read_text
-from planview.counting.clock import Clock
-from planview.counting.count import count_tracks, count_truth
 from planview.counting.geometry import RulePlane
 from planview.counting.rules import parse_rules
 from planview.counting.scoring import CrossingScores, score_counts
+from planview.counting.totals import Clock, count_tracks, count_truth
 from planview.engine.config import Config
 from planview.engine.factory import open_engine
-from planview.synthetic.committed import SCENES
-from planview.synthetic.views import DrawnView, draw_view
+from planview.synthetic.assets import SCENES
+from planview.synthetic.random_scenes.views import RandomView, random_view
 from planview.trajectories.table import Trajectories, TrajectoryCollector, read_truth
 
 VIEWS = SCENES / "views"
@@ -82,15 +81,15 @@ def view_names(names: Sequence[str] = ()) -> list[str]:
     return list(names) or known
 
 
-def drawn_view(name: str, seed: int, changes: Mapping[str, Mapping[str, Any]] | None = None) -> DrawnView:
-    """The view of a seed, with some values changed (see ``draw_view``).
+def drawn_view(name: str, seed: int, changes: Mapping[str, Mapping[str, Any]] | None = None) -> RandomView:
+    """The view of a seed, with some values changed (see ``random_view``).
 
     Raises:
         InputError: unreadable, or a value out of its range.
     """
     path = VIEWS / f"{name}.toml"
     try:
-        return draw_view(parse_toml(read_text(path, "a view in TOML")), seed, name, changes)
+        return random_view(parse_toml(read_text(path, "a view in TOML")), seed, name, changes)
     except ValidationError as error:
         raise InputError(f"{path}: {first_problem(error)}") from error
 
@@ -124,7 +123,7 @@ def score_drawn_view(
     return ViewScore(name, seed, tracker, scores.crossings["line"], found, there, wrong, occupancy)
 
 
-def rules_of(view: DrawnView, size: tuple[int, int]) -> dict[str, Any]:
+def rules_of(view: RandomView, size: tuple[int, int]) -> dict[str, Any]:
     """The line of a view, and a zone in its middle: three quarters of its width and height, where there is floor."""
     left, right, bottom = size[0] / 8, 7 * size[0] / 8, size[1] - 1.0
     top = max(size[1] / 4, _horizon(view) + 0.05 * size[1])
@@ -135,7 +134,7 @@ def rules_of(view: DrawnView, size: tuple[int, int]) -> dict[str, Any]:
     }
 
 
-def _horizon(view: DrawnView) -> float:
+def _horizon(view: RandomView) -> float:
     """Row of the horizon [px], negative above the image."""
     camera = view.scene.camera
     assert camera is not None  # a view has one

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.files import write_whole
 from calib.pose import SE3
-from calib.text import reason
+from calib.text import parse_toml, reason
 
 RIGS_FILE = "rigs.toml"
 MAX_HEADS = 32
@@ -69,7 +68,7 @@ def load_rigs(path: Path) -> tuple[RigEntry, ...]:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise InputError(f"{path}: expected a list of heads, found {path.stat().st_size} bytes")
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = parse_toml(path.read_text(encoding="utf-8"))
         entries = tuple(_entry(table) for table in data["head"])
     except KeyError as error:
         raise InputError(f"{path}: expected a rigs.toml with the key {error}, found none") from error

@@ -19,7 +19,7 @@ import sys
 from pathlib import Path
 
 import planview
-from planview.synthetic.committed import DEMO
+from planview.synthetic.assets import DEMO
 
 for place in (Path(planview.__file__), DEMO):
     if Path(sys.argv[1]).resolve() not in place.resolve().parents:

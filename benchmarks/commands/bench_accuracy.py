@@ -25,7 +25,7 @@ from benchmarks.accuracy import (
 from benchmarks.commands.options import BenchOptions
 from benchmarks.passes import BenchTracker
 from calib.errors import InputError
-from planview.synthetic.committed import SCENES
+from planview.synthetic.assets import SCENES
 
 
 @Parameter(name="*")

@@ -18,7 +18,7 @@ from calib.errors import WorkError
 from calib.files import write_whole
 from calib.text import reason
 from planview.engine.config import load_config
-from planview.synthetic.committed import DEMO
+from planview.synthetic.assets import DEMO
 from planview.synthetic.scene import load_scene
 from planview.trajectories.table import read_truth
 from stereo.readers import open_recording

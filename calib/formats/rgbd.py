@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +26,7 @@ from calib.formats.yaml_text import parse_yaml
 from calib.length import size_text
 from calib.pose import SE3
 from calib.rgbd import IDENTITY, DepthSensor, RgbdRig
+from calib.text import parse_toml
 from calib.types import F64
 
 Size = tuple[int, int]
@@ -88,7 +88,7 @@ def _parse(file: Path) -> Any:
     text = read_source(file).text
     if file.suffix.lower() == ".json":
         return json.loads(text)
-    return tomllib.loads(text) if file.suffix.lower() == ".toml" else parse_yaml(text)
+    return parse_toml(text) if file.suffix.lower() == ".toml" else parse_yaml(text)
 
 
 def _lower(data: Any) -> Any:

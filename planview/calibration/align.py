@@ -1,31 +1,348 @@
-"""Several heads laid into one world: that of the first, with its clock."""
+"""Several rigs laid into one world, that of the first with its clock, from people who walk where two rigs see them.
+
+Unknown are heading, x, y and clock. Pieces of the second rig's paths are laid over the first's at every clock offset
+in question; the motion under which most of all people meet (RANSAC) is refined by robust least squares on these.
+"""
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+from pydantic import Field
+from scipy.optimize import least_squares
+
 from calib.errors import InputError, WorkError
+from calib.params import Params
 from calib.pose import SE3
 from calib.rigs_file import RigEntry
-from planview.calibration.align_params import AlignParams
-from planview.calibration.head_alignment import HeadAlignment, after, align_heads
-from planview.calibration.head_paths import paths_of
-from planview.calibration.head_record import HeadRecord
+from calib.types import F64
+from planview.calibration.paths import TICK_S, RigRecord, WalkedPath, by_time, paths_of
+from planview.evaluation.align import floor_rotation
+
+CORRELATED_S = 1.0
+"""Errors of a track's positions last about so long [s]: a sample counts as the share of it that a tick is (our
+choice)."""
+HYPOTHESES = 400
+"""Motions that are judged by all people."""
+MIN_EXTENT_M = 0.5
+"""Shortest half axis sum of a piece: a person who stands gives no heading [m]."""
+APART_DEG, APART_M, APART_S = 15.0, 0.75, 1.0
+"""Motions farther apart than any of these are different ones."""
+ROUNDS = 4
+ENCOUNTER_S = 1.0
+"""Two paths that meet for a shorter time are of people who pass each other [s]."""
 
 
-def align_records(records: Sequence[HeadRecord], params: AlignParams | None = None) -> list[HeadAlignment]:
-    """Alignments of all heads but the first to the first.
+class AlignParams(Params):
+    """How two rigs are laid over each other; our choices."""
 
-    A head is laid over every head that has its place already, and takes the most certain result: not every head needs
+    clock_s: float = Field(10.0, ge=0.0, le=3600.0)
+    """Largest difference of the times at which the two recordings begin [s]."""
+    piece_s: float = Field(6.0, gt=1.0, le=60.0)
+    """Length of the pieces of paths that are laid over each other [s]: a walk across a room."""
+    piece_rms_m: float = Field(0.20, gt=0.0, le=1.0)
+    """Pieces that fit worse are of different people [m]: twice the position error of a track."""
+    meet_m: float = Field(0.40, gt=0.0, le=2.0)
+    """Two positions nearer than this are of one person [m]: a torso's width."""
+    height_m: float = Field(0.15, gt=0.0, le=1.0)
+    """People whose heights differ by more are different [m]."""
+    near_m: float = Field(0.25, gt=0.0, le=2.0)
+    """The same once the motion is known [m]: farther ones are of people half hidden from one of the rigs."""
+    noise_m: float = Field(0.03, gt=0.0, le=1.0)
+    """Differences of positions from which on they count linearly [m]."""
+    shared_s: float = Field(8.0, ge=0.0)
+    """Shortest time that people must be seen by both rigs, added up [s]."""
+    rival: float = Field(0.8, gt=0.0, le=1.0)
+    """A quite different motion under which so large a share of the best one's people meet makes the result ambiguous:
+    to and fro on one line is the same line turned by 180 degrees at another clock."""
+    disparity_px: float = Field(0.07, ge=-2.0, le=2.0)
+    """What is missing in the disparities of people [px]: they are small against the window of the matching, which mixes
+    them with what is behind, so that they are found 2 to 4 cm too far away on small images, and rigs that face each
+    other would be found twice that apart. Measured against truth on a rendered recording of 320x240 (0.06 and 0.07)."""
+    disparity_std_px: float = Field(0.05, ge=0.0, le=2.0)
+    """Deviation of that from one camera to another [px]; it is a part of the deviations of x and y."""
+    position_std_max_m: float = Field(0.10, gt=0.0)
+    """Largest deviation of the position that is accepted [m]."""
+    heading_std_max_deg: float = Field(2.0, gt=0.0)
+    """Largest deviation of the heading that is accepted [deg]."""
+    clock_std_max_s: float = Field(0.10, gt=0.0)
+    """Largest deviation of the clock that is accepted [s]."""
+
+
+@dataclass(frozen=True)
+class RigAlignment:
+    """``first_SE2_second`` and the clock, with the deviation of each value.
+
+    Attributes:
+        heading_rad, x_m, y_m: p_first = R(heading_rad) p_second + (x_m, y_m).
+        clock_s: time on the first rig's clock at which the second one's begins.
+        residual_m: root mean square distance of people who meet, per axis.
+        shared_s: how long people are seen by both rigs, added up.
+        covariance: of (heading_rad, x_m, y_m, clock_s), row by row; of x and y where people meet, see ``pivot_m``.
+        pivot_m: middle of the second rig's positions that meet, in its world; x and y are most certain there.
+    """
+
+    heading_rad: float
+    x_m: float
+    y_m: float
+    clock_s: float
+    residual_m: float = math.nan
+    shared_s: float = 0.0
+    covariance: tuple[tuple[float, ...], ...] = ()
+    pivot_m: tuple[float, float] = (0.0, 0.0)
+
+    def apply(self, xy_m: F64) -> F64:
+        """(..., 2) positions of the second rig's world in the first's."""
+        return np.asarray(xy_m @ floor_rotation(self.heading_rad).T + np.array([self.x_m, self.y_m]))
+
+    @property
+    def heading_std_rad(self) -> float:
+        return math.sqrt(self.covariance[0][0])
+
+    @property
+    def position_std_m(self) -> float:
+        """Of the place in the floor where people meet, the larger of both axes."""
+        return math.sqrt(max(self.covariance[1][1], self.covariance[2][2]))
+
+    @property
+    def clock_std_s(self) -> float:
+        return math.sqrt(self.covariance[3][3])
+
+
+def align_rigs(first: list[WalkedPath], second: list[WalkedPath], params: AlignParams | None = None) -> RigAlignment:
+    """Lay the second rig's people over the first's.
+
+    Raises:
+        WorkError: people do not determine it: too few, too short, standing, or walking so that several motions fit.
+    """
+    params = params or AlignParams()
+    if not first or not second:
+        raise WorkError("expected people who walk in both heads' views, found none in one of them")
+    scorer = _Scorer(first, second, params)
+    found = _hypotheses(first, second, params)
+    if not found:
+        raise WorkError(
+            f"expected people who walk for {params.piece_s:g} s where both heads see them, found no path that fits "
+            f"another within {params.clock_s:g} s of clock: the heads see different places, or people stood"
+        )
+    scores = np.array([scorer(hypothesis) for hypothesis in found])
+    best = found[int(np.argmax(scores))]
+    for meet_m in [params.meet_m] * ROUNDS + [params.near_m] * ROUNDS:
+        best = _refined(best, first, second, meet_m, params)
+    _refuse_rivals(best, found, scores, scorer(best), params)
+    _refuse_uncertain(best, params)
+    return best
+
+
+def _refuse_rivals(best: RigAlignment, found: list[RigAlignment], scores: F64, top: float, params: AlignParams) -> None:
+    others = [score for other, score in zip(found, scores, strict=True) if _apart(best, other)]
+    rival = max(others, default=0.0)
+    if rival > params.rival * max(top, float(scores.max())):
+        raise WorkError(
+            "expected people who walk so that one position of the heads fits best, found another that fits "
+            f"{rival:.0f} s of their paths where the best fits {top:.0f} s: "
+            "let people walk around instead of to and fro on a line"
+        )
+
+
+def _refuse_uncertain(best: RigAlignment, params: AlignParams) -> None:
+    if best.shared_s < params.shared_s:
+        raise WorkError(
+            f"expected people in both heads' views for at least {params.shared_s:g} s, found {best.shared_s:.1f} s"
+        )
+    values = (
+        ("position", 100 * best.position_std_m, 100 * params.position_std_max_m, "cm"),
+        ("heading", math.degrees(best.heading_std_rad), params.heading_std_max_deg, "degrees"),
+        ("clock", 1000 * best.clock_std_s, 1000 * params.clock_std_max_s, "ms"),
+    )
+    for name, std, limit, unit in values:
+        if not std <= limit:
+            raise WorkError(
+                f"expected the {name} within {limit:g} {unit}, found a deviation of {std:.1f} {unit}: people walked "
+                "too little, or straight at one speed, where both heads see them"
+            )
+
+
+def _apart(one: RigAlignment, other: RigAlignment) -> bool:
+    turn = math.remainder(one.heading_rad - other.heading_rad, 2 * math.pi)
+    middle = np.array(one.pivot_m)
+    shift = float(np.hypot(*(one.apply(middle) - other.apply(middle))))
+    far_in_time = abs(one.clock_s - other.clock_s) > APART_S
+    return abs(math.degrees(turn)) > APART_DEG or shift > APART_M or far_in_time
+
+
+class _Scorer:
+    """Seconds of the first rig's paths that meet the second's under a motion; nearer ones count more."""
+
+    def __init__(self, first: list[WalkedPath], second: list[WalkedPath], params: AlignParams) -> None:
+        self._first, self._second, self._params = by_time(first), by_time(second), params
+
+    def __call__(self, motion: RigAlignment) -> float:
+        (a, a_height, a_first), (b, b_height, b_first) = self._first, self._second
+        shift = b_first + round(motion.clock_s / TICK_S) - a_first
+        start, end = max(0, shift), min(len(a), shift + len(b))
+        if end <= start:
+            return 0.0
+        ours, theirs = a[start:end], motion.apply(b[start - shift : end - shift])
+        square = ((ours[:, :, None] - theirs[:, None]) ** 2).sum(axis=-1)
+        taller = np.abs(a_height[start:end, :, None] - b_height[start - shift : end - shift, None])
+        square[np.isnan(square) | (taller > self._params.height_m)] = np.inf
+        nearest = square.min(axis=2)
+        return float(np.maximum(0.0, 1.0 - nearest / self._params.meet_m**2).sum() * TICK_S)
+
+
+def _hypotheses(first: list[WalkedPath], second: list[WalkedPath], params: AlignParams) -> list[RigAlignment]:
+    """Motions that lay a piece of one path over another at some clock, the best of each pair of paths first."""
+    length = max(4, round(params.piece_s / TICK_S))
+    widest = math.ceil(params.clock_s / TICK_S)
+    found: list[tuple[float, RigAlignment]] = []
+    for path in first:
+        for start in range(0, len(path.xy_m) - length + 1, length // 2):
+            piece = path.xy_m[start : start + length]
+            # The largest deviation of a piece from its middle along any direction.
+            if np.sqrt(np.linalg.eigvalsh(np.cov(piece.T))[-1]) < MIN_EXTENT_M:
+                continue
+            for other in second:
+                if not abs(path.height_m - other.height_m) > params.height_m:
+                    found += _fits(piece, path.first + start, other, widest, params)
+    found.sort(key=lambda pair: pair[0])
+    return [motion for _, motion in found[:HYPOTHESES]]
+
+
+def _fits(
+    piece: F64, tick: int, other: WalkedPath, widest: int, params: AlignParams
+) -> list[tuple[float, RigAlignment]]:
+    """Rigid fits of all windows of another path to a piece; residual over extent, and motion, of the good ones."""
+    n = len(piece)
+    if len(other.xy_m) < n:
+        return []
+    windows = np.lib.stride_tricks.sliding_window_view(other.xy_m, n, axis=0).transpose(0, 2, 1)
+    lags = tick - (other.first + np.arange(len(windows)))
+    near = np.abs(lags) <= widest
+    windows, lags = windows[near], lags[near]
+    if not len(windows):
+        return []
+    centres, centre = windows.mean(axis=1), piece.mean(axis=0)
+    b, a = windows - centres[:, None], piece - centre
+    cross = (b[..., 0] * a[:, 1] - b[..., 1] * a[:, 0]).sum(axis=1)
+    dot = (b * a).sum(axis=(1, 2))
+    # Rigid residual of centred point sets: |a|^2 + |b|^2 - 2 |(dot, cross)| (Umeyama 1991 without scale).
+    square = np.maximum((a**2).sum() + (b**2).sum(axis=(1, 2)) - 2 * np.hypot(dot, cross), 0.0)
+    rms, angle = np.sqrt(square / n), np.arctan2(cross, dot)
+    # Of neighbouring clocks only the best fit counts.
+    beside = np.concatenate([[np.inf], rms, [np.inf]])
+    best = np.flatnonzero((rms <= params.piece_rms_m) & (rms <= beside[:-2]) & (rms <= beside[2:]))
+    motions = []
+    for k in best:
+        x, y = centre - floor_rotation(float(angle[k])) @ centres[k]
+        motions.append((float(rms[k]), RigAlignment(float(angle[k]), float(x), float(y), float(lags[k]) * TICK_S)))
+    return motions
+
+
+def _refined(
+    motion: RigAlignment, first: list[WalkedPath], second: list[WalkedPath], meet_m: float, params: AlignParams
+) -> RigAlignment:
+    """The motion and clock that fit all people best who meet under a motion."""
+    meetings = [m for m in _meetings(motion, first, second, meet_m, params.height_m) if len(m.ticks) >= 5]
+    if not meetings:
+        return motion
+    met = np.concatenate([m.second.at(m.ticks - motion.clock_s / TICK_S) for m in meetings])
+    pivot = np.nanmean(met, axis=0)
+
+    def residual_m(v: F64, disparities_px: tuple[float, float]) -> F64:
+        return np.concatenate([m.residual(v, disparities_px, pivot) for m in meetings])
+
+    here, std = params.disparity_px, params.disparity_std_px
+    start = np.array([motion.heading_rad, *motion.apply(pivot), motion.clock_s])
+    result = least_squares(
+        lambda v: residual_m(v, (here, here)) / params.noise_m, start,
+        loss="soft_l1", x_scale=[0.05, 0.1, 0.1, 0.1], diff_step=1e-4,
+    )  # fmt: skip
+    left = residual_m(result.x, (here, here))
+    off = [residual_m(result.x, pair) - left for pair in ((here + std, here), (here, here + std))]
+    covariance = _covariance(result.jac * params.noise_m, left, np.column_stack(off))
+    v = result.x
+    shift = v[1:3] - floor_rotation(float(v[0])) @ pivot
+    return RigAlignment(
+        math.remainder(float(v[0]), 2 * math.pi), float(shift[0]), float(shift[1]), float(v[3]),
+        float(np.sqrt((left**2).mean())), len(left) / 2 * TICK_S,
+        tuple(tuple(float(c) for c in row) for row in covariance), (float(pivot[0]), float(pivot[1])),
+    )  # fmt: skip
+
+
+def _covariance(jacobian: F64, residual_m: F64, systematic_m: F64) -> F64:
+    """(4, 4) of the values: of correlated noise, and of systematic errors of one deviation each (N, K) that are not
+    solved for (consider covariance)."""
+    sigma = max(float(np.median(np.abs(residual_m)) / 0.6745), 1e-3)
+    normal = jacobian.T @ jacobian + 1e-9 * np.eye(4)
+    effect = np.linalg.solve(normal, jacobian.T @ systematic_m)
+    return np.asarray(np.linalg.inv(normal) * sigma**2 * (CORRELATED_S / TICK_S) + effect @ effect.T)
+
+
+@dataclass(frozen=True, eq=False)
+class _Meeting:
+    """A path of each rig that are one person's.
+
+    Attributes:
+        first, second: the paths.
+        ticks: (N,) of the first one's samples that meet the second one.
+    """
+
+    first: WalkedPath
+    second: WalkedPath
+    ticks: F64
+
+    def residual(self, v: F64, disparities_px: tuple[float, float], pivot: F64) -> F64:
+        """(2 N,) differences [m] under (heading, x and y of the pivot, clock), with disparities corrected."""
+        then = self.ticks - v[3] / TICK_S
+        ours = self.first.at(self.ticks) + disparities_px[0] * self.first.per_px_at(self.ticks)
+        theirs = self.second.at(then) + disparities_px[1] * self.second.per_px_at(then)
+        return np.nan_to_num(((theirs - pivot) @ floor_rotation(v[0]).T + v[1:3] - ours).ravel(), nan=0.0)
+
+
+def _meetings(
+    motion: RigAlignment, first: list[WalkedPath], second: list[WalkedPath], meet_m: float, height_m: float
+) -> list[_Meeting]:
+    """Where people of both rigs meet under a motion."""
+    pairs = []
+    for path in first:
+        ticks = np.arange(path.first, path.end, dtype=np.float64)
+        for other in second:
+            if abs(path.height_m - other.height_m) > height_m:
+                continue
+            apart = np.hypot(*(motion.apply(other.at(ticks - motion.clock_s / TICK_S)) - path.xy_m).T)
+            near = np.nan_to_num(apart, nan=np.inf) <= meet_m
+            if near.sum() * TICK_S >= ENCOUNTER_S:
+                pairs.append(_Meeting(path, other, ticks[near]))
+    return pairs
+
+
+def after(before: RigAlignment, nearer: RigAlignment) -> RigAlignment:
+    """The alignment of a third rig to the first, from that of the second to the first and of the third to the second.
+
+    Deviations are those of the nearer one.
+    """
+    x, y = before.apply(np.array([nearer.x_m, nearer.y_m]))
+    heading = math.remainder(before.heading_rad + nearer.heading_rad, 2 * math.pi)
+    return replace(nearer, heading_rad=heading, x_m=float(x), y_m=float(y), clock_s=before.clock_s + nearer.clock_s)
+
+
+def align_records(records: Sequence[RigRecord], params: AlignParams | None = None) -> list[RigAlignment]:
+    """Alignments of all rigs but the first to the first.
+
+    A rig is laid over every rig that has its place already, and takes the most certain result: not every rig needs
     to see what the first one sees.
 
     Raises:
-        WorkError: people do not tell where a head is; the head is named.
+        WorkError: people do not determine where a rig is; it is named.
     """
     paths = [paths_of(record.tracks, record.effect) for record in records]
-    placed: dict[int, HeadAlignment | None] = {0: None}
+    placed: dict[int, RigAlignment | None] = {0: None}
     waiting = list(range(1, len(records)))
     while waiting:
         reasons: dict[int, WorkError] = {}
@@ -33,7 +350,7 @@ def align_records(records: Sequence[HeadRecord], params: AlignParams | None = No
             found = []
             for j, before in placed.items():
                 try:
-                    nearer = align_heads(paths[j], paths[k], params)
+                    nearer = align_rigs(paths[j], paths[k], params)
                 except WorkError as error:
                     reasons[k] = error
                     continue
@@ -47,11 +364,11 @@ def align_records(records: Sequence[HeadRecord], params: AlignParams | None = No
     return [alignment for k in range(1, len(records)) if (alignment := placed[k]) is not None]
 
 
-def rig_entries(records: Sequence[HeadRecord], alignments: Sequence[HeadAlignment], folder: Path) -> list[RigEntry]:
-    """The heads as ``rigs.toml`` in a folder lists them.
+def rig_entries(records: Sequence[RigRecord], alignments: Sequence[RigAlignment], folder: Path) -> list[RigEntry]:
+    """The rigs as ``rigs.toml`` in a folder lists them.
 
     Raises:
-        InputError: a head that is not inside the folder.
+        InputError: a rig that is not inside the folder.
     """
     entries = [RigEntry(_inside(records[0].path, folder), records[0].effect.world_SE3_left)]
     for record, alignment in zip(records[1:], alignments, strict=True):
@@ -62,7 +379,7 @@ def rig_entries(records: Sequence[HeadRecord], alignments: Sequence[HeadAlignmen
 
 
 def check_inside(heads: Sequence[Path], folder: Path) -> None:
-    """Heads must lie in the folder of ``rigs.toml``, which becomes the recording.
+    """Rigs must lie in the folder of ``rigs.toml``, which becomes the recording.
 
     Raises:
         InputError: one does not.

@@ -1,11 +1,13 @@
-"""From board images on disk to a rig: detection, choice of frames, checks of what the user said, solve."""
+"""From board images on disk to a rig: pairs in any layout, detection, choice of frames, checks, solve."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from calib.board.complete import complete_charuco, find_counts, larger_counts
@@ -16,17 +18,189 @@ from calib.board.select import MAX_VIEWS, select_views, sharpness
 from calib.board.solve import BoardCalibration, RejectedView, solve_board
 from calib.camera import LensModel
 from calib.errors import InputError
+from calib.formats.source import side_of
 from calib.images import as_grey
 from calib.types import U8
-from planview.calibration.board_images import BoardImages, BoardPair
+from stereo.readers.images import frame_number, image_files, read_image
+from stereo.readers.videos import SUFFIXES as VIDEO_SUFFIXES
+from stereo.readers.videos import VideoFile
 
+MAX_FRAMES = 240
+"""Frames of a video that are searched for the board, evenly spread: enough to choose 40 good views from."""
+_DEEP_SUFFIXES = frozenset({".png", ".tif", ".tiff", ".pgm", ".ppm"})
+"""Formats that can hold more than 8 bits."""
+_SIDE_BY_SIDE_ASPECT = 2.0
+"""Wider images are two pictures side by side: no single sensor is that wide."""
 _SAMPLE_PAIRS = 4
 """Pairs looked at to find or check the board's counts."""
 
 
 @dataclass(frozen=True, eq=False)
+class BoardPair:
+    """Two images taken together; without images ``why`` says what is wrong."""
+
+    name: str
+    left: U8 | None
+    right: U8 | None
+    why: str = ""
+
+
+Files = Sequence[Path | None]
+"""A file of each camera, None where there is none, or one that holds both images."""
+
+
+class BoardImages:
+    """The pairs at a path; iterating reads them one by one.
+
+    Attributes:
+        names: of the pairs in order.
+        is_video: whether the pairs are frames of a video.
+    Raises:
+        InputError: no pairs there.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._files: Sequence[Files] = ()
+        self._videos: Sequence[Path] = ()
+        self._frames: list[int] = []
+        if path.is_file() and path.suffix.lower() in VIDEO_SUFFIXES:
+            self._videos = (path,)
+        elif path.is_dir():
+            self._files, self._videos = _in_folder(path)
+        else:
+            raise InputError(f"{path}: expected a folder of board images or a video, found none")
+        self.is_video = bool(self._videos)
+        if self.is_video:
+            n = min(VideoFile(video).n_frames for video in self._videos)
+            if n < 1:
+                raise InputError(f"{path}: expected a video that tells its number of frames, found none")
+            self._frames = sorted({int(i) for i in np.linspace(0, n - 1, min(n, MAX_FRAMES))})
+        self.names = [_name(files) for files in self._files] + [f"frame {i}" for i in self._frames]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __iter__(self) -> Iterator[BoardPair]:
+        return self.at(range(len(self)))
+
+    def at(self, indices: Sequence[int]) -> Iterator[BoardPair]:
+        """Only these pairs, in ascending order."""
+        if self.is_video:
+            streams = [VideoFile(path).at([self._frames[i] for i in indices]) for path in self._videos]
+            for decoded in zip(*streams, strict=False):
+                yield _pair(f"frame {decoded[0].index}", [one.image for one in decoded])
+            return
+        for files in (self._files[index] for index in indices):
+            found = [file for file in files if file is not None]
+            if len(found) < len(files):
+                yield BoardPair(_name(files), None, None, "has no mate from the other camera")
+                continue
+            images = [_read(file) for file in found]
+            broken = [f"{f.parent.name}/{f.name} " for f, image in zip(found, images, strict=True) if image is None]
+            yield _pair(_name(files), images, broken[0] if broken and len(files) == 2 else "")
+
+
+def _name(files: Files) -> str:
+    return " ".join(dict.fromkeys(file.name for file in files if file is not None))
+
+
+def _pair(name: str, images: Sequence[U8 | None], which: str = "") -> BoardPair:
+    """A pair of an image of each camera, or of one that holds both side by side."""
+    left, right = images[0], images[-1]
+    if left is None or right is None:
+        return BoardPair(name, None, None, f"{which}cannot be decoded")
+    if len(images) == 2:
+        return BoardPair(name, left, right)
+    height, width = left.shape[:2]
+    if width < _SIDE_BY_SIDE_ASPECT * height or width % 2:
+        raise InputError(
+            f"{name}: expected a left and a right image side by side (an even width, at least twice the height), "
+            f"found {width}x{height}"
+        )
+    return BoardPair(name, left[:, : width // 2], left[:, width // 2 :])
+
+
+def _in_folder(folder: Path) -> tuple[Sequence[Files], Sequence[Path]]:
+    """Images, or videos."""
+    sides = _side_folders(folder)
+    if sides is not None:
+        return _paired(image_files(sides[0]), image_files(sides[1])), ()
+    images = image_files(folder)
+    if not images:
+        return (), _videos(folder)
+    by_side = {side: [f for f in images if side_of(_spaced(f.stem)) == side] for side in ("left", "right")}
+    if by_side["left"] and by_side["right"]:
+        return _paired(by_side["left"], by_side["right"]), ()
+    return [(file,) for file in images], ()
+
+
+def _side_folders(folder: Path) -> tuple[Path, Path] | None:
+    """The subfolders that hold the left and the right images."""
+    folders = [f for f in sorted(folder.iterdir()) if f.is_dir() and image_files(f)]
+    left = [f for f in folders if side_of(_spaced(f.name)) == "left"]
+    right = [f for f in folders if side_of(_spaced(f.name)) == "right"]
+    if len(left) == len(right) == 1:
+        return left[0], right[0]
+    if left or right:
+        raise InputError(
+            f"{folder}: expected one folder of left and one of right images, found {len(left) + len(right)}"
+        )
+    return None
+
+
+def _videos(folder: Path) -> tuple[Path, ...]:
+    videos = [f for f in sorted(folder.iterdir()) if f.suffix.lower() in VIDEO_SUFFIXES and f.is_file()]
+    left = [f for f in videos if side_of(_spaced(f.stem)) == "left"]
+    right = [f for f in videos if side_of(_spaced(f.stem)) == "right"]
+    if len(left) == len(right) == 1:
+        return left[0], right[0]
+    if len(videos) == 1:
+        return (videos[0],)
+    wanted = "left and right images or videos, or images or a video side by side"
+    raise InputError(f"{folder}: expected {wanted}, found {len(videos) or 'no images or'} videos")
+
+
+def _spaced(name: str) -> str:
+    """The name with a blank between letters and digits, so that L1 reads as l 1 (cam0 stays one word)."""
+    return re.sub(r"(?<![a-z])([lr])(\d)", r"\1 \2", name.lower())
+
+
+def _paired(left: Sequence[Path], right: Sequence[Path]) -> list[tuple[Path | None, Path | None]]:
+    """Mates by name without the word for the side, else by number, else in order."""
+    for key in (_plain, frame_number):
+        lefts, rights = {key(f): f for f in left}, {key(f): f for f in right}
+        unique = len(lefts) == len(left) and len(rights) == len(right)
+        if unique and None not in lefts and len(lefts.keys() & rights.keys()) * 2 >= min(len(left), len(right)):
+            order = [key(f) for f in left] + [key(f) for f in right if key(f) not in lefts]
+            return [(lefts.get(k), rights.get(k)) for k in order]
+    if len(left) != len(right):
+        raise InputError(
+            f"{left[0].parent}: expected as many left as right images, or names that pair up, "
+            f"found {len(left)} and {len(right)}"
+        )
+    return list(zip(left, right, strict=True))
+
+
+def _plain(file: Path) -> str:
+    name = re.sub(r"left|right|cam(era)?_?[01](?!\d)", "*", file.stem.lower())
+    return re.sub(r"(?<![a-z])[lr](?![a-z])", "*", name)
+
+
+def _read(file: Path) -> U8 | None:
+    """(H, W) or (H, W, 3) uint8, None when it cannot be decoded; deeper images are stretched to fill 8 bits."""
+    image = read_image(file)
+    if image is None or file.suffix.lower() not in _DEEP_SUFFIXES:
+        return image
+    deep = cv2.imdecode(np.fromfile(file, dtype=np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+    if deep is None or deep.dtype == np.uint8:
+        return image
+    return np.asarray(cv2.normalize(deep, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U), dtype=np.uint8)  # type: ignore[call-overload]
+
+
+@dataclass(frozen=True, eq=False)
 class BoardRequest:
-    """What the user said.
+    """What the user asks for.
 
     Attributes:
         board: None to find a chessboard's counts.
@@ -106,51 +280,35 @@ class _Detected:
 
 
 def _detect(images: BoardImages, board: Board, progress: Callable[[int, int], None]) -> _Detected:
+    """The corners that both images of a pair show and how sharp the lesser image is, or why a pair is of no use."""
     detector = Detector(board, thorough=not images.is_video)
-    found = _Detected([], [], [], (0, 0))
+    found, size = _Detected([], [], [], (0, 0)), (0, 0)
     for done, pair in enumerate(images, 1):
         progress(done, len(images))
         if pair.left is None or pair.right is None:
             found.rejected.append(RejectedView(pair.name, pair.why))
             continue
-        found = replace(found, size=_same_size(images.path, pair, found.size))
-        result = _look(pair, detector, board)
-        if isinstance(result, RejectedView):
-            found.rejected.append(result)
-        else:
-            found.views.append(result[0])
-            found.sharpness.append(result[1])
-    if found.size == (0, 0):
+        for side, image in (("left", pair.left), ("right", pair.right)):
+            its_size = (image.shape[1], image.shape[0])
+            if size not in {(0, 0), its_size}:
+                raise InputError(
+                    f"{images.path}: expected images of one size, {size[0]}x{size[1]}, "
+                    f"found {its_size[0]}x{its_size[1]} in {pair.name} ({side})"
+                )
+            size = its_size
+        left, right = detector(pair.left), detector(pair.right)
+        if left is None or right is None:
+            missing = " and ".join(side for side, corners in (("left", left), ("right", right)) if corners is None)
+            found.rejected.append(RejectedView(pair.name, f"no {board.name} found in the {missing} image"))
+            continue
+        view = common_view(pair.name, left, same_order(board, left, right))
+        if not spans_a_plane(board, view.ids):
+            why = f"only {len(view.ids)} corners of the {board.name} are in both images"
+            found.rejected.append(RejectedView(pair.name, why))
+            continue
+        found.views.append(view)
+        found.sharpness.append(min(sharpness(as_grey(pair.left), left), sharpness(as_grey(pair.right), right)))
+    if size == (0, 0):
         why = f", e.g. {found.rejected[0].name}: {found.rejected[0].why}" if found.rejected else ""
         raise InputError(f"{images.path}: expected pairs of images, found none that can be read{why}")
-    return found
-
-
-def _same_size(path: Path, pair: BoardPair, size: tuple[int, int]) -> tuple[int, int]:
-    """The size of the pair's images, which is that of the earlier ones (0, 0 before the first)."""
-    for side, image in (("left", pair.left), ("right", pair.right)):
-        if image is None:
-            continue
-        found = (image.shape[1], image.shape[0])
-        if size not in {(0, 0), found}:
-            raise InputError(
-                f"{path}: expected images of one size, {size[0]}x{size[1]}, "
-                f"found {found[0]}x{found[1]} in {pair.name} ({side})"
-            )
-        size = found
-    return size
-
-
-def _look(pair: BoardPair, detector: Detector, board: Board) -> tuple[BoardView, float] | RejectedView:
-    """The corners that both images show and how sharp the lesser image is, or why the pair is of no use."""
-    if pair.left is None or pair.right is None:
-        raise ValueError("expected a pair with images")
-    left, right = detector(pair.left), detector(pair.right)
-    if left is None or right is None:
-        missing = " and ".join(side for side, corners in (("left", left), ("right", right)) if corners is None)
-        return RejectedView(pair.name, f"no {board.name} found in the {missing} image")
-    view = common_view(pair.name, left, same_order(board, left, right))
-    if not spans_a_plane(board, view.ids):
-        return RejectedView(pair.name, f"only {len(view.ids)} corners of the {board.name} are in both images")
-    sharp = [sharpness(as_grey(image), corners) for image, corners in ((pair.left, left), (pair.right, right))]
-    return view, min(sharp)
+    return replace(found, size=size)

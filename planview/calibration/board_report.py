@@ -12,12 +12,12 @@ import cv2
 import numpy as np
 
 from calib.board.lens import FOLDS
-from calib.board.model import SIDES, Side, rms
+from calib.board.model import SIDES, rms
 from calib.board.solve import BoardCalibration
 from calib.files import write_whole
 from calib.images import as_colour, encode_image
 from calib.types import F64, U8
-from planview.calibration.board_images import BoardImages
+from planview.calibration.board import BoardImages
 from planview.drawing.page import page_of
 from stereo.rectify import Rectifier, RectifyParams
 
@@ -48,7 +48,15 @@ def write_report(result: BoardCalibration, images: Path, path: Path) -> Path:
         source=images.name or str(images),
         board=result.board.name,
         size=f"{result.rig.left.width}x{result.rig.left.height}",
-        figures=_figures(result),
+        figures=[
+            ("stereo rms", f"{result.fit.rms_px:.3f} px"),
+            ("rows after rectification, rms", f"{result.row_rms_px:.3f} px"),
+            ("baseline", f"{1000 * result.rig.baseline_m:.2f} ± {1000 * result.std['baseline']:.2f} mm"),
+            ("baseline in squares", f"{result.baseline_squares:.3f}"),
+            ("between the cameras", f"{math.degrees(result.rig.right_SE3_left.angle_rad):.2f}°"),
+            ("pairs used", f"{len(result.views)} of {len(result.views) + len(result.rejected)}"),
+            ("lens", result.rig.left.model),
+        ],
         pair_name=name,
         rectified=base64.b64encode(encode_image(picture)).decode("ascii"),
         errors=_png(_error_figure(result)),
@@ -61,19 +69,6 @@ def write_report(result: BoardCalibration, images: Path, path: Path) -> Path:
     )
     write_whole(path, page)
     return path
-
-
-def _figures(result: BoardCalibration) -> list[tuple[str, str]]:
-    turn = math.degrees(result.rig.right_SE3_left.angle_rad)
-    return [
-        ("stereo rms", f"{result.fit.rms_px:.3f} px"),
-        ("rows after rectification, rms", f"{result.row_rms_px:.3f} px"),
-        ("baseline", f"{1000 * result.rig.baseline_m:.2f} ± {1000 * result.std['baseline']:.2f} mm"),
-        ("baseline in squares", f"{result.baseline_squares:.3f}"),
-        ("between the cameras", f"{turn:.2f}°"),
-        ("pairs used", f"{len(result.views)} of {len(result.views) + len(result.rejected)}"),
-        ("lens", result.rig.left.model),
-    ]
 
 
 def _parameters(result: BoardCalibration) -> list[tuple[str, str, str]]:
@@ -114,41 +109,30 @@ def _error_figure(result: BoardCalibration) -> Figure:
     figure = _new_figure(11, 8.5)
     grid = figure.add_gridspec(2, 6, height_ratios=(1.0, 1.1))
     scatter, bars = figure.add_subplot(grid[0, :2]), figure.add_subplot(grid[0, 2:])
-    _draw_scatter(scatter, result)
-    _draw_views(bars, result)
-    for column, side in zip((slice(0, 3), slice(3, 6)), SIDES, strict=True):
-        _draw_arrows(figure.add_subplot(grid[1, column]), result, side)
-    return figure
-
-
-def _draw_scatter(axes: Axes, result: BoardCalibration) -> None:
-    for side, colour in zip(SIDES, ("tab:blue", "tab:orange"), strict=True):
-        axes.plot(*np.concatenate(result.fit.side_errors(side)).T, ".", ms=2.5, alpha=0.5, color=colour, label=side)
-    reach = 1.1 * max(np.abs(error).max() for error in result.fit.errors)
-    axes.set(xlim=(-reach, reach), ylim=(reach, -reach), xlabel="x error [px]", ylabel="y error [px]", aspect="equal")
-    axes.grid(alpha=0.3)
-    axes.legend(loc="upper right")
-
-
-def _draw_views(axes: Axes, result: BoardCalibration) -> None:
     place = np.arange(len(result.views))
-    for shift, side, colour in zip((-0.2, 0.2), SIDES, ("tab:blue", "tab:orange"), strict=True):
-        heights = [rms([error]) for error in result.fit.side_errors(side)]
-        axes.bar(place + shift, heights, 0.4, color=colour, label=side)
-    axes.axhline(result.fit.rms_px, color="black", lw=0.8, ls="--", label="all")
-    names = [view.name.split()[0] for view in result.views]
-    axes.set_xticks(place, names, rotation=90, fontsize=7)
-    axes.set(ylabel="rms error [px]", title="per view")
-    axes.legend(loc="upper right")
-
-
-def _draw_arrows(axes: Axes, result: BoardCalibration, side: Side) -> None:
-    p = np.concatenate([view.image_points(side) for view in result.views])
-    e = -_ARROW_SCALE * np.concatenate(result.fit.side_errors(side))
-    axes.quiver(
-        *p.T, *e.T, np.linalg.norm(e, axis=1), angles="xy", scale_units="xy", scale=1, cmap="viridis", width=0.002
+    for side, colour, shift in zip(SIDES, ("tab:blue", "tab:orange"), (-0.2, 0.2), strict=True):
+        errors = result.fit.side_errors(side)
+        scatter.plot(*np.concatenate(errors).T, ".", ms=2.5, alpha=0.5, color=colour, label=side)
+        bars.bar(place + shift, [rms([error]) for error in errors], 0.4, color=colour, label=side)
+    reach = 1.1 * max(np.abs(error).max() for error in result.fit.errors)
+    scatter.set(
+        xlim=(-reach, reach), ylim=(reach, -reach), xlabel="x error [px]", ylabel="y error [px]", aspect="equal"
     )
-    _as_image(axes, result, f"{side}: errors x {_ARROW_SCALE:.0f}")
+    scatter.grid(alpha=0.3)
+    scatter.legend(loc="upper right")
+    bars.axhline(result.fit.rms_px, color="black", lw=0.8, ls="--", label="all")
+    bars.set_xticks(place, [view.name.split()[0] for view in result.views], rotation=90, fontsize=7)
+    bars.set(ylabel="rms error [px]", title="per view")
+    bars.legend(loc="upper right")
+    for column, side in zip((slice(0, 3), slice(3, 6)), SIDES, strict=True):
+        axes = figure.add_subplot(grid[1, column])
+        p = np.concatenate([view.image_points(side) for view in result.views])
+        e = -_ARROW_SCALE * np.concatenate(result.fit.side_errors(side))
+        axes.quiver(
+            *p.T, *e.T, np.linalg.norm(e, axis=1), angles="xy", scale_units="xy", scale=1, cmap="viridis", width=0.002
+        )
+        _as_image(axes, result, f"{side}: errors x {_ARROW_SCALE:.0f}")
+    return figure
 
 
 def _coverage_figure(result: BoardCalibration) -> Figure:

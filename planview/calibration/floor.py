@@ -6,14 +6,16 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
 from calib.floor.points import PeopleSeen, floor_from_people, floor_from_points
+from calib.images import as_colour
 from calib.rig import Floor
 from calib.types import F32, F64, U8
-from planview.calibration.pictures import draw_grid
+from planview.drawing.projection import Project, grid_lines
 from planview.trajectories.table import Trajectories
 from stereo.depth import RectifiedGeometry, median_image
 from stereo.floor import FloorEstimator, FloorSearch, setup_frames
@@ -26,10 +28,12 @@ PATCH_PX = 4
 FOOT_BAND = 0.08
 """Feet are looked for in this lowest share of a person's box [1] (our choice)."""
 MAX_TRACK_FRAMES = 60
+GRID = (90, 220, 90)
+AXIS = (60, 200, 255)
 
 
 @dataclass(frozen=True, eq=False)
-class FloorView:
+class FloorDepths:
     """Depth over some frames of a recording.
 
     Attributes:
@@ -81,7 +85,7 @@ class FloorView:
         return draw_grid(self.image, camera.project, floor.extent_m or (-5.0, -5.0, 5.0, 5.0))
 
 
-def view_floor(recording: StereoRecording, search: FloorSearch) -> FloorView:
+def view_floor(recording: StereoRecording, search: FloorSearch) -> FloorDepths:
     """Depth of frames spread over a recording.
 
     Raises:
@@ -91,16 +95,16 @@ def view_floor(recording: StereoRecording, search: FloorSearch) -> FloorView:
     rectifier, _ = aligned_rectifier(recording.rig, frames, search.rectify)
     estimator = FloorEstimator(rectifier, search)
     pairs = [rectifier(frame.left, frame.right) for frame in frames]
-    return FloorView(estimator, pairs[len(pairs) // 2].left, tuple(estimator.depth(pair) for pair in pairs))
+    return FloorDepths(estimator, pairs[len(pairs) // 2].left, tuple(estimator.depth(pair) for pair in pairs))
 
 
-def given_floor(view: FloorView, points: F64, pixels: bool) -> Floor:
+def given_floor(view: FloorDepths, points: F64, pixels: bool) -> Floor:
     """The floor through points by hand: pixels of the rectified left image, or metres in its camera frame."""
     return floor_from_points(view.points_at(points) if pixels else points, "--points")
 
 
 def floor_from_tracks(
-    recording: StereoRecording, view: FloorView, tracks: Trajectories, used: Floor, path: Path
+    recording: StereoRecording, view: FloorDepths, tracks: Trajectories, used: Floor, path: Path
 ) -> Floor:
     """Refine a floor by where tracked people's heads and feet are (see ``calib.floor.points.floor_from_people``).
 
@@ -138,3 +142,19 @@ def _foot(depth: F32, geometry: RectifiedGeometry, box: F64) -> F64:
     if np.isfinite(band).sum() < 5:
         return np.full(3, np.nan)
     return geometry.rays((left + w / 2, (rows.start + rows.stop) / 2)) * float(np.nanmedian(band))
+
+
+def draw_grid(image: U8, project: Project, extent_m: tuple[float, float, float, float]) -> U8:
+    """A floor grid with lines every metre and the axes from below the camera, on a copy."""
+    canvas = as_colour(image).copy()
+    size = (canvas.shape[1], canvas.shape[0])
+    for line in grid_lines(project, extent_m, size):
+        points = np.rint(line.pixels).astype(np.int32).reshape(-1, 1, 2)
+        cv2.polylines(canvas, [points], False, GRID, 1, cv2.LINE_AA)
+    for axis, name in (((1.0, 0.0, 0.0), "x"), ((0.0, 1.0, 0.0), "y")):
+        ends = project(np.array([[0.0, 0.0, 0.0], axis]))
+        if np.isfinite(ends).all():
+            start, end = (tuple(int(v) for v in np.clip(np.rint(p), -9999, 9999)) for p in ends)
+            cv2.arrowedLine(canvas, start, end, AXIS, 2, cv2.LINE_AA)
+            cv2.putText(canvas, name, end, cv2.FONT_HERSHEY_SIMPLEX, 0.6, AXIS, 2, cv2.LINE_AA)
+    return canvas

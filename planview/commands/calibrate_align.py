@@ -14,10 +14,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from calib.errors import InputError
 from calib.rigs_file import save_rigs
-from planview.calibration.align import align_records, check_inside, rig_entries
-from planview.calibration.align_params import AlignParams
-from planview.calibration.head_alignment import HeadAlignment
-from planview.calibration.head_record import HeadRecord, record_head
+from planview.calibration.align import AlignParams, RigAlignment, align_records, check_inside, rig_entries
+from planview.calibration.paths import RigRecord, record_rig
 from planview.commands.options import JsonFlag
 from planview.engine.config import Config, load_config
 from planview.output.console import PlainConsole
@@ -81,7 +79,7 @@ def calibrate_align(first: Path, second: Path, /, *others: Path, options: AlignO
         print(json.dumps({"heads": [report(r.path, a) for r, a in zip(records[1:], alignments, strict=True)]}))
 
 
-def sentence(name: str, a: HeadAlignment) -> str:
+def sentence(name: str, a: RigAlignment) -> str:
     """One alignment with the deviation of each value."""
     return (
         f"{name}: heading {math.degrees(a.heading_rad):.2f} ± {math.degrees(a.heading_std_rad):.2f} degrees, "
@@ -91,7 +89,7 @@ def sentence(name: str, a: HeadAlignment) -> str:
     )
 
 
-def report(path: Path, a: HeadAlignment) -> dict[str, Any]:
+def report(path: Path, a: RigAlignment) -> dict[str, Any]:
     """One alignment for ``--json``."""
     return {
         "head": str(path),
@@ -107,12 +105,12 @@ def report(path: Path, a: HeadAlignment) -> dict[str, Any]:
     }
 
 
-def _records(heads: Sequence[Path], config: Config, console: PlainConsole) -> list[HeadRecord]:
+def _records(heads: Sequence[Path], config: Config, console: PlainConsole) -> list[RigRecord]:
     columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
     records = []
     with Progress(*columns, console=console, transient=True) as progress:
         for head in heads:
             task = progress.add_task(f"tracking {head.name}", total=None)
-            records.append(record_head(head, config, lambda task=task: progress.advance(task)))  # type: ignore[misc]
+            records.append(record_rig(head, config, lambda task=task: progress.advance(task)))  # type: ignore[misc]
             progress.update(task, total=1, completed=1)
     return records

@@ -19,8 +19,7 @@ from calib.floor.world_file import load_world, save_world
 from calib.images import write_image
 from calib.rig import Floor
 from calib.text import reason
-from planview.calibration.floor import FloorView, floor_from_tracks, given_floor, view_floor
-from planview.calibration.pictures import AXIS, GRID
+from planview.calibration.floor import AXIS, GRID, FloorDepths, floor_from_tracks, given_floor, view_floor
 from planview.commands.options import Flag, JsonFlag
 from planview.drawing.colours import as_bgr
 from planview.drawing.legend import Entry, with_legend
@@ -98,7 +97,7 @@ def calibrate_floor(recording: Path, *, options: FloorOptions | None = None) -> 
         print(json.dumps(_report(floor, target, image)))
 
 
-def _find(recording: Path, search: FloorSearch, options: FloorOptions, console: Console) -> tuple[FloorView, Floor]:
+def _find(recording: Path, search: FloorSearch, options: FloorOptions, console: Console) -> tuple[FloorDepths, Floor]:
     """The floor by the way that the options name."""
     parsed = parse_points(options.points) if options.points else None
     opened = open_recording(recording, OpenOptions(options.calibration))
@@ -111,7 +110,7 @@ def _find(recording: Path, search: FloorSearch, options: FloorOptions, console: 
         return view, view.find()
 
 
-def _write(floor: Floor, view: FloorView, target: Path | None, image: Path | None) -> list[Path]:
+def _write(floor: Floor, view: FloorDepths, target: Path | None, image: Path | None) -> list[Path]:
     """Write the files that are asked for."""
     written = []
     for path, write in ((target, partial(save_world, floor)), (image, partial(_draw, view, floor))):
@@ -126,7 +125,7 @@ def _write(floor: Floor, view: FloorView, target: Path | None, image: Path | Non
     return written
 
 
-def _draw(view: FloorView, floor: Floor, path: Path) -> None:
+def _draw(view: FloorDepths, floor: Floor, path: Path) -> None:
     entries = (
         Entry(as_bgr(GRID), "a line per metre of floor"),
         Entry(as_bgr(AXIS), "x and y, 1 m from below the camera"),
@@ -134,7 +133,7 @@ def _draw(view: FloorView, floor: Floor, path: Path) -> None:
     write_image(path, with_legend(view.picture(floor), entries))
 
 
-def _refined(recording: StereoRecording, view: FloorView, tracks: Path) -> Floor:
+def _refined(recording: StereoRecording, view: FloorDepths, tracks: Path) -> Floor:
     file = tracks / "tracks.csv" if tracks.is_dir() else tracks
     return floor_from_tracks(recording, view, read_tracks(file), _floor_of_run(recording, file), file)
 

@@ -23,8 +23,15 @@ from calib.human.samples import HumanSample, check_samples, read_image_size, rea
 from calib.images import as_colour, write_image
 from calib.text import reason
 from calib.types import U8
-from planview.calibration.human import CollectedSamples, collect_samples
-from planview.calibration.pictures import COMPUTED, crowd, draw_grid, draw_person, draw_samples
+from planview.calibration.floor import draw_grid
+from planview.calibration.people import (
+    COMPUTED,
+    CollectedSamples,
+    collect_samples,
+    crowd,
+    draw_person,
+    draw_samples,
+)
 from planview.commands.options import Flag, JsonFlag
 from planview.output.console import PlainConsole
 from stereo.readers.opening import open_video

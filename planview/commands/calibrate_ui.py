@@ -39,10 +39,10 @@ def calibrate_ui(
         raise InputError(f"--port: expected 1024 to 65535, found {port}")
     _refuse_used(port)
     try:
-        from planview.calibration.browser.page import serve
+        from planview.calibration.page.page import serve
     except ImportError as error:
         raise WorkError(f'planview calibrate ui needs the extra "ui" (pip install "planview[ui]"): {error}') from error
-    from planview.calibration.browser.opening import open_session
+    from planview.calibration.page.session import open_session
 
     session = open_session(recording, calibration)
     PlainConsole(stderr=True).print(f"open http://127.0.0.1:{port}/ in a browser; Ctrl-C ends")

@@ -19,19 +19,15 @@ from calib.errors import InputError, WorkError
 from calib.files import write_whole
 from calib.text import reason, require_file
 from planview.commands.options import JsonFlag, checked
-from planview.counting.clock import Clock
-from planview.counting.count import count_tracks, count_truth
 from planview.counting.events import read_events, write_event_header, write_event_rows
 from planview.counting.geometry import RulePlane
-from planview.counting.params import AnalyticsParams
-from planview.counting.rules import load_rules
+from planview.counting.rules import AnalyticsParams, load_rules
 from planview.counting.scoring import CountScores, score_counts, score_events
-from planview.counting.totals import Counts
+from planview.counting.totals import Clock, Counts, count_tracks, count_truth
 from planview.output.console import PlainConsole
 from planview.output.info import RunInfo, read_run_info, unfinished_beside
-from planview.trajectories.layouts import load_file, load_truth
-from planview.trajectories.pairs import tracks_file
-from planview.trajectories.regions import limited
+from planview.trajectories.file import limited
+from planview.trajectories.formats import load_file, load_truth, tracks_file
 from planview.trajectories.table import Trajectories
 
 _DEFAULTS = AnalyticsParams()
@@ -128,7 +124,7 @@ def _plane(camera: Path | None, rig: Path | None, info: RunInfo | None) -> RuleP
 
         return RulePlane(load_ground_camera(camera))
     if rig is not None:
-        from planview.counting.cameras import stereo_plane
+        from planview.counting.geometry import stereo_plane
 
         return stereo_plane(rig)
     return RulePlane(image_size=(info.rig.width, info.rig.height) if info and info.rig else None)

@@ -12,7 +12,7 @@ from planview.commands.options import JsonFlag
 from planview.commands.render import RenderOptions, render
 from planview.commands.run import TrackingOptions, run
 from planview.output.console import PlainConsole
-from planview.synthetic.committed import DEMO
+from planview.synthetic.assets import DEMO
 from planview.trajectories.table import read_tracks
 
 

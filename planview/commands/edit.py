@@ -15,7 +15,7 @@ from calib.text import read_text
 from planview.commands.options import Flag, JsonFlag
 from planview.output.console import PlainConsole
 from planview.output.edit import edit_run, read_steps, undo_edits
-from planview.trajectories.regions import region_of
+from planview.trajectories.file import region_of
 
 _Many = Annotated[Sequence[str], Parameter(negative="")]
 
@@ -96,7 +96,7 @@ def edit(out: Path, *, options: EditOptions | None = None) -> None:
 
 
 def _lines(options: EditOptions) -> list[str]:
-    """The options as lines of ``planview.trajectories.edits``."""
+    """The options as lines of ``planview.offline.edit``."""
     lines = [] if options.list is None else _listed(options.list)
     for kind in ("join", "split", "delete", "rename"):
         lines += [f"{kind} {edit.replace(':', ' ').replace('@', ' ')}" for edit in getattr(options, kind)]

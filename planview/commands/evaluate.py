@@ -19,8 +19,7 @@ from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
 from planview.output.console import PlainConsole
 from planview.output.info import read_run_info, unfinished_beside
-from planview.trajectories.layouts import load_tracks, load_truth
-from planview.trajectories.pairs import FilePair, file_pairs
+from planview.trajectories.formats import FilePair, file_pairs, load_tracks, load_truth
 from planview.trajectories.table import Trajectories
 
 _FIGURES = (

@@ -13,13 +13,9 @@ from calib.errors import InputError
 from planview.commands.options import Flag
 from planview.commands.source import open_options
 from planview.output.console import PlainConsole
-from planview.trajectories.export import FORMATS, ExportName, prepared
-from planview.trajectories.file import TrajectoryFile
-from planview.trajectories.jsonl import stream_jsonl
-from planview.trajectories.layouts import load_file
-from planview.trajectories.pairs import tracks_file
-from planview.trajectories.petrack import write_petrack
-from planview.trajectories.regions import limited, region_of
+from planview.trajectories.file import TrajectoryFile, limited, region_of
+from planview.trajectories.formats import FORMATS, ExportName, load_file, prepared, tracks_file
+from planview.trajectories.text_formats import stream_jsonl, write_petrack
 
 
 @Parameter(name="*")

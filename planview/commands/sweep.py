@@ -16,11 +16,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from calib.errors import InputError, WorkError, printable
 from planview.commands.options import JsonFlag
 from planview.output.console import PlainConsole
-from planview.sweep.figures import FIGURES
 from planview.sweep.pools import ClusterPool, Pool, ProcessPool
-from planview.sweep.ranking import Estimate, Ranked
-from planview.sweep.results import JobResult
-from planview.sweep.study import RecordingEntry, Study, load_study, varied
+from planview.sweep.results import Estimate, JobResult, Ranked, why_no_intervals
+from planview.sweep.study import FIGURES, RecordingEntry, Study, load_study, varied
 from planview.sweep.sweep import StudyResults, run_study
 
 FAILED_MAX = 20
@@ -167,6 +165,8 @@ def print_ranking(results: StudyResults, out: Path) -> None:
         known = [objective, *(name for name in FIGURES if name != objective)]
         figures = [f"{FIGURES[n].label} {_text(row.figures[n], FIGURES[n].digits)}" for n in known if n in row.figures]
         print("   " + ", ".join([*figures, f"{row.runs} runs" + (f", {row.failed} failed" if row.failed else "")]))
+    if results.ranking and (why := why_no_intervals(results.runs)):
+        print(why)
     print(f"{out / 'report.html'}")
 
 
@@ -181,6 +181,7 @@ def _json(results: StudyResults, out: Path) -> dict[str, Any]:
         "objective": results.study.objective,
         "runs": [run.to_json() for run in results.runs],
         "ranking": [_ranked_json(row) for row in results.ranking],
+        "no_intervals": why_no_intervals(results.runs) or None,
         "failed": len(results.failed),
     }
 

@@ -13,7 +13,7 @@ from cyclopts import Parameter
 from calib.errors import InputError
 
 if TYPE_CHECKING:
-    from planview.synthetic.writing import Storage, Written
+    from planview.synthetic.write import Storage, Written
 
 
 def synth(
@@ -36,17 +36,17 @@ def synth(
 
     Example: planview synth data/synthetic/crossing.toml /tmp/crossing --frames 150
     """
-    from planview.synthetic.heads import load_heads, with_seed, write_heads
+    from planview.synthetic.write import load_rig_scenes, with_seed, write_rigs
 
     if video and jpeg:
         raise InputError("expected either --video or --jpeg, found both")
     _refuse(out, frames, scale)
     storage: Storage = "video" if video else "jpg" if jpeg else "png"
-    heads = load_heads(scene)
+    heads = load_rig_scenes(scene)
     if heads and (opencv or world):
         raise InputError("expected neither --opencv nor --world for several heads: rigs.toml is always written")
     if heads:
-        written = write_heads(with_seed(heads, seed), out, scale=scale, frames=frames, storage=storage)
+        written = write_rigs(with_seed(heads, seed), out, scale=scale, frames=frames, storage=storage)
     else:
         written = [_render(scene, out, scale, frames, seed, storage=storage, opencv=opencv, world=world)]
     _tell(written, out, json_output)
@@ -69,9 +69,9 @@ def _render(
     from rich.progress import Progress
 
     from planview.output.console import PlainConsole
-    from planview.synthetic.rendering import SceneRenderer
+    from planview.synthetic.render import SceneRenderer
     from planview.synthetic.scene import load_scene
-    from planview.synthetic.writing import write_recording
+    from planview.synthetic.write import write_recording
 
     description = load_scene(scene)
     if seed is not None:

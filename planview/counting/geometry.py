@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal, Protocol
 
 import numpy as np
 
 from calib.errors import InputError
+from calib.floor.world_file import load_world
+from calib.formats import load_rig
 from calib.types import F64
-from planview.trajectories.regions import within_ring
+from planview.trajectories.file import within_ring
+from stereo.floor_camera import StereoFloorCamera
+from stereo.rectify import RectifyParams
+from stereo.view import common_geometry
 
 PlaneName = Literal["floor", "image"]
 _SAMPLES = 65
@@ -131,11 +137,7 @@ def segments_meet(a: F64, b: F64, c: F64, d: F64) -> bool:
     if d1 * d2 < 0 and d3 * d4 < 0:
         return True
     on = ((d1, a, b, c), (d2, a, b, d), (d3, c, d, a), (d4, c, d, b))
-    return any(side == 0 and _within(p, q, x) for side, p, q, x in on)
-
-
-def _within(p: F64, q: F64, x: F64) -> bool:
-    return bool((np.minimum(p, q) <= x).all() and (x <= np.maximum(p, q)).all())
+    return any(side == 0 and ((np.minimum(p, q) <= x) & (x <= np.maximum(p, q))).all() for side, p, q, x in on)
 
 
 def cross(a: F64, b: F64) -> float:
@@ -165,3 +167,19 @@ def inner_radius(polygon: F64) -> float:
     low, high = polygon.min(axis=0), polygon.max(axis=0)
     x, y = low[:, None] + (np.arange(24) + 0.5) / 24 * (high - low)[:, None]
     return max(0.0, float(Outline(polygon).depth(*np.meshgrid(x, y)).max()))
+
+
+def stereo_plane(rig_path: Path, world_path: Path | None = None) -> RulePlane:
+    """The plane of a rig: its calibration, and world.toml beside it unless given.
+
+    Raises:
+        InputError: no rig or no world.toml there.
+    """
+    rig = load_rig(rig_path)
+    folder = rig_path if rig_path.is_dir() else rig_path.parent
+    world = world_path or folder / "world.toml"
+    if not world.is_file():
+        raise InputError(f"{world}: expected the pose of the rig (planview calibrate floor writes it), found no file")
+    params = RectifyParams()
+    geometry = common_geometry(rig, rig.rectifying_rotations()[0], params.working_px, params.field_quantile)
+    return RulePlane(StereoFloorCamera(geometry, load_world(world).world_SE3_left))

@@ -1,22 +1,47 @@
-"""``rules.toml``: the tripwires, zones and queues to count."""
+"""``rules.toml``: the tripwires, zones and queues to count, and when a person counts."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from calib.errors import InputError
-from calib.params import Location, dotted, first_problem
+from calib.params import Location, Params, dotted, first_problem
 from calib.text import load_toml
 from calib.types import F64
+from planview.counting.events import Direction
 from planview.counting.geometry import PlaneName, RulePlane, crossing_edges
 
 Point = tuple[float, float]
+
+
+class AnalyticsParams(Params):
+    """Tripwires and zones."""
+
+    hysteresis_m: float = Field(0.25, ge=0, le=5)
+    """How far beyond a line a person must be observed, on both sides, for a crossing [m]. Our choice: half a shoulder's
+    breadth, so that the body is across; more than twice the position noise of a good tracker."""
+    zone_hysteresis_m: float = Field(0.15, ge=0, le=5)
+    """How deep inside or outside a zone a person must be observed to enter or leave it [m]. Our choice: a little more
+    than the position noise of a tracker. Smaller than for a line: a crossing counted wrongly stays counted, occupancy
+    is right again with the next step, and a person walking along the outline is inside all the same."""
+    min_age_s: float = Field(0.5, ge=0, le=60)
+    """Younger tracks count nothing yet; what they did counts once they are older [s]. Our choice: flickers of
+    foreground are shorter, people crossing the view are observed for longer."""
+    stitch_s: float = Field(2.0, ge=0, le=60)
+    """A track that begins within this time of another one's end, where that one was heading, is the same person [s].
+    Our choice: trackers re-attach by themselves over longer times (Harville 2002: 4 s), so this only bridges what they
+    do not, and two people through the same door are farther apart."""
+    stitch_m: float = Field(0.6, ge=0, le=5)
+    """How near to the predicted place [m]. Our choice: a person that stops, or turns, within half a second at walking
+    pace."""
+    interval_s: float = Field(60.0, gt=0, le=86400)
+    """Length of the intervals of the totals [s]. Our choice."""
 
 
 def _plain_name(name: str) -> str:
@@ -36,26 +61,28 @@ MAX_RULES = 200
 _Polygon = Annotated[list[_PointIn], Field(max_length=MAX_POINTS)]
 
 
-class _Table(BaseModel):
+class _NamedRule(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
 
     name: _Name
 
 
-class Tripwire(_Table):
+class Tripwire(_NamedRule):
     """A line that people cross, from its first to its second point, on the floor [m] or in the image [px]."""
 
     from_m: _PointIn | None = None
     to_m: _PointIn | None = None
     from_px: _PointIn | None = None
     to_px: _PointIn | None = None
+    inward: Literal["left_to_right", "right_to_left"] | None = None
+    """The direction that the totals also call ``in``; the other one is ``out``."""
     hysteresis_m: float | None = Field(None, ge=0, le=5)
     """Instead of the parameter of the same name."""
     min_age_s: float | None = Field(None, ge=0, le=60)
     """Instead of the parameter of the same name."""
 
 
-class Zone(_Table):
+class Zone(_NamedRule):
     """An area that people are in; the polygon is closed by itself."""
 
     polygon_m: _Polygon | None = None
@@ -66,7 +93,7 @@ class Zone(_Table):
     """Instead of the parameter of the same name."""
 
 
-class Queue(_Table):
+class Queue(_NamedRule):
     """People waiting in a zone."""
 
     zone: _Name
@@ -93,6 +120,7 @@ class Placed:
     points: F64
     hysteresis_m: float | None = None
     min_age_s: float | None = None
+    inward: Direction = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,18 +169,28 @@ def parse_rules(data: dict[str, Any], plane: RulePlane, source: str) -> Rules:
         raise InputError(f"{source}: {first_problem(error, partial(_name_of, data))}") from error
     if not file.tripwire and not file.zone:
         raise InputError(f"{source}: expected at least one [[tripwire]] or [[zone]], found none")
-    _refuse_duplicates([rule.name for rule in (*file.tripwire, *file.zone, *file.queue)], source)
-    _refuse_unknown_zones(file, source)
+    names, zones = [rule.name for rule in (*file.tripwire, *file.zone, *file.queue)], [z.name for z in file.zone]
+    twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
+    if twice is not None:
+        raise InputError(f"{source}: expected every rule to have a name of its own, found {twice!r} twice")
+    for queue in file.queue:
+        if queue.zone not in zones:
+            raise InputError(
+                f"{source}: expected queue {queue.name!r} to name one of the zones "
+                f"({', '.join(zones) or 'there are none'}), found {queue.zone!r}"
+            )
     return Rules(
-        tuple(_placed(rule, *_wire_points(rule, plane, source)) for rule in file.tripwire),
-        tuple(_placed(rule, *_zone_points(rule, plane, source)) for rule in file.zone),
+        tuple(
+            Placed(rule.name, *_wire_points(rule, plane, source), rule.hysteresis_m, rule.min_age_s, rule.inward or "")
+            for rule in file.tripwire
+        ),
+        tuple(
+            Placed(rule.name, *_zone_points(rule, plane, source), rule.hysteresis_m, rule.min_age_s)
+            for rule in file.zone
+        ),
         tuple(file.queue),
         source,
     )
-
-
-def _placed(rule: Tripwire | Zone, plane: PlaneName, points: F64) -> Placed:
-    return Placed(rule.name, plane, points, rule.hysteresis_m, rule.min_age_s)
 
 
 def _name_of(data: dict[str, Any], location: Location) -> str:
@@ -166,22 +204,6 @@ def _name_of(data: dict[str, Any], location: Location) -> str:
     except (LookupError, TypeError, ValueError):
         rule = f"{table} number {int(number) + 1}" if isinstance(number, int) else str(table)
     return f"{dotted(tuple(keys))} in {rule}" if keys else rule
-
-
-def _refuse_duplicates(names: list[str], source: str) -> None:
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            raise InputError(f"{source}: expected every rule to have a name of its own, found {name!r} twice")
-
-
-def _refuse_unknown_zones(file: _File, source: str) -> None:
-    known = [zone.name for zone in file.zone]
-    for queue in file.queue:
-        if queue.zone not in known:
-            raise InputError(
-                f"{source}: expected queue {queue.name!r} to name one of the zones "
-                f"({', '.join(known) or 'there are none'}), found {queue.zone!r}"
-            )
 
 
 def _wire_points(rule: Tripwire, plane: RulePlane, source: str) -> tuple[PlaneName, F64]:

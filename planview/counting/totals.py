@@ -1,19 +1,114 @@
-"""What was counted in all, per interval, and over time."""
+"""Totals of counted rules over a recording, with the time of every frame."""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from calib.errors import InputError
 from calib.types import F64, I64
-from planview.counting.clock import Span
-from planview.counting.events import Event
-from planview.counting.rules import Placed, Queue, Rules
-from planview.counting.zone import Stay
+from planview.counting.events import Direction, Event
+from planview.counting.passages import Stay, TrackPlaces
+from planview.counting.rules import AnalyticsParams, Placed, Queue, Rules
+from planview.counting.stream import Analytics, TrackRow
+from planview.trajectories.table import IGNORED, Trajectories, frame_period_s
+
+INTERVALS_MAX = 10_080
+"""Intervals listed in full: a week of minutes (our choice)."""
+JUMP_S = 600.0
+"""A step of the clock from one frame to the next that is longer is a jump [s]: no recorder pauses so long unnoticed
+(our choice)."""
+TRUTH_ZONE_HYSTERESIS_M = 0.05
+"""For true occupancy: a head sways by as much when a person stands on the outline [m]; our choice."""
+_BLOCK_FRAMES = 1000
+"""Frames whose rows are located at a time, so that memory does not grow with the recording (our choice)."""
+
+
+def jump_note(before_frame: int, frame: int, step_s: float) -> str:
+    """A jump of the clock in words."""
+    days, hours = step_s / 86400.0, step_s / 3600.0
+    size = f"{days:.1f} days" if days >= 2 else f"{hours:.1f} hours" if hours >= 2 else f"{step_s / 60:.0f} minutes"
+    return f"the clock jumps by {size} from frame {before_frame} to {frame}: durations and rates include the jump"
+
+
+@dataclass(frozen=True)
+class Span:
+    """The time that the recording covers [s]; ``frame_s`` is the time per frame."""
+
+    start_s: float
+    end_s: float
+    frame_s: float
+
+    @property
+    def duration_s(self) -> float:
+        return self.end_s - self.start_s
+
+    def interval_starts(self, interval_s: float, busy_s: Sequence[float]) -> F64:
+        """Beginnings of the intervals that cover the span.
+
+        Where the clock has jumped there are more than INTERVALS_MAX: then only the first, the last, and those that hold
+        one of the times ``busy_s``.
+        """
+        count = max(1, math.ceil((self.duration_s - 1e-9) / interval_s))
+        indices = np.arange(min(count, INTERVALS_MAX), dtype=np.float64)
+        if count > INTERVALS_MAX:
+            held = (np.asarray(busy_s, dtype=np.float64) - self.start_s) // interval_s
+            indices = np.unique(np.concatenate([[0.0, count - 1.0], np.clip(held, 0, count - 1)]))
+        return self.start_s + interval_s * indices
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames at the nominal rate."""
+        return max(1, round(self.duration_s / self.frame_s))
+
+    def frame_times(self) -> F64:
+        """Times of all frames."""
+        return self.start_s + self.frame_s * np.arange(self.n_frames, dtype=np.float64)
+
+    def first_frames(self, times_s: F64) -> F64:
+        """(N,) number of the first frame at or after each time, ``n_frames`` beyond the end."""
+        return np.clip(np.ceil((times_s - self.start_s) / self.frame_s - 1e-9), 0, self.n_frames)
+
+
+class Clock:
+    """Frame to time: as the rows say, straight in between and beyond.
+
+    Args:
+        tracks: rows with timestamps, or without any.
+        fps: frame rate where fewer than two frames have a timestamp [1/s].
+    """
+
+    def __init__(self, tracks: Trajectories, fps: float) -> None:
+        known = np.isfinite(tracks.timestamp_s)
+        frames, first = np.unique(tracks.frame[known], return_index=True)
+        times = tracks.timestamp_s[known][first]
+        self.frame_s = frame_period_s(tracks, 1.0 / fps)
+        self._frames = frames if len(frames) else np.zeros(1, dtype=np.int64)
+        self._times = times if len(frames) else np.zeros(1)
+
+    def jump(self) -> str:
+        """The longest jump between two frames with rows, in words; empty for none."""
+        steps = np.diff(self._times)
+        if not len(steps) or steps.max() <= JUMP_S:
+            return ""
+        n = int(np.argmax(steps))
+        return jump_note(int(self._frames[n]), int(self._frames[n + 1]), float(steps[n]))
+
+    def at(self, frame: I64) -> F64:
+        """(N,) times [s] of (N,) frames."""
+        inside = np.interp(frame, self._frames, self._times)
+        beyond = np.minimum(frame - self._frames[0], 0) + np.maximum(frame - self._frames[-1], 0)
+        return np.asarray(inside + beyond * self.frame_s)
+
+    def span(self, n_frames: int) -> Span:
+        """From frame 0 to the end of the last of n_frames."""
+        start, last = self.at(np.array([0, max(0, n_frames - 1)]))
+        return Span(float(start), float(last) + self.frame_s, self.frame_s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +132,7 @@ class Counts:
 
     def to_json(self) -> dict[str, Any]:
         """The object of ``count --json`` and counts.json: ``rules`` by name, the totals per interval within."""
-        rules: dict[str, Any] = {rule.name: self._wire(rule.name) | _place(rule) for rule in self.rules.tripwires}
+        rules: dict[str, Any] = {rule.name: self._wire(rule) | _place(rule) for rule in self.rules.tripwires}
         rules |= {rule.name: self._zone(rule.name) | _place(rule) for rule in self.rules.zones}
         rules |= {queue.name: self._queue(queue) for queue in self.rules.queues}
         return {
@@ -51,13 +146,14 @@ class Counts:
         """(N,) people in a zone at times [s]."""
         return occupancy_at(self.stays[zone], times_s, self.span.frame_s)
 
-    def _wire(self, name: str) -> dict[str, Any]:
-        crossings = [event for event in self.events if event.rule == name]
+    def _wire(self, wire: Placed) -> dict[str, Any]:
+        crossings = [event for event in self.events if event.rule == wire.name]
+        intervals = self._intervals(crossings)
         return {
             "kind": "tripwire",
-            **_by_direction(crossings),
-            "people": self.people[name],
-            "intervals": [{"start_s": start, **_by_direction(group)} for start, group in self._intervals(crossings)],
+            **_by_direction(crossings, wire.inward),
+            "people": self.people[wire.name],
+            "intervals": [{"start_s": start, **_by_direction(group, wire.inward)} for start, group in intervals],
         }
 
     def _zone(self, name: str) -> dict[str, Any]:
@@ -164,11 +260,90 @@ def _place(rule: Placed) -> dict[str, Any]:
     return {"plane": rule.plane, "points": rule.points.tolist()}
 
 
-def _by_direction(events: Sequence[Event]) -> dict[str, int]:
+def _by_direction(events: Sequence[Event], inward: Direction) -> dict[str, int]:
     count = Counter(event.direction for event in events)
-    return {"left_to_right": count["left_to_right"], "right_to_left": count["right_to_left"]}
+    found = {"left_to_right": count["left_to_right"], "right_to_left": count["right_to_left"]}
+    return found | {"in": count[inward], "out": len(events) - count[inward]} if inward else found
 
 
 def _passages(events: Sequence[Event]) -> dict[str, int]:
     count = Counter(event.kind for event in events)
     return {"entries": count["entry"], "exits": count["exit"]}
+
+
+def count_tracks(
+    tracks: Trajectories,
+    rules: Rules,
+    params: AnalyticsParams | None = None,
+    *,
+    clock: Clock | None = None,
+    n_frames: int = 0,
+) -> Counts:
+    """Apply rules to tracks.
+
+    Args:
+        tracks: as read from a file.
+        clock: time of the frames; that of the tracks (30 frames per second without timestamps) by default.
+        n_frames: length of the recording where known; otherwise it ends with the last row.
+    Raises:
+        InputError: the tracks have no place in the plane of a rule.
+    """
+    _require_positions(tracks, rules)
+    clock = clock or Clock(tracks, 30.0)
+    analytics = Analytics(rules, params)
+    events = [
+        event
+        for frame, moment, rows in _frames(tracks, clock, analytics)
+        for event in analytics.update_rows(frame, moment, rows)
+    ]
+    stays = {name: sorted(stays, key=lambda s: s.start_s) for name, stays in analytics.stays.items()}
+    span = clock.span(max(n_frames, int(tracks.frame.max()) + 1 if len(tracks) else 0))
+    events.sort(key=lambda e: e.timestamp_s)
+    return Counts(rules, events, stays, analytics.people, span, analytics.params.interval_s)
+
+
+def count_truth(
+    truth: Trajectories, rules: Rules, clock: Clock, params: AnalyticsParams | None = None, n_frames: int = 0
+) -> Counts:
+    """The true counts: the same rules on true positions, without a minimum age and without stitching of ids.
+
+    A crossing means the same for truth: a person that steps back within the hysteresis has not crossed, which is also
+    how crossings are counted by hand. The outline of a zone is taken as it is, but for sway.
+
+    Args:
+        clock: that of the tracks, since truth carries no times.
+        params: those of the tracks.
+    """
+    params = (params or AnalyticsParams()).model_copy(update={"stitch_s": 0.0})
+    return count_tracks(
+        truth.where(truth.visible != IGNORED),
+        rules.of_truth(TRUTH_ZONE_HYSTERESIS_M),
+        params,
+        clock=clock,
+        n_frames=n_frames,
+    )
+
+
+def _frames(tracks: Trajectories, clock: Clock, analytics: Analytics) -> Iterator[tuple[int, float, list[TrackRow]]]:
+    """(frame, time, rows) of every frame in which the counts may change."""
+    frames, starts = np.unique(tracks.frame, return_index=True)
+    moments = clock.at(frames)
+    changes = analytics.changes(tracks.frame, moments, TrackPlaces.of_rows(tracks, slice(None)))
+    bounds = np.append(starts, len(tracks))
+    for block in np.array_split(np.flatnonzero(changes.frames), 1 + len(frames) // _BLOCK_FRAMES):
+        counts = bounds[block + 1] - bounds[block]
+        ends = np.cumsum(counts)
+        rows = np.repeat(bounds[block + 1] - ends, counts) + np.arange(counts.sum())
+        located = analytics.rows(TrackPlaces.of_rows(tracks, rows), changes.rows[rows])
+        for i, start, end in zip(block.tolist(), (ends - counts).tolist(), ends.tolist(), strict=True):
+            yield int(frames[i]), float(moments[i]), located[start:end]
+
+
+def _require_positions(tracks: Trajectories, rules: Rules) -> None:
+    for rule in (*rules.tripwires, *rules.zones):
+        places = tracks.box_px.sum(axis=1) if rule.plane == "image" else tracks.x_m + tracks.y_m
+        if len(tracks) and not np.isfinite(places).any():
+            need = "boxes (or --camera)" if rule.plane == "image" else "floor positions"
+            raise InputError(
+                f"{rules.source}: expected tracks with {need} for rule {rule.name!r}, found none in any row"
+            )

@@ -26,8 +26,7 @@ from planview.evaluation.significant import (
     significant_errors,
     strict_identity_changes,
 )
-from planview.trajectories.table import Trajectories, rows_by_id
-from planview.trajectories.timing import frame_period_s
+from planview.trajectories.table import Trajectories, frame_period_s, rows_by_id
 
 
 class EvaluationParams(Params):

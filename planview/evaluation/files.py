@@ -6,8 +6,7 @@ from pathlib import Path
 
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import Evaluation
-from planview.trajectories.layouts import load_tracks, load_truth
-from planview.trajectories.pairs import tracks_file, truth_file
+from planview.trajectories.formats import load_tracks, load_truth, tracks_file, truth_file
 from planview.trajectories.table import Trajectories
 
 

@@ -14,11 +14,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from calib.errors import InputError
 from calib.params import first_problem
+from planview.offline.edit import edited
 from planview.output.folder import finished_run
 from planview.output.info import write_result
 from planview.output.lock import folder_lock
 from planview.output.report.page import write_report
-from planview.trajectories.edits import edited
 from planview.trajectories.table import Trajectories, read_tracks, write_table
 
 EDITS = "edits.json"
@@ -26,7 +26,7 @@ TRACKS_BEFORE = "tracks_before.csv"
 
 
 class EditStep(BaseModel):
-    """One call of ``planview edit``: when, and its edits as ``planview.trajectories.edits`` reads them."""
+    """One call of ``planview edit``: when, and its edits as ``planview.offline.edit`` reads them."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

@@ -16,9 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from calib.errors import WorkError
-from planview.counting.clock import Span
 from planview.counting.stream import Analytics
-from planview.counting.totals import Counts
+from planview.counting.totals import Counts, Span
 from planview.engine.engine import Engine, FrameResult
 from planview.output.checkpoint.decode import decode
 from planview.output.checkpoint.encode import encode

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planview.counting.clock import JUMP_S, jump_told
 from planview.counting.events import Event
+from planview.counting.totals import JUMP_S, jump_note
 from planview.engine.engine import FrameResult
 
 TIMES_MAX = 4096
@@ -75,7 +75,7 @@ class RunTotals:
         if self.frames == 0:
             self.first_s = result.timestamp_s
         elif result.timestamp_s - self.last_s > JUMP_S:
-            self.jump = jump_told(self.last_frame, result.frame, result.timestamp_s - self.last_s)
+            self.jump = jump_note(self.last_frame, result.frame, result.timestamp_s - self.last_s)
         self.frames += 1
         self.last_frame, self.last_s = result.frame, result.timestamp_s
         self.tracks += len(result.tracks)

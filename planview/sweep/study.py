@@ -1,24 +1,176 @@
-"""``STUDY.toml``: what is tracked, with which parameters, and what decides."""
+"""``STUDY.toml``: what is tracked, with which parameters, and which figure decides."""
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Sequence
+import itertools
+import json
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
-from pydantic import Field, ValidationError, field_validator
+import numpy as np
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from calib.errors import InputError
 from calib.params import Params, first_problem
-from calib.text import reason
+from calib.text import load_toml, parse_toml
 from planview.engine.factory import TrackerName
-from planview.sweep.figures import FigureName
-from planview.sweep.space import Space
+from planview.evaluation.result import Evaluation
+from planview.output.info import RunInfo
 
-SIZE_MAX = 1_000_000
-"""Largest study file [bytes]."""
+FigureName = Literal[
+    "mota", "idf1", "hota", "significant_errors", "switches", "position_error_mean_m", "height_error_mean_m",
+    "people", "elapsed_s",
+]  # fmt: skip
+RUNS_MAX = 50_000
+"""Runs of a study: more take weeks on a cluster, and are a slip of the hand (our choice)."""
+
+
+class Figure(NamedTuple):
+    """How a figure is called, printed and judged; ``better`` is +1 where more is better, -1 where less is."""
+
+    label: str
+    digits: int
+    better: int
+
+
+FIGURES: dict[FigureName, Figure] = {
+    "mota": Figure("MOTA", 3, 1),
+    "idf1": Figure("IDF1", 3, 1),
+    "hota": Figure("HOTA", 3, 1),
+    "significant_errors": Figure("significant errors", 2, -1),
+    "switches": Figure("switches", 2, -1),
+    "position_error_mean_m": Figure("position error [m]", 3, -1),
+    "height_error_mean_m": Figure("height error [m]", 3, -1),
+    "people": Figure("people", 1, 1),
+    "elapsed_s": Figure("tracking time [s]", 1, -1),
+}
+
+
+def run_figures(info: RunInfo, evaluation: Evaluation | None) -> dict[str, float]:
+    """Figures of a run, with its scores where there is truth; those that the data cannot give are left out."""
+    found: dict[str, Any] = {"people": info.people, "elapsed_s": info.elapsed_s}
+    if evaluation is not None:
+        scores = evaluation.to_json()
+        found |= {name: scores.get(name) for name in FIGURES if name not in found}
+        found["significant_errors"] = len(evaluation.significant)
+    return {name: float(value) for name, value in found.items() if value is not None}
+
+
+class Range(Params):
+    """Numbers from min to max; whole ones where all of min, max and step are."""
+
+    min: int | float
+    max: int | float
+    step: int | float | None = None
+    """Only min, min + step, ...; not together with log."""
+    log: bool = False
+    """Values are even in the logarithm."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Range:
+        if not self.min < self.max:
+            raise ValueError(f"expected min below max, found {self.min} and {self.max}")
+        if self.step is not None and (self.log or self.step <= 0):
+            raise ValueError(f"expected a step above 0 and without log, found {self.step}")
+        if self.log and self.min <= 0:
+            raise ValueError(f"expected min above 0 with log, found {self.min}")
+        return self
+
+    @property
+    def whole(self) -> bool:
+        """Whether all values are whole numbers."""
+        return all(isinstance(value, int) for value in (self.min, self.max, self.step or 1))
+
+    @property
+    def steps(self) -> int:
+        """Number of values of a range with a step."""
+        return int(min((self.max - self.min) / (self.step or 1), 1e9) + 1e-9) + 1
+
+    def listed(self) -> list[int | float]:
+        """All values of a range with a step."""
+        values = (self.min + (self.step or 1) * i for i in range(self.steps))
+        return [float(f"{value:.9g}") if isinstance(value, float) else value for value in values]
+
+    def at(self, fraction: float) -> int | float:
+        """The value a fraction (0 to below 1) of the way through the range."""
+        if self.step is not None:
+            return self.min + self.step * int(fraction * self.steps)
+        low, high = (math.log(self.min), math.log(self.max)) if self.log else (self.min, self.max)
+        if not self.whole:
+            value = low + fraction * (high - low)
+            return float(f"{math.exp(value) if self.log else value:.6g}")
+        if self.log:
+            return min(self.max, round(math.exp(low + fraction * (high - low))))
+        return int(self.min + math.floor(fraction * (self.max - self.min + 1)))
+
+
+Choices = list[Any]
+Space = Choices | Range
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """Values of the varied parameters, as texts like ``template.range_m=0.4`` in the order of the study."""
+
+    settings: tuple[str, ...] = ()
+
+    @property
+    def label(self) -> str:
+        """All settings in one line."""
+        return " ".join(self.settings) or "defaults"
+
+    def value(self, name: str) -> str:
+        """The text of a parameter's value; empty where it is not varied."""
+        return next((s.partition("=")[2] for s in self.settings if s.partition("=")[0] == name), "")
+
+
+def configuration(values: Mapping[str, Any]) -> Configuration:
+    """Of parameter values, numbers, texts, truth values or lists of these."""
+    return Configuration(tuple(f"{name}={json.dumps(value)}" for name, value in values.items()))
+
+
+def grid(parameters: Mapping[str, Space]) -> list[Configuration]:
+    """All combinations, the last parameter fastest; one without settings where there are no parameters.
+
+    Raises:
+        InputError: a range without step, or too many.
+    """
+    count = combinations(parameters)
+    if not 0 < count <= RUNS_MAX:
+        raise InputError(f"expected 1 to {RUNS_MAX} combinations of parameters, found {count}")
+    values = [space if isinstance(space, list) else space.listed() for space in parameters.values()]
+    return [configuration(dict(zip(parameters, chosen, strict=True))) for chosen in itertools.product(*values)]
+
+
+def random_draws(parameters: Mapping[str, Space], count: int, seed: int) -> list[Configuration]:
+    """So many independent draws, each once; fewer where the space holds fewer."""
+    generator = np.random.default_rng(seed)
+    found: dict[Configuration, None] = {}
+    for _ in range(20 * count):
+        fractions = {name: float(generator.random()) for name in parameters}
+        values = {
+            name: space.at(fractions[name]) if isinstance(space, Range) else space[int(fractions[name] * len(space))]
+            for name, space in parameters.items()
+        }
+        found[configuration(values)] = None
+        if len(found) == count:
+            break
+    return list(found)
+
+
+def combinations(parameters: Mapping[str, Space]) -> int:
+    """Number of all combinations of a grid.
+
+    Raises:
+        InputError: a range without step.
+    """
+    for name, space in parameters.items():
+        if isinstance(space, Range) and space.step is None:
+            raise InputError(f"parameters.{name}: expected a list or a step for a grid, found a range without step")
+    return math.prod(len(space) if isinstance(space, list) else space.steps for space in parameters.values())
 
 
 class RecordingEntry(Params):
@@ -49,7 +201,7 @@ class Study(Params):
     """Seeds of the random generators: every configuration runs once with each."""
     method: Literal["grid", "random", "optuna"] = "grid"
     """All combinations; so many drawn independently; or so many that Optuna proposes from the results so far."""
-    samples: int = Field(20, ge=1, le=100_000)
+    samples: int = Field(20, ge=1, le=RUNS_MAX)
     """Configurations that "random" and "optuna" try."""
     search_seed: int = Field(0, ge=0)
     """Seed of the draws of "random" and "optuna"."""
@@ -68,8 +220,22 @@ class Study(Params):
     @classmethod
     def _different(cls, seeds: list[int]) -> list[int]:
         if len(set(seeds)) < len(seeds) or min(seeds) < 0:
-            raise ValueError(f"expected different seeds from 0, found {seeds}")
+            raise ValueError(f"expected different seeds from 0, found {str(seeds)[:80]}")
         return seeds
+
+    def refuse_many(self) -> None:
+        """Refuse a study by its size, before anything is looked at.
+
+        Raises:
+            InputError: more than RUNS_MAX runs, or a grid over a range without step.
+        """
+        n_configurations = combinations(self.parameters) if self.method == "grid" else self.samples
+        counts = n_configurations, len(self.recordings), len(self.seeds)
+        if math.prod(counts) > RUNS_MAX:
+            raise InputError(
+                f"expected a study of up to {RUNS_MAX} runs, found {math.prod(counts)} "
+                "({} configurations x {} recordings x {} seeds)".format(*counts)
+            )
 
 
 def load_study(path: Path) -> Study:
@@ -78,18 +244,15 @@ def load_study(path: Path) -> Study:
     Raises:
         InputError: unreadable, an unknown key, a value out of range, or a pattern that matches nothing.
     """
-    try:
-        if path.stat().st_size > SIZE_MAX:
-            raise InputError(f"{path}: expected a study of up to {SIZE_MAX} bytes, found {path.stat().st_size}")
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: expected a study in TOML, found {reason(error)}") from error
+    tables = load_toml(path, "a study in TOML")
     try:
         tables["recordings"] = _entries(tables.get("recordings", []), path.parent)
         tables["parameters"] = _flat(tables.get("parameters", {}))
         if "config" in tables:
             tables["config"] = path.parent / str(tables["config"])
-        return Study.model_validate(tables)
+        study = Study.model_validate(tables)
+        study.refuse_many()
+        return study
     except ValidationError as error:
         raise InputError(f"{path}: {first_problem(error)}") from error
     except InputError as error:
@@ -128,8 +291,8 @@ def varied(options: Sequence[str]) -> Varied:
 
 def _value(text: str) -> Any:
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        return parse_toml(f"value = {text}")["value"]
+    except ValueError:
         return text.strip()
 
 

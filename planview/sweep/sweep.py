@@ -2,29 +2,100 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Generator, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
+from calib.errors import InputError
 from planview.output.info import write_result
 from planview.output.lock import folder_lock
-from planview.sweep.jobs import Planned, Planner, Refused, RunJob, StudyJob
-from planview.sweep.pools import Pool
-from planview.sweep.proposals import Proposals
-from planview.sweep.ranking import Ranked, ranked
-from planview.sweep.results import JobResult, summary_csv
-from planview.sweep.schedule import Task, run_tasks
-from planview.sweep.space import grid, random_draws
-from planview.sweep.study import Study
-from planview.sweep.work import is_done, kept_figures, remove_stale_attempts, track, track_and_score
+from planview.sweep.jobs import Planned, Planner, Refused, StudyJob
+from planview.sweep.pools import Pool, Task, run_tasks
+from planview.sweep.results import JobResult, Ranked, ranked, summary_csv
+from planview.sweep.study import FIGURES, Configuration, Range, Space, Study, configuration, grid, random_draws
+from planview.sweep.work import earlier_figures, is_done, remove_stale_attempts, track, track_and_score
 
+BATCH = 4
+"""Proposals made together. Not the number of processes: the same study proposes the same on any machine, so that what
+is done is found again."""
 STUDY_FILE, SUMMARY_FILE, PAGE_FILE = "study.json", "summary.csv", "report.html"
 
 
+class Proposals:
+    """Asks Optuna's tree-structured Parzen estimator (Bergstra et al. 2011) for configurations.
+
+    Args:
+        study: with its parameters, samples, objective and search seed.
+    Raises:
+        InputError: Optuna is not installed.
+    """
+
+    def __init__(self, study: Study) -> None:
+        try:
+            import optuna
+        except ImportError as error:
+            raise InputError('method "optuna": expected the package optuna; install planview[study]') from error
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
+        self._failed = optuna.trial.TrialState.FAIL
+        self._optuna = optuna.create_study(
+            direction="maximize" if FIGURES[study.objective].better > 0 else "minimize",
+            sampler=optuna.samplers.TPESampler(seed=study.search_seed),
+        )
+        self._study = study
+        self._asked: list[tuple[Any, Configuration]] = []
+        self._left, self._recorded, self._known = study.samples, 0, 0
+
+    def extremes(self) -> list[Configuration]:
+        """Every choice and both ends of every range, one parameter at a time: to be checked before anything runs."""
+        spaces = self._study.parameters.items()
+        ends = {name: [space.min, space.max] if isinstance(space, Range) else space for name, space in spaces}
+        return [configuration({name: value}) for name, values in ends.items() for value in values]
+
+    def ask(self) -> list[Configuration]:
+        """The next configurations; none when all samples are taken or no run has the objective."""
+        count = min(BATCH, self._left)
+        if self._recorded and not self._known:
+            return []
+        self._left -= count
+        trials = [self._optuna.ask() for _ in range(count)]
+        spaces = self._study.parameters
+        self._asked = [
+            (trial, configuration({name: _suggested(trial, name, space) for name, space in spaces.items()}))
+            for trial in trials
+        ]
+        return list(dict.fromkeys(proposed for _, proposed in self._asked))
+
+    def record(self, results: Sequence[JobResult]) -> None:
+        """The runs of the configurations asked last; one that failed makes its configuration fail."""
+        objective = self._study.objective
+        means = {
+            r.configuration: r.figures[objective].mean
+            for r in ranked(results, objective)
+            if objective in r.figures and not r.failed
+        }
+        for trial, proposed in self._asked:
+            mean = means.get(proposed, math.nan)
+            self._recorded += 1
+            if math.isnan(mean):
+                self._optuna.tell(trial, state=self._failed)
+            else:
+                self._known += 1
+                self._optuna.tell(trial, mean)
+
+
+def _suggested(trial: Any, name: str, space: Space) -> Any:
+    if not isinstance(space, Range):
+        return space[trial.suggest_categorical(name, list(range(len(space))))]
+    if space.whole:
+        return trial.suggest_int(name, space.min, space.max, step=int(space.step or 1), log=space.log)
+    return float(f"{trial.suggest_float(name, space.min, space.max, step=space.step, log=space.log):.6g}")
+
+
 class StudyWatch(Protocol):
-    """Is told what happens."""
+    """Follows what happens."""
 
     def planned(self, runs: int, maps: int) -> None:
         """So many runs and plan-view recordings are to be made, those that are done included."""
@@ -63,26 +134,24 @@ def run_study(
         InputError: a setting that is no parameter, a cluster that cannot be reached, or another study in the folder.
         WorkError: the folder cannot be written.
     """
+    study.refuse_many()
     batches = _batches(study, Planner(study, out, names))
-    batch: list[Planned] | None = next(batches)
+    batch: list[Planned] = next(batches)
     with folder_lock(out), closing(_Runner(open_pool, watch)) as runner:
         remove_stale_attempts(out)
         write_result(out / STUDY_FILE, study.model_dump_json(indent=2) + "\n")
         runs: list[JobResult] = []
-        while batch:
-            done = runner.run(batch)
-            runs += done
-            batch = _next_batch(batches, done)
+        with suppress(StopIteration):
+            while batch:
+                runs += (done := runner.run(batch))
+                batch = batches.send(done)
         remove_stale_attempts(out)
         results = StudyResults(study, runs, ranked(runs, study.objective))
         _write(results, out)
     return results
 
 
-Batches = Generator[list[Planned], list[JobResult], None]
-
-
-def _batches(study: Study, planner: Planner) -> Batches:
+def _batches(study: Study, planner: Planner) -> Generator[list[Planned], list[JobResult], None]:
     """Jobs to run together, for the results of the batch before."""
     if study.method == "grid":
         yield planner.jobs(grid(study.parameters))
@@ -92,14 +161,7 @@ def _batches(study: Study, planner: Planner) -> Batches:
         proposals = Proposals(study)
         planner.jobs(proposals.extremes())
         while configurations := proposals.ask():
-            proposals.tell((yield planner.jobs(configurations)))
-
-
-def _next_batch(batches: Batches, results: list[JobResult]) -> list[Planned] | None:
-    try:
-        return batches.send(results)
-    except StopIteration:
-        return None
+            proposals.record((yield planner.jobs(configurations)))
 
 
 class _Runner:
@@ -122,17 +184,8 @@ class _Runner:
         for result in early.values():
             self._watch.ended(result)
         results = early
-        for key, value, error in self._done(jobs, maps):
-            for i in waiting[key]:
-                results[i] = _result(batch[i], value, error)
-                self._watch.ended(results[i])
-        return [results[i] for i in range(len(batch))]
-
-    def _done(
-        self, jobs: Sequence[StudyJob], maps: dict[str, RunJob]
-    ) -> Generator[tuple[str, dict[str, float], str], None, None]:
         if not jobs:
-            return
+            return [results[i] for i in range(len(batch))]
         tasks = [Task(key, track, job) for key, job in maps.items()]
         for job in jobs:
             after = job.maps.key if job.maps and job.maps.key in maps else None
@@ -141,8 +194,10 @@ class _Runner:
         for done in run_tasks(tasks, self._pool):
             if done.key in maps:
                 self._watch.recorded(done.error)
-            else:
-                yield done.key, done.value or {}, done.error
+            for i in waiting.get(done.key, []):
+                results[i] = _result(batch[i], done.value or {}, done.error)
+                self._watch.ended(results[i])
+        return [results[i] for i in range(len(batch))]
 
     def close(self) -> None:
         if self._pool is not None:
@@ -153,7 +208,7 @@ def _early(job: Planned) -> JobResult | None:
     """What is known without work: a run that is done, or one that cannot begin."""
     if isinstance(job, Refused):
         return JobResult(job.name, job.configuration, job.seed, error=job.error)
-    figures = kept_figures(job)
+    figures = earlier_figures(job)
     return None if figures is None else _result(job, figures, "", reused=True)
 
 

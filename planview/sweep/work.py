@@ -24,10 +24,9 @@ from planview.output.folder import finished_run
 from planview.output.info import write_result
 from planview.output.log import RunLog
 from planview.output.run import RunOptions, run
-from planview.sweep.content import engine_version
-from planview.sweep.figures import run_figures
-from planview.sweep.jobs import MAPS_FILE, RunJob, StudyJob
-from planview.trajectories.layouts import load_tracks, load_truth
+from planview.sweep.jobs import MAPS_FILE, RunJob, StudyJob, engine_version
+from planview.sweep.study import run_figures
+from planview.trajectories.formats import load_tracks, load_truth
 from stereo.readers import OpenOptions
 
 ATTEMPT = ".attempt-"
@@ -72,7 +71,7 @@ def is_done(job: RunJob) -> bool:
 
 
 def track_and_score(job: StudyJob) -> dict[str, float]:
-    """Run unless that is done, and score; the figures are kept beside the run.
+    """Run unless that is done, and score; the figures are written beside the run.
 
     Raises:
         InputError, WorkError: as ``track``; truth that cannot be read.
@@ -90,11 +89,11 @@ def track_and_score(job: StudyJob) -> dict[str, float]:
     return figures
 
 
-def kept_figures(job: StudyJob) -> dict[str, float] | None:
+def earlier_figures(job: StudyJob) -> dict[str, float] | None:
     """Figures of an earlier study with the same input, configuration, version and truth; None where there are none."""
     try:
-        kept: Any = json.loads(_scores_file(job).read_text(encoding="utf-8"))
-        return {str(name): float(value) for name, value in kept.items()}
+        found: Any = json.loads(_scores_file(job).read_text(encoding="utf-8"))
+        return {str(name): float(value) for name, value in found.items()}
     except (OSError, ValueError, TypeError, AttributeError, RecursionError):
         return None
 

@@ -8,14 +8,24 @@ import cv2
 import numpy as np
 
 from calib.types import F32, I32, I64
-from planview.synthetic.actors import Actor
-from planview.synthetic.lighting import ball_samples, hemisphere, openness, visibility
+from planview.synthetic.camera import View
+from planview.synthetic.light import (
+    Hits,
+    LightStack,
+    Shader,
+    Surfaces,
+    Tracer,
+    ball_samples,
+    hemisphere,
+    mirrored,
+    openness,
+    surfaces,
+    visibility,
+)
+from planview.synthetic.mesh import Mesh, join
+from planview.synthetic.people import Actor
 from planview.synthetic.scene import Light, Scene
-from planview.synthetic.shading import LightStack, Shader, Surfaces, mirrored, surfaces
-from planview.synthetic.shapes import Mesh, join
 from planview.synthetic.texture import Palette
-from planview.synthetic.tracing import Hits, Tracer
-from planview.synthetic.view import View
 
 STATIC_SAMPLES = 3
 """Rays per pixel and direction for what does not move."""

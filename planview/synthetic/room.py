@@ -1,16 +1,23 @@
-"""Meshes of the room: floor, walls with openings, ceiling, panels."""
+"""Meshes of the room (floor, walls with openings, ceiling, panels) and of furniture."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
 from calib.types import F64
-from planview.synthetic.setting import Opening, Panel, Room, Wall
-from planview.synthetic.shapes import Mesh, join, quad
+from planview.synthetic.mesh import Mesh, box, dome_rings, join, limb_rings, quad, sweep
+from planview.synthetic.scene import Furniture, FurnitureKind, Opening, Room, Surface, Wall
 from planview.synthetic.texture import Palette
 
 CORRIDOR_M = 3.5
 """Depth of the corridor behind an opening."""
+Size = tuple[float, float, float]
+Builder = Callable[[Size, int, int], list[Mesh]]
+
+WOOD = Surface(texture="wood", colour="#a07a50", scale_m=0.15, contrast=0.1)
+DARK = Surface(colour="#303238", scale_m=0.03, contrast=0.25)
 
 
 def room_mesh(room: Room, palette: Palette) -> Mesh:
@@ -20,9 +27,20 @@ def room_mesh(room: Room, palette: Palette) -> Mesh:
     parts = [quad((0, 0, 0), (sx, 0, 0), (0, sy, 0), floor), quad((0, sy, sz), (sx, 0, 0), (0, -sy, 0), ceiling)]
     for side in ("south", "north", "west", "east"):
         openings = sorted((o for o in room.openings if o.wall == side), key=lambda o: o.from_m)
-        parts += _wall(room, side, openings, wall)
+        length, at = wall_frame(room, side)[3], 0.0
+        for o in openings:
+            if o.from_m > at:
+                parts.append(_rectangle(room, side, at, o.from_m, 0.0, sz, wall))
+            if o.height_m < sz:
+                parts.append(_rectangle(room, side, o.from_m, o.from_m + o.width_m, o.height_m, sz, wall))
+            at = o.from_m + o.width_m
+        if at < length:
+            parts.append(_rectangle(room, side, at, length, 0.0, sz, wall))
         parts += [m for o in openings for m in _corridor(room, o, floor, wall, ceiling)]
-    parts += [_panel(room, p, palette) for p in room.panels]
+    for p in room.panels:
+        material = palette.add(p.surface, emission=0.9 if p.kind == "window" else 0.0)
+        right, top = p.from_m + p.width_m, p.bottom_m + p.height_m
+        parts.append(_rectangle(room, p.wall, p.from_m, right, p.bottom_m, top, material, proud_m=0.015))
     return join(parts)
 
 
@@ -61,20 +79,6 @@ def _rectangle(room: Room, wall: Wall, low: float, high: float, bottom: float, t
     return quad(start, span, up, material)
 
 
-def _wall(room: Room, wall: Wall, openings: list[Opening], material: int) -> list[Mesh]:
-    length, top = wall_frame(room, wall)[3], room.size_m[2]
-    pieces, at = [], 0.0
-    for o in openings:
-        if o.from_m > at:
-            pieces.append(_rectangle(room, wall, at, o.from_m, 0.0, top, material))
-        if o.height_m < top:
-            pieces.append(_rectangle(room, wall, o.from_m, o.from_m + o.width_m, o.height_m, top, material))
-        at = o.from_m + o.width_m
-    if at < length:
-        pieces.append(_rectangle(room, wall, at, length, 0.0, top, material))
-    return pieces
-
-
 def _corridor(room: Room, o: Opening, floor: int, wall: int, ceiling: int) -> list[Mesh]:
     """Floor, sides, end and ceiling of the space behind an opening, wider than it."""
     corner, along, inward, _ = wall_frame(room, o.wall)
@@ -82,8 +86,10 @@ def _corridor(room: Room, o: Opening, floor: int, wall: int, ceiling: int) -> li
     side = 1.5
     start = corner + along * (o.from_m - side)
     span, out = along * (o.width_m + 2 * side), -inward * CORRIDOR_M
+    faces_up = np.cross(span, out)[2] >= 0
+    ground = quad(start, span, out, floor) if faces_up else quad(start + span, -span, out, floor)
     return [
-        _upwards(start, span, out, floor),
+        Mesh(ground.vertices, ground.normals, ground.vertices, ground.triangles, ground.material),
         quad(start + out, span, up, wall),
         quad(start, out, up, wall),
         quad(start + span, out, up, wall),
@@ -91,16 +97,126 @@ def _corridor(room: Room, o: Opening, floor: int, wall: int, ceiling: int) -> li
     ]
 
 
-def _upwards(corner: F64, a: F64, b: F64, material: int) -> Mesh:
-    if np.cross(a, b)[2] < 0:
-        corner, a = corner + a, -a
-    mesh = quad(corner, a, b, material)
-    return Mesh(mesh.vertices, mesh.normals, mesh.vertices, mesh.triangles, mesh.material)
+def furniture_mesh(item: Furniture, palette: Palette) -> Mesh:
+    """A piece of furniture around its own origin."""
+    size, surface, build = _KINDS[item.kind]
+    main = palette.add(item.surface or surface)
+    return join(build(item.size_m or size, main, palette.add(DARK)))
 
 
-def _panel(room: Room, p: Panel, palette: Palette) -> Mesh:
-    window = p.kind == "window"
-    material = palette.add(p.surface, emission=0.9 if window else 0.0)
-    return _rectangle(
-        room, p.wall, p.from_m, p.from_m + p.width_m, p.bottom_m, p.bottom_m + p.height_m, material, proud_m=0.015
-    )
+def furniture_size(item: Furniture) -> Size:
+    """Length, depth and height of a piece [m]."""
+    return item.size_m or _KINDS[item.kind][0]
+
+
+def _table(s: Size, main: int, dark: int) -> list[Mesh]:
+    x, y, z = s[0] / 2, s[1] / 2, s[2]
+    legs = [
+        box((cx - 0.025, cy - 0.025, 0), (cx + 0.025, cy + 0.025, z - 0.03), dark)
+        for cx in (-x + 0.05, x - 0.05)
+        for cy in (-y + 0.05, y - 0.05)
+    ]
+    return [box((-x, -y, z - 0.03), (x, y, z), main), *legs]
+
+
+def _chair(s: Size, main: int, dark: int) -> list[Mesh]:
+    x, y, seat = s[0] / 2, s[1] / 2, 0.46
+    legs = [
+        box((cx - 0.018, cy - 0.018, 0), (cx + 0.018, cy + 0.018, seat), dark)
+        for cx in (-x + 0.02, x - 0.02)
+        for cy in (-y + 0.02, y - 0.02)
+    ]
+    back = box((-x - 0.02, -y, seat + 0.12), (-x + 0.02, y, s[2]), main)
+    posts = [box((-x - 0.015, cy - 0.015, seat), (-x + 0.015, cy + 0.015, s[2]), dark) for cy in (-y + 0.03, y - 0.03)]
+    return [box((-x, -y, seat - 0.04), (x, y, seat), main), back, *posts, *legs]
+
+
+def _office_chair(s: Size, main: int, dark: int) -> list[Mesh]:
+    x, y, seat = s[0] / 2, s[1] / 2, 0.46
+    column = sweep([(0.08, 0.03, 0.03, 0, 0), (seat - 0.05, 0.03, 0.03, 0, 0)], dark, 8)
+    arms = []
+    for k in range(5):
+        arm = sweep(limb_rings(0.28, (0.025, 0.018)), dark, 6)
+        angle = 2 * np.pi * k / 5
+        flat = np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]], np.float64)
+        turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+        arms.append(arm.moved(turn @ flat, (0.0, 0.0, 0.07)))
+        arms.append(sweep(dome_rings(0.0, 0.06, (0.03, 0.03), (0.0, 0.0), 6), dark, 6).moved(
+            np.eye(3), turn @ np.array([0.28, 0.0, 0.0])))  # fmt: skip
+    back = sweep([(seat + 0.10, 0.0, 0.0, -x, 0), (seat + 0.10, 0.03, y * 0.8, -x, 0), (seat + 0.3, 0.035, y, -x, 0),
+                  (s[2] - 0.08, 0.03, y * 0.9, -x - 0.03, 0), (s[2], 0.02, y * 0.6, -x - 0.04, 0),
+                  (s[2], 0.0, 0.0, -x - 0.04, 0)], main, 16)  # fmt: skip
+    cushion = sweep([(seat - 0.06, 0.0, 0.0, 0, 0), (seat - 0.06, x * 0.9, y * 0.9, 0, 0), (seat - 0.02, x, y, 0, 0),
+                     (seat, x * 0.9, y * 0.9, 0, 0), (seat, 0.0, 0.0, 0, 0)], main, 18)  # fmt: skip
+    post = box((-x - 0.03, -0.03, seat - 0.06), (-x, 0.03, seat + 0.3), dark)
+    return [column, *arms, back, cushion, post]
+
+
+def _block(s: Size, main: int, _dark: int) -> list[Mesh]:
+    return [box((-s[0] / 2, -s[1] / 2, 0), (s[0] / 2, s[1] / 2, s[2]), main)]
+
+
+def _partition(s: Size, main: int, dark: int) -> list[Mesh]:
+    x, y, z = s[0] / 2, s[1] / 2, s[2]
+    return [
+        box((-x, -y, 0.08), (x, y, z - 0.03), main),
+        box((-x - 0.005, -y - 0.01, z - 0.03), (x + 0.005, y + 0.01, z), dark),
+        box((-x, -y * 0.8, 0), (-x + 0.04, y * 0.8, 0.1), dark),
+        box((x - 0.04, -y * 0.8, 0), (x, y * 0.8, 0.1), dark),
+    ]
+
+
+def _shelf(s: Size, main: int, dark: int) -> list[Mesh]:
+    x, y, z = s[0] / 2, s[1] / 2, s[2]
+    parts = [box((-x, -y, 0), (x - 0.06, y, z), main)]
+    for k in range(int(z / 0.33) + 1):
+        parts.append(box((-x, -y, min(k * 0.33, z - 0.02)), (x, y, min(k * 0.33 + 0.02, z)), dark))
+    return [*parts, box((-x, -y - 0.02, 0), (x, -y, z), dark), box((-x, y, 0), (x, y + 0.02, z), dark)]
+
+
+def _plant(s: Size, main: int, dark: int) -> list[Mesh]:
+    pot = sweep([(0, 0.0, 0.0, 0, 0), (0, 0.13, 0.13, 0, 0), (0.3, 0.18, 0.18, 0, 0), (0.3, 0.0, 0.0, 0, 0)], dark, 14)
+    rng = np.random.default_rng(7)
+    leaves = []
+    for _ in range(22):
+        tilt, turn, length = rng.uniform(0.2, 1.1), rng.uniform(0, 2 * np.pi), rng.uniform(0.6, 1.0) * (s[2] - 0.3)
+        leaf = sweep(dome_rings(0, length, (0.006, 0.055), n=6), main, 6)
+        c, n = np.cos(tilt), np.sin(tilt)
+        lean = np.array([[c, 0, n], [0, 1, 0], [-n, 0, c]])
+        spin = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+        leaves.append(leaf.moved(spin @ lean, (0, 0, 0.28)))
+    return [pot, *leaves]
+
+
+def _sofa(s: Size, main: int, dark: int) -> list[Mesh]:
+    x, y, z = s[0] / 2, s[1] / 2, s[2]
+    return [box((-x, -y, 0.06), (x, y, 0.44), main), box((-x, -y, 0.44), (-x + 0.22, y, z), main),
+            box((-x, -y, 0.44), (x, -y + 0.18, 0.62), main), box((-x, y - 0.18, 0.44), (x, y, 0.62), main),
+            box((-x + 0.05, -y + 0.05, 0), (x - 0.05, y - 0.05, 0.06), dark)]  # fmt: skip
+
+
+def _column(s: Size, main: int, _dark: int) -> list[Mesh]:
+    x, y, z = s[0] / 2, s[1] / 2, s[2]
+    return [sweep([(0, 0.0, 0.0, 0, 0), (0, x, y, 0, 0), (z, x, y, 0, 0), (z, 0.0, 0.0, 0, 0)], main, 24)]
+
+
+def _bench(s: Size, main: int, dark: int) -> list[Mesh]:
+    x, y, z = s[0] / 2, s[1] / 2, s[2]
+    feet = [box((-x + 0.03, cy - 0.03, 0), (x - 0.03, cy + 0.03, z - 0.05), dark) for cy in (-y * 0.7, y * 0.7)]
+    return [box((-x, -y, z - 0.05), (x, y, z), main), *feet]
+
+
+_KINDS: dict[FurnitureKind, tuple[Size, Surface, Builder]] = {
+    "table": ((1.6, 0.8, 0.74), WOOD, _table),
+    "chair": ((0.44, 0.44, 0.92), WOOD, _chair),
+    "office_chair": ((0.46, 0.48, 0.98), Surface(colour="#2c4a70", scale_m=0.04, contrast=0.3), _office_chair),
+    "partition": ((0.06, 1.6, 1.35), Surface(texture="carpet", colour="#7c8a94", contrast=0.4), _partition),
+    "box": ((0.4, 0.3, 0.3), Surface(colour="#b08850", scale_m=0.12, contrast=0.2), _block),
+    "shelf": ((0.35, 1.2, 1.98), Surface(texture="books", colour="#a05038", colour2="#304860", scale_m=0.05), _shelf),
+    "plant": ((0.5, 0.5, 1.3), Surface(colour="#3c7a34", scale_m=0.08, contrast=0.4), _plant),
+    "sofa": ((0.85, 1.8, 0.82), Surface(texture="carpet", colour="#6a5a7a", contrast=0.4), _sofa),
+    "column": ((0.5, 0.5, 3.0), Surface(texture="concrete", colour="#b0aca4", contrast=0.15), _column),
+    "bench": ((0.45, 1.8, 0.45), WOOD, _bench),
+    "door": ((0.05, 0.95, 2.05), Surface(colour="#8a6a48", texture="wood", scale_m=0.3), _block),
+    "bag": ((0.25, 0.45, 0.32), Surface(colour="#2a3c34", scale_m=0.05, contrast=0.3), _block),
+}

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.types import F32, I32, AnyArray
 from planview.synthetic._kernels import fractal_noise
-from planview.synthetic.setting import Surface
+from planview.synthetic.scene import Surface
 
 
 def linear_colour(colour: str) -> F32:

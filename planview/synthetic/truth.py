@@ -8,11 +8,11 @@ import numpy as np
 
 from calib.pose import SE3
 from calib.types import F64, Bool
-from planview.synthetic.actors import Actor
+from planview.synthetic.camera import View
 from planview.synthetic.layers import Box, Layer
-from planview.synthetic.shapes import Mesh
-from planview.synthetic.tracing import Tracer
-from planview.synthetic.view import View
+from planview.synthetic.light import Tracer
+from planview.synthetic.mesh import Mesh
+from planview.synthetic.people import Actor
 
 NEAR_M = 0.15
 """Parts of a body nearer to the camera's plane are not counted."""

@@ -1,32 +1,178 @@
-"""``tracks.csv`` and ``truth.csv``: trajectories on disk."""
+"""``tracks.csv`` and ``truth.csv``: trajectories on disk and as columns."""
 
 from __future__ import annotations
 
+import csv
 import math
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
+from operator import itemgetter
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 import numpy as np
 
 from calib.errors import InputError
+from calib.text import reason, require_file
 from calib.types import F64, I64, AnyArray, Bool
-from planview.trajectories.csv_columns import CsvColumns, WordColumn, csv_blocks
-from planview.trajectories.rows import require_unique
 from planview.trajectories.state import TrackState
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+KEY_MAX = 2**53
+"""Largest frame number or id that a float64 holds exactly."""
+WordColumn = np.ndarray[tuple[int], np.dtype[np.str_]]
+BLOCK_ROWS = 5_000
+"""Rows in memory as text at a time: more take longer, since their cells leave the processor's cache (our choice)."""
 TRACK_COLUMNS = (
     "frame", "timestamp_s", "id", "x_m", "y_m", "vx_mps", "vy_mps", "height_m", "state",
     "left_px", "top_px", "width_px", "height_px",
 )  # fmt: skip
+NUMBER_COLUMNS = tuple(name for name in TRACK_COLUMNS if name != "state")
 TRUTH_COLUMNS = ("frame", "id", "x_m", "y_m", "height_m")
 STATES = ("tentative", "confirmed", "lost")
 IGNORED = -1.0
 """``visible`` of a truth row that never counts: a distractor of a benchmark."""
+
+
+def read_numbers(path: Path, delimiter: str | None, expected: str) -> F64:
+    """(N, M) numbers of a text file; None for blanks as delimiter.
+
+    Raises:
+        InputError: unreadable, rows of different lengths, or values that are not numbers; ``expected`` is named.
+    """
+    require_file(path, expected)
+    try:
+        with warnings.catch_warnings():
+            # A file with nothing but comments is an empty table.
+            warnings.filterwarnings("ignore", "loadtxt: input contained no data")
+            return np.loadtxt(path, delimiter=delimiter, ndmin=2, dtype=np.float64, encoding="utf-8-sig")
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: expected {expected}, found {reason(error)}") from error
+
+
+def sorted_rows(path: Path, table: F64, frame: int, track_id: int) -> F64:
+    """Rows by frame, then id (given their columns).
+
+    Raises:
+        InputError: a frame or id that is not a whole number up to KEY_MAX, or two rows of one frame and id.
+    """
+    keys = table[:, [frame, track_id]]
+    if not np.isfinite(keys).all() or (keys != np.floor(keys)).any():
+        raise InputError(f"{path}: expected whole numbers for frame and id, found others")
+    if (np.abs(keys) > KEY_MAX).any():
+        raise InputError(f"{path}: expected frames and ids up to {KEY_MAX}, found {np.abs(keys).max():g}")
+    order = np.lexsort((keys[:, 1], keys[:, 0]))
+    require_unique(path, keys[order][:, 0], keys[order][:, 1])
+    return np.asarray(table[order])
+
+
+def require_unique(path: Path, frame: F64 | I64, track_id: F64 | I64) -> None:
+    """Refuse two rows of one frame and id, in (N,) columns sorted by frame, then id.
+
+    Raises:
+        InputError: there are two.
+    """
+    twice = np.flatnonzero((np.diff(frame) == 0) & (np.diff(track_id) == 0))
+    if len(twice):
+        first = int(twice[0])
+        raise InputError(
+            f"{path}: expected one row per frame and id, found two for frame {frame[first]:g}, id {track_id[first]:g}"
+        )
+
+
+def csv_blocks(path: Path, required: Sequence[str], what: str) -> Iterator[CsvColumns]:
+    """The rows of a file in blocks, at least one.
+
+    Args:
+        required: columns that the header must name.
+        what: the file should be, for messages.
+    Raises:
+        InputError: unreadable, not UTF-8, or a column missing.
+    """
+    require_file(path, f"a {what} file")
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.reader(file)
+            names = next(reader, [])
+            missing = [name for name in required if name not in names]
+            if missing:
+                raise InputError(f"{path}: expected a {what} file with the column {missing[0]!r}, found {names}")
+            filled = ((reader.line_num, row) for row in reader if row)
+            yield CsvColumns(path, names, list(islice(filled, BLOCK_ROWS)))
+            while block := list(islice(filled, BLOCK_ROWS)):
+                yield CsvColumns(path, names, block)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: expected a {what} file, found {reason(error)}") from error
+
+
+class CsvColumns:
+    """Rows of a CSV file by column, converted on request with errors that name file, line and column.
+
+    Args:
+        names: of the columns.
+        rows: numbers of lines, and cells.
+    """
+
+    def __init__(self, path: Path, names: Sequence[str], rows: Sequence[tuple[int, list[str]]]) -> None:
+        self._path = path
+        self._lines, self._rows = [line for line, _ in rows], [row for _, row in rows]
+        self._column = {name: i for i, name in enumerate(names)}
+
+    def numbers(self, name: str, default: float) -> F64:
+        """(N,) values; ``default`` where the cell is empty, and throughout (read-only) where the column is missing."""
+        if name not in self._column:
+            return np.broadcast_to(np.float64(default), len(self._rows))
+        cells = self._cells(name)
+        try:
+            known = [cell or str(default) for cell in cells] if "" in cells else cells
+            return np.fromiter(map(float, known), dtype=np.float64, count=len(cells))
+        except ValueError:
+            return np.array([self._number(name, row, default) for row in range(len(cells))], dtype=np.float64)
+
+    def integers(self, name: str) -> I64:
+        """(N,) int64; an empty cell is refused."""
+        values = self.numbers(name, np.nan)
+        with np.errstate(invalid="ignore"):
+            bad = np.flatnonzero(~(np.abs(values) < 2.0**63) | (values != np.floor(values)))
+        if len(bad):
+            raise self._refused(f"a whole number in {name!r}", name, int(bad[0]))
+        return values.astype(np.int64)
+
+    def words(self, name: str, allowed: Sequence[str], default: str) -> WordColumn:
+        """(N,) words of a closed list; ``default`` where the cell is empty or the column missing."""
+        kind = f"<U{max(map(len, allowed))}"
+        if name not in self._column:
+            return np.broadcast_to(np.array(default, dtype=kind), len(self._rows))
+        cells = self._cells(name)
+        foreign = set(cells) - {"", *allowed}
+        if foreign:
+            first = next(row for row, cell in enumerate(cells) if cell in foreign)
+            raise self._refused(f"a {name} of {', '.join(allowed)}", name, first)
+        return np.array([cell or default for cell in cells], dtype=kind)
+
+    def _cells(self, name: str) -> list[str]:
+        column = self._column[name]
+        try:
+            return list(map(itemgetter(column), self._rows))
+        except IndexError:
+            line = next(line for line, row in zip(self._lines, self._rows, strict=True) if len(row) <= column)
+            n = len(self._column)
+            raise InputError(f"{self._path}: expected {n} cells in line {line}, found fewer") from None
+
+    def _number(self, name: str, row: int, default: float) -> float:
+        text = self._rows[row][self._column[name]]
+        try:
+            return float(text) if text.strip() else default
+        except ValueError:
+            raise self._refused(f"a number in {name!r}", name, row) from None
+
+    def _refused(self, expected: str, name: str, row: int) -> InputError:
+        found = self._rows[row][self._column[name]]
+        return InputError(f"{self._path}: expected {expected}, line {self._lines[row]}, found {found!r}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +260,24 @@ def positions_table(
     )
 
 
+def numbers_table(numbers: F64, state: WordColumn, path: Path | None = None) -> Trajectories:
+    """Tracks from (N, 12) numbers in the order of NUMBER_COLUMNS, and (N,) states.
+
+    Args:
+        path: of the file that the rows come from; they are sorted then, and checked.
+    Raises:
+        InputError: see ``sorted_rows``.
+    """
+    if path is not None:
+        numbers = sorted_rows(path, np.column_stack([numbers, np.arange(len(numbers))]), frame=0, track_id=2)
+        state, numbers = state[numbers[:, -1].astype(np.int64)], numbers[:, :-1]
+    frame, track_id = numbers[:, [0, 2]].T.astype(np.int64)
+    return Trajectories(
+        frame, track_id, numbers[:, 1], numbers[:, 3], numbers[:, 4], numbers[:, 7], state, np.ones(len(numbers)),
+        box_px=numbers[:, 8:], velocity_mps=numbers[:, 5:7],
+    )  # fmt: skip
+
+
 def concatenated(tables: Sequence[Trajectories]) -> Trajectories:
     """The rows of at least one table together, sorted by frame, then id."""
     names = Trajectories.__dataclass_fields__
@@ -182,20 +346,14 @@ class TrajectoryCollector:
     def trajectories(self) -> Trajectories:
         """Everything gathered so far, rounded as in ``tracks.csv``: 0.1 mm, 0.1 ms, 0.1 px."""
         rows = sorted(self._rows, key=lambda row: (row[0], row[2].track_id))
-        tracks = [track for _, _, track in rows]
-        place = _rounded([(t.x_m, t.y_m, t.height_m, t.vx_mps, t.vy_mps) for t in tracks], 5, 4)
-        return Trajectories(
-            frame=np.array([frame for frame, _, _ in rows], dtype=np.int64),
-            track_id=np.array([track.track_id for track in tracks], dtype=np.int64),
-            timestamp_s=_rounded([(time,) for _, time, _ in rows], 1, 4)[:, 0],
-            x_m=place[:, 0],
-            y_m=place[:, 1],
-            height_m=place[:, 2],
-            state=np.array([track.state for track in tracks], dtype=np.str_),
-            visible=np.ones(len(rows)),
-            box_px=_rounded([track.box_px for track in tracks], 4, 1),
-            velocity_mps=place[:, 3:],
-        )
+        numbers = [
+            (frame, _rounded(time, 4), t.track_id,
+             *(_rounded(value, 4) for value in (t.x_m, t.y_m, t.vx_mps, t.vy_mps, t.height_m)),
+             *(_rounded(value, 1) for value in t.box_px))
+            for frame, time, t in rows
+        ]  # fmt: skip
+        states = np.array([track.state for _, _, track in rows], dtype=np.str_)
+        return numbers_table(np.array(numbers, dtype=np.float64).reshape(-1, len(NUMBER_COLUMNS)), states)
 
 
 def read_tracks(path: Path, *, boxes: bool = True) -> Trajectories:
@@ -218,10 +376,9 @@ def _cell(value: float, digits: int) -> str:
     return "" if math.isnan(value) else f"{value:.{digits}f}"
 
 
-def _rounded(rows: Sequence[Sequence[float]], columns: int, digits: int) -> F64:
-    """(N, columns) values with as many digits as the file has; NaN where its cell is empty."""
-    values = [[float(_cell(value, digits) or "nan") for value in row] for row in rows]
-    return np.array(values, dtype=np.float64).reshape(-1, columns)
+def _rounded(value: float, digits: int) -> float:
+    """With as many digits as the file has; NaN where its cell is empty."""
+    return float(_cell(value, digits) or "nan")
 
 
 def _read(path: Path, required: tuple[str, ...], what: str, boxes: bool = True) -> Trajectories:
@@ -265,3 +422,17 @@ def _stacked(blocks: Sequence[AnyArray]) -> AnyArray:
     if filled and not any(block.strides[0] for block in filled):
         return np.broadcast_to(filled[0][:1], (sum(map(len, filled)), *filled[0].shape[1:]))
     return np.concatenate(blocks)
+
+
+def frame_period_s(table: Trajectories, fallback_s: float) -> float:
+    """Median time per frame [s] over rows with timestamps.
+
+    The mean where most frames share a timestamp; ``fallback_s`` where fewer than two frames have one or time stands.
+    """
+    known = np.isfinite(table.timestamp_s)
+    frames, first = np.unique(table.frame[known], return_index=True)
+    times = table.timestamp_s[known][first]
+    if len(frames) < 2 or times[-1] <= times[0]:
+        return fallback_s
+    period = float(np.median(np.diff(times) / np.diff(frames)))
+    return period if period > 0 else float((times[-1] - times[0]) / (frames[-1] - frames[0]))

@@ -30,10 +30,9 @@ from planview.engine.config import load_config
 from planview.maps.recording import MapsRecording
 from planview.output.info import read_run_info
 from planview.synthetic.scene import load_scene
-from planview.trajectories.export import FORMATS as EXPORTS
-from planview.trajectories.export import ExportName
 from planview.trajectories.file import TrajectoryFile
-from planview.trajectories.layouts import load_file
+from planview.trajectories.formats import FORMATS as EXPORTS
+from planview.trajectories.formats import ExportName, load_file
 from planview.trajectories.table import positions_table
 from stereo.readers.timestamps import load_timestamps
 

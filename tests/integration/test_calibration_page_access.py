@@ -17,8 +17,8 @@ SERVER = """
 import sys
 import numpy as np
 from pathlib import Path
-from planview.calibration.browser.page import serve
-from planview.calibration.browser.session import CalibrationSession
+from planview.calibration.page.page import serve
+from planview.calibration.page.session import CalibrationSession
 
 serve(CalibrationSession("clip", [np.zeros((48, 64, 3), np.uint8)], [0]), Path("."), int(sys.argv[1]))
 """

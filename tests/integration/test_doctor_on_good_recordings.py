@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from planview.checks.examine import examine
-from planview.synthetic.committed import DEMO
+from planview.synthetic.assets import DEMO
 
 
 def failures(folder: Path) -> dict[str, float]:

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.tracking_errors import TrackingErrors, tracking_errors
 from planview.engine.factory import open_engine
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
-from planview.trajectories.layouts import load_truth
+from planview.trajectories.formats import load_truth
 from planview.trajectories.table import read_tracks, write_header, write_rows
 
 FRAMES = 200

@@ -8,7 +8,7 @@ import pytest
 from toy_run import Say, one_sentence
 
 from planview.cli import main
-from planview.trajectories.layouts import load_file
+from planview.trajectories.formats import load_file
 from planview.trajectories.table import positions_table, write_table
 
 AREA = "POLYGON ((-3 -1, 3 -1, 3 11, -3 11, -3 -1))"

@@ -8,7 +8,7 @@ from planview.engine.config import Config
 from planview.engine.pipeline import Pipeline
 from planview.engine.setup import set_up
 from planview.evaluation.evaluate import evaluate_tracks
-from planview.synthetic.committed import DEMO
+from planview.synthetic.assets import DEMO
 from planview.trajectories.table import TrajectoryCollector, read_truth
 from stereo.readers import open_recording
 from stereo.recording import Recording, StereoFrame

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
-from planview.trajectories.layouts import load_truth
+from planview.trajectories.formats import load_truth
 from planview.trajectories.table import Trajectories
 
 

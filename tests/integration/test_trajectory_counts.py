@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from benchmarks.counting import score_trajectories
-from planview.counting.count import count_tracks
 from planview.counting.geometry import RulePlane
 from planview.counting.rules import parse_rules
-from planview.trajectories.layouts import load_tracks
+from planview.counting.totals import count_tracks
+from planview.trajectories.formats import load_tracks
 from planview.trajectories.table import Trajectories
 
 RULES = {"tripwire": [{"name": "y = 0", "from_m": [-10, 0], "to_m": [10, 0]}]}

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.types import F64, I64
-from planview.counting.clock import Clock
+from planview.counting.totals import Clock
 from planview.trajectories.table import Trajectories
 
 STEP_S = 0.5

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.types import F64, I64
-from planview.counting.clock import Clock
+from planview.counting.totals import Clock
 from planview.drawing.colours import ERRORS, as_hex, person_hex
 from planview.evaluation.significant import SignificantError
 from planview.trajectories.state import State

@@ -13,13 +13,13 @@ import numpy as np
 from calib.errors import InputError
 from calib.text import reason
 from calib.types import F64
-from planview.counting.clock import Clock
 from planview.counting.events import Event, read_events
+from planview.counting.totals import Clock
 from planview.drawing.moment import Rule, rules_of
 from planview.drawing.plan import PlanBounds, bounds_of
 from planview.output.info import RunInfo, read_run_info
 from planview.output.scene.source import source_of
-from planview.trajectories.layouts import load_truth
+from planview.trajectories.formats import load_truth
 from planview.trajectories.table import Trajectories, read_tracks
 
 FALLBACK_FPS = 30.0

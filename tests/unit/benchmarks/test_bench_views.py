@@ -9,7 +9,7 @@ from calib.errors import InputError
 from planview.counting.geometry import RulePlane
 from planview.counting.rules import parse_rules
 from planview.counting.scoring import crossing_scores
-from planview.synthetic.placing import ground_camera
+from planview.synthetic.camera import ground_camera
 
 
 def score(true, found):

@@ -11,7 +11,7 @@ from calib.formats.yaml_text import parse_yaml
 from calib.text import MAX_TOML, load_toml, parse_toml, read_text, reason
 from planview.counting.rules import load_rules
 from planview.engine.config import load_config
-from planview.trajectories.layouts import load_file
+from planview.trajectories.formats import load_file
 
 
 def written(path: Path, text: str) -> Path:

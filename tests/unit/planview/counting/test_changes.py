@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 
-from planview.counting.clock import Clock
-from planview.counting.count import count_tracks
 from planview.counting.events import Event
 from planview.counting.geometry import RulePlane
-from planview.counting.params import AnalyticsParams
-from planview.counting.rules import Rules, parse_rules
+from planview.counting.rules import AnalyticsParams, Rules, parse_rules
 from planview.counting.stream import Analytics
+from planview.counting.totals import Clock, count_tracks
 from planview.trajectories.table import Trajectories, row_state
 
 People = dict[str, int]

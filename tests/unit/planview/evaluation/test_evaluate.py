@@ -10,7 +10,7 @@ import pytest
 from calib.errors import InputError
 from planview.cli import main
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
-from planview.trajectories.layouts import load_truth
+from planview.trajectories.formats import load_truth
 from planview.trajectories.table import Trajectories, concatenated, positions_table
 
 KEYS = (

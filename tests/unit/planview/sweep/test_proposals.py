@@ -1,9 +1,8 @@
 from pathlib import Path
 
-from planview.sweep.proposals import Proposals
 from planview.sweep.results import JobResult
-from planview.sweep.space import Configuration, Range
-from planview.sweep.study import RecordingEntry, Study
+from planview.sweep.study import Configuration, Range, RecordingEntry, Study
+from planview.sweep.sweep import Proposals
 
 STUDY = Study(
     recordings=[RecordingEntry(path=Path("a"))], method="optuna", samples=24, objective="mota", search_seed=1,
@@ -19,7 +18,7 @@ def score(configuration: Configuration) -> float:
 def asked() -> list[Configuration]:
     proposals, all_of_them = Proposals(STUDY), list[Configuration]()
     while batch := proposals.ask():
-        proposals.tell([JobResult("a", c, 0, figures={"mota": score(c)}) for c in batch])
+        proposals.record([JobResult("a", c, 0, figures={"mota": score(c)}) for c in batch])
         all_of_them += batch
     return all_of_them
 
@@ -33,7 +32,7 @@ def test_proposals_come_near_the_best_and_are_the_same_every_time() -> None:
 
 def test_proposals_end_when_no_run_has_the_objective() -> None:
     proposals = Proposals(STUDY)
-    proposals.tell([JobResult("a", c, 0, error="no truth") for c in proposals.ask()])
+    proposals.record([JobResult("a", c, 0, error="no truth") for c in proposals.ask()])
     assert proposals.ask() == []
 
 

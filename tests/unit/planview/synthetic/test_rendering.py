@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from planview.synthetic._kernels import fractal_noise
-from planview.synthetic.rendering import SceneRenderer
+from planview.synthetic.render import SceneRenderer, SensorModel
 from planview.synthetic.scene import Sensor, parse_scene
-from planview.synthetic.sensor import SensorModel
 from tests.reference.noise import fractal_noise as plain_noise
 
 ROOM = "fps = 10\nduration_s = 1\n[room]\nsize_m = [8, 8, 4]\n[lights]\nlamps = [{ at_m = [4, 5, 3.9] }]\n"

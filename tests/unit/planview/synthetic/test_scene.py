@@ -4,18 +4,14 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from planview.synthetic import committed
-from planview.synthetic.actors import Cast
-from planview.synthetic.body import Body, Pose
+from planview.synthetic import assets
 from planview.synthetic.motion import scripted_motion, step_length_m
-from planview.synthetic.persons import Person
-from planview.synthetic.posing import pose_at
-from planview.synthetic.scene import load_scene, parse_scene
-from planview.synthetic.setting import Furniture
+from planview.synthetic.people import Body, Cast, Pose, pose_at
+from planview.synthetic.random_scenes.suite import varied
+from planview.synthetic.scene import Furniture, Person, load_scene, parse_scene
 from planview.synthetic.texture import Palette
-from planview.synthetic.varying import varied
 
-COMMITTED = sorted(committed.SCENES.rglob("*.toml"))
+COMMITTED = sorted(assets.SCENES.rglob("*.toml"))
 SCENES = [
     p for p in COMMITTED if p.parent.name not in {"demo", "suite", "views"} and not p.name.endswith(".rules.toml")
 ]

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from planview.trajectories.export import FORMATS, ExportName, measured_rate, prepared
 from planview.trajectories.file import TrajectoryFile
-from planview.trajectories.layouts import load_file, load_tracks
-from planview.trajectories.petrack import read_petrack, write_petrack
+from planview.trajectories.formats import FORMATS, ExportName, load_file, load_tracks, measured_rate, prepared
 from planview.trajectories.table import Trajectories, positions_table
+from planview.trajectories.text_formats import read_petrack, write_petrack
 
 AREA = "POLYGON ((-5 0, 5 0, 5 9, -5 9, -5 0))"
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from planview.counting.clock import Clock
+from planview.counting.totals import Clock
 from planview.evaluation.significant import SignificantError
 from planview.output.report.timelines import UNHELD, held_by, stretches, timelines
 from planview.trajectories.table import Trajectories, positions_table

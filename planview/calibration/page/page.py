@@ -1,0 +1,410 @@
+"""The page: widgets bound to a session, nothing more."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import math
+import tempfile
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from nicegui import app, events, run, ui
+
+from calib.errors import InputError
+from calib.exif import focal_share
+from calib.ground_camera import LENS_K_320
+from calib.human.knowledge import KnownValues
+from calib.human.samples import read_image_size, read_samples
+from calib.images import encode_image
+from calib.types import U8
+from planview.calibration.page.overlay import overlay
+from planview.calibration.page.session import GRAB_PX, CalibrationSession, frames_at
+from planview.calibration.page.solution import solve
+from planview.calibration.page.viewer import SCRIPT, STYLE, SameOriginOnly
+
+LENSES = {"": "try all lenses", **{lens: lens for lens in LENS_K_320}}
+KNOWN = {
+    "focal_px": "focal length [px]",
+    "field_deg": "or view across [°]",
+    "height_m": "camera height [m]",
+    "person_height_m": "people's height [m]",
+}
+TOOLS = {"person": "Person (p)", "select": "Select (s)", "floor": "Floor points (f)"}
+KEYS = {"p": "person", "s": "select", "f": "floor"}
+ARROWS = {"ArrowLeft": (-1.0, 0.0), "ArrowRight": (1.0, 0.0), "ArrowUp": (0.0, -1.0), "ArrowDown": (0.0, 1.0)}
+HELP = (
+    "wheel, + - 0: zoom; right button: pan; l: loupe; arrows: move what is selected, else the frame before or after; "
+    "Delete; Ctrl+Z; Esc"
+)
+
+
+class SidePanel:
+    """Widgets of the panel.
+
+    Attributes:
+        everywhere: whether people are drawn all over the floor.
+    """
+
+    def __init__(self, session: CalibrationSession, page: Page) -> None:
+        self._session, self._page = session, page
+        self.everywhere = False
+        self._listed: object = None
+        with ui.column().classes("pv-side q-pa-sm gap-2 no-wrap h-full"):
+            with ui.row().classes("items-center gap-2"):
+                self._spinner = ui.spinner(size="1.2em")
+                self._busy = ui.label("solving").classes("text-caption")
+                self._count = ui.label().classes("text-caption")
+            self._assessment = ui.label().classes("w-full q-pa-sm rounded-borders text-white")
+            self._values = ui.column().classes("w-full gap-0")
+            self._people = ui.column().classes("w-full gap-0")
+            if session.view is None:
+                self._add_single_camera()
+
+    def _add_single_camera(self) -> None:
+        """What means something for one camera only: lens, known values, files of samples."""
+        ui.checkbox("draw people all over the floor", on_change=self._on_everywhere).props("dense")
+        ui.label("known values").classes("text-caption q-mt-sm")
+        with ui.grid(columns=2).classes("w-full gap-x-2 gap-y-0"):
+            self._known = {
+                name: ui.number(text, value=getattr(self._session.known, name), on_change=self._on_known).props(
+                    "dense debounce=600 clearable"
+                )
+                for name, text in KNOWN.items()
+            }
+        ui.select(LENSES, value=self._session.lens or "", on_change=self._on_lens, label="lens").props("dense").classes(
+            "w-full"
+        )
+        self._note = ui.label().classes("text-caption")
+        with ui.row().classes("gap-1"):
+            _picker("Focal length of a photo", "image/*", self._on_photo)
+            _picker("Load samples", ".json,.csv", self._on_samples)
+            ui.button("Save samples", on_click=lambda: self._page.export(False)).props("dense flat no-caps")
+
+    def refresh(self, solving: bool) -> None:
+        """Show the session as it is."""
+        session = self._session
+        self._spinner.visible = self._busy.visible = solving
+        points = f", {len(session.floor_points)} floor points" if session.floor_points else ""
+        people = f"{len(session.samples)} people" if session.view is None else "floor of a stereo recording"
+        self._count.text = f"{people}{points}"
+        assessment = session.solution.assessment()
+        self._assessment.visible = assessment is not None
+        if assessment is not None:
+            self._assessment.text = assessment.sentence
+            colour = "#1b7f3b" if assessment.enough else "#b54708"
+            self._assessment.style(f"background: {colour}; opacity: {0.5 if solving else 1}")
+        # Rebuilt only when changed: the page refreshes with every movement of the mouse.
+        listed = (session.solution, tuple(session.samples), session.shown, session.selected)
+        if listed != self._listed:
+            self._listed = listed
+            self._values.clear()
+            with self._values:
+                for name, value, deviation in session.solution.rows(session.plain_floor):
+                    with ui.row().classes("w-full no-wrap items-baseline gap-2"):
+                        ui.label(name).classes("text-caption grow")
+                        ui.label(value).classes("text-weight-medium")
+                        ui.label(deviation).classes("text-caption")
+            self._list_people()
+
+    def _list_people(self) -> None:
+        session, found = self._session, self._session.solution.found
+        self._people.clear()
+        with self._people:
+            here = {number for number, _ in session.here()}
+            odd = [i for i in (found.odd if found else ()) if i < len(session.samples)]
+            for title, numbers in (("on this frame", sorted(here)), ("look at again", odd)):
+                if numbers:
+                    ui.label(title).classes("text-caption")
+                for number in numbers:
+                    self._add_person(number, number in odd)
+            first = {s.frame: i for i, s in reversed(list(enumerate(session.samples)))}
+            others = [frame for frame in sorted(first) if frame != session.indices[session.shown]]
+            if others:
+                ui.label("people on other frames").classes("text-caption")
+                with ui.row().classes("gap-0 w-full"):
+                    for frame in others:
+                        go = partial(self._page.show_sample, first[frame])
+                        ui.button(str(frame), on_click=go).props("dense flat no-caps color=grey-8")
+
+    def _add_person(self, number: int, odd: bool) -> None:
+        session, found = self._session, self._session.solution.found
+        errors = found.sample_errors if found else ()
+        error = f", error {errors[number]:.2f}" if number < len(errors) else ""
+        text = f"{number + 1}: frame {session.samples[number].frame}{error}"
+        chosen = session.selected is not None and session.selected.number == number and session.tool == "select"
+        colour = "negative" if odd else "primary" if chosen else "grey-8"
+        ui.button(text, on_click=lambda: self._page.show_sample(number)).props(f"dense flat no-caps color={colour}")
+
+    def _on_everywhere(self, event: events.ValueChangeEventArguments[Any]) -> None:
+        self.everywhere = bool(event.value)
+        self._page.refresh()
+
+    async def _on_lens(self, event: events.ValueChangeEventArguments[Any]) -> None:
+        self._session.choose_lens(event.value or "")
+        await self._page.solve()
+
+    async def _on_known(self) -> None:
+        values = {
+            name: None if field.value in (None, "") else float(field.value) for name, field in self._known.items()
+        }
+        try:
+            known = KnownValues(**values)
+        except ValueError as error:
+            text = str(error)
+            for name, meaning in KNOWN.items():
+                text = text.replace(name, meaning)
+            self._note.text = text
+            return
+        self._note.text = ""
+        if known != self._session.known:
+            self._session.known = known
+            await self._page.solve()
+
+    async def _on_photo(self, event: events.UploadEventArguments) -> None:
+        width, height = self._session.size
+        try:
+            focal_px = focal_share(await event.file.read()) * math.hypot(width, height)
+        except InputError as error:
+            self._note.text = str(error)
+            return
+        field = 2 * math.degrees(math.atan(width / 2 / focal_px))
+        self._session.known = replace(self._session.known, focal_px=focal_px, field_deg=None)
+        self._known["field_deg"].value, self._known["focal_px"].value = None, round(focal_px, 1)
+        self._note.text = f"{focal_px:.0f} px, {field:.0f}° across; videos of a phone often show less than its photos"
+        await self._page.solve()
+
+    async def _on_samples(self, event: events.UploadEventArguments) -> None:
+        await self._page.load(event.file.name, await event.file.read())
+
+
+def _picker(text: str, accept: str, on_upload: Callable[[events.UploadEventArguments], Awaitable[None]]) -> None:
+    """A button that takes a file."""
+    upload = ui.upload(auto_upload=True, on_upload=on_upload).props(f"accept={accept}").classes("hidden")
+
+    def pick() -> None:
+        upload.reset()
+        upload.run_method("pickFiles")
+
+    ui.button(text, on_click=pick).props("dense flat no-caps")
+
+
+class Page:
+    """The page's widgets and what they do.
+
+    Args:
+        session: what is calibrated.
+        folder: where Export writes.
+        source: video that frames of loaded samples are read from.
+    """
+
+    def __init__(self, session: CalibrationSession, folder: Path, source: Path | None = None) -> None:
+        self._session, self._folder, self._source = session, folder, source
+        self._asked, self._solving = 0, False
+        ui.add_head_html(STYLE)
+        ui.add_body_html(SCRIPT)
+        ui.keyboard(on_key=self._on_key)
+        with ui.column().classes("w-full h-screen gap-0 no-wrap"):
+            with ui.row().classes("items-center w-full q-px-sm q-py-xs gap-2"):
+                tools = {name: text for name, text in TOOLS.items() if session.view is None or name != "person"}
+                self._tool = ui.toggle(tools, value=session.tool, on_change=self._on_tool).props("dense no-caps")
+                ui.button("Undo", on_click=self.undo).props("dense flat no-caps")
+                ui.button("Delete", on_click=self.remove).props("dense flat no-caps")
+                ui.space()
+                ui.label(f"calibration of {session.name}").classes("text-caption")
+                ui.button("Export", on_click=self._on_export).props("dense no-caps")
+            with ui.row().classes("w-full gap-0 no-wrap pv-row"):
+                with ui.element("div").classes("pv-view"), ui.element("div").classes("pv-stage"):
+                    self._image = ui.interactive_image(
+                        _source(session.frames[session.shown]),
+                        on_mouse=self._on_mouse,
+                        events=["mousedown", "mousemove", "mouseup"],
+                        cross="#ffffff80",
+                        size=session.size,
+                        sanitize=False,
+                    )
+                self._panel = SidePanel(session, self)
+            with ui.row().classes("items-center w-full q-px-sm gap-3 no-wrap"):
+                self._status = ui.label().classes("text-subtitle1")
+                ui.space()
+                ui.label("?").classes("text-caption").tooltip(HELP)
+                if len(session.frames) > 1:
+                    self._frame_text = ui.label().classes("text-caption").style("white-space: nowrap")
+                    last = len(session.frames) - 1
+                    self._slider = ui.slider(min=0, max=last, value=session.shown, on_change=self._on_frame)
+                    self._slider.style("width: 300px; flex: none")
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Show the session as it is."""
+        session = self._session
+        self._image.content = overlay(session, self._panel.everywhere)
+        self._tool.value = session.tool
+        self._status.text = session.message
+        self._panel.refresh(self._solving)
+        if len(session.frames) > 1:
+            self._frame_text.text = f"frame {session.indices[session.shown]}"
+            self._slider.props(f"max={len(session.frames) - 1}")
+            self._slider.value = session.shown
+
+    async def solve(self) -> None:
+        """Compute the solution of what is drawn; what changes meanwhile is solved next, once."""
+        self._asked += 1
+        if self._solving:
+            self.refresh()
+            return
+        self._solving = True
+        try:
+            while self._asked:
+                self._asked = 0
+                self.refresh()
+                # In a thread: the page must go on answering, or the browser takes it for dead.
+                solution = await run.io_bound(solve, self._session.task())
+                # None when the server is going down.
+                self._session.solution = solution or self._session.solution
+        finally:
+            self._solving = False
+            self.refresh()
+
+    async def undo(self) -> None:
+        """Take back the last change."""
+        if self._session.undo():
+            await self.solve()
+        self.refresh()
+
+    async def remove(self) -> None:
+        """Delete what is selected."""
+        if self._session.remove_selected():
+            await self.solve()
+        self.refresh()
+
+    def show(self, number: int) -> None:
+        """Show a frame."""
+        self._session.show(number)
+        self._reload()
+
+    def show_sample(self, number: int) -> None:
+        """Show and select a person."""
+        self._session.show_sample(number)
+        self._reload()
+
+    async def load(self, name: str, content: bytes) -> None:
+        """Take samples from a file in place of those drawn."""
+        session = self._session
+        try:
+            with tempfile.TemporaryDirectory() as folder:
+                path = Path(folder) / f"samples{Path(name).suffix}"
+                path.write_bytes(content)
+                try:
+                    session.load(read_samples(path), read_image_size(path))
+                except InputError as error:
+                    raise InputError(str(error).replace(str(path), name)) from error
+            missing = session.missing_frames()
+            if missing and self._source is not None:
+                session.add_frames(await run.io_bound(frames_at, self._source, missing) or [])
+        except InputError as error:
+            session.message = str(error)
+            self.refresh()
+            return
+        self._reload()
+        await self.solve()
+
+    def _reload(self) -> None:
+        self._image.set_source(_source(self._session.frames[self._session.shown]))
+        self.refresh()
+
+    async def _on_mouse(self, event: events.MouseEventArguments) -> None:
+        session = self._session
+        # The mouse counts from the corner of the first pixel, coordinates from its centre.
+        u, v = event.image_x - 0.5, event.image_y - 0.5
+        if event.type == "mousedown" and event.button == 0:
+            session.press(u, v, GRAB_PX * session.size[0] / 1000)
+        elif event.type == "mouseup" and event.button == 0:
+            if session.release(u, v):
+                await self.solve()
+        elif event.type == "mousemove" and event.buttons == 1:
+            session.drag(u, v)
+        else:
+            return
+        self.refresh()
+
+    async def _on_key(self, event: events.KeyEventArguments) -> None:
+        if not event.action.keydown:
+            return
+        session, key = self._session, str(event.key)
+        if event.modifiers.ctrl or event.modifiers.meta:
+            if key.lower() == "z":
+                await self.undo()
+        elif key.lower() in KEYS and KEYS[key.lower()] in self._tool.options:
+            session.choose(KEYS[key.lower()])  # type: ignore[arg-type]
+        elif key == "Escape":
+            session.cancel()
+        elif key in ("Delete", "Backspace"):
+            await self.remove()
+        elif key in ARROWS and session.selected is not None:
+            session.nudge(*ARROWS[key])
+            await self.solve()
+        elif key in ("ArrowLeft", "ArrowRight"):
+            self.show(session.shown + (1 if key == "ArrowRight" else -1))
+        else:
+            return
+        self.refresh()
+
+    def _on_frame(self, event: events.ValueChangeEventArguments[Any]) -> None:
+        if int(event.value) != self._session.shown:
+            self.show(int(event.value))
+
+    def _on_tool(self, event: events.ValueChangeEventArguments[Any]) -> None:
+        if event.value in TOOLS and event.value != self._session.tool:
+            self._session.choose(event.value)
+            self.refresh()
+
+    async def _on_export(self) -> None:
+        while self._solving:
+            await asyncio.sleep(0.05)
+        assessment, solution = self._session.solution.assessment(), self._session.solution
+        if (solution.found or solution.fit) and assessment is not None and not assessment.enough:
+            self._ask(assessment.sentence)
+        else:
+            self.export()
+
+    def export(self, solution: bool = True) -> None:
+        """Write files, and say which."""
+        try:
+            self._session.export(self._folder, solution)
+        except InputError as error:
+            self._session.message = str(error)
+        self.refresh()
+
+    def _ask(self, sentence: str) -> None:
+        """A solution that is not enough is written only when that is wanted."""
+        with ui.dialog(value=True) as dialog, ui.card():
+            ui.label(sentence)
+
+            def answer(solution: bool) -> None:
+                dialog.close()
+                self.export(solution)
+
+            with ui.row():
+                if self._session.samples:
+                    ui.button("Write samples only", on_click=lambda: answer(False)).props("no-caps")
+                ui.button("Write it all the same", on_click=lambda: answer(True)).props("no-caps flat color=negative")
+                ui.button("Go on", on_click=dialog.close).props("no-caps flat")
+
+
+def serve(session: CalibrationSession, folder: Path, port: int, source: Path | None = None) -> None:
+    """Serve the page on this machine only, until interrupted."""
+
+    @ui.page("/")
+    def index() -> None:
+        Page(session, folder, source)
+
+    app.add_middleware(SameOriginOnly, port=port)
+    ui.run(host="127.0.0.1", port=port, show=False, reload=False, title="planview", show_welcome_message=False)
+
+
+def _source(frame: U8) -> str:
+    return "data:image/jpeg;base64," + base64.b64encode(encode_image(frame)).decode("ascii")

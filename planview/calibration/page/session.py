@@ -1,0 +1,361 @@
+"""What a person does in the browser, without the browser: recording, frames, samples, floor points, results."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from calib.errors import InputError, WorkError
+from calib.exif import focal_share
+from calib.ground_camera import LENS_K_320
+from calib.human.knowledge import KnownValues
+from calib.human.samples import MIN_SAMPLES, HumanSample
+from calib.rig import Floor
+from calib.types import U8
+from planview.calibration.floor import FloorDepths, view_floor
+from planview.calibration.page.marks import Draft, Handle, Point, grabbed, moved, nearest
+from planview.calibration.page.solution import CalibrationTask, Solution, export, solve
+from stereo.floor import FloorSearch
+from stereo.readers import OpenOptions, find_layout, holds_pair, open_recording, open_video
+
+Tool = Literal["person", "select", "floor"]
+GRAB_PX = 12.0
+"""A point within this distance of the mouse is picked up instead of a new one made [px of the screen]."""
+MIN_BOX_PX = 8.0
+"""A smaller box is a slip of the hand."""
+PHOTOGRAPHS = (".jpg", ".jpeg", ".heic", ".tif", ".tiff")
+
+
+@dataclass
+class CalibrationSession:
+    """State of one calibration.
+
+    Attributes:
+        name: of the video, for messages.
+        frames: pictures to choose from, (H, W[, 3]) uint8.
+        indices: their positions in the video.
+        view: depth of a stereo recording, None for one camera.
+        plain_floor: floor found without points (stereo), None where none is.
+        shown: number of the frame shown.
+        tool: what the mouse does.
+        lens: class of table 2, None to try all.
+        known: values known beside the samples.
+        draft: the person being drawn.
+        samples: finished people.
+        floor_points: (u, v) on the floor, in the order made.
+        selected: what was picked up last.
+        solution: what was computed last.
+        message: for the person at the screen.
+    """
+
+    name: str
+    frames: list[U8]
+    indices: list[int]
+    view: FloorDepths | None = None
+    plain_floor: Floor | None = None
+    shown: int = 0
+    tool: Tool = "person"
+    lens: str | None = None
+    known: KnownValues = field(default_factory=KnownValues)
+    draft: Draft = field(default_factory=Draft)
+    samples: list[HumanSample] = field(default_factory=list)
+    floor_points: list[Point] = field(default_factory=list)
+    selected: Handle | None = None
+    solution: Solution = field(default_factory=Solution)
+    message: str = ""
+    _start: Point | None = None
+    _held: Point | None = None
+    _past: list[tuple[list[HumanSample], list[Point]]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        if not self.frames:
+            raise InputError(f"{self.name}: expected frames to draw on, found none")
+        if self.view is not None:
+            self.tool = "floor"
+        self.message = self.next_step()
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the pictures [px]."""
+        return self.frames[0].shape[1], self.frames[0].shape[0]
+
+    @property
+    def floor(self) -> Floor | None:
+        """The floor of a stereo recording: that of the points, else that found without them."""
+        return self.solution.fit.floor if self.solution.fit else self.plain_floor
+
+    def here(self) -> list[tuple[int, HumanSample]]:
+        """Samples of the frame shown, with their numbers."""
+        index = self.indices[self.shown]
+        return [(i, s) for i, s in enumerate(self.samples) if s.frame == index]
+
+    def show(self, number: int) -> None:
+        """Show another frame; a person half drawn is dropped, since it belongs to the frame before."""
+        number = min(max(int(number), 0), len(self.frames) - 1)
+        if number != self.shown:
+            self.shown = number
+            self.cancel()
+
+    def show_sample(self, number: int) -> None:
+        """Show and select a sample."""
+        if self.samples[number].frame in self.indices:
+            self.show(self.indices.index(self.samples[number].frame))
+        self.tool, self.selected = "select", Handle(number, "whole")
+        self.message = self.next_step()
+
+    def choose(self, tool: Tool) -> None:
+        """Take another tool into the hand."""
+        self.tool = tool
+        self.cancel()
+
+    def cancel(self) -> None:
+        """Drop a person half drawn and the selection."""
+        self.draft, self._start, self._held, self.selected = Draft(), None, None, None
+        self.message = self.next_step()
+
+    def choose_lens(self, lens: str) -> None:
+        """A class of table 2, or "" to try all."""
+        if lens and lens not in LENS_K_320:
+            raise ValueError(f"expected one of {', '.join(LENS_K_320)}, got {lens!r}")
+        self.lens = lens or None
+
+    def press(self, u: float, v: float, reach_px: float = GRAB_PX) -> None:
+        """The mouse goes down at a pixel.
+
+        Args:
+            reach_px: a point this near is picked up [px of the image].
+        """
+        u, v = self._inside(u, v)
+        if self.tool == "person":
+            self._press_person(u, v)
+            return
+        self.selected = nearest(self.floor_points, (u, v), reach_px)
+        if self.tool == "select" and self.selected is None:
+            self.selected = grabbed(self.here(), (u, v), reach_px)
+        if self.tool == "floor" and self.selected is None:
+            self._remember()
+            self.floor_points.append((u, v))
+            self.selected = Handle(len(self.floor_points) - 1, "point")
+        elif self.selected is not None:
+            self._remember()
+        self._held = (u, v) if self.selected else None
+
+    def _press_person(self, u: float, v: float) -> None:
+        step = self.draft.step
+        if step == "box":
+            self._start, self.draft = (u, v), Draft()
+        elif step == "head":
+            self.draft.head_px = (u, v)
+        else:
+            self.draft.foot_px = (u, v)
+
+    def drag(self, u: float, v: float) -> None:
+        """The mouse moves with its button down."""
+        u, v = self._inside(u, v)
+        if self._held is not None:
+            (u0, v0), self._held = self._held, (u, v)
+            self._shift(u - u0, v - v0)
+        elif self._start is not None:
+            (u0, v0) = self._start
+            self.draft.box_px = (min(u, u0), min(v, v0), abs(u - u0), abs(v - v0))
+
+    def release(self, u: float, v: float) -> bool:
+        """The mouse goes up: what was drawn is finished.
+
+        Returns:
+            Whether the result must be computed again (``solve``, up to seconds long).
+        """
+        self.drag(u, v)
+        if self._held is not None:
+            self._held = None
+            unchanged = bool(self._past) and self._past[-1] == (self.samples, self.floor_points)
+            if unchanged:
+                self._past.pop()
+            self.message = self.next_step()
+            return not unchanged
+        if self._start is not None:
+            self._start = None
+            if self.draft.box_px is None or min(self.draft.box_px[2:]) < MIN_BOX_PX:
+                self.draft = Draft()
+        if self.draft.foot_px is not None:
+            return self._finish_person()
+        self.message = self.next_step()
+        return False
+
+    def nudge(self, du: float, dv: float) -> bool:
+        """Move what is selected by some pixels; whether something moved."""
+        if self.selected is None:
+            return False
+        self._remember()
+        self._shift(du, dv)
+        return True
+
+    def remove_selected(self) -> bool:
+        """Delete the person or the floor point that is selected; whether something was."""
+        if self.selected is None:
+            return False
+        self._remember()
+        things: list[HumanSample] | list[Point] = self.floor_points if self.selected.part == "point" else self.samples
+        del things[self.selected.number]
+        self.cancel()
+        return True
+
+    def undo(self) -> bool:
+        """Take back what is half drawn, else the last change; whether the result must be computed again."""
+        drafted = self.draft != Draft()
+        self.cancel()
+        if drafted or not self._past:
+            return False
+        self.samples, self.floor_points = self._past.pop()
+        self.message = self.next_step()
+        return True
+
+    def load(self, samples: Sequence[HumanSample], size: tuple[int, int] | None) -> None:
+        """Take samples from a file in place of those drawn.
+
+        Raises:
+            InputError: samples of another image size.
+        """
+        if size is not None and size != self.size:
+            (w, h), (width, height) = size, self.size
+            raise InputError(f"expected samples of images of {width}x{height} px, found {w}x{h}")
+        self._remember()
+        self.samples = list(samples)
+        self.cancel()
+
+    def missing_frames(self) -> list[int]:
+        """Frames of the video that samples come from and that are not among the pictures."""
+        return sorted({s.frame for s in self.samples if s.frame >= 0} - set(self.indices))
+
+    def add_frames(self, frames: Sequence[tuple[int, U8]]) -> None:
+        """More pictures, with their positions in the video."""
+        index = self.indices[self.shown]
+        both = {**dict(zip(self.indices, self.frames, strict=True)), **dict(frames)}
+        self.indices = sorted(both)
+        self.frames = [both[i] for i in self.indices]
+        self.shown = self.indices.index(index)
+
+    def solve(self) -> None:
+        """Compute what the drawing allows."""
+        self.solution = solve(self.task())
+
+    def task(self) -> CalibrationTask:
+        """What is to be solved now, apart from what is drawn meanwhile."""
+        return CalibrationTask(
+            self.name, self.size, tuple(self.samples), self.lens, self.known, tuple(self.floor_points), self.view
+        )
+
+    def export(self, folder: Path, solution: bool = True) -> tuple[Path, ...]:
+        """Write samples.json and, with ``solution``, camera.toml or world.toml (errors of ``solution.export``)."""
+        written = export(folder, self.task(), self.solution if solution else Solution())
+        self.message = "wrote " + ", ".join(str(path) for path in written)
+        return written
+
+    def next_step(self) -> str:
+        """What the person at the screen does next."""
+        if self.tool == "select":
+            return "click a person or a point; drag to move it, arrow keys by a pixel, Delete removes it"
+        if self.tool == "floor":
+            missing = max(0, 3 - len(self.floor_points)) if self.view is not None else 0
+            return f"click {missing} more points on the floor" if missing else "click points on the floor; drag them"
+        if self.draft.step == "head":
+            return "click the top of the head"
+        if self.draft.step == "foot":
+            return "click the middle between the feet"
+        missing = max(0, MIN_SAMPLES - len(self.samples))
+        where = f" ({missing} more people at other places needed)" if missing else ""
+        return f"draw a box around a standing person{where}"
+
+    def _shift(self, du: float, dv: float) -> None:
+        assert self.selected is not None
+        number, part = self.selected
+        if part == "point":
+            u, v = self.floor_points[number]
+            self.floor_points[number] = self._inside(u + du, v + dv)
+            return
+        try:
+            self.samples[number] = moved(self.samples[number], part, (du, dv))
+        except ValueError as error:
+            self.message = f"that is no standing person: {error}"
+
+    def _finish_person(self) -> bool:
+        draft, self.draft = self.draft, Draft()
+        assert draft.box_px is not None and draft.head_px is not None and draft.foot_px is not None
+        try:
+            sample = HumanSample(draft.box_px, draft.head_px, draft.foot_px, self.indices[self.shown])
+        except ValueError as error:
+            self.message = f"that is no standing person: {error}"
+            return False
+        self._remember()
+        self.samples.append(sample)
+        self.message = self.next_step()
+        return True
+
+    def _remember(self) -> None:
+        self._past.append((list(self.samples), list(self.floor_points)))
+
+    def _inside(self, u: float, v: float) -> Point:
+        width, height = self.size
+        return min(max(float(u), 0.0), width - 1.0), min(max(float(v), 0.0), height - 1.0)
+
+
+def open_session(path: Path, calibration: Path | None = None, n_frames: int = 40) -> CalibrationSession:
+    """Frames to draw on, spread over a video of one camera, or the depth of a stereo recording.
+
+    Both views of a side-by-side video, and the two cameras of a bag, are a stereo recording. The focal length of
+    photographs that say it is taken as known.
+
+    Args:
+        calibration: of a stereo recording, which the recording then must be.
+    Raises:
+        InputError: neither a video nor a stereo recording, or a stereo recording without a calibration.
+        WorkError: no usable frame.
+    """
+    if calibration is not None or holds_pair(path) or _is_side_by_side(path):
+        recording = open_recording(path, OpenOptions(calibration))
+        view = view_floor(recording, FloorSearch())
+        try:
+            plain_floor = view.find()
+        except WorkError:
+            plain_floor = None
+        return CalibrationSession(str(path), [view.image], [0], view, plain_floor)
+    video = open_video(path)
+    step = max(1, video.n_frames // n_frames)
+    pictures = [(frame.index, frame.image) for frame in video if frame.index % step == 0]
+    if not pictures:
+        raise InputError(f"{path}: expected a video with frames, found none that can be decoded")
+    session = CalibrationSession(path.name, [image for _, image in pictures], [index for index, _ in pictures])
+    session.known = known_of(path, session.size)
+    return session
+
+
+def _is_side_by_side(path: Path) -> bool:
+    """Whether the pictures of a video are two views of one scene."""
+    try:
+        return find_layout(path)[0].key == "side-by-side"
+    except InputError:
+        return False
+
+
+def frames_at(path: Path, indices: Sequence[int]) -> list[tuple[int, U8]]:
+    """Pictures of a video at some positions, as far as it has them."""
+    wanted, found = set(indices), []
+    for frame in open_video(path):
+        if frame.index in wanted:
+            found.append((frame.index, frame.image))
+        if frame.index >= max(wanted):
+            break
+    return found
+
+
+def known_of(path: Path, size: tuple[int, int]) -> KnownValues:
+    """The focal length of the first photograph of a folder, where it says it."""
+    photographs = sorted(p for p in path.iterdir() if p.suffix.lower() in PHOTOGRAPHS) if path.is_dir() else []
+    with suppress(InputError):
+        if photographs:
+            return KnownValues(focal_px=focal_share(photographs[0]) * math.hypot(*size))
+    return KnownValues()

@@ -1,0 +1,230 @@
+"""What is solved, whether it is enough, and how it is exported."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations, islice
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.errors import InputError, WorkError
+from calib.floor.points import floor_from_points
+from calib.floor.world_file import save_world
+from calib.ground_camera import save_ground_camera
+from calib.human.calibration import HumanCalibration, calibrate_from_people
+from calib.human.knowledge import KnownValues
+from calib.human.samples import MIN_SAMPLES, HumanSample, write_samples
+from calib.rig import Floor
+from calib.text import reason
+from calib.types import F64, Bool
+from planview.calibration.floor import FloorDepths
+from planview.calibration.page.marks import Point
+
+OFF_PLANE_M = 0.06
+"""A point this far from the plane of the others is not on the floor [m] (our choice: lower than a step)..."""
+OFF_PLANE_STDS = 3.0
+"""...or so many deviations of its depth, where that is more (our choice)."""
+TRIPLES = 400
+"""Planes tried at most (our choice: all of 14 points)."""
+
+
+class FloorFit(NamedTuple):
+    """A floor and what every point says of it.
+
+    Attributes:
+        floor: through the points that are used.
+        distance_m: (n,) signed distance of every point from it, up positive [m].
+        used: (n,) whether the point lies on it.
+    """
+
+    floor: Floor
+    distance_m: F64
+    used: Bool
+
+
+def fit_floor(view: FloorDepths, pixels: Sequence[Point]) -> FloorFit:
+    """The plane that most points lie on; of several with as many, that of the points clicked first.
+
+    Raises:
+        InputError: fewer than three points, a point without depth, or no three that span a floor.
+    """
+    points = view.points_at(np.array(pixels, dtype=np.float64).reshape(-1, 2))
+    limit = np.array([max(OFF_PLANE_M, OFF_PLANE_STDS * view.geometry.depth_std_m(float(p[2]))) for p in points])
+    return fit_plane(points, limit)
+
+
+def fit_plane(points: F64, limit_m: F64) -> FloorFit:
+    """As ``fit_floor``, of (n, 3) points [m] in the left camera's frame with (n,) distances that are allowed [m]."""
+    best: FloorFit | None = None
+    problem = InputError(f"expected three or more floor points, found {len(points)}")
+    for triple in islice(combinations(range(len(points)), 3), TRIPLES):
+        try:
+            fit = _through(points, points[list(triple)], limit_m)
+        except InputError as error:
+            problem = error
+            continue
+        if best is None or fit.used.sum() > best.used.sum():
+            best = fit
+    if best is None:
+        raise problem
+    return _through(points, points[best.used], limit_m)
+
+
+def _through(points: F64, chosen: F64, limit_m: F64) -> FloorFit:
+    floor = floor_from_points(chosen, "floor points")
+    distance = (floor.world_SE3_left @ points)[:, 2]
+    return FloorFit(floor, distance, np.abs(distance) <= limit_m)
+
+
+class ValueRow(NamedTuple):
+    """One value: its name, itself and its deviation, as text with units."""
+
+    name: str
+    value: str
+    deviation: str
+
+
+class Assessed(NamedTuple):
+    """Whether a solution may be used without a second thought, and why."""
+
+    enough: bool
+    sentence: str
+
+
+def camera_rows(found: HumanCalibration) -> list[ValueRow]:
+    """The values of a camera from people."""
+    camera, std = found.camera, found.std
+    focal_std = std.focal * camera.focal_px
+    return [
+        ValueRow("height above the floor", f"{camera.height_m:.2f} m", f"± {std.height * camera.height_m:.2f} m"),
+        _angle("tilt from straight down", camera.tilt_rad, std.tilt_rad),
+        _angle("roll", camera.roll_rad, std.roll_rad),
+        ValueRow("focal length", f"{camera.focal_px:.0f} px", f"± {focal_std:.0f} px"),
+        ValueRow("lens", camera.lens, ""),
+        ValueRow("floor positions", "", f"± {found.assessment.floor_error_m:.2f} m"),
+    ]
+
+
+def floor_rows(fit: FloorFit, found: Floor | None) -> list[ValueRow]:
+    """The values of a floor from points, beside those found without points, in brackets."""
+    floor, beside = fit.floor, "(found {})"
+    height = beside.format(f"{found.height_m:.2f} m") if found else ""
+    tilt = beside.format(f"{math.degrees(found.tilt_rad):.1f}°") if found else ""
+    roll = beside.format(f"{math.degrees(found.roll_rad):.1f}°") if found else ""
+    return [
+        ValueRow("height above the floor", f"{floor.height_m:.2f} m", height),
+        ValueRow("tilt from straight down", f"{math.degrees(floor.tilt_rad):.1f}°", tilt),
+        ValueRow("roll", f"{math.degrees(floor.roll_rad):.1f}°", roll),
+        ValueRow("points from the plane", f"{100 * (floor.residual_m or 0.0):.1f} cm rms", ""),
+    ]
+
+
+def floor_assessment(fit: FloorFit) -> Assessed:
+    """A plane through three points fits whatever they lie on; the fourth one checks it."""
+    n_used, n_off = int(fit.used.sum()), int((~fit.used).sum())
+    if n_off and n_used < n_off + 3:
+        return Assessed(False, f"not enough: {n_off} of {n_used + n_off} points lie off the plane of the others")
+    if n_used < 4:
+        return Assessed(
+            False, "not enough: three points fit any plane; add a fourth one far from them, which checks it"
+        )
+    off = f"; {n_off} off the plane not used" if n_off else ""
+    return Assessed(True, f"enough: {n_used} points lie on one plane{off}")
+
+
+def _angle(name: str, value_rad: float, std_rad: float) -> ValueRow:
+    return ValueRow(name, f"{math.degrees(value_rad):.1f}°", f"± {math.degrees(std_rad):.1f}°")
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationTask:
+    """Everything that a solution depends on (see ``CalibrationSession``)."""
+
+    name: str
+    size: tuple[int, int]
+    samples: tuple[HumanSample, ...]
+    lens: str | None
+    known: KnownValues
+    floor_points: tuple[Point, ...]
+    view: FloorDepths | None
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A camera, or the floor of a stereo recording.
+
+    Attributes:
+        found: camera from the samples (one camera).
+        fit: floor from the points (stereo).
+        problem: why there is no solution, empty where there is one or nothing was solved.
+    """
+
+    found: HumanCalibration | None = None
+    fit: FloorFit | None = None
+    problem: str = ""
+
+    def rows(self, plain_floor: Floor | None = None) -> list[ValueRow]:
+        """Values with their deviations; empty without a solution.
+
+        Args:
+            plain_floor: found without points, to compare with.
+        """
+        if self.found is not None:
+            return camera_rows(self.found)
+        return floor_rows(self.fit, plain_floor) if self.fit else []
+
+    def assessment(self) -> Assessed | None:
+        """Whether it is enough; None where nothing was solved."""
+        if self.problem:
+            return Assessed(False, self.problem)
+        if self.found is not None:
+            return Assessed(self.found.assessment.enough, self.found.assessment.sentence)
+        return floor_assessment(self.fit) if self.fit else None
+
+    def metres(self, pixels: Sequence[Point]) -> list[Point | None]:
+        """World (x, y) of pixels on the floor of the camera found, None where they are not on the floor."""
+        if self.found is None:
+            return [None] * len(pixels)
+        xy = self.found.camera.back_project(np.array(pixels).reshape(-1, 2))
+        return [(float(x), float(y)) if math.isfinite(x) and math.isfinite(y) else None for x, y in xy]
+
+
+def solve(task: CalibrationTask) -> Solution:
+    """The camera or the floor of what is drawn so far; takes up to seconds."""
+    try:
+        if task.view is not None:
+            return Solution(fit=fit_floor(task.view, task.floor_points)) if len(task.floor_points) >= 3 else Solution()
+        if len(task.samples) < MIN_SAMPLES:
+            return Solution()
+        return Solution(calibrate_from_people(task.samples, task.size, task.lens, known=task.known, name=task.name))
+    except (InputError, WorkError) as error:
+        return Solution(problem=str(error))
+
+
+def export(folder: Path, task: CalibrationTask, solution: Solution) -> tuple[Path, ...]:
+    """Write samples.json, and camera.toml or world.toml as far as there is a solution.
+
+    Raises:
+        InputError: nothing to write yet, or nowhere to write it.
+    """
+    written: list[Path] = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if task.samples:
+            written.append(folder / "samples.json")
+            write_samples(task.samples, written[-1], task.size)
+        if solution.found is not None:
+            written.append(folder / "camera.toml")
+            save_ground_camera(solution.found.camera, written[-1])
+        if solution.fit is not None:
+            written.append(folder / "world.toml")
+            save_world(solution.fit.floor, written[-1])
+    except OSError as error:
+        raise InputError(f"{folder}: expected a folder to write to, found {reason(error)}") from error
+    if not written:
+        raise InputError(f"{task.name}: expected something drawn before it is exported, found nothing")
+    return tuple(written)

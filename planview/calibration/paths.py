@@ -1,0 +1,188 @@
+"""What one rig sees of the place that it watches: its floor, people's paths, and what stands still."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.pose import SE3
+from calib.types import F32, F64
+from planview.engine.config import Config
+from planview.engine.factory import floor_tracker
+from planview.engine.pipeline import Pipeline
+from planview.engine.setup import set_up_any
+from planview.maps.builder import HEAD_M
+from planview.trajectories.table import Trajectories, TrajectoryCollector
+from stereo.depth import back_project, median_image
+from stereo.readers import open_any
+
+TICK_S = 0.1
+"""Time between the samples of a path [s]: a walker moves a hand's breadth in it (our choice)."""
+GAP_S = 0.5
+"""Over longer gaps a path is not interpolated [s] (our choice)."""
+MIN_PATH_S = 2.0
+"""Shorter pieces are left out [s] (our choice)."""
+SCENE_FRAMES = 24
+"""Frames, spread over the recording, whose median is the scene without people (our choice)."""
+SCENE_STD_MAX_M = 0.30
+"""Points of the scene with a larger predicted depth deviation are left out [m] (our choice)."""
+
+
+@dataclass(frozen=True, eq=False)
+class WalkedPath:
+    """One person without a gap.
+
+    Attributes:
+        first: tick of the first sample.
+        xy_m: (N, 2) floor positions, one per tick [m].
+        height_m: median height [m]; NaN when unknown.
+        per_px_m: (N, 2) how far the positions move when all disparities grow by a pixel [m].
+    """
+
+    first: int
+    xy_m: F64
+    height_m: float
+    per_px_m: F64
+
+    @property
+    def end(self) -> int:
+        """The tick after the last sample."""
+        return self.first + len(self.xy_m)
+
+    def at(self, ticks: F64) -> F64:
+        """(N, 2) positions at fractional ticks; NaN outside of the path."""
+        return self._interpolated(ticks, self.xy_m)
+
+    def per_px_at(self, ticks: F64) -> F64:
+        """(N, 2) ``per_px_m`` at fractional ticks; NaN outside of the path."""
+        return self._interpolated(ticks, self.per_px_m)
+
+    def _interpolated(self, ticks: F64, values: F64) -> F64:
+        known = np.arange(self.first, self.end)
+        return np.column_stack([np.interp(ticks, known, column, left=np.nan, right=np.nan) for column in values.T])
+
+
+@dataclass(frozen=True, eq=False)
+class DisparityEffect:
+    """What an offset of a rig's disparities does to floor positions.
+
+    Attributes:
+        world_SE3_left: pose of the rectified left camera.
+        disparity_metre: f b [px m].
+    """
+
+    world_SE3_left: SE3
+    disparity_metre: float
+
+    def per_px_m(self, xy_m: F64) -> F64:
+        """(N, 2) movement [m/px] of (N, 2) positions: dZ/dd = -Z^2 / (f b), along the ray to a head at 1.6 m."""
+        heads = np.column_stack([xy_m, np.full(len(xy_m), HEAD_M)])
+        out = heads - self.world_SE3_left.translation
+        depth = out @ self.world_SE3_left.rotation[:, 2]
+        return np.asarray(-out[:, :2] * depth[:, None] / self.disparity_metre)
+
+
+def paths_of(tracks: Trajectories, effect: DisparityEffect) -> list[WalkedPath]:
+    """Confirmed people as paths; predicted rows are gaps."""
+    known = (tracks.state == "confirmed") & np.isfinite(tracks.x_m + tracks.y_m + tracks.timestamp_s)
+    rows = tracks.where(known)
+    paths = []
+    for track_id in np.unique(rows.track_id):
+        own = rows.where(rows.track_id == track_id)
+        cuts = np.flatnonzero(np.diff(own.timestamp_s) > GAP_S) + 1
+        for part in np.split(np.arange(len(own)), cuts):
+            path = _path(own.where(part), effect)
+            if path is not None:
+                paths.append(path)
+    return paths
+
+
+def _path(own: Trajectories, effect: DisparityEffect) -> WalkedPath | None:
+    first, last = math.ceil(own.timestamp_s[0] / TICK_S), math.floor(own.timestamp_s[-1] / TICK_S)
+    if (last - first) * TICK_S < MIN_PATH_S:
+        return None
+    ticks = np.arange(first, last + 1) * TICK_S
+    xy = np.column_stack([np.interp(ticks, own.timestamp_s, column) for column in (own.x_m, own.y_m)])
+    known = own.height_m[np.isfinite(own.height_m)]
+    return WalkedPath(first, xy, float(np.median(known)) if len(known) else math.nan, effect.per_px_m(xy))
+
+
+def by_time(paths: list[WalkedPath]) -> tuple[F64, F64, int]:
+    """All paths side by side in time.
+
+    Returns:
+        (T, P, 2) positions [m] and (T, P) heights [m], NaN where no path is, with P as many as are there at once; and
+        the tick of the first row.
+    """
+    first, end = min(p.first for p in paths), max(p.end for p in paths)
+    slots: list[int] = []
+    placed = []
+    for path in sorted(paths, key=lambda p: p.first):
+        slot = next((i for i, until in enumerate(slots) if until <= path.first), len(slots))
+        slots[slot : slot + 1] = [path.end]
+        placed.append((slot, path))
+    xy, height = np.full((end - first, len(slots), 2), np.nan), np.full((end - first, len(slots)), np.nan)
+    for slot, path in placed:
+        xy[path.first - first : path.end - first, slot] = path.xy_m
+        height[path.first - first : path.end - first, slot] = path.height_m
+    return xy, height, first
+
+
+@dataclass(frozen=True, eq=False)
+class RigRecord:
+    """One rig, in its own world and on its own clock.
+
+    Attributes:
+        path: of its recording.
+        effect: pose above its own floor, and what an offset of the disparities does.
+        tracks: of all people.
+        scene: (N, 3) float32 points that stand still [m].
+    """
+
+    path: Path
+    effect: DisparityEffect
+    tracks: Trajectories
+    scene: F32
+
+
+def record_rig(path: Path, config: Config | None = None, done: Callable[[], None] = lambda: None) -> RigRecord:
+    """Track a rig's recording and gather the scene behind the people.
+
+    Args:
+        done: called after every frame.
+    Raises:
+        InputError: no such recording or calibration.
+        WorkError: no floor is visible.
+    """
+    config = config or Config()
+    recording = open_any(path)
+    setup = set_up_any(recording, config)
+    engine = Pipeline(recording, setup, config, floor_tracker("template", config))
+    collector, disparities = TrajectoryCollector(), []
+    every = max(1, engine.recording.n_frames // SCENE_FRAMES)
+    for result in engine:
+        collector.add(result.frame, result.timestamp_s, result.tracks)
+        if result.frame % every == 0 and result.disparity is not None:
+            disparities.append(result.disparity)
+        done()
+    effect = DisparityEffect(engine.stereo.floor.world_SE3_left, engine.stereo.geometry.disparity_metre)
+    return RigRecord(path, effect, collector.trajectories(), _scene(engine, disparities))
+
+
+def _scene(engine: Pipeline, disparities: list[F32]) -> F32:
+    """Points of the median disparity that are known well enough."""
+    if not disparities:
+        return np.empty((0, 3), dtype=np.float32)
+    geometry = engine.stereo.geometry
+    disparity = median_image(disparities)
+    farthest = (SCENE_STD_MAX_M / geometry.depth_std_m(1.0)) ** 0.5
+    with np.errstate(invalid="ignore", divide="ignore"):
+        depth = np.float32(geometry.disparity_metre) / disparity
+        depth[~((disparity > 0) & (depth < farthest))] = np.nan
+    points = back_project(np.asarray(depth, dtype=np.float32), geometry).reshape(-1, 3)
+    points = points[np.isfinite(points).all(axis=1)]
+    return np.asarray(engine.stereo.floor.world_SE3_left @ points, dtype=np.float32)

@@ -1,0 +1,263 @@
+"""Samples for ``planview calibrate human`` from a video of people walking by (Zhang et al. 2008, 3.3), and pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.errors import WorkError
+from calib.ground_camera import GroundCamera
+from calib.human.choice import choose_spread
+from calib.human.model import HumanModel
+from calib.human.samples import MIN_SAMPLES, HumanSample
+from calib.images import as_colour
+from calib.types import F64, U8, Bool
+from planview.engine.single_camera import SingleCamera, SingleCameraParams
+from planview.foreground.blobs import Blobs, find_blobs
+from stereo.recording import Video
+
+GIVEN = (255, 140, 0)
+COMPUTED = (200, 60, 255)
+WARM_UP_S = 1.0
+"""The background is learned for so long before samples are taken [s] (our choice)."""
+MIN_SIZE_SHARE = 0.06
+"""A person is at least this share of the image's height [1]: smaller ones say nothing about a camera (our choice)."""
+RIVAL_SHARE = 0.08
+"""A blob above this share of another's area is not noise [1] (our choice)."""
+GAP_PX = 4
+"""Blobs whose boxes are nearer than this may be pieces of one person, or hide each other [px] (our choice)."""
+GAP_SHARE = 0.35
+"""Above and below, this share of the body's height [1]: bodies break at belt and collar (our choice)."""
+MIN_FILL, MAX_FILL = 0.3, 0.95
+"""A standing person fills this share of the box [1]; streaks and lit rectangles do not."""
+MIN_ELONGATION = 2.0
+"""Variance along a body over that across it from which head and feet are its ends [1] (our choice)."""
+MIN_OVERLAP = 0.3
+"""Boxes of one walker in frames that follow each other overlap by this part of their union [1] (our choice)."""
+MIN_TRAVEL, MIN_PATH = 0.5, 4
+"""A walker moves by half a body, and is met in so many frames: what stands still is furniture, light or a ghost (our
+choice)."""
+PLACES_OF_ONE = 8
+"""A lone walker is worth so many independent samples (our choice: the same body at other places)."""
+SIZE_TOLERANCE = 0.15
+"""Sizes differ by this part from what most people have at that place [1] (our choice: body heights, strides)."""
+SIZE_TRIALS = 400
+MIN_USUAL = 0.35
+"""Share of the blobs that must have one person's size to have a usual size [1] (our choice)."""
+
+
+def draw_samples(image: U8, camera: GroundCamera, model: HumanModel, samples: Sequence[HumanSample]) -> U8:
+    """What was given (blue) and what was computed (pink) of each sample (figure 6a), on a copy."""
+    canvas = as_colour(image).copy()
+    for sample in samples:
+        left, top, width, height = sample.box_px
+        corners = np.array([[left, top], [left + width, top], [left + width, top + height], [left, top + height]])
+        _polyline(canvas, np.vstack([corners, corners[:1]]), GIVEN)
+        for point in (sample.head_px, sample.foot_px):
+            _dot(canvas, np.array(point), GIVEN)
+        draw_person(canvas, camera, model, camera.back_project(sample.foot_px), COMPUTED)
+    return canvas
+
+
+def draw_person(
+    canvas: U8, camera: GroundCamera, model: HumanModel, xy_m: ArrayLike, colour: tuple[int, int, int]
+) -> None:
+    """One computed person: outline, head and foot; nothing where the camera cannot see them."""
+    hull = model.hull(camera, *(float(v) for v in np.asarray(xy_m)))
+    if np.isfinite(hull).all():
+        _polyline(canvas, np.vstack([hull, hull[:1]]), colour)
+        _dot(canvas, model.head(camera, xy_m), colour)
+        _dot(canvas, model.foot(camera, xy_m), colour)
+
+
+def crowd(camera: GroundCamera, model: HumanModel, columns: int = 6, rows: int = 4) -> F64:
+    """(N, 2) floor positions [m] with feet on an even grid of pixels, where a whole person is in the image."""
+    u = (np.arange(columns) + 0.5) / columns * camera.width
+    v = (np.arange(rows) + 1.0) / rows * camera.height * 0.98
+    feet = camera.back_project(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
+    feet = feet[np.isfinite(feet).all(axis=1) & (np.hypot(feet[:, 0], feet[:, 1]) < 60.0)]
+    boxes = model.boxes(camera, feet)
+    far = boxes[:, :2] + boxes[:, 2:]
+    inside = (boxes[:, :2] > 0).all(axis=1) & (far < np.array(camera.size)).all(axis=1)
+    return np.asarray(feet[inside])
+
+
+def _polyline(canvas: U8, points: F64, colour: tuple[int, int, int]) -> None:
+    cv2.polylines(canvas, [np.rint(points).astype(np.int32).reshape(-1, 1, 2)], False, colour, 1, cv2.LINE_AA)
+
+
+def _dot(canvas: U8, point: F64, colour: tuple[int, int, int]) -> None:
+    if np.isfinite(point).all() and np.abs(point).max() < 1e5:
+        cv2.circle(canvas, (round(float(point[0])), round(float(point[1]))), 3, colour, -1, cv2.LINE_AA)
+
+
+@dataclass(eq=False)
+class _Path:
+    """Blobs of one walker."""
+
+    samples: list[HumanSample]
+    last_frame: int
+
+    @property
+    def walks(self) -> bool:
+        boxes = np.array([s.box_px for s in self.samples])
+        middles = boxes[:, :2] + boxes[:, 2:] / 2
+        size = float(np.median([s.diagonal_px for s in self.samples]))
+        return len(self.samples) >= MIN_PATH and float(np.hypot(*np.ptp(middles, axis=0))) >= MIN_TRAVEL * size
+
+
+@dataclass(frozen=True)
+class CollectedSamples:
+    """Samples of people walking, and how many of them are independent of each other."""
+
+    samples: tuple[HumanSample, ...]
+    independent: int
+
+
+def collect_samples(
+    video: Video, count: int = 50, params: SingleCameraParams | None = None, done: Callable[[], None] = lambda: None
+) -> CollectedSamples:
+    """Take samples of people who walk by, where each is whole and apart from the others.
+
+    Every frame gives a sample per blob that touches neither the image's edge nor another blob. Blobs that walk are
+    kept, and of these the ones that have the size of most blobs at their place, so that pairs, parts and shadows fall
+    out. Head and foot are the ends of the blob's longest axis, the head the upper one; where most blobs have no longest
+    axis (from straight above) both are its middle.
+
+    Args:
+        video: of people walking.
+        count: how many samples to take.
+        done: called after every frame.
+    Raises:
+        WorkError: fewer than 3 samples, or no size that most of the walkers have.
+    """
+    camera = SingleCamera(params or SingleCameraParams(), video.size)
+    paths: list[_Path] = []
+    for frame in video:
+        observation = camera.observe(frame)
+        if frame.timestamp_s >= WARM_UP_S and observation.foreground is not None:
+            _continue(paths, bodies_of(observation.foreground, frame.index), frame.index)
+        done()
+    walking = [path for path in paths if path.walks]
+    chosen = choose_samples([sample for path in walking for sample in path.samples], count, str(video.path))
+    return CollectedSamples(chosen, max(len(walking), PLACES_OF_ONE))
+
+
+def choose_samples(walkers: Sequence[HumanSample], count: int, name: str) -> tuple[HumanSample, ...]:
+    """Of all samples of people walking the usual ones, spread over the image.
+
+    Raises:
+        WorkError: fewer than 3 samples, or no size that most of them have.
+    """
+    upright = [s for s in walkers if s.head_px != s.foot_px]
+    bodies = upright if len(upright) >= 0.5 * len(walkers) else list(walkers)
+    if len(bodies) < MIN_SAMPLES:
+        raise WorkError(
+            f"{name}: expected people who walk by, found {len(bodies)} sightings of a whole person apart from others "
+            f"(at least {MIN_SAMPLES} needed)"
+        )
+    usual = usual_sizes(bodies)
+    if usual.sum() < max(MIN_SAMPLES, MIN_USUAL * len(bodies)):
+        raise WorkError(
+            f"{name}: expected walkers of one person's size each, found {usual.mean():.0%} of {len(bodies)} blobs of "
+            "one size: people hide each other too much, mark samples by hand instead"
+        )
+    return choose_spread([s for s, ok in zip(bodies, usual, strict=True) if ok], count)
+
+
+def bodies_of(mask: U8, frame: int) -> list[HumanSample]:
+    """Whole people apart from others in a (H, W) foreground mask."""
+    closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((7, 5), np.uint8))
+    blobs = find_blobs(np.asarray(closed, dtype=np.uint8))
+    large = [i for i in range(1, len(blobs)) if max(blobs.box_px[i][2:]) >= MIN_SIZE_SHARE * mask.shape[0]]
+    samples = [_whole_person(blobs, i, mask.shape, frame) for i in large if not _crowded(blobs, i)]
+    return [sample for sample in samples if sample is not None]
+
+
+def usual_sizes(samples: Sequence[HumanSample]) -> Bool:
+    """(n,) whether the size is that of most people at its place.
+
+    A standing person's size in the image is linear in the foot's pixel, but for steep cameras nearly so; of the planes
+    through three samples the one is taken that most samples lie on.
+    """
+    feet = np.array([s.foot_px for s in samples])
+    sizes = np.array([s.diagonal_px for s in samples])
+    terms = np.column_stack([np.ones(len(feet)), feet])
+    rng = np.random.default_rng(0)
+    best = np.zeros(len(sizes), dtype=np.bool_)
+    for _ in range(SIZE_TRIALS):
+        chosen = rng.choice(len(sizes), 3, replace=False)
+        if abs(np.linalg.det(terms[chosen])) < 1.0:
+            continue
+        expected = terms @ np.linalg.solve(terms[chosen], sizes[chosen])
+        fits = np.abs(sizes - expected) < SIZE_TOLERANCE * np.maximum(expected, 1.0)
+        if fits.sum() > best.sum():
+            best = fits
+    return best if best.any() else np.abs(sizes - np.median(sizes)) < SIZE_TOLERANCE * sizes
+
+
+def _continue(paths: list[_Path], bodies: Sequence[HumanSample], frame: int) -> None:
+    """Append every body to the path of the frame before that it overlaps most, or begin one."""
+    open_paths = [path for path in paths if 0 < frame - path.last_frame <= 2]
+    for body in bodies:
+        overlaps = [_overlap(body, path.samples[-1]) for path in open_paths]
+        best = int(np.argmax(overlaps)) if overlaps else -1
+        if best >= 0 and overlaps[best] >= MIN_OVERLAP:
+            path = open_paths.pop(best)
+            path.samples.append(body)
+            path.last_frame = frame
+        else:
+            paths.append(_Path([body], frame))
+
+
+def _overlap(one: HumanSample, other: HumanSample) -> float:
+    (a, b, w, h), (c, d, v, g) = one.box_px, other.box_px
+    common = max(0.0, min(a + w, c + v) - max(a, c)) * max(0.0, min(b + h, d + g) - max(b, d))
+    return common / (w * h + v * g - common)
+
+
+def _crowded(blobs: Blobs, label: int) -> bool:
+    """Whether another blob that is not noise is near the box."""
+    low, high = blobs.box_px[:, :2], blobs.box_px[:, :2] + blobs.box_px[:, 2:]
+    gap = np.array([GAP_PX, max(GAP_PX, GAP_SHARE * float(blobs.box_px[label][3]))])
+    near = ((low < high[label] + gap) & (high > low[label] - gap)).all(axis=1)
+    near &= blobs.area_px > RIVAL_SHARE * blobs.area_px[label]
+    near[[0, label]] = False
+    return bool(near.any())
+
+
+def _whole_person(blobs: Blobs, label: int, shape: tuple[int, ...], frame: int) -> HumanSample | None:
+    """Sample of a blob in an image of (H, W), None where it is cut off or no body."""
+    left, top, width, height = (int(v) for v in blobs.box_px[label])
+    rows, columns = shape
+    cut = left <= 1 or top <= 1 or left + width >= columns - 1 or top + height >= rows - 1
+    fill = float(blobs.area_px[label]) / (width * height)
+    if cut or not MIN_FILL <= fill <= MAX_FILL:
+        return None
+    inside: Bool = np.asarray(blobs.labels[top : top + height, left : left + width] == label)
+    head, foot = _ends(inside)
+    # A box of pixels ends half a pixel beyond their centres.
+    return HumanSample(
+        (left - 0.5, top - 0.5, float(width), float(height)),
+        (left + float(head[0]), top + float(head[1])),
+        (left + float(foot[0]), top + float(foot[1])),
+        frame,
+    )
+
+
+def _ends(inside: Bool) -> tuple[F64, F64]:
+    """Head and foot (u, v) within the box."""
+    v, u = np.nonzero(inside)
+    points = np.column_stack([u, v]).astype(np.float64)
+    centre = points.mean(axis=0)
+    spread, axes = np.linalg.eigh(np.cov((points - centre).T))
+    if spread[1] < MIN_ELONGATION * spread[0]:
+        return centre, centre
+    axis = axes[:, 1] if axes[1, 1] > 0 else -axes[:, 1]
+    along = (points - centre) @ axis
+    low, high = np.quantile(along, (0.002, 0.998))
+    return centre + (low - 0.5) * axis, centre + (high + 0.5) * axis

@@ -1,0 +1,310 @@
+"""Where people are observed, and how they pass tripwires and stay in zones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.types import F64, I8, I64, Bool
+from planview.counting.events import Direction, EventKind
+from planview.counting.geometry import Outline, PlaneName, inner_radius
+from planview.trajectories.state import TrackState
+from planview.trajectories.table import Trajectories
+
+PERSON_M = 1.7
+"""Height that a box is taken to show where only boxes are known: it gives metres to pixels [m]."""
+MAX_SPEED_MPS = 8.0
+JUMP_M = 1.0
+"""A step over a line that is faster [m/s] and longer [m] is a correction by the tracker and not a movement (our choice:
+a sprint, and ten times the noise of a good tracker)."""
+PUT_BACK_S = 2.0
+"""A jump back within this time of a crossing undoes it [s]; a jump at another time stands for a crossing once the
+person has stayed beyond the line for as long as a new track must last. Our choice."""
+_MARGIN_SHARE = 0.25
+"""Largest part of a zone's inner radius that hysteresis may take: people in the middle of a narrow zone are inside."""
+
+
+class InPlane(NamedTuple):
+    """(N,) positions in a plane and its units per metre there; NaN where the plane is not known."""
+
+    x: F64
+    y: F64
+    unit: F64
+
+
+@dataclass(frozen=True, eq=False)
+class TrackPlaces:
+    """Rows of tracks, (N,) each.
+
+    Attributes:
+        track_id: int64.
+        confirmed: whether the state is confirmed.
+        observed: whether the row has a place and is more than a prediction.
+        floor_m: (N, 2) position [m].
+        box_px: (N, 4) left, top, width, height.
+    """
+
+    track_id: I64
+    confirmed: Bool
+    observed: Bool
+    floor_m: F64
+    box_px: F64
+
+    @staticmethod
+    def of_states(tracks: Sequence[TrackState]) -> TrackPlaces:
+        """One frame's tracks."""
+        return _places(
+            np.array([track.track_id for track in tracks], dtype=np.int64),
+            np.array([track.state for track in tracks], dtype=np.str_),
+            np.array([(track.x_m, track.y_m) for track in tracks], dtype=np.float64).reshape(-1, 2),
+            np.array([track.box_px for track in tracks], dtype=np.float64).reshape(-1, 4),
+        )
+
+    @staticmethod
+    def of_rows(tracks: Trajectories, rows: slice | I64) -> TrackPlaces:
+        """Rows of a table."""
+        floor_m = np.column_stack([tracks.x_m[rows], tracks.y_m[rows]])
+        return _places(tracks.track_id[rows], tracks.state[rows], floor_m, tracks.box_px[rows])
+
+    def within(self, plane: PlaneName) -> InPlane:
+        """The positions in a plane: on the floor, or of the foot in the image, the middle of the box's lower edge."""
+        if plane == "floor":
+            return InPlane(self.floor_m[:, 0], self.floor_m[:, 1], np.ones(len(self.floor_m)))
+        left, top, width, height = self.box_px.T
+        return InPlane(left + width / 2, top + height, np.where(height > 0, height / PERSON_M, np.nan))
+
+    def metres(self) -> F64:
+        """(N, 2) places in metres: on the floor where known, else from the image."""
+        foot = self.within("image")
+        image_m = np.column_stack([foot.x, foot.y]) / foot.unit[:, None]
+        return np.where(np.isfinite(self.floor_m[:, :1]), self.floor_m, image_m)
+
+
+def _places(track_id: I64, state: np.ndarray[tuple[int], np.dtype[np.str_]], floor_m: F64, box_px: F64) -> TrackPlaces:
+    places = TrackPlaces(track_id, state == "confirmed", state != "lost", floor_m, box_px)
+    known = np.isfinite(places.metres().sum(axis=1))
+    return TrackPlaces(track_id, places.confirmed, places.observed & known, floor_m, box_px)
+
+
+def side_codes(side: F64, decided: Bool, known: Bool) -> I8:
+    """(N,) 0 not known, 1 and 2 below 0 and decided or not, 3 and 4 from 0 on and undecided or not."""
+    return np.where(known, np.where(side >= 0, 3 + decided, 2 - decided), 0).astype(np.int8)
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """When (interpolated) and which way."""
+
+    frame: int
+    timestamp_s: float
+    direction: Direction
+
+
+class _Side(NamedTuple):
+    """A sighting relative to the line: side_m left of it [m], ``along`` 0 at its first and 1 at its second point."""
+
+    frame: int
+    timestamp_s: float
+    side_m: float
+    along: float
+
+
+class Wire:
+    """A tripwire in its plane.
+
+    Args:
+        points: (2, 2) first and second point.
+        plane: "floor", or "image" whose y axis points down, so that left and right change places.
+        hysteresis_m: distance that decides a side [m].
+    """
+
+    def __init__(self, name: str, points: F64, plane: PlaneName, hysteresis_m: float, min_age_s: float) -> None:
+        self.name, self.plane, self.hysteresis_m, self.min_age_s = name, plane, hysteresis_m, min_age_s
+        self._start: list[float] = points[0].tolist()
+        self._length = float(np.hypot(*(points[1] - points[0])))
+        self._ahead: list[float] = ((points[1] - points[0]) / self._length).tolist()
+        self._left_sign = 1.0 if plane == "floor" else -1.0
+
+    def locate(self, places: TrackPlaces) -> tuple[F64, F64]:
+        """(N,) distance left of the line [m], and place along it from 0 to 1; NaN when not known in this plane."""
+        x, y, unit = places.within(self.plane)
+        dx, dy = x - self._start[0], y - self._start[1]
+        ahead = self._ahead[0] * dx + self._ahead[1] * dy
+        left = self._left_sign * (self._ahead[0] * dy - self._ahead[1] * dx)
+        return left / unit, np.where(np.isfinite(x + y + unit), ahead / self._length, np.nan)
+
+    def sides(self, places: TrackPlaces) -> I8:
+        """(N,) 0 not known, 1 to 4 from decided right to decided left."""
+        side_m, along = self.locate(places)
+        return side_codes(side_m, np.abs(side_m) >= self.hysteresis_m, np.isfinite(along))
+
+
+class WireState:
+    """One person at one wire: the side last decided, and the way taken since."""
+
+    def __init__(self, wire: Wire) -> None:
+        self._wire = wire
+        self._side = 0  # 1 left, -1 right, 0 not decided: not yet observed far enough from the line
+        self._last: _Side | None = None
+        self._net = 0  # passages through the wire since the side was decided, 1 to the left, -1 to the right
+        self._passed: tuple[int, float] = (0, 0.0)
+        self._jumped = False  # whether the last passage was too fast for a person
+        self._put_back = 0  # side from which a jump took the person; reaching it again is no crossing
+        self._crossed_s = -math.inf
+        self._waiting: Crossing | None = None  # in a jump: counts once the person has stayed
+
+    def update(self, frame: int, timestamp_s: float, side_m: float, along: float) -> Crossing | None:
+        """The crossing that is certain now, the person far enough on the other side; dated to when the line was passed.
+
+        Going round the end of the line passes its extension, which does not count; turning back within the hysteresis
+        is no crossing. A person put back over the line in a jump crosses it again without counting again, and who is
+        back from a jump before ``min_age_s`` has not crossed at all.
+        """
+        if not math.isfinite(along):
+            return None
+        now = _Side(frame, timestamp_s, side_m, along)
+        if self._last is not None and (self._last.side_m >= 0) != (side_m >= 0):
+            self._pass(self._last, now)
+        self._last = now
+        crossing = self._decide(side_m)
+        if crossing is not None and self._waiting is not None:
+            crossing = self._waiting = None  # back already: the jump was an error of measurement
+        elif crossing is not None and self._jumped:
+            crossing, self._waiting = None, crossing
+        if self._waiting is not None and timestamp_s - self._waiting.timestamp_s >= self._wire.min_age_s:
+            crossing, self._waiting = self._waiting, None
+        if crossing is not None:
+            self._crossed_s = crossing.timestamp_s
+        return crossing
+
+    def _decide(self, side_m: float) -> Crossing | None:
+        """The passage that took the person to this side, once far enough on it."""
+        if abs(side_m) < self._wire.hysteresis_m:
+            return None
+        side = 1 if side_m >= 0 else -1
+        before, net = self._side, self._net
+        self._side, self._net = side, 0
+        if before in (0, side) or net * side <= 0:
+            return None
+        back = self._jumped and self._passed[1] - self._crossed_s <= PUT_BACK_S
+        again, self._put_back = self._put_back == side, before if back else 0
+        return None if again or back else Crossing(*self._passed, "right_to_left" if side > 0 else "left_to_right")
+
+    def _pass(self, a: _Side, b: _Side) -> None:
+        """The line, or its extension, is passed between two sightings."""
+        part = a.side_m / (a.side_m - b.side_m)
+        if 0.0 <= a.along + part * (b.along - a.along) <= 1.0:
+            self._net += 1 if b.side_m >= 0 else -1
+            moment = a.timestamp_s + part * (b.timestamp_s - a.timestamp_s)
+            step_m = abs(b.side_m - a.side_m)
+            self._jumped = step_m > JUMP_M and step_m > MAX_SPEED_MPS * (b.timestamp_s - a.timestamp_s)
+            self._passed = math.ceil(a.frame + part * (b.frame - a.frame)), moment
+
+
+@dataclass(eq=False)
+class Stay:
+    """One person inside, from ``start_s`` until ``end_s`` (the last observation so far).
+
+    Attributes:
+        entered: came in over the outline; false for a track that began inside.
+        left: went out over the outline; false for a track that ended inside, or is still there.
+        counted: the person is confirmed and old enough.
+    """
+
+    start_s: float
+    end_s: float
+    entered: bool
+    left: bool = False
+    counted: bool = False
+
+    @property
+    def dwell_s(self) -> float:
+        return self.end_s - self.start_s
+
+
+@dataclass(frozen=True)
+class Passage:
+    """An outline passed: the first frame at or after the moment, and the moment."""
+
+    frame: int
+    timestamp_s: float
+    kind: EventKind
+
+
+class _Depth(NamedTuple):
+    """A sighting relative to the outline: its depth inside [m]."""
+
+    frame: int
+    timestamp_s: float
+    depth_m: float
+
+
+class Area:
+    """A zone in its plane.
+
+    Args:
+        points: (N, 2) corners.
+        hysteresis_m: depth that decides inside and outside [m].
+    """
+
+    def __init__(self, name: str, points: F64, plane: PlaneName, hysteresis_m: float, min_age_s: float) -> None:
+        self.name, self.plane, self.min_age_s = name, plane, min_age_s
+        self._outline = Outline(points)
+        self._hysteresis_m = hysteresis_m
+        self._margin_limit = _MARGIN_SHARE * inner_radius(points)
+
+    def locate(self, places: TrackPlaces) -> tuple[F64, F64]:
+        """(N,) depth inside (negative outside) and the margin that decides [m]; NaN when not known in this plane."""
+        x, y, unit = places.within(self.plane)
+        margin = np.minimum(self._hysteresis_m, self._margin_limit / unit)
+        known = np.isfinite(x + y + unit)
+        return self._outline.depth(x, y) / unit, np.where(known, margin, np.nan)
+
+    def sides(self, places: TrackPlaces) -> I8:
+        """(N,) 0 not known, 1 to 4 from decided outside to decided inside."""
+        depth_m, margin_m = self.locate(places)
+        return side_codes(depth_m, np.abs(depth_m) >= margin_m, np.isfinite(margin_m))
+
+
+class AreaState:
+    """One person at one zone. ``stay`` is the current one, None outside."""
+
+    def __init__(self) -> None:
+        self._last: _Depth | None = None
+        self._passed: tuple[int, float] = (0, 0.0)
+        self.stay: Stay | None = None
+
+    def update(self, frame: int, timestamp_s: float, depth_m: float, margin_m: float) -> Passage | None:
+        """An entry or exit once the person is far enough in or out, dated to when the outline was passed."""
+        if not math.isfinite(margin_m):
+            return None
+        now, before = _Depth(frame, timestamp_s, depth_m), self._last
+        if before is not None and (before.depth_m >= 0) != (depth_m >= 0):
+            self._pass(before, now)
+        self._last = now
+        if self.stay is None:
+            return self._outside(now, margin_m, before is None)
+        if depth_m <= -margin_m and depth_m < 0:
+            self.stay.end_s, self.stay.left = self._passed[1], True
+            self.stay = None
+            return Passage(*self._passed, "exit")
+        self.stay.end_s = timestamp_s
+        return None
+
+    def _outside(self, now: _Depth, margin_m: float, first: bool) -> Passage | None:
+        if first and now.depth_m >= 0:
+            self.stay = Stay(now.timestamp_s, now.timestamp_s, entered=False)
+        elif now.depth_m >= margin_m:
+            self.stay = Stay(self._passed[1], now.timestamp_s, entered=True)
+            return Passage(*self._passed, "entry")
+        return None
+
+    def _pass(self, before: _Depth, now: _Depth) -> None:
+        """The outline is passed between two sightings."""
+        part = before.depth_m / (before.depth_m - now.depth_m)
+        moment = before.timestamp_s + part * (now.timestamp_s - before.timestamp_s)
+        self._passed = math.ceil(before.frame + part * (now.frame - before.frame)), moment

@@ -1,0 +1,177 @@
+"""Edits of tracks, a line of text each, so that a list of them can be read, kept and applied again.
+
+``join A B``, ``split ID FRAME``, ``delete ID [FIRST LAST]``, ``rename ID NEW``, ``shorter SECONDS``,
+``join-gaps SECONDS METRES``, ``region WKT``, ``ignore WKT``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.types import I64, Bool
+from planview.trajectories.file import Region, inside
+from planview.trajectories.table import Trajectories, frame_period_s, rows_by_id
+
+HELP = {
+    "join": "join A B: track B becomes part of track A",
+    "split": "split ID FRAME: from the frame on a track of a new id",
+    "delete": "delete ID, or delete ID FIRST LAST: a track, or its rows of these frames",
+    "rename": "rename ID NEW: another id, which no track has",
+    "shorter": "shorter SECONDS: delete tracks that were confirmed for less",
+    "join-gaps": "join-gaps SECONDS METRES: join tracks that begin within this time and distance of another one's end",
+    "region": "region POLYGON ((x y, ...)): delete rows outside",
+    "ignore": "ignore POLYGON ((x y, ...)): delete rows inside",
+}
+"""Kinds of edits, and how each is written."""
+
+
+class _Ends(NamedTuple):
+    """(K,) tracks: their ids, and the rows of their first and last floor positions; frames count from end to end."""
+
+    track_id: I64
+    first: I64
+    last: I64
+    first_frame: I64
+    last_frame: I64
+
+
+def edited(table: Trajectories, lines: Sequence[str]) -> Trajectories:
+    """The tracks after edits in their order.
+
+    A new id is one above all ids so far, those that edits took away included.
+
+    Args:
+        table: sorted by frame, then id.
+    Raises:
+        InputError: a line that is no edit, a track that is not there, or two rows of one frame that would get one id.
+    """
+    newest = int(table.track_id.max(initial=0))
+    for line in lines:
+        table = _applied(table, line, newest)
+        newest = max(newest, int(table.track_id.max(initial=0)))
+    return table
+
+
+def _applied(table: Trajectories, line: str, newest: int) -> Trajectories:
+    kind, *words = line.split() or [""]
+    try:
+        if kind in ("region", "ignore"):
+            held = inside(table, Region(line.partition(" ")[2], kind))
+            return table.where(held if kind == "region" else ~held)
+        if kind in ("shorter", "join-gaps"):
+            return _BY_RULE[kind](table, *_numbers(words, 1 if kind == "shorter" else 2))
+        return _BY_ID[kind](table, [int(number) for number in words], newest)
+    except (KeyError, ValueError, TypeError):
+        raise InputError(f"{line!r}: expected {HELP.get(kind, 'one of ' + ', '.join(HELP))}") from None
+    except InputError as error:
+        raise InputError(f"{line!r}: {error}") from error
+
+
+def _numbers(words: Sequence[str], count: int) -> list[float]:
+    values = [float(word) for word in words]
+    if len(values) != count or not all(0 <= value < 1e6 for value in values):
+        raise ValueError
+    return values
+
+
+def _join(table: Trajectories, ids: list[int], _: int) -> Trajectories:
+    kept, other = ids
+    _own(table, kept)
+    return _renamed(table, _own(table, other), kept)
+
+
+def _split(table: Trajectories, values: list[int], newest: int) -> Trajectories:
+    track_id, frame = values
+    own = _own(table, track_id)
+    rest = own & (table.frame >= frame)
+    if not rest.any() or (rest == own).all():
+        frames = table.frame[own]
+        raise InputError(f"expected a frame within the track ({frames.min() + 1} to {frames.max()}), found {frame}")
+    return _renamed(table, rest, newest + 1)
+
+
+def _delete(table: Trajectories, values: list[int], _: int) -> Trajectories:
+    track_id, *span = values
+    gone = _own(table, track_id)
+    if span:
+        first, last = span
+        gone &= (table.frame >= first) & (table.frame <= last)
+        if not gone.any():
+            raise InputError(f"expected frames of track {track_id}, found none from {first} to {last}")
+    return table.where(~gone)
+
+
+def _rename(table: Trajectories, ids: list[int], _: int) -> Trajectories:
+    old, new = ids
+    if new < 1 or (table.track_id == new).any():
+        raise InputError(f"expected an id from 1 that no track has, found {new} (join puts two tracks together)")
+    return _renamed(table, _own(table, old), new)
+
+
+def _shorter(table: Trajectories, seconds: float) -> Trajectories:
+    frame_s = frame_period_s(table, 1 / 30)
+    short = [
+        i for i, rows in rows_by_id(table.track_id)
+        if np.count_nonzero(table.state[rows] == "confirmed") * frame_s < seconds
+    ]  # fmt: skip
+    return table.where(~np.isin(table.track_id, short))
+
+
+def _join_gaps(table: Trajectories, seconds: float, metres: float) -> Trajectories:
+    """Nearest first; a track is continued by one other at most, and continues one other at most."""
+    ends, frame_s = _ends(table), frame_period_s(table, 1 / 30)
+    near: list[tuple[float, int, int]] = []
+    for i in range(len(ends.track_id)):
+        gap_s = (ends.first_frame - ends.last_frame[i]) * frame_s
+        last = ends.last[i]
+        away_m = np.hypot(table.x_m[ends.first] - table.x_m[last], table.y_m[ends.first] - table.y_m[last])
+        found = np.flatnonzero((gap_s > 0) & (gap_s <= seconds) & (away_m <= metres))
+        near += [(float(away_m[j]), i, j) for j in found.tolist()]
+    former: dict[int, int] = {}
+    for _, i, j in sorted(near):
+        if j not in former and i not in former.values():
+            former[j] = i
+    ids = ends.track_id.copy()
+    for j in np.argsort(ends.first_frame, kind="stable").tolist():
+        ids[j] = ids[former.get(j, j)]
+    which = np.searchsorted(ends.track_id, table.track_id)
+    known = np.isin(table.track_id, ends.track_id)
+    renamed = np.where(known, ids[np.where(known, which, 0)], table.track_id) if len(ids) else table.track_id
+    return _with_ids(table, renamed)
+
+
+def _ends(table: Trajectories) -> _Ends:
+    known = np.isfinite(table.x_m) & np.isfinite(table.y_m)
+    tracks = [(i, rows[known[rows]], rows) for i, rows in rows_by_id(table.track_id) if known[rows].any()]
+    columns = [(i, at[0], at[-1], table.frame[rows[0]], table.frame[rows[-1]]) for i, at, rows in tracks]
+    return _Ends(*np.array(columns, dtype=np.int64).reshape(-1, 5).T)
+
+
+def _own(table: Trajectories, track_id: int) -> Bool:
+    own = table.track_id == track_id
+    if not own.any():
+        raise InputError(f"expected the id of a track, found {track_id}, which none has")
+    return np.asarray(own)
+
+
+def _renamed(table: Trajectories, rows: Bool, track_id: int) -> Trajectories:
+    """The table with an id in some rows."""
+    both = np.intersect1d(table.frame[rows], table.frame[~rows & (table.track_id == track_id)])
+    if len(both):
+        raise InputError(f"expected tracks that are never in one frame, found both in {len(both)} (first {both[0]})")
+    return _with_ids(table, np.where(rows, track_id, table.track_id))
+
+
+def _with_ids(table: Trajectories, track_id: I64) -> Trajectories:
+    return replace(table, track_id=track_id).where(np.lexsort((track_id, table.frame)))
+
+
+_BY_ID: dict[str, Callable[[Trajectories, list[int], int], Trajectories]] = {
+    "join": _join, "split": _split, "delete": _delete, "rename": _rename,
+}  # fmt: skip
+_BY_RULE: dict[str, Callable[..., Trajectories]] = {"shorter": _shorter, "join-gaps": _join_gaps}

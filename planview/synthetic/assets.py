@@ -1,0 +1,19 @@
+"""Where the scenes and the demo clip of the package lie, and where real recordings are looked for."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+_PACKAGED = Path(__file__).resolve().parent / "scenes"
+"""Where an installed package has them (``setup.py``)."""
+SCENES = _PACKAGED if _PACKAGED.is_dir() else REPOSITORY / "data" / "synthetic"
+"""The scenes of the package, one TOML each."""
+DEMO = SCENES / "demo"
+"""The demo clip."""
+
+
+def real_recordings() -> Path:
+    """Folder of real recordings, which may be missing: $PLANVIEW_TEST_DATA, else ../shared/data of the repository."""
+    return Path(os.environ.get("PLANVIEW_TEST_DATA", REPOSITORY.parent / "shared" / "data"))

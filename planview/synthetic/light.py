@@ -1,0 +1,299 @@
+"""Ray casting, light of lamps, sun and surroundings with shadows, and the surfaces that rays see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from calib.open3d_import import import_open3d
+from calib.types import F32, F64, I32, I64, Bool
+from planview.synthetic.mesh import Mesh
+from planview.synthetic.room import wall_frame
+from planview.synthetic.scene import Keyframes, Light, Room, Scene
+from planview.synthetic.texture import Palette, linear_colour
+
+EPSILON_M = 2e-3
+"""Shadow rays start this far off their surface."""
+SUN_M = 60.0
+"""Length of shadow rays towards the sun."""
+
+NEAR_M = 1.0
+"""Lamps are no brighter nearer than this: they are panels, not points, and shine downwards."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """First hits of rays; entries without a hit have infinite depth and zeros elsewhere.
+
+    Attributes:
+        depth: (N,) float32, ray parameter (metres of depth for rays with unit camera z).
+        triangle: (N,) int32, -1 without a hit.
+        u, v: (N,) float32 barycentric weights of the second and third vertex.
+    """
+
+    depth: F32
+    triangle: I32
+    u: F32
+    v: F32
+
+    @property
+    def found(self) -> Bool:
+        return self.triangle >= 0
+
+    def interpolate(self, mesh: Mesh, values: F32, chosen: np.ndarray[Any, Any]) -> F32:
+        """Vertex values (V, C) at the chosen hits."""
+        corners = mesh.triangles[self.triangle[chosen]]
+        u, v = self.u[chosen, None], self.v[chosen, None]
+        a, b, c = values[corners[:, 0]], values[corners[:, 1]], values[corners[:, 2]]
+        return np.asarray(a * (1 - u - v) + b * u + c * v, np.float32)
+
+
+class Tracer:
+    """A mesh that rays can be cast against."""
+
+    def __init__(self, mesh: Mesh | None) -> None:
+        o3d = import_open3d("rendering")
+
+        self.mesh = mesh
+        self._tensor = o3d.core.Tensor.from_numpy
+        self._scene = None
+        if mesh is not None:
+            self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+            self._scene.add_triangles(
+                self._tensor(np.ascontiguousarray(mesh.vertices)),
+                self._tensor(np.ascontiguousarray(mesh.triangles.astype(np.uint32))),
+            )
+
+    def cast(self, rays: F32) -> Hits:
+        """First hits of rays (N, 6)."""
+        if self._scene is None or len(rays) == 0:
+            n, zero = len(rays), np.zeros(len(rays), np.float32)
+            return Hits(np.full(n, np.inf, np.float32), np.full(n, -1, np.int32), zero, zero)
+        answer = self._scene.cast_rays(self._tensor(np.ascontiguousarray(rays)), nthreads=1)
+        depth = answer["t_hit"].numpy()
+        uv = answer["primitive_uvs"].numpy()
+        triangle = np.where(np.isfinite(depth), answer["primitive_ids"].numpy().astype(np.int64), -1)
+        return Hits(depth, triangle.astype(np.int32), uv[:, 0], uv[:, 1])
+
+    def blocked(self, origins: F32, to: F32) -> Bool:
+        """Whether something lies between origins (N, 3) and the ends of vectors ``to`` (N, 3)."""
+        if self._scene is None or len(origins) == 0:
+            return np.zeros(len(origins), np.bool_)
+        rays = np.concatenate([origins, to], axis=1).astype(np.float32)
+        hit = self._scene.test_occlusions(self._tensor(rays), tnear=0.0, tfar=0.999, nthreads=1)
+        return np.asarray(hit.numpy(), np.bool_)
+
+
+def level_at(frames: Keyframes, t: float) -> float:
+    """Keyframed value at a time."""
+    return float(np.interp(t, [k[0] for k in frames], [k[1] for k in frames]))
+
+
+def ambient(normals: F32) -> F32:
+    """(N,) hemisphere light: the ceiling is brighter than the floor."""
+    return np.asarray(0.75 + 0.25 * normals[:, 2], np.float32)
+
+
+def light_vectors(light: Light, points: F32, offset: F64) -> F32:
+    """(N, 3) vectors from points to a sample of the light; offset (3,) in its unit ball."""
+    if light.kind == "sun":
+        towards = np.asarray(light.towards, np.float64)
+        direction = -towards / np.linalg.norm(towards) + np.tan(np.deg2rad(light.softness_deg)) * offset
+        return np.broadcast_to((direction * SUN_M).astype(np.float32), points.shape)
+    centre = np.asarray(light.at_m, np.float64) + light.radius_m * offset
+    return np.asarray(centre.astype(np.float32) - points, np.float32)
+
+
+def irradiance(light: Light, room: Room, points: F32, normals: F32) -> F32:
+    """(N,) light on surfaces without shadows, before dimming; grey."""
+    to = light_vectors(light, points, np.zeros(3))
+    distance = np.linalg.norm(to, axis=1)
+    cosine = np.clip(np.einsum("ij,ij->i", to, normals) / np.maximum(distance, 1e-6), 0, 1)
+    if light.kind == "point":
+        return np.asarray(light.level * cosine * (2.0 / np.maximum(distance, NEAR_M)) ** 2, np.float32)
+    result = light.level * cosine
+    if light.window is not None:
+        result = result * _through_window(light, room, points, to)
+    return np.asarray(result, np.float32)
+
+
+def _through_window(light: Light, room: Room, points: F32, to: F32) -> F32:
+    """1 where the ray to the sun leaves through the window, with soft edges."""
+    panel = room.panels[light.window or 0]
+    corner, along, inward, _ = wall_frame(room, panel.wall)
+    approach = to @ -inward
+    distance = (points - corner) @ inward
+    t = np.where(approach > 1e-6, distance / np.maximum(approach, 1e-6), np.nan)
+    at = points + to * t[:, None] - corner
+    a, z = at @ along - panel.from_m, at[:, 2] - panel.bottom_m
+    edge = np.minimum(np.minimum(a, panel.width_m - a), np.minimum(z, panel.height_m - z))
+    return np.asarray(np.clip(np.nan_to_num(edge, nan=-1.0) / 0.03 + 0.5, 0, 1), np.float32)
+
+
+def visibility(light: Light, tracers: list[Tracer], points: F32, normals: F32, samples: F64) -> F32:
+    """(N,) share of the light's samples (S, 3) that nothing hides."""
+    origins = points + EPSILON_M * normals
+    seen = np.zeros(len(points), np.float32)
+    for offset in samples:
+        to = light_vectors(light, origins, offset)
+        blocked = np.zeros(len(points), np.bool_)
+        for tracer in tracers:
+            blocked |= tracer.blocked(origins, to)
+        seen += ~blocked
+    return np.asarray(seen / len(samples), np.float32)
+
+
+def ball_samples(n: int) -> F64:
+    """(n, 3) fixed, evenly spread points of the unit ball's shell; one sample is its centre."""
+    if n == 1:
+        return np.zeros((1, 3))
+    k = np.arange(n) + 0.5
+    z = 1 - 2 * k / n
+    angle = np.pi * (1 + 5**0.5) * k
+    r = np.sqrt(1 - z * z)
+    return 0.8 * np.column_stack([r * np.cos(angle), r * np.sin(angle), z])
+
+
+def colour_of(light: Light) -> F32:
+    """(3,) linear BGR."""
+    return linear_colour(light.colour)
+
+
+def hemisphere(n: int, turn: int) -> F32:
+    """(n, 3) cosine-weighted directions about z, turned so that several sets fill the gaps."""
+    k = np.arange(n) + 0.5
+    r = np.sqrt(k / n)
+    angle = np.pi * (3 - 5**0.5) * (k * (turn + 1)) + 2.4 * turn
+    return np.column_stack([r * np.cos(angle), r * np.sin(angle), np.sqrt(1 - r * r)]).astype(np.float32)
+
+
+def openness(tracer: Tracer, points: F32, normals: F32, directions: F32, reach_m: float = 0.8) -> F32:
+    """(N,) share of directions about the normals in which nothing is within reach: soft contact shadows."""
+    seen = np.zeros(len(points), np.float32)
+    origins = points + EPSILON_M * normals
+    helper = np.where(np.abs(normals[:, 2:]) < 0.9, np.array([0, 0, 1], np.float32), np.array([1, 0, 0], np.float32))
+    side = np.cross(helper, normals)
+    side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-9)
+    other = np.cross(normals, side)
+    for d in directions:
+        to = (reach_m * (d[0] * side + d[1] * other + d[2] * normals)).astype(np.float32)
+        seen += ~tracer.blocked(origins, to)
+    return np.asarray(seen / len(directions), np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """Shading inputs at hits; (N, 3) float32, the last two (N,).
+
+    Attributes:
+        points: room frame [m].
+        normals: unit, facing the viewer.
+        albedo: linear BGR.
+        emission: factor of the albedo that shines by itself.
+        gloss: share of mirrored light.
+    """
+
+    points: F32
+    normals: F32
+    albedo: F32
+    emission: F32
+    gloss: F32
+
+
+def surfaces(hits: Hits, mesh: Mesh, rays: F32, palette: Palette, pixel_rad: float, chosen: I64) -> Surfaces:
+    """What the chosen rays hit; ``pixel_rad`` is the angle of a pixel."""
+    direction, depth = rays[chosen, 3:], hits.depth[chosen]
+    points = rays[chosen, :3] + direction * depth[:, None]
+    normals = hits.interpolate(mesh, mesh.normals, chosen)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+    length = np.linalg.norm(direction, axis=1)
+    facing = np.einsum("ij,ij->i", normals, direction) / length
+    normals[facing > 0] *= -1
+    # Between the footprint across and along the view: textures stay visible on floors seen at a low angle.
+    footprint = depth * length * pixel_rad / np.sqrt(np.clip(np.abs(facing), 0.08, 1.0))
+    material = mesh.material[hits.triangle[chosen]]
+    albedo = palette.albedo(material, hits.interpolate(mesh, mesh.local, chosen), footprint.astype(np.float32))
+    return Surfaces(points.astype(np.float32), normals, albedo, palette.emission[material], palette.gloss[material])
+
+
+def mirrored(rays: F32, at: Surfaces) -> F32:
+    """(N, 6) rays that leave glossy surfaces towards what they mirror."""
+    direction = rays[:, 3:] / np.linalg.norm(rays[:, 3:], axis=1, keepdims=True)
+    out = direction - 2 * np.einsum("ij,ij->i", direction, at.normals)[:, None] * at.normals
+    return np.concatenate([at.points + EPSILON_M * at.normals, out], axis=1).astype(np.float32)
+
+
+class LightStack:
+    """Radiance towards the camera per light source at nominal level; arrays (N, 3) float32 linear BGR.
+
+    Attributes:
+        glow: of surfaces that shine by themselves.
+        ambient: under ambient light of level 1.
+        lit: one per lamp.
+    """
+
+    def __init__(self, n: int, lamps: int) -> None:
+        self.glow, self.ambient = np.zeros((n, 3), np.float32), np.zeros((n, 3), np.float32)
+        self.lit = [np.zeros((n, 3), np.float32) for _ in range(lamps)]
+
+    def add(self, index: I64, at: Surfaces, weight: F32, open_share: F32, lamps: list[F32]) -> None:
+        """Add surfaces seen by pixels ``index`` (each at most once).
+
+        Args:
+            index: (N,) pixels.
+            at: (N,) surfaces.
+            weight: (N,) share of the pixel.
+            open_share: (N,) ambient light that reaches the surface.
+            lamps: per lamp (N, 3) light that reaches it.
+        """
+        albedo = at.albedo * weight[:, None]
+        self.glow[index] += albedo * at.emission[:, None]
+        self.ambient[index] += albedo * (ambient(at.normals) * open_share)[:, None]
+        for own, light in zip(self.lit, lamps, strict=True):
+            own[index] += albedo * light
+
+    def radiance(self, scene: Scene, t: float, shares: list[F32 | None], open_share: F32 | None) -> F32:
+        """(N, 3) at a time, with (N,) visibilities of lamps and ambient light past moving things."""
+        lights = scene.lights
+        level = np.float32(lights.ambient * level_at(lights.ambient_dim, t))
+        total = self.glow + self.ambient * (level if open_share is None else (level * open_share)[:, None])
+        for lamp, lit, share in zip(lights.lamps, self.lit, shares, strict=True):
+            dim = np.float32(level_at(lamp.dim, t))
+            if dim > 0:
+                total += lit * (dim if share is None else (dim * share)[:, None])
+        return np.asarray(total, np.float32)
+
+
+class Shader:
+    """Light on surfaces of a scene, past what does not move."""
+
+    def __init__(self, scene: Scene, solid: Tracer, furniture: Tracer) -> None:
+        self._scene, self._solid, self._furniture = scene, solid, furniture
+
+    def lamps(self, at: Surfaces, samples: F64, moving: Tracer | None = None) -> list[F32]:
+        """Per lamp (N, 3) light at nominal level; samples (S, 3) of the lamps' balls decide shadows."""
+        result = []
+        for lamp in self._scene.lights.lamps:
+            light = irradiance(lamp, self._scene.room, at.points, at.normals)
+            lit = np.flatnonzero(light > 1e-4)
+            if lamp.shadows and len(lit):
+                # The sun comes from outside: walls and ceiling do not shade it.
+                blockers = [self._furniture if lamp.kind == "sun" else self._solid]
+                blockers += [moving] if moving is not None else []
+                light[lit] *= visibility(lamp, blockers, at.points[lit], at.normals[lit], samples)
+            result.append(np.asarray(light[:, None] * colour_of(lamp), np.float32))
+        return result
+
+    def open_share(self, at: Surfaces, turn: int) -> F32:
+        """(N,) share of a few directions in which nothing is near; ``turn`` varies the directions."""
+        return openness(self._solid, at.points, at.normals, hemisphere(4, turn))
+
+    def colour(self, at: Surfaces, t: float, moving: Tracer) -> F32:
+        """(N, 3) radiance of moving surfaces at a time."""
+        lights = self._scene.lights
+        total = (ambient(at.normals) * np.float32(lights.ambient * level_at(lights.ambient_dim, t)))[:, None]
+        for lamp, light in zip(lights.lamps, self.lamps(at, np.zeros((1, 3)), moving), strict=True):
+            total = total + light * np.float32(level_at(lamp.dim, t))
+        return np.asarray(at.albedo * (total + at.emission[:, None]), np.float32)

@@ -1,0 +1,214 @@
+"""Random scenes from tables with ranges: a seed decides room, rig, lens, light, people and ways.
+
+``{ min = 2.1, max = 3.2 }`` is a number of that range (a whole one between whole bounds), ``{ choose = [1, 2] }``
+one of the list; everything else is taken as it is.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from calib.errors import WorkError
+from calib.types import F64
+from planview.synthetic.motion import Obstacles, scripted_motion, wander
+from planview.synthetic.random_scenes import choreography as together
+from planview.synthetic.random_scenes import things
+from planview.synthetic.random_scenes.appearance import clothes, looks, random_light
+from planview.synthetic.random_scenes.challenge import Challenge, Choreography, Kind
+from planview.synthetic.random_scenes.choreography import Part
+from planview.synthetic.random_scenes.stage import NoPlaceError, Stage
+from planview.synthetic.scene import Scene
+
+GAP_M = 0.38
+"""Smallest distance between two body axes: shoulders turned, touching."""
+STEP_S = 0.1
+MIN_IN_VIEW = 0.5
+"""Smallest share of the frames with a person in view."""
+MIN_HIDDEN = 3
+"""People hide each other at least so many times where a challenge covers occlusion by people."""
+HIDDEN_M = 0.25
+"""A person is hidden whose axis is so near to the line of sight to another one's: half a shoulder width [m]."""
+LEAVE_S = 4.0
+"""People who carry or push things are on their way out at the end, at most so long from the end of their steps [s]."""
+ATTEMPTS = 60
+"""Attempts in which people would walk through each other, or do not fit into the view, are repeated."""
+
+CHOREOGRAPHIES: dict[Kind, Callable[[Stage, Choreography], Iterable[Part]]] = {
+    "cross": together.cross, "meet": together.meet, "stand": together.stand, "pair": together.pair,
+    "return": together.come_back, "wander": together.wander, "cartwheel": together.cartwheel,
+    "postures": together.postures, "sit": things.sit, "floor": things.floor, "chair": things.chair,
+    "bag": things.bag, "book": things.book, "partition": things.partition,
+}  # fmt: skip
+
+
+def varied(scene: Scene, seed: int) -> Scene:
+    """A scene with its random numbers and measures changed; seed 0 is the scene itself.
+
+    Wanderers walk elsewhere, the noise differs, and the rig is up to 10 % off in focal length and baseline,
+    20 cm in height and 4 degrees in tilt (a camera straight down stays so); people are up to 5 cm taller or shorter.
+    """
+    if seed == 0:
+        return scene
+    rng = np.random.default_rng([scene.seed, seed])
+    heights = [float(np.clip(person.height_m + rng.uniform(-0.05, 0.05), 0.9, 2.2)) for person in scene.people]
+    people = tuple(p.model_copy(update={"height_m": h}) for p, h in zip(scene.people, heights, strict=True))
+    update: dict[str, Any] = {"seed": scene.seed + 1000 * seed, "people": people}
+    if scene.rig is not None:
+        rig, (x, y, z) = scene.rig, scene.rig.at_m
+        focal_px, baseline_m = (value * float(rng.uniform(0.9, 1.1)) for value in (rig.focal_px, rig.baseline_m))
+        at_m = (x, y, float(np.clip(z + rng.uniform(-0.2, 0.2), 2.1, scene.room.size_m[2] - 0.1)))
+        tilt_deg = rig.tilt_deg + (0.0 if rig.tilt_deg < 5 else float(rng.uniform(-4, 4)))
+        values = {"focal_px": focal_px, "baseline_m": baseline_m, "at_m": at_m, "tilt_deg": tilt_deg}
+        update["rig"] = rig.model_copy(update=values)
+    return scene.model_copy(update=update)
+
+
+def implausible(scene: Scene, stage: Stage) -> str:
+    """Why a scene cannot be; empty when it can."""
+    furniture = {f.name: f for f in scene.furniture if f.name}
+    scripted = [scripted_motion(p, furniture, scene.duration_s) for p in scene.people]
+    times = np.arange(0.0, scene.duration_s, STEP_S)
+    walks = any(p.wander for p in scene.people)
+    places = [m.places(times) for m in scripted]
+    reason = _gaps(places, scene, wandering=walks)
+    if walks and not reason:
+        places = [m.places(times) for m in wander(scene, scripted)]
+        reason = _gaps(places, scene, wandering=False)
+    late = _cut_off([m.script_end_s for m in scripted], scene)
+    return reason or late or _through_things(places, scene) or _out_of_view(places, stage) or _apart(places, stage)
+
+
+def _cut_off(ends_s: list[float], scene: Scene) -> str:
+    """Things are put down and taken within the recording."""
+    for i, (person, end_s) in enumerate(zip(scene.people, ends_s, strict=True)):
+        if any(s.carry or s.push for s in person.steps) and end_s > scene.duration_s + LEAVE_S:
+            return f"person {i + 1} is not done with a thing at the end"
+    return ""
+
+
+def _apart(places: list[F64], stage: Stage) -> str:
+    """Whether people hide each other too seldom for what the challenge covers."""
+    if "occlusion by people" not in stage.challenge.covers:
+        return ""
+    n = sum(_times_hidden(a, b, stage) for i, a in enumerate(places) for b in places[:i])
+    return "" if n >= MIN_HIDDEN else f"people hide each other {n} times only"
+
+
+def _times_hidden(one: F64, other: F64, stage: Stage) -> int:
+    """How many times two people in view, (T, 2) each, come into one line of sight."""
+    in_view = stage.in_view(np.nan_to_num(one, nan=-1e3)) & stage.in_view(np.nan_to_num(other, nan=-1e3))
+    a, b = one[in_view] - stage.camera_xy, other[in_view] - stage.camera_xy
+    aside = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / np.maximum(*(np.linalg.norm(v, axis=1) for v in (a, b)))
+    hidden = np.zeros(len(one), np.bool_)
+    hidden[in_view] = aside < HIDDEN_M
+    return int((hidden[1:] & ~hidden[:-1]).sum()) + int(hidden[0])
+
+
+def _gaps(places: list[F64], scene: Scene, *, wandering: bool) -> str:
+    for i in range(len(places)):
+        for j in range(i):
+            if wandering and (scene.people[i].wander or scene.people[j].wander):
+                continue
+            gap = np.linalg.norm(places[i] - places[j], axis=1)
+            if (gap < GAP_M).any():
+                return f"people {j + 1} and {i + 1} walk through each other"
+    return ""
+
+
+def _through_things(places: list[F64], scene: Scene) -> str:
+    """Seats and handled things are meant to be near."""
+    touched = {s.on or s.push or s.carry for p in scene.people for s in p.steps}
+    solid = [f for f in scene.furniture if f.name not in touched]
+    obstacles = Obstacles(scene.room, solid)
+    for i, place in enumerate(places):
+        known = place[np.isfinite(place[:, 0])]
+        if len(known) and obstacles.distance(known).min() < 0.2:
+            return f"person {i + 1} walks through a wall or furniture"
+    return ""
+
+
+def _out_of_view(places: list[F64], stage: Stage) -> str:
+    in_view = np.array([stage.in_view(np.nan_to_num(p, nan=-1e3)) for p in places])
+    if in_view.any(axis=0).mean() < MIN_IN_VIEW:
+        return "no person is in view for half of the time"
+    alone = in_view.any(axis=1)
+    return "" if alone.all() else f"person {int(np.argmin(alone)) + 1} is never in view"
+
+
+def random_scene(table: Mapping[str, Any], seed: int, name: str) -> Scene:
+    """The scene of a seed; the same table, seed and name give the same scene.
+
+    Args:
+        table: a challenge (``planview.synthetic.random_scenes.challenge``) with ranges in it.
+        seed: any non-negative integer.
+        name: of the scene; the same seed draws independently in every scene.
+    Raises:
+        pydantic.ValidationError: the table is no challenge.
+        WorkError: no draw fits; the ranges ask for too much.
+    """
+    reason = ""
+    for attempt in range(ATTEMPTS):
+        rng = np.random.default_rng([seed, zlib.crc32(name.encode()), attempt])
+        challenge = Challenge.model_validate(resolved(table, rng))
+        try:
+            stage = Stage(challenge, rng)
+            scene = _composed(stage)
+        except NoPlaceError as error:
+            reason = str(error)
+            continue
+        reason = implausible(scene, stage)
+        if not reason:
+            return scene
+    raise WorkError(f"{name}, seed {seed}: no draw of {ATTEMPTS} fits into its room: {reason}")
+
+
+def resolved(value: Any, rng: np.random.Generator) -> Any:
+    """A table with a number for each range and one entry for each choice."""
+    if isinstance(value, Mapping):
+        if set(value) == {"min", "max"}:
+            low, high = value["min"], value["max"]
+            whole = isinstance(low, int) and isinstance(high, int)
+            return int(rng.integers(low, high + 1)) if whole else float(rng.uniform(low, high))
+        if set(value) == {"choose"}:
+            return resolved(value["choose"][int(rng.integers(len(value["choose"])))], rng)
+        return {key: resolved(value[key], rng) for key in value}
+    if isinstance(value, list):
+        return [resolved(item, rng) for item in value]
+    return value
+
+
+def _composed(stage: Stage) -> Scene:
+    challenge, rng = stage.challenge, stage.rng
+    parts = [part for plan in challenge.choreography for part in CHOREOGRAPHIES[plan.kind](stage, plan)]
+    lights, sensor = random_light(challenge, rng)
+    return Scene.model_validate(
+        {
+            "description": challenge.description,
+            "seed": int(rng.integers(1 << 31)),
+            "fps": challenge.fps,
+            "duration_s": challenge.duration_s,
+            "room": stage.room,
+            "rig": stage.rig,
+            "sensor": sensor,
+            "lights": lights,
+            "furniture": tuple(stage.furniture),
+            "people": [p | t.to_table() for p, t in zip(_people(challenge, len(parts), rng), parts, strict=True)],
+        }
+    )
+
+
+def _people(challenge: Challenge, n: int, rng: np.random.Generator) -> list[dict[str, Any]]:
+    """Looks of n people, children among them."""
+    children = set(rng.permutation(n)[: challenge.children].tolist())
+    shared = clothes(rng)
+    pairs = {i for plan in challenge.choreography if plan.kind == "pair" for i in range(n)}
+    people, tall = [], float(rng.uniform(*challenge.people_m))
+    for i in range(n):
+        if i not in pairs or i % 2 == 0:
+            tall = float(rng.uniform(1.0, 1.2) if i in children else rng.uniform(*challenge.people_m))
+        people.append(looks(rng, tall) | (shared if challenge.clothes == "similar" else clothes(rng)))
+    return people

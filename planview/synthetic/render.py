@@ -1,0 +1,225 @@
+"""A scene rendered frame by frame, with sensor, calibration and exact truth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from calib.ground_camera import GroundCamera
+from calib.pose import SE3
+from calib.rig import StereoRig
+from calib.types import F32, I32, U8
+from planview.synthetic.camera import (
+    View,
+    camera_view,
+    ground_camera,
+    ground_view,
+    mount_pose,
+    rectified_world,
+    stereo_rig,
+)
+from planview.synthetic.layers import ViewRenderer
+from planview.synthetic.light import level_at
+from planview.synthetic.mesh import join
+from planview.synthetic.people import Actor, Cast, furniture_at, place_mesh
+from planview.synthetic.room import furniture_mesh, room_mesh
+from planview.synthetic.scene import Capture, Rig, Scene, Sensor
+from planview.synthetic.texture import Palette
+from planview.synthetic.truth import TruthRow, truth_row
+
+_BANK = 1 << 21
+"""Normal numbers of a sensor; a frame takes them from another place each."""
+RENDERER_VERSION = 1
+"""Raised whenever the pixels or the truth of any scene change: rendered recordings are cached by it."""
+
+
+class SensorModel:
+    """One camera's sensor; its noise depends only on the seed, the camera and the frame."""
+
+    def __init__(
+        self,
+        sensor: Sensor,
+        shape: tuple[int, int],
+        gain: float,
+        seed: tuple[int, int],
+        capture: Capture | None = None,
+    ) -> None:
+        """``gain`` scales linear light to 1 at full scale; ``shape`` is (H, W); the last of ``seed`` is the camera."""
+        self._capture, self._empty_level = capture or Capture(), sensor.brightness
+        self._sensor, self._gain, self._seed = sensor, gain * (1.0 + seed[1] * sensor.mismatch), seed
+        self._bank = np.random.default_rng([*seed, 17]).standard_normal(_BANK, np.float32)
+        h, w = shape
+        v, u = np.mgrid[:h, :w]
+        r2 = ((u - (w - 1) / 2) ** 2 + (v - (h - 1) / 2) ** 2) / ((w / 2) ** 2 + (h / 2) ** 2)
+        self._vignette = (1.0 - sensor.vignetting * r2).astype(np.float32)[:, :, None]
+        level = np.linspace(0, 1, 4096)
+        srgb = np.where(level <= 0.0031308, 12.92 * level, 1.055 * level ** (1 / 2.4) - 0.055)
+        self._curve = np.round(255 * srgb).astype(np.uint8)
+
+    def __call__(self, linear: F32, frame: int, t: float) -> U8:
+        """(H, W, 3) uint8, or (H, W) for a grey sensor."""
+        s = self._sensor
+        light = linear * (self._vignette * np.float32(self._gain * level_at(s.exposure, t)))
+        light = self._automatic(light)
+        if s.blur_px > 0:
+            light = np.asarray(cv2.GaussianBlur(light, (0, 0), s.blur_px), np.float32)
+        if s.grey:
+            light = (light @ np.array([0.114, 0.587, 0.299], np.float32))[:, :, None]
+        # A longer exposure counts more electrons, gain steps are rare in practice: noise is of the full well.
+        sigma = np.sqrt(np.maximum(light, 0) * s.full_well_e + s.read_noise_e**2) / np.float32(s.full_well_e)
+        light = light + sigma * self._noise(light.shape, frame)
+        image = self._curve[np.clip(light * 4095 + 0.5, 0, 4095).astype(np.int32)]
+        return self._compressed(np.ascontiguousarray(image[:, :, 0] if s.grey else image))
+
+    def _automatic(self, light: F32) -> F32:
+        """Exposure and colours as the camera's automatics set them for this frame."""
+        c = self._capture
+        if c.auto_exposure > 0:
+            level = max(float(light.mean()), 1e-4)
+            light = light * np.float32((self._empty_level / level) ** c.auto_exposure)
+        if c.auto_white_balance > 0:
+            means = np.maximum(light.mean(axis=(0, 1)), 1e-4)
+            light = light * ((means.mean() / means) ** c.auto_white_balance).astype(np.float32)
+        return light
+
+    def _compressed(self, image: U8) -> U8:
+        if not self._capture.jpeg_quality:
+            return image
+        _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, self._capture.jpeg_quality])
+        flag = cv2.IMREAD_GRAYSCALE if image.ndim == 2 else cv2.IMREAD_COLOR
+        return np.asarray(cv2.imdecode(data, flag), dtype=np.uint8)
+
+    def _noise(self, shape: tuple[int, ...], frame: int) -> F32:
+        """Normal numbers from a bank, from another place in each frame."""
+        rng = np.random.default_rng([*self._seed, frame])
+        size = int(np.prod(shape))
+        out = np.empty(size, np.float32)
+        at = 0
+        while at < size:
+            start = int(rng.integers(0, _BANK))
+            n = min(size - at, _BANK - start)
+            out[at : at + n] = self._bank[start : start + n]
+            at += n
+        return out.reshape(shape)
+
+
+@dataclass(frozen=True, eq=False)
+class RenderedFrame:
+    """Images and truth of one frame; ``right`` is None for a single camera.
+
+    Attributes:
+        depth: (H, W) float32 [m], exact, of the (left) image's pixel centres.
+        owner: (H, W) int32: 0 the room, person ids, -1 moving things.
+    """
+
+    index: int
+    timestamp_s: float
+    left: U8
+    right: U8 | None
+    depth: F32
+    owner: I32
+    truth: tuple[TruthRow, ...]
+
+
+class SceneRenderer:
+    """Renders a scene; the same scene gives the same pixels.
+
+    Attributes:
+        rig: the true stereo rig, None for a single camera.
+        ground_camera: the true single camera, None for a rig.
+        world_SE3_room: canonical world of the rectified left camera (or of the single camera).
+        world_SE3_left: placement of the rectified left camera in that world, None for a single camera.
+    """
+
+    def __init__(self, scene: Scene, scale: float = 1.0, start_s: float = 0.0) -> None:
+        """Args: scale is a factor on the image size, start_s the time in the scene of the first frame [s]."""
+        self.scene, self._start_s = scene, start_s
+        palette = Palette()
+        room = room_mesh(scene.room, palette)
+        self._cast = Cast(scene, palette)
+        standing = [
+            place_mesh(furniture_mesh(f, palette), *furniture_at(f, 0.0))
+            for f, moving in zip(scene.furniture, self._cast.is_moving, strict=True)
+            if not moving
+        ]
+        views = self._views(scale)
+        static = join([room, *standing])
+        shades = join(standing) if standing else None
+        self._views_of = views
+        self._renderers = [ViewRenderer(scene, v, static, shades, palette) for v in views]
+        gain = scene.sensor.brightness / max(self._renderers[0].room_mean(), 1e-6)
+        self._sensors = [
+            SensorModel(scene.sensor, (v.height, v.width), gain, (scene.seed, i), scene.capture)
+            for i, v in enumerate(views)
+        ]
+
+    @property
+    def n_frames(self) -> int:
+        return max(1, self.scene.n_frames - round(self._start_s * self.scene.fps))
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the images [px]."""
+        return self._views_of[0].width, self._views_of[0].height
+
+    @property
+    def room_SE3_left(self) -> SE3:
+        """The unrectified left (or single) camera in the room."""
+        return self._views_of[0].room_SE3_camera
+
+    def _views(self, scale: float) -> list[View]:
+        mount = self.scene.mount
+        width, height = max(8, round(mount.width * scale)), max(8, round(mount.height * scale))
+        room_SE3_left = mount_pose(mount)
+        if isinstance(mount, Rig):
+            rig = stereo_rig(mount).scaled(width, height)
+            self.rig: StereoRig | None = rig
+            self.ground_camera: GroundCamera | None = None
+            world_SE3_left, self.world_SE3_room = rectified_world(rig, room_SE3_left)
+            self.world_SE3_left: SE3 | None = world_SE3_left
+            right = room_SE3_left @ rig.right_SE3_left.inverse()
+            return [camera_view(rig.left, room_SE3_left), camera_view(rig.right, right)]
+        self.rig, self.world_SE3_left = None, None
+        camera = ground_camera(mount).scaled(width, height)
+        self.ground_camera = camera
+        heading = math.radians(mount.heading_deg) - math.pi / 2
+        turn = SE3.from_rotvec([0.0, 0.0, heading], [mount.at_m[0], mount.at_m[1], 0.0])
+        self.world_SE3_room = turn.inverse()
+        return [ground_view(camera, turn)]
+
+    def frame(self, index: int) -> RenderedFrame:
+        """Frame ``index``, from 0; frames may be rendered in any order."""
+        time_s = index / self.scene.fps
+        t = self._start_s + time_s
+        actors = self._cast.at(t)
+        layers = [r.render(actors, t) for r in self._renderers]
+        linear = self._exposed([layer.linear for layer in layers], t)
+        images = [s(light, index, t) for s, light in zip(self._sensors, linear, strict=True)]
+        rows = [
+            truth_row(a, k, layers[0], self._views_of[0], self.world_SE3_room) for k, a in enumerate(actors) if a.person
+        ]
+        truth = tuple(row for row in rows if row is not None)
+        right = images[1] if len(images) > 1 else None
+        return RenderedFrame(index, time_s, images[0], right, layers[0].depth, _owners(actors)[layers[0].owner], truth)
+
+    def owner(self, index: int) -> I32:
+        """(H, W) int32, ``RenderedFrame.owner`` of frame ``index`` without rendering its light."""
+        actors = self._cast.at(self._start_s + index / self.scene.fps)
+        return _owners(actors)[self._renderers[0].owner(actors)]
+
+    def _exposed(self, middle: list[F32], t: float) -> list[F32]:
+        """Light over the time of the exposure: the mean of its beginning, middle and end."""
+        shutter = self.scene.capture.shutter_s if self.scene.capture else 0.0
+        if shutter == 0:
+            return middle
+        ends = [self._cast.at(max(0.0, t + shift * shutter)) for shift in (-0.5, 0.5)]
+        moments = [[r.render(actors, t).linear for r in self._renderers] for actors in ends]
+        return [np.asarray((a + b + c) / np.float32(3)) for a, b, c in zip(middle, *moments, strict=True)]
+
+
+def _owners(actors: list[Actor]) -> I32:
+    """(A + 1,) owner of the pixels of the room and of each actor."""
+    return np.array([0, *(a.person or -1 for a in actors)], np.int32)

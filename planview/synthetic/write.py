@@ -1,0 +1,242 @@
+"""Rendered scenes on disk: recording folders with calibration and truth, one per stereo rig."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, Literal
+
+import cv2
+from pydantic import Field, ValidationError
+
+from calib.errors import InputError, WorkError
+from calib.floor.world_file import save_world
+from calib.ground_camera import save_ground_camera
+from calib.images import as_colour, encode_image
+from calib.params import Params, first_problem
+from calib.rig import Floor, save_rig
+from calib.rigs_file import RIGS_FILE, RigEntry, save_rigs
+from calib.text import load_toml, reason
+from calib.types import U8
+from planview.synthetic.render import SceneRenderer
+from planview.synthetic.scene import Rig, Scene
+from planview.synthetic.truth import TruthRow
+
+Storage = Literal["png", "jpg", "video"]
+TRUTH_HEADER = "frame,id,x_m,y_m,height_m,visible"
+BOX_HEADER = ",left_px,top_px,width_px,height_px,full_left_px,full_top_px,full_width_px,full_height_px"
+
+
+@dataclass(frozen=True)
+class Written:
+    """What was written: frames, truth rows and the folder."""
+
+    frames: int
+    truth_rows: int
+    folder: Path
+
+
+def write_recording(
+    renderer: SceneRenderer,
+    folder: Path,
+    *,
+    frames: int | None = None,
+    storage: Storage = "png",
+    opencv: bool = False,
+    world: bool = False,
+    done: Callable[[], None] = lambda: None,
+) -> Written:
+    """Render a scene into a new folder: ``left/`` and ``right/``, or the images of a single camera in it.
+
+    Args:
+        renderer: the scene.
+        folder: made here; refused when it exists and is not empty.
+        frames: at most so many frames.
+        storage: images losslessly, as JPEG, or as video.
+        opencv: also write intrinsics.yml and extrinsics.yml.
+        world: also write world.toml, so that the floor need not be found.
+        done: called after each frame.
+    Raises:
+        InputError: the folder is in use.
+        WorkError: it cannot be written.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder}: expected a new or empty folder for the recording, found one in use")
+    count = min(renderer.n_frames, frames or renderer.n_frames)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        _write_calibration(renderer, folder, opencv=opencv, world=world)
+        with (folder / "truth.csv").open("w") as truth, (folder / "timestamps.csv").open("w") as times:
+            rows = _write_frames(renderer, folder, count, storage, truth, times, done)
+    except OSError as error:
+        raise WorkError(f"{folder}: the recording could not be written: {reason(error)}") from error
+    return Written(count, rows, folder)
+
+
+def _write_frames(renderer: SceneRenderer, folder: Path, count: int, storage: Storage, truth: IO[str],
+                  times: IO[str], done: Callable[[], None]) -> int:  # fmt: skip
+    single = renderer.rig is None
+    truth.write(TRUTH_HEADER + (BOX_HEADER if single else "") + "\n")
+    times.write("frame,timestamp_s\n")
+    sides = [""] if single else ["left", "right"]
+    videos: list[_Video] = []
+    rows = 0
+    for side in sides:
+        if storage == "video":
+            videos.append(_Video(folder / f"{side or 'video'}.mp4", renderer.scene.fps, renderer.size))
+        else:
+            (folder / side).mkdir(parents=True, exist_ok=True)
+    try:
+        for index in range(count):
+            frame = renderer.frame(index)
+            images = [image for image in (frame.left, frame.right) if image is not None]
+            for video, image in zip(videos, images, strict=False):
+                video.write(image)
+            if not videos:
+                for side, image in zip(sides, images, strict=True):
+                    content = encode_image(image, f".{storage}", quality=95)
+                    (folder / side / f"{index:06d}.{storage}").write_bytes(content)
+            times.write(f"{index},{frame.timestamp_s:.6f}\n")
+            truth.writelines(truth_line(index, row, boxes=single) for row in frame.truth)
+            rows += len(frame.truth)
+            done()
+    finally:
+        for video in videos:
+            video.close()
+    return rows
+
+
+def truth_line(frame: int, row: TruthRow, *, boxes: bool) -> str:
+    """One line of truth.csv."""
+    cells = [str(frame), str(row.person), f"{row.x_m:.4f}", f"{row.y_m:.4f}", f"{row.height_m:.4f}"]
+    cells.append(f"{row.visible:.3f}")
+    if boxes:
+        cells += ["" if math.isnan(v) else f"{v:.1f}" for v in (*row.box_px, *row.full_box_px)]
+    return ",".join(cells) + "\n"
+
+
+class _Video:
+    """One video file."""
+
+    def __init__(self, path: Path, fps: float, size: tuple[int, int]) -> None:
+        self._writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), fps, size)
+        if not self._writer.isOpened():
+            raise OSError(f"{path.name}: this OpenCV cannot write the video")
+
+    def write(self, image: U8) -> None:
+        self._writer.write(as_colour(image))
+
+    def close(self) -> None:
+        self._writer.release()
+
+
+def _write_calibration(renderer: SceneRenderer, folder: Path, *, opencv: bool, world: bool) -> None:
+    rig = renderer.rig
+    if renderer.ground_camera is not None:
+        save_ground_camera(renderer.ground_camera, folder / "camera.toml")
+    if rig is not None:
+        save_rig(rig, folder / "rig.toml")
+    if world and renderer.world_SE3_left is not None:
+        save_world(Floor(renderer.world_SE3_left), folder / "world.toml")
+    if opencv and rig is not None:  # as OpenCV's stereo_calib sample writes them
+        inner = cv2.FileStorage(str(folder / "intrinsics.yml"), cv2.FILE_STORAGE_WRITE)
+        for name, camera in (("1", rig.left), ("2", rig.right)):
+            inner.write(f"M{name}", camera.matrix)
+            inner.write(f"D{name}", camera.coefficients.reshape(1, -1))
+        inner.release()
+        outer = cv2.FileStorage(str(folder / "extrinsics.yml"), cv2.FILE_STORAGE_WRITE)
+        outer.write("R", rig.right_SE3_left.rotation)
+        outer.write("T", rig.right_SE3_left.translation.reshape(3, 1))
+        outer.release()
+
+
+class RigMount(Params):
+    """A stereo head of a scene: ``[[head]]`` in its TOML."""
+
+    name: str = Field(pattern=r"^[A-Za-z0-9_-]{1,40}$")
+    """Folder of its recording."""
+    start_s: float = Field(0.0, ge=0, le=600)
+    """When its first frame is taken, on the clock of the scene [s]."""
+    rig: Rig
+
+
+@dataclass(frozen=True, eq=False)
+class RigScene:
+    """A head and the scene as it records it."""
+
+    mount: RigMount
+    scene: Scene
+
+    def renderer(self, scale: float = 1.0) -> SceneRenderer:
+        """Renders the recording of this head."""
+        return SceneRenderer(self.scene, scale, self.mount.start_s)
+
+
+def has_rigs(table: dict[str, Any]) -> bool:
+    """Whether a scene's table lists heads instead of one rig or camera."""
+    return "head" in table
+
+
+def rigs_of(table: dict[str, Any], source: str) -> tuple[RigScene, ...]:
+    """The heads of a scene's table, which has ``[[head]]`` in the place of ``[rig]``.
+
+    Raises:
+        InputError: an unknown key, a value out of range, or two heads of one name.
+    """
+    rest = {key: value for key, value in table.items() if key != "head"}
+    try:
+        mounts = [RigMount.model_validate(entry) for entry in table["head"]]
+        heads = tuple(RigScene(m, Scene.model_validate(rest | {"rig": m.rig})) for m in mounts)
+    except ValidationError as error:
+        raise InputError(f"{source}: {first_problem(error)}") from error
+    if len({m.name for m in mounts}) != len(mounts) or not mounts:
+        raise InputError(f"{source}: expected heads with a name of their own, found {[m.name for m in mounts]}")
+    return heads
+
+
+def load_rig_scenes(path: Path) -> tuple[RigScene, ...]:
+    """Read a scene with ``[[head]]`` tables; empty for a scene with one rig or camera.
+
+    Raises:
+        InputError: unreadable, or not TOML, and as ``rigs_of``.
+    """
+    table = load_toml(path, "a scene in TOML")
+    return rigs_of(table, str(path)) if has_rigs(table) else ()
+
+
+def with_seed(heads: tuple[RigScene, ...], seed: int | None) -> tuple[RigScene, ...]:
+    """The heads of the same scene with another seed; unchanged without one."""
+    if seed is None:
+        return heads
+    return tuple(RigScene(h.mount, h.scene.model_copy(update={"seed": seed})) for h in heads)
+
+
+def write_rigs(
+    heads: tuple[RigScene, ...],
+    folder: Path,
+    *,
+    scale: float = 1.0,
+    frames: int | None = None,
+    storage: Storage = "png",
+    done: Callable[[], None] = lambda: None,
+) -> list[Written]:
+    """Render every head into a folder of its name, and write the true ``rigs.toml`` beside them.
+
+    The common world is that of the first head. Arguments and errors are those of ``write_recording``.
+    """
+    written, entries = [], []
+    common_SE3_room = None
+    for head in heads:
+        renderer = head.renderer(scale)
+        name = head.mount.name
+        written.append(write_recording(renderer, folder / name, frames=frames, storage=storage, done=done))
+        room_SE3_world = renderer.world_SE3_room.inverse()
+        common_SE3_room = common_SE3_room or renderer.world_SE3_room
+        world_SE3_left = renderer.world_SE3_left
+        assert world_SE3_left is not None  # heads are rigs
+        pose = common_SE3_room @ room_SE3_world @ world_SE3_left
+        entries.append(RigEntry(name, pose, head.mount.start_s - heads[0].mount.start_s))
+    save_rigs(entries, folder / RIGS_FILE, "true poses and clocks of a rendered scene")
+    return written

@@ -1,0 +1,253 @@
+"""Binary formats of other programs: Ped Data Archive (HDF5), JuPedSim (SQLite), Parquet."""
+
+from __future__ import annotations
+
+import hashlib
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.types import F64, AnyArray
+from planview.trajectories.file import TrajectoryFile, checked_area, checked_rate, refuse_many, replaced
+from planview.trajectories.table import (
+    NUMBER_COLUMNS,
+    STATES,
+    TRACK_COLUMNS,
+    numbers_table,
+    positions_table,
+    sorted_rows,
+)
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+ARCHIVE_VERSION = "1.0.0"
+_FIELDS = ("id", "frame", "x", "y")
+_ROW = np.dtype([("id", "<i8"), ("frame", "<i8"), ("x", "<f8"), ("y", "<f8"), ("z", "<f8")])
+JUPEDSIM_VERSION = 2
+AREAS_MAX = 100
+"""Most walkable areas that are read."""
+_SCHEMA = """
+CREATE TABLE trajectory_data (frame INTEGER NOT NULL, id INTEGER NOT NULL, pos_x REAL NOT NULL, pos_y REAL NOT NULL,
+    ori_x REAL NOT NULL, ori_y REAL NOT NULL);
+CREATE TABLE metadata (key TEXT NOT NULL UNIQUE PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE geometry (wkt TEXT NOT NULL, hash INTEGER NOT NULL DEFAULT 0);
+CREATE TABLE frame_data (frame INTEGER NOT NULL, geometry_hash INTEGER NOT NULL);
+CREATE INDEX frame_id_idx ON trajectory_data (frame, id);
+"""
+_REQUIRED = ("frame", "id", "x_m", "y_m")
+
+
+def read_ped_data_archive(path: Path) -> TrajectoryFile:
+    """Read a file of the archive; a z of 0 or less, or none, is no height.
+
+    Raises:
+        InputError: another HDF5 file, damaged, without its frame rate, or too large.
+    """
+    import h5py  # a tenth of a second, and only these files need it
+
+    try:
+        with h5py.File(path, "r") as file:
+            trajectory = file.get("trajectory")
+            if not isinstance(trajectory, h5py.Dataset):
+                raise InputError(
+                    f"{path}: expected the dataset 'trajectory', found {', '.join(file)[:200] or 'nothing'}"
+                )
+            table = _numbers(path, trajectory)
+            fps = checked_rate(path, trajectory.attrs.get("fps"))
+            area = file.attrs.get("wkt_geometry")
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
+        text = " ".join(str(error).split())
+        raise InputError(f"{path}: expected an HDF5 file of the Ped Data Archive, found {text}") from error
+    table = sorted_rows(path, table, frame=1, track_id=0)
+    track_id, frame = table[:, :2].astype(np.int64).T
+    rows = positions_table(frame, track_id, table[:, 2:4], np.where(table[:, 4] > 0, table[:, 4], np.nan))
+    return TrajectoryFile(rows, fps, checked_area(_text(area), str(path)) if area is not None else None)
+
+
+def write_ped_data_archive(path: Path, file: TrajectoryFile) -> None:
+    """Write rows with known positions by id, then frame.
+
+    Raises:
+        WorkError: the file cannot be written.
+    """
+    import h5py
+
+    table = file.table
+    order = np.lexsort((table.frame, table.track_id))
+    rows = np.empty(len(table), dtype=_ROW)
+    columns = (table.track_id, table.frame, table.x_m, table.y_m, table.height_m)
+    for name, column in zip(_ROW.names or (), columns, strict=True):
+        rows[name] = column[order]
+    with replaced(path) as part, h5py.File(part, "w") as out:
+        out.attrs.update(file_version=ARCHIVE_VERSION, wkt_geometry=file.walkable_wkt or "", source="planview")
+        dataset = out.create_dataset("trajectory", data=rows, compression="gzip" if len(rows) else None)
+        dataset.attrs.update(
+            fps=file.fps, id="unique identifier for pedestrian", frame="frame number",
+            x="pedestrian x-coordinate (meter [m])", y="pedestrian y-coordinate (meter [m])",
+            z="pedestrian z-coordinate (meter [m])",
+        )  # fmt: skip
+
+
+def _numbers(path: Path, dataset: Any) -> F64:
+    """(N, 5) id, frame, x, y, z."""
+    names = dataset.dtype.names or ()
+    if set(_FIELDS) - set(names) or dataset.ndim != 1:
+        raise InputError(f"{path}: expected a list with the fields id, frame, x, y, found {', '.join(names) or 'none'}")
+    refuse_many(path, len(dataset))
+    rows: AnyArray = dataset[:]
+    height = rows["z"] if "z" in names else np.full(len(rows), np.nan)
+    return np.column_stack([*(rows[name] for name in _FIELDS), height]).astype(np.float64)
+
+
+def _text(value: object) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
+
+def read_jupedsim(path: Path) -> TrajectoryFile:
+    """Read a database; several walkable areas come as one collection.
+
+    Raises:
+        InputError: another database, damaged, of another version, without its frame rate, or too large.
+    """
+    try:
+        with closing(sqlite3.connect(path.resolve().as_uri() + "?mode=ro&immutable=1", uri=True)) as database:
+            database.execute("PRAGMA trusted_schema = OFF")
+            return _read(path, database)
+    except (sqlite3.Error, ValueError, OverflowError) as error:
+        raise InputError(f"{path}: expected a database of JuPedSim, found {error}") from error
+
+
+def write_jupedsim(path: Path, file: TrajectoryFile) -> None:
+    """Write rows with known positions; the orientation is the direction of the velocity, (0, 0) where unknown.
+
+    Raises:
+        WorkError: the file cannot be written.
+    """
+    table, area = file.table, file.walkable_wkt or ""
+    area_hash = int.from_bytes(hashlib.sha256(area.encode()).digest()[:8], "big", signed=True)
+    speed = np.hypot(*table.velocity_mps.T)[:, None]
+    heading = np.where(speed > 0, table.velocity_mps / np.where(speed > 0, speed, 1.0), 0.0)
+    rows = zip(*(c.tolist() for c in (table.frame, table.track_id, table.x_m, table.y_m, *heading.T)), strict=True)
+    with replaced(path) as part, closing(sqlite3.connect(part)) as database, database:
+        database.executescript(_SCHEMA)
+        database.executemany("INSERT INTO trajectory_data VALUES (?, ?, ?, ?, ?, ?)", rows)
+        database.executemany("INSERT INTO metadata VALUES (?, ?)", _metadata(file))
+        database.execute("INSERT INTO geometry VALUES (?, ?)", (area, area_hash))
+        frames = [(int(frame), area_hash) for frame in np.unique(table.frame)]
+        database.executemany("INSERT INTO frame_data VALUES (?, ?)", frames)
+
+
+def _metadata(file: TrajectoryFile) -> list[tuple[str, str]]:
+    rows = [("version", str(JUPEDSIM_VERSION)), ("fps", f"{file.fps!r}")]
+    if len(file.table):
+        for axis, values in (("x", file.table.x_m), ("y", file.table.y_m)):
+            rows += [(f"{axis}min", f"{values.min()}"), (f"{axis}max", f"{values.max()}")]
+    return rows
+
+
+def _read(path: Path, database: sqlite3.Connection) -> TrajectoryFile:
+    # Views and virtual tables could run queries of their own without end: only plain tables are read.
+    kinds = database.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'").fetchall()
+    tables = {name for name, sql in kinds if not str(sql).upper().startswith("CREATE VIRTUAL")}
+    if not {"trajectory_data", "metadata"} <= tables:
+        raise InputError(
+            f"{path}: expected the tables trajectory_data and metadata, found {', '.join(sorted(tables)) or 'none'}"
+        )
+    metadata = dict(database.execute("SELECT key, value FROM metadata LIMIT 100").fetchall())
+    if str(metadata.get("version")) not in ("1", "2"):
+        raise InputError(f"{path}: expected version 1 or 2, found {metadata.get('version')!r}")
+    table = sorted_rows(path, _positions(path, database), frame=0, track_id=1)
+    frame, track_id = table[:, :2].astype(np.int64).T
+    rows, fps = positions_table(frame, track_id, table[:, 2:4]), checked_rate(path, metadata.get("fps"))
+    return TrajectoryFile(rows, fps, _area(path, database) if "geometry" in tables else None)
+
+
+def _area(path: Path, database: sqlite3.Connection) -> str | None:
+    found = database.execute("SELECT DISTINCT wkt FROM geometry LIMIT ?", (AREAS_MAX,)).fetchall()
+    areas = [checked_area(str(wkt), str(path)) for (wkt,) in found if wkt]
+    return areas[0] if len(areas) == 1 else f"GEOMETRYCOLLECTION ({', '.join(areas)})" if areas else None
+
+
+def _positions(path: Path, database: sqlite3.Connection) -> F64:
+    """(N, 4) frame, id, x, y."""
+    refuse_many(path, int(database.execute("SELECT count(*) FROM trajectory_data").fetchone()[0]))
+    rows = database.execute("SELECT frame, id, pos_x, pos_y FROM trajectory_data")
+    try:
+        return np.array(rows.fetchall(), dtype=np.float64).reshape(-1, 4)
+    except TypeError as error:
+        raise ValueError(f"values that are not numbers ({error})") from error
+
+
+def data_frame(file: TrajectoryFile) -> DataFrame:
+    """A pandas DataFrame with the columns of ``tracks.csv``; ``attrs`` holds ``fps`` and ``walkable_wkt``.
+
+    Raises:
+        InputError: pandas is not installed.
+    """
+    frame = file.table.to_dataframe()
+    frame.attrs.update(fps=file.fps, walkable_wkt=file.walkable_wkt)
+    return frame
+
+
+def write_parquet(path: Path, file: TrajectoryFile) -> None:
+    """Write all rows.
+
+    Raises:
+        InputError: pandas or pyarrow is not installed.
+        WorkError: the file cannot be written.
+    """
+    _pandas()
+    frame = data_frame(file)
+    with replaced(path) as part:
+        frame.to_parquet(part, engine="pyarrow", index=False)
+
+
+def read_parquet(path: Path) -> TrajectoryFile:
+    """Read a table; a column that is missing is unknown.
+
+    Raises:
+        InputError: pandas or pyarrow is not installed, not a Parquet file, one of the columns frame, id, x_m, y_m is
+            missing, or values of another kind.
+    """
+    pandas = _pandas()
+    from pyarrow import ArrowException
+    from pyarrow.parquet import ParquetFile
+
+    try:
+        with ParquetFile(path) as file:
+            refuse_many(path, file.metadata.num_rows)
+            names = [name for name in TRACK_COLUMNS if name in file.schema_arrow.names]
+        missing = [name for name in _REQUIRED if name not in names]
+        if missing:
+            raise InputError(f"{path}: expected the column {missing[0]!r}, found {', '.join(names) or 'none of ours'}")
+        frame = pandas.read_parquet(path, engine="pyarrow", columns=names)
+        numbers = [
+            frame[name].to_numpy(dtype=np.float64, na_value=np.nan) if name in frame else np.full(len(frame), np.nan)
+            for name in NUMBER_COLUMNS
+        ]
+        state = frame["state"].to_numpy(dtype=np.str_) if "state" in frame else np.full(len(frame), "confirmed")
+        foreign = set(np.unique(state)) - set(STATES)
+        if foreign:
+            raise InputError(f"{path}: expected a state of {', '.join(STATES)}, found {min(foreign)!r}")
+        fps, area = frame.attrs.get("fps"), frame.attrs.get("walkable_wkt")
+        return TrajectoryFile(
+            numbers_table(np.column_stack(numbers), state, path),
+            None if fps is None else checked_rate(path, fps),
+            None if area is None else checked_area(str(area), str(path)),
+        )
+    except (OSError, ValueError, TypeError, ArrowException) as error:
+        raise InputError(f"{path}: expected trajectories in Parquet, found {' '.join(str(error).split())}") from error
+
+
+def _pandas() -> Any:
+    try:
+        import pandas
+        import pyarrow  # noqa: F401
+    except ImportError as error:
+        raise InputError("expected the packages pandas and pyarrow; install planview[table]") from error
+    return pandas

@@ -1,0 +1,254 @@
+"""Trajectories read in any layout, found beside a recording, and exported for other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.text import reason, require_file
+from planview.trajectories.binary_formats import (
+    read_jupedsim,
+    read_parquet,
+    read_ped_data_archive,
+    write_jupedsim,
+    write_parquet,
+    write_ped_data_archive,
+)
+from planview.trajectories.file import TrajectoryFile, replaced, surrounding_area, timed_by_rate
+from planview.trajectories.table import (
+    Trajectories,
+    frame_period_s,
+    positions_table,
+    read_numbers,
+    read_tracks,
+    read_truth,
+    sorted_rows,
+    write_table,
+)
+from planview.trajectories.text_formats import (
+    read_jsonl,
+    read_motchallenge,
+    read_petrack,
+    write_jsonl,
+    write_motchallenge,
+    write_petrack,
+)
+
+BINARY = {
+    b"\x89HDF\r\n\x1a\n": read_ped_data_archive,
+    b"SQLite format 3\x00": read_jupedsim,
+    b"PAR1": read_parquet,
+}
+"""Readers by the first bytes of a file."""
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_FIRST_LINE = 10_000
+ExportName = Literal["pedpy", "ped-data-archive", "jupedsim", "motchallenge", "parquet", "csv", "jsonl"]
+RATE_DIGITS = 3
+"""Decimals of a rate that is measured from times rounded to 0.1 ms."""
+_TRUTH_FILES = ("truth.csv", "gt.txt", "gt/gt.txt")
+_TABLES = (".csv", ".txt", ".h5", ".hdf5", ".sqlite", ".parquet", ".jsonl")
+
+
+def load_truth(path: Path) -> Trajectories:
+    """Truth in our layout (with a header), as PETS/MOTChallenge rows or in any other layout of ``load_file``.
+
+    Raises:
+        InputError: unreadable or none of these.
+    """
+    return load_file(path, truth=True).table
+
+
+def load_tracks(path: Path, *, boxes: bool = True) -> Trajectories:
+    """Tracks in any layout of ``load_file``.
+
+    Args:
+        boxes: boxes and velocities are needed; long files in our layout are read in half the time without.
+    Raises:
+        InputError: unreadable or none of these.
+    """
+    return load_file(path, boxes=boxes).table
+
+
+def load_file(path: Path, *, truth: bool = False, boxes: bool = True) -> TrajectoryFile:
+    """Trajectories of any layout: our own, MOTChallenge and PETS, PeTrack and PedPy, laboratory rows without comments,
+    Ped Data Archive, JuPedSim, Parquet, JSON lines.
+
+    Rows without times get them from the frame rate, where the file gives one.
+
+    Args:
+        truth: the file is ground truth.
+        boxes: see ``load_tracks``.
+    Raises:
+        InputError: unreadable or none of these.
+    """
+    require_file(path, "trajectories")
+    try:
+        with path.open("rb") as file:
+            start = file.read(_FIRST_LINE)
+    except OSError as error:
+        raise InputError(f"{path}: expected trajectories, found {reason(error)}") from error
+    binary = next((reader for magic, reader in BINARY.items() if start.startswith(magic)), None)
+    return timed_by_rate(binary(path) if binary else _load_text(path, start.split(b"\n")[0], truth, boxes))
+
+
+def _load_text(path: Path, first: bytes, truth: bool, boxes: bool) -> TrajectoryFile:
+    try:
+        line = first.removeprefix(_BYTE_ORDER_MARK).decode("utf-8", "ignore" if len(first) == _FIRST_LINE else "strict")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: expected trajectories, found {error}") from error
+    if line.startswith("#"):
+        return read_petrack(path)
+    if line.startswith("{"):
+        return read_jsonl(path)
+    if not line.strip() or not _is_number(line.replace(",", " ").split()[0]):
+        return TrajectoryFile(read_truth(path) if truth else read_tracks(path, boxes=boxes))
+    return TrajectoryFile(read_motchallenge(path, truth=truth) if "," in line else read_laboratory(path))
+
+
+def read_laboratory(path: Path, fps: float = 16.0) -> Trajectories:
+    """Head positions of laboratory experiments (Juelich) without comments: id, frame, x cm, y cm, z cm.
+
+    Raises:
+        InputError: a row of another length, or values that are not numbers.
+    """
+    table = read_numbers(path, None, "rows of id frame x_cm y_cm z_cm")
+    if table.shape[1] != 5:
+        raise InputError(f"{path}: expected 5 columns (id frame x_cm y_cm z_cm), found {table.shape[1]}")
+    table = sorted_rows(path, table, frame=1, track_id=0)
+    track_id, frame = table[:, :2].astype(np.int64).T
+    return positions_table(frame, track_id, table[:, 2:4] / 100, table[:, 4] / 100, timestamp_s=frame / fps)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+class ExportFormat(NamedTuple):
+    """Its usual ending, its writer, and whether it keeps the state of a row (else it holds confirmed rows)."""
+
+    suffix: str
+    write: Callable[[Path, TrajectoryFile], None]
+    keeps_state: bool
+    needs_floor: bool = True
+
+
+def _write_csv(path: Path, file: TrajectoryFile) -> None:
+    with replaced(path) as part, part.open("w", encoding="utf-8") as out:
+        write_table(out, file.table)
+
+
+FORMATS: dict[ExportName, ExportFormat] = {
+    "pedpy": ExportFormat(".txt", write_petrack, False),
+    "ped-data-archive": ExportFormat(".h5", write_ped_data_archive, False),
+    "jupedsim": ExportFormat(".sqlite", write_jupedsim, False),
+    "motchallenge": ExportFormat(".txt", write_motchallenge, False, needs_floor=False),
+    "parquet": ExportFormat(".parquet", write_parquet, True),
+    "csv": ExportFormat(".csv", _write_csv, True),
+    "jsonl": ExportFormat(".jsonl", write_jsonl, True),
+}
+
+
+def prepared(
+    file: TrajectoryFile, name: ExportName, *, fps: float | None = None, area: str | None = None, lost: bool = False
+) -> TrajectoryFile:
+    """What an export of a file holds.
+
+    A format without states gets the rows that are confirmed and, unless boxes do, have a floor position.
+
+    Args:
+        fps: in place of the file's own; where neither is known the rate that the timestamps have.
+        area: in place of the file's own; where neither is known the rectangle around all positions.
+        lost: rows that were only predicted count as confirmed.
+    Raises:
+        InputError: no frame rate anywhere, or no row with a floor position.
+    """
+    table = file.table
+    if not FORMATS[name].keeps_state:
+        table = _plain_rows(table, FORMATS[name].needs_floor, lost)
+    rate = fps or file.fps or measured_rate(file.table)
+    if rate is None and not FORMATS[name].keeps_state:
+        raise InputError("expected timestamps or a frame rate in the trajectories, found neither; --fps gives it")
+    return TrajectoryFile(table, rate, area or file.walkable_wkt or surrounding_area(table))
+
+
+def measured_rate(table: Trajectories) -> float | None:
+    """Frames per second over all timestamps; that of the median frame where the clock jumps; None without times."""
+    period = frame_period_s(table, 0.0)
+    if period <= 0:
+        return None
+    known = np.flatnonzero(np.isfinite(table.timestamp_s))
+    first, last = int(known[0]), int(known[-1])
+    mean = (table.timestamp_s[last] - table.timestamp_s[first]) / (table.frame[last] - table.frame[first])
+    return round(1 / float(mean if abs(mean - period) < 0.01 * period else period), RATE_DIGITS)
+
+
+def _plain_rows(table: Trajectories, needs_floor: bool, lost: bool) -> Trajectories:
+    confirmed = (table.state == "confirmed") | (lost & (table.state == "lost"))
+    floor = np.isfinite(table.x_m) & np.isfinite(table.y_m)
+    usable = floor if needs_floor else floor | np.isfinite(table.box_px).all(axis=1)
+    if len(table) and not usable.any():
+        raise InputError("expected trajectories with floor positions, found none")
+    return table.where(confirmed & usable)
+
+
+class FilePair(NamedTuple):
+    """Tracks and truth of one recording; ``name`` is empty where only one was asked for."""
+
+    name: str
+    tracks: Path
+    truth: Path
+
+
+def tracks_file(path: Path) -> Path:
+    """The file itself, or ``tracks.csv`` of the folder of a run."""
+    return path / "tracks.csv" if path.is_dir() else path
+
+
+def truth_file(folder: Path) -> Path | None:
+    """The truth in the folder of a recording; None where there is none."""
+    return next((folder / name for name in _TRUTH_FILES if (folder / name).is_file()), None)
+
+
+def file_pairs(tracks: Path, truth: Path) -> list[FilePair]:
+    """One pair for two files (or folders of one run and one recording), else the pairs of two folders by name.
+
+    A name is that of a file without its ending, or of a folder with ``tracks.csv``, or with ``truth.csv``, ``gt.txt``
+    or ``gt/gt.txt``; tracks may also lie in a folder ``data`` (MOTChallenge results). Tracks without truth are left
+    out.
+
+    Raises:
+        InputError: a truth without tracks, or no truth at all.
+    """
+    own_truth = truth_file(truth) or truth
+    if not own_truth.is_dir():
+        return [FilePair("", tracks_file(tracks), own_truth)]
+    truths = _by_name(truth, _TRUTH_FILES)
+    found = _by_name(tracks / "data" if (tracks / "data").is_dir() else tracks, ("tracks.csv",))
+    if not truths:
+        raise InputError(f"{truth}: expected truth.csv, gt.txt or folders with them, found none")
+    missing = [name for name in truths if name not in found]
+    if missing:
+        raise InputError(f"{tracks}: expected tracks for {missing[0]!r} of {truth}, found {', '.join(found) or 'none'}")
+    return [FilePair(name, found[name], path) for name, path in truths.items()]
+
+
+def _by_name(folder: Path, inside: tuple[str, ...]) -> dict[str, Path]:
+    if not folder.is_dir():
+        raise InputError(f"{folder}: expected a folder, since the truth is one, found none")
+    files: dict[str, Path] = {}
+    for entry in sorted(folder.iterdir()):
+        if entry.is_file() and entry.suffix in _TABLES:
+            files[entry.stem] = entry
+        elif entry.is_dir():
+            first = next((entry / name for name in inside if (entry / name).is_file()), None)
+            if first is not None:
+                files[entry.name] = first
+    return files

@@ -1,0 +1,259 @@
+"""Text formats of other programs: MOTChallenge and PETS, PeTrack and PedPy, JSON lines."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator
+from itertools import takewhile
+from pathlib import Path
+from typing import IO, Any, NoReturn
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.text import reason
+from calib.types import F64, Bool
+from planview.trajectories.file import TrajectoryFile, checked_rate, replaced
+from planview.trajectories.table import (
+    IGNORED,
+    NUMBER_COLUMNS,
+    STATES,
+    Trajectories,
+    numbers_table,
+    positions_table,
+    read_numbers,
+    sorted_rows,
+)
+
+_PEDESTRIAN = 1
+_DISTRACTORS = (2, 7, 8, 12)
+"""Person on a vehicle, static person, distractor, reflection: tracks on them are no errors (Milan et al. 2016, MOT16,
+section 3.2); all other classes and rows with flag 0 are left out."""
+_CLASS_MAX = 13
+METRES = {"m": 1.0, "cm": 0.01}
+_RATE = re.compile(r"framerate\s*[:=]?\s*([^\s,;]+)", re.IGNORECASE)
+_CENTIMETRES = re.compile(r"x\s*[/\[(]\s*cm\b|\bin\s+cm\b", re.IGNORECASE)
+_METRES = re.compile(r"x\s*[/\[(]\s*m\b|\bin\s+(m\b|met)", re.IGNORECASE)
+_COMMENTS_MAX = 1000
+LINE_MAX = 10_000_000
+"""Most characters of a line: a frame of 50,000 people."""
+_VALUES = ("x_m", "y_m", "vx_mps", "vy_mps", "height_m")
+
+
+def read_motchallenge(path: Path, *, truth: bool) -> Trajectories:
+    """Rows of frame (from 1), id, left, top, width, height and, where present, three or four more columns.
+
+    Nine columns whose values are a flag (0 or 1), a class (1 to 13) and a visibility (0 to 1) in every row are the
+    ground truth of MOT16 and later: distractors get the visibility IGNORED, other classes and flag 0 are left out.
+    Otherwise the columns are confidence, X, Y (and Z) as in MOT15 results and ground truth and in PETS: X and Y are
+    metres on the floor, unknown where all are -1, and ground truth with the confidence 0 is left out.
+
+    Args:
+        truth: the file is ground truth; every row of results counts, whatever its confidence.
+    Raises:
+        InputError: a row of another length, or values that are not numbers.
+    """
+    table = read_numbers(path, ",", "rows of numbers (frame,id,left,top,width,height,...)")
+    if not 6 <= table.shape[1] <= 10 or not np.isfinite(table[:, :6]).all():
+        raise InputError(f"{path}: expected 6 to 10 columns, the first 6 finite, found {table.shape[1]} columns")
+    table = sorted_rows(path, table, frame=0, track_id=1)
+    if _has_classes(table):
+        return _with_classes(table)
+    if truth and table.shape[1] > 6:
+        table = table[table[:, 6] != 0]
+    return _positions(table, _floor(table))
+
+
+def write_motchallenge(path: Path, file: TrajectoryFile) -> None:
+    """Write rows of frame (from 1), id, box, confidence 1 and world X, Y, Z [m] with Z 0 on the floor.
+
+    An unknown box or position is -1 throughout. Heights and times have no column.
+
+    Raises:
+        WorkError: the file cannot be written.
+    """
+    table = file.table
+    world = np.column_stack([table.x_m, table.y_m, np.zeros(len(table))])
+    columns = [table.frame + 1, table.track_id, _or_minus_one(table.box_px), np.ones(len(table)), _or_minus_one(world)]
+    rows = np.column_stack(columns)
+    formats = ["%d", "%d", *["%.1f"] * 4, "%d", *["%.4f"] * 3]
+    with replaced(path) as part:
+        np.savetxt(part, rows, formats, delimiter=",")
+
+
+def _or_minus_one(values: F64) -> F64:
+    """The rows of an (N, M) array, -1 throughout where a value is unknown."""
+    known = np.isfinite(values).all(axis=1, keepdims=True)
+    return np.where(known, values, -1.0)
+
+
+def _has_classes(table: F64) -> Bool | bool:
+    """Columns 7 to 9 are flag, class and visibility; X and Y in metres are not integers and fractions throughout."""
+    if table.shape[1] != 9 or not len(table):
+        return False
+    flag, kind, visible = table[:, 6:9].T
+    classes = (kind == np.floor(kind)) & (kind >= 1) & (kind <= _CLASS_MAX)
+    return bool((np.isin(flag, (0, 1)) & classes & (visible >= 0) & (visible <= 1)).all())
+
+
+def _with_classes(table: F64) -> Trajectories:
+    distractor = np.isin(table[:, 7], _DISTRACTORS)
+    counted = distractor | ((table[:, 7] == _PEDESTRIAN) & (table[:, 6] == 1))
+    visible = np.where(distractor, IGNORED, table[:, 8])
+    return _positions(table[counted], np.full((int(counted.sum()), 2), np.nan), visible[counted])
+
+
+def _floor(table: F64) -> F64:
+    """(N, 2) floor positions [m]; NaN where the columns are missing or -1."""
+    if table.shape[1] < 9:
+        return np.full((len(table), 2), np.nan)
+    unknown = (table[:, 7:] == -1).all(axis=1)
+    return np.where(unknown[:, None], np.nan, table[:, 7:9])
+
+
+def _positions(table: F64, floor_m: F64, visible: F64 | None = None) -> Trajectories:
+    frame, track_id = table[:, :2].astype(np.int64).T
+    return positions_table(frame - 1, track_id, floor_m, box_px=table[:, 2:6], visible=visible)
+
+
+def read_petrack(path: Path) -> TrajectoryFile:
+    """Read a text file whose comments give the unit and, usually, the frame rate.
+
+    A z of 0 or less, or none, is no height.
+
+    Raises:
+        InputError: no unit in the comments, fewer than 4 columns, or values that are not numbers.
+    """
+    rate, scale = _comments(path)
+    table = read_numbers(path, None, "rows of id frame x y z")
+    if not len(table):
+        table = np.empty((0, 5))
+    if table.shape[1] < 4:
+        raise InputError(f"{path}: expected the columns id frame x y z, found {table.shape[1]} columns")
+    table = sorted_rows(path, table, frame=1, track_id=0)
+    track_id, frame = table[:, :2].astype(np.int64).T
+    height_m = scale * table[:, 4] if table.shape[1] > 4 else np.full(len(table), np.nan)
+    rows = positions_table(frame, track_id, scale * table[:, 2:4], np.where(height_m > 0, height_m, np.nan))
+    return TrajectoryFile(rows, rate)
+
+
+def write_petrack(path: Path, file: TrajectoryFile, unit: str = "m") -> None:
+    """Write rows with known positions by id, then frame, to 0.1 mm; an unknown height is ``nan``.
+
+    Args:
+        unit: "m" or "cm".
+    Raises:
+        WorkError: the file cannot be written.
+    """
+    table = file.table
+    order = np.lexsort((table.frame, table.track_id))
+    values = np.column_stack([table.x_m, table.y_m, table.height_m])[order] / METRES[unit]
+    rows: F64 = np.column_stack([table.track_id[order], table.frame[order], values])
+    digits = "%.4f" if unit == "m" else "%.2f"
+    header = f"# framerate: {file.fps:g} fps\n# id frame x/{unit} y/{unit} z/{unit}"
+    with replaced(path) as part:
+        np.savetxt(part, rows, ["%d", "%d", digits, digits, digits], header=header, comments="")
+
+
+def _comments(path: Path) -> tuple[float | None, float]:
+    """Frames per second (None without a comment) and metres per unit."""
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            lines = [line for line, _ in zip(file, range(_COMMENTS_MAX), strict=False)]
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: expected rows of id frame x y z, found {reason(error)}") from error
+    text = "".join(takewhile(lambda line: line.startswith("#") or not line.strip(), lines))
+    rate = _RATE.search(text)
+    if _CENTIMETRES.search(text):
+        scale = METRES["cm"]
+    elif _METRES.search(text):
+        scale = METRES["m"]
+    else:
+        raise InputError(f"{path}: expected a comment with the unit (x/m or x/cm) before the rows, found none")
+    return (checked_rate(path, rate.group(1)) if rate else None), scale
+
+
+def write_jsonl(path: Path, file: TrajectoryFile) -> None:
+    """Write all rows.
+
+    Raises:
+        WorkError: the file cannot be written.
+    """
+    with replaced(path) as part, part.open("w", encoding="utf-8") as out:
+        stream_jsonl(out, file.table)
+
+
+def stream_jsonl(out: IO[str], table: Trajectories) -> None:
+    """Write a line per frame that has rows."""
+    frames, first = np.unique(table.frame, return_index=True)
+    for frame, start, end in zip(frames.tolist(), first.tolist(), [*first[1:].tolist(), len(table)], strict=True):
+        time = _known(float(table.timestamp_s[start]))
+        people = []
+        for row in range(start, end):
+            vx, vy = table.velocity_mps[row]
+            values = (table.x_m[row], table.y_m[row], vx, vy, table.height_m[row])
+            box = [_known(float(value)) for value in table.box_px[row]]
+            person = {"id": int(table.track_id[row]), "state": str(table.state[row])}
+            person |= {name: _known(float(value)) for name, value in zip(_VALUES, values, strict=True)}
+            people.append(person | {"box_px": None if None in box else box})
+        out.write(json.dumps({"frame": frame, "timestamp_s": time, "people": people}) + "\n")
+
+
+def read_jsonl(path: Path) -> TrajectoryFile:
+    """Read a stream; a last line that is cut short (the writer was interrupted) is left out.
+
+    Raises:
+        InputError: unreadable, or a line that is not a frame with people.
+    """
+    numbers: list[list[float]] = []
+    states: list[str] = []
+    for line, frame in _frames(path):
+        try:
+            for person in frame["people"]:
+                box, state = person.get("box_px") or [None] * 4, person.get("state", "confirmed")
+                if len(box) != 4:
+                    raise ValueError(f"a box of {len(box)} numbers")
+                values = (frame.get("timestamp_s"), *(person.get(name) for name in _VALUES), *box)
+                time, *rest = (math.nan if v is None else float(v) for v in values)
+                numbers.append([float(frame["frame"]), time, float(person["id"]), *rest])
+                if state not in STATES:
+                    raise ValueError(f"the state {str(state)[:40]!r}")
+                states.append(str(state))
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+            raise InputError(f"{path}: expected a frame with people in line {line}, found {_found(error)}") from error
+    rows = np.array(numbers, dtype=np.float64).reshape(-1, len(NUMBER_COLUMNS))
+    return TrajectoryFile(numbers_table(rows, np.array(states, dtype=np.str_), path))
+
+
+def _frames(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Line numbers, from 1, and the objects in them."""
+    try:
+        with path.open(encoding="utf-8") as file:
+            for number, line in enumerate(iter(lambda: file.readline(LINE_MAX), ""), 1):
+                if not line.strip():
+                    continue
+                try:
+                    value = json.loads(line, parse_constant=_refuse)
+                except (ValueError, RecursionError) as error:
+                    if not line.endswith("\n") and len(line) < LINE_MAX and number > 1:
+                        return
+                    raise InputError(f"{path}: expected JSON in line {number}, found {error}") from error
+                if not isinstance(value, dict):
+                    raise InputError(f"{path}: expected an object in line {number}, found {type(value).__name__}")
+                yield number, value
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: expected JSON lines, found {reason(error)}") from error
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def _refuse(constant: str) -> NoReturn:
+    raise ValueError(f"the constant {constant}")
+
+
+def _found(error: Exception) -> str:
+    return f"no {error}" if isinstance(error, KeyError) else str(error)

@@ -1,0 +1,222 @@
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.errors import InputError
+from calib.ground_camera import GroundCamera, load_ground_camera
+from calib.human.knowledge import KnownValues
+from calib.human.samples import HumanSample, read_samples
+from planview.calibration.page.marks import Handle
+from planview.calibration.page.overlay import overlay
+from planview.calibration.page.session import CalibrationSession
+from tests.people import standing_people
+
+CAMERA = GroundCamera(640, 480, 500.0, 3.5, math.radians(55), "pinhole")
+ONE = HumanSample((100.0, 100.0, 60.0, 150.0), (130.0, 105.0), (130.0, 245.0), 0)
+
+
+def new_session(*samples: HumanSample) -> CalibrationSession:
+    frames = [np.zeros((480, 640, 3), np.uint8)] * 3
+    return CalibrationSession("clip.mp4", frames, [0, 10, 20], lens="pinhole", samples=list(samples))
+
+
+def click(session: CalibrationSession, *points: tuple[float, float]) -> bool:
+    changed = False
+    for point in points:
+        session.press(*point)
+        changed = session.release(*point)
+    return changed
+
+
+def draw(session: CalibrationSession, sample: HumanSample) -> None:
+    left, top, width, height = sample.box_px
+    session.press(left, top)
+    session.drag(left + width / 2, top + height)
+    session.release(left + width, top + height)
+    click(session, sample.head_px, sample.foot_px)
+
+
+@pytest.fixture(scope="module")
+def solved() -> CalibrationSession:
+    """Six people on three frames, and their camera."""
+    session = new_session()
+    for number, sample in enumerate(standing_people(CAMERA, 6)):
+        session.show(number % 3)
+        draw(session, sample)
+    session.solve()
+    return session
+
+
+def test_session_turns_drawn_people_into_a_camera(solved: CalibrationSession) -> None:
+    assert solved.solution.found is not None
+    assert solved.solution.found.camera.height_m == pytest.approx(3.5, rel=0.02)
+    assert [s.frame for s in solved.samples] == [0, 10, 20, 0, 10, 20]
+
+
+def test_solution_gives_every_value_with_its_deviation_and_a_verdict(solved: CalibrationSession) -> None:
+    rows = {row.name: row for row in solved.solution.rows()}
+    assert rows["height above the floor"].value.startswith("3.5")
+    assert all(rows[name].deviation.startswith("±") for name in ("height above the floor", "roll", "focal length"))
+    assessment = solved.solution.assessment()
+    assert assessment is not None and assessment.sentence.startswith("enough" if assessment.enough else "not enough")
+
+
+def test_session_says_how_many_people_are_missing() -> None:
+    session = new_session()
+    assert "3 more people" in session.message
+    draw(session, standing_people(CAMERA, 1)[0])
+    session.solve()
+    assert session.solution.found is None
+    assert "2 more people" in session.message
+
+
+def test_session_leads_from_box_to_head_to_foot() -> None:
+    session = new_session()
+    session.press(100, 100)
+    session.release(150, 250)
+    assert session.message == "click the top of the head"
+    click(session, (125, 105))
+    assert session.message == "click the middle between the feet"
+
+
+def test_session_takes_a_slip_of_the_hand_for_no_box() -> None:
+    session = new_session()
+    session.press(100, 100)
+    session.release(103, 104)
+    assert session.draft.box_px is None
+
+
+def test_session_refuses_a_head_far_from_its_box_and_says_so() -> None:
+    session = new_session()
+    session.press(300, 100)
+    session.release(350, 250)
+    assert not click(session, (20.0, 20.0), (325.0, 250.0))
+    assert not session.samples
+    assert "no standing person" in session.message
+
+
+def test_undo_takes_back_every_kind_of_change() -> None:
+    session = new_session()
+    draw(session, ONE)
+    session.choose("select")
+    click(session, (130.0, 180.0))
+    session.remove_selected()
+    session.undo()
+    assert session.samples == [ONE]
+    session.undo()
+    assert session.samples == []
+    assert not session.undo()
+
+
+def test_selected_head_is_dragged_and_nudged() -> None:
+    session = new_session(ONE)
+    session.choose("select")
+    session.press(131, 106)
+    session.drag(134, 108)
+    assert session.release(134, 108)
+    assert session.samples[0].head_px == (133.0, 107.0)
+    session.nudge(0, -1)
+    assert session.samples[0].head_px == (133.0, 106.0)
+    assert session.samples[0].foot_px == ONE.foot_px
+
+
+def test_corner_of_a_box_moves_its_two_edges_only() -> None:
+    session = new_session(ONE)
+    session.choose("select")
+    session.press(100, 100)
+    session.release(90, 95)
+    assert session.samples[0].box_px == (90.0, 95.0, 70.0, 155.0)
+
+
+def test_person_picked_up_between_its_points_moves_as_a_whole() -> None:
+    session = new_session(ONE)
+    session.choose("select")
+    session.press(140, 180)
+    session.release(150, 185)
+    assert session.samples[0].box_px[:2] == (110.0, 105.0)
+    assert session.samples[0].foot_px == (140.0, 250.0)
+
+
+def test_click_that_only_selects_changes_nothing() -> None:
+    session = new_session(ONE)
+    session.choose("select")
+    assert not click(session, (140.0, 180.0))
+    assert session.selected == Handle(0, "whole")
+
+
+def test_person_asked_for_is_shown_and_selected() -> None:
+    session = new_session(HumanSample(ONE.box_px, ONE.head_px, ONE.foot_px, 20))
+    session.show_sample(0)
+    assert (session.shown, session.tool, session.selected) == (2, "select", Handle(0, "whole"))
+    assert "drag to move it" in session.message
+
+
+def test_people_of_other_frames_are_not_picked_up() -> None:
+    session = new_session(ONE)
+    session.show(1)
+    session.choose("select")
+    click(session, (140.0, 180.0))
+    assert session.selected is None
+
+
+def test_floor_point_that_is_picked_up_moves_with_the_mouse() -> None:
+    session = new_session()
+    session.choose("floor")
+    click(session, (200.0, 300.0))
+    session.press(205, 303)
+    session.drag(240, 330)
+    session.release(250, 340)
+    assert session.floor_points == [(245.0, 337.0)]
+
+
+def test_floor_points_have_metres_once_the_camera_is_known(solved: CalibrationSession) -> None:
+    pixel = CAMERA.project((0.5, 4.0, 0.0))
+    assert solved.solution.metres([(float(pixel[0]), float(pixel[1]))])[0] == pytest.approx((0.5, 4.0), abs=0.15)
+
+
+def test_known_focal_length_is_kept_to(solved: CalibrationSession) -> None:
+    session = new_session(*solved.samples)
+    session.known = KnownValues(focal_px=520.0)
+    session.solve()
+    assert session.solution.found is not None
+    assert session.solution.found.camera.focal_px == pytest.approx(520, rel=0.03)
+
+
+def test_session_exports_what_the_commands_read(solved: CalibrationSession, tmp_path: Path) -> None:
+    written = solved.export(tmp_path / "new")
+    assert {p.name for p in written} == {"samples.json", "camera.toml"}
+    assert len(read_samples(tmp_path / "new" / "samples.json")) == 6
+    assert load_ground_camera(tmp_path / "new" / "camera.toml").height_m == pytest.approx(3.5, rel=0.03)
+
+
+def test_samples_are_exported_without_the_camera_on_request(solved: CalibrationSession, tmp_path: Path) -> None:
+    assert [p.name for p in solved.export(tmp_path, solution=False)] == ["samples.json"]
+
+
+def test_session_refuses_to_export_nothing(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="something drawn"):
+        new_session().export(tmp_path)
+
+
+def test_loaded_samples_of_another_image_size_are_refused() -> None:
+    with pytest.raises(InputError, match="640x480 px, found 320x240"):
+        new_session().load([ONE], (320, 240))
+
+
+def test_frames_of_loaded_samples_are_added_in_order() -> None:
+    session = new_session()
+    session.show(2)
+    session.load([ONE, HumanSample(ONE.box_px, ONE.head_px, ONE.foot_px, 15)], (640, 480))
+    assert session.missing_frames() == [15]
+    session.add_frames([(15, session.frames[0])])
+    assert (session.indices, session.shown) == ([0, 10, 15, 20], 3)
+
+
+def test_overlay_shows_the_people_of_the_frame_shown(solved: CalibrationSession) -> None:
+    svg = overlay(solved)
+    assert (svg.count('class="sample"'), svg.count('class="model"'), svg.count('class="crowd"')) == (2, 2, 0)
+    assert 'class="grid"' in svg
+    assert "nan" not in svg
+    assert 'class="crowd"' in overlay(solved, everywhere=True)

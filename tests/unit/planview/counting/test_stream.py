@@ -1,0 +1,268 @@
+"""Crossings, stays and queues of people whose ways are known, at 10 frames per second."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planview.counting.events import Event
+from planview.counting.geometry import RulePlane
+from planview.counting.rules import AnalyticsParams, parse_rules
+from planview.counting.stream import Analytics
+from planview.counting.totals import Clock, Counts, count_tracks, count_truth
+from planview.trajectories.state import State, TrackState
+from planview.trajectories.table import positions_table
+
+WIRE = {"name": "door", "from_m": [0, 0], "to_m": [2, 0]}  # from left to right: its left side is y > 0
+ZONE = {"name": "room", "polygon_m": [[0, 0], [4, 0], [4, 4], [0, 4]]}
+Row = tuple[int, int, float, float, State]
+
+
+def analytics(**params: float) -> Analytics:
+    return Analytics(parse_rules({"tripwire": [WIRE], "zone": [ZONE]}, RulePlane(), "r"), AnalyticsParams(**params))
+
+
+def feed(counter: Analytics, rows: Sequence[Row]) -> list[Event]:
+    """Rows of frame, id, x, y, state."""
+    events: list[Event] = []
+    for frame in sorted({row[0] for row in rows}):
+        tracks = [TrackState(i, state, x, y) for f, i, x, y, state in rows if f == frame]
+        events += counter.update(frame, frame / 10, tracks)
+    return events
+
+
+def way(
+    ys: Sequence[float], track_id: int = 1, x: float = 1.0, start: int = 0, state: State = "confirmed"
+) -> list[Row]:
+    return [(start + i, track_id, x, float(y), state) for i, y in enumerate(ys)]
+
+
+def crossings(rows: Sequence[Row], **params: float) -> list[tuple[int, str]]:
+    return [(e.track_id, e.direction) for e in feed(analytics(**params), rows) if e.kind == "crossing"]
+
+
+DOWN = np.linspace(1, -1, 21)
+
+
+def test_walking_over_the_line_counts_once_in_the_direction_seen_along_it() -> None:
+    assert crossings(way(DOWN)) == [(1, "left_to_right")]
+    assert crossings(way(DOWN[::-1])) == [(1, "right_to_left")]
+
+
+def test_crossing_is_dated_to_the_line_between_frames() -> None:
+    (event,) = (e for e in feed(analytics(), way([1.0, 0.6, 0.1, -0.3, -0.7, -1.0])) if e.kind == "crossing")
+    assert event.timestamp_s == pytest.approx(0.2 + 0.1 * 0.25)
+    assert event.frame == 3
+
+
+def test_crossing_inside_a_gap_is_interpolated() -> None:
+    rows = [row for row in way(DOWN) if not 5 < row[0] < 16]
+    (event,) = (e for e in feed(analytics(), rows) if e.kind == "crossing")
+    assert event.timestamp_s == pytest.approx(1.0)
+
+
+def test_flicker_on_the_line_counts_nothing() -> None:
+    assert crossings(way([1.0, 0.5] + [0.2, -0.2] * 20 + [0.5, 1.0])) == []
+
+
+def test_person_put_back_over_the_line_in_a_jump_counts_once() -> None:
+    ys = [1.0, 0.8, 0.5, 0.1, -0.3, -0.5, 1.0, 0.8, 0.5, 0.1, -0.3, -0.6, -1.0]
+    assert crossings(way(ys)) == [(1, "left_to_right")]
+
+
+def test_jump_over_the_line_without_a_crossing_before_counts_once_the_person_has_stayed() -> None:
+    stays = [1.0, 0.9, 0.8, 0.7, 0.6, 0.5, -0.8, -0.9, -1.0, -1.0, -1.0, -1.0]
+    assert crossings(way(stays)) == [(1, "left_to_right")]
+    assert crossings(way(stays[:11])) == []
+
+
+def test_one_frame_beyond_the_line_is_no_crossing_and_does_not_hide_the_one_after_it() -> None:
+    """A distance that is wrong in one frame, as when a low camera sees the head only."""
+    ways = way([1.0, 0.9, 0.8, -1.5, 0.7, 0.5, 0.1, -0.3, -0.6])
+    (event,) = (e for e in feed(analytics(), ways) if e.kind == "crossing")
+    assert (event.frame, event.direction) == (7, "left_to_right")
+
+
+def test_person_walking_back_soon_counts_both_ways() -> None:
+    ys = [0.6, 0.3, 0.0, -0.3, -0.5, -0.3, 0.0, 0.3, 0.6]
+    assert crossings(way(ys)) == [(1, "left_to_right"), (1, "right_to_left")]
+
+
+def test_crossing_after_hesitation_on_the_line_counts_once() -> None:
+    assert crossings(way([1.0, 0.5] + [0.2, -0.2] * 20 + [-0.5, -1.0])) == [(1, "left_to_right")]
+
+
+def test_short_lived_track_counts_nothing() -> None:
+    assert crossings(way([0.5, 0.1, -0.5])) == []
+    assert crossings(way([0.5, 0.1, -0.5]), min_age_s=0.2) == [(1, "left_to_right")]
+
+
+def test_crossing_of_a_young_track_counts_once_it_is_old_enough() -> None:
+    assert crossings(way([0.5, 0.1, -0.5, -0.6, -0.7, -0.8])) == [(1, "left_to_right")]
+
+
+def test_track_that_is_never_confirmed_counts_nothing() -> None:
+    assert crossings(way(DOWN, state="tentative")) == []
+    assert crossings([*way(DOWN[:15], state="tentative"), *way(DOWN[15:], start=15)]) == [(1, "left_to_right")]
+
+
+def test_passing_beside_the_end_of_the_line_counts_nothing() -> None:
+    assert crossings(way(DOWN, x=2.1)) == []
+
+
+def test_going_round_the_end_and_back_over_the_line_counts_the_line_only() -> None:
+    around = [(i, 1, x, y, "confirmed") for i, (x, y) in enumerate([(3, 1), (3, 0.5), (3, -0.5), (2, -1), (1, -1)])]
+    assert crossings([*around, *way(DOWN[::-1], start=5)]) == [(1, "right_to_left")]  # type: ignore[list-item]
+
+
+def test_predictions_do_not_cross() -> None:
+    rows = [*way(DOWN[:8]), *way(DOWN[8:], start=8, state="lost")]
+    assert crossings(rows) == []
+
+
+def test_track_lost_before_the_line_and_found_after_it_crosses_once() -> None:
+    rows = [*way(DOWN[:8]), *way(DOWN[8:14], start=8, state="lost"), *way(DOWN[14:], start=14)]
+    assert crossings(rows) == [(1, "left_to_right")]
+
+
+def test_new_id_beyond_the_line_continues_the_old_one() -> None:
+    rows = [*way(DOWN[:8]), *way(DOWN[14:], track_id=2, start=14)]
+    assert crossings(rows) == [(2, "left_to_right")]
+
+
+def test_new_id_on_the_line_does_not_count_a_second_time() -> None:
+    crossed = [*way(DOWN[:15]), *way([0.1, -0.1, -0.3, -0.5, -0.7, -0.9], track_id=2, start=17)]
+    assert crossings(crossed) == [(1, "left_to_right")]
+
+
+def test_person_coming_the_other_way_is_not_stitched_to_the_one_that_left() -> None:
+    rows = [*way(DOWN), *way(DOWN, track_id=2, start=25)]
+    assert crossings(rows) == [(1, "left_to_right"), (2, "left_to_right")]
+
+
+def test_old_id_that_returns_after_a_new_one_took_over_is_a_person_of_its_own() -> None:
+    rows = [*way(DOWN[:8]), *way(DOWN[10:], track_id=2, start=10), *way(np.full(8, 1.0), start=14)]
+    assert crossings(rows) == [(2, "left_to_right")]
+
+
+def test_stay_is_dated_to_the_outline_and_gives_entry_and_exit() -> None:
+    events = [e for e in feed(analytics(), way(np.linspace(-1, 5, 61), x=2.0)) if e.rule == "room"]
+    assert [(e.kind, round(e.timestamp_s, 3)) for e in events] == [("entry", 1.0), ("exit", 5.0)]
+
+
+def test_brushing_along_the_outline_enters_nothing() -> None:
+    assert [e for e in feed(analytics(), way([-1.0, *[0.1, -0.1] * 20, -1.0], x=3.0)) if e.rule == "room"] == []
+
+
+def test_live_occupancy_counts_people_inside_and_those_predicted_there() -> None:
+    counter = analytics()
+    rows = [*way(np.full(20, 2.0), x=2.0), *way(np.full(10, 3.0), track_id=2, x=3.0)]
+    rows += way(np.full(10, 3.0), track_id=2, x=3.0, start=10, state="lost")
+    feed(counter, rows)
+    assert counter.occupancy == {"room": 2}
+    counter.update(20, 2.0, [])
+    assert counter.occupancy == {"room": 0}
+
+
+def test_reset_forgets_everything() -> None:
+    counter = analytics()
+    feed(counter, way(np.full(20, 2.0), x=2.0))
+    counter.reset()
+    assert counter.stays == {"room": []}
+    assert crossings(way(DOWN)) == [(1, "left_to_right")]
+
+
+def test_memory_is_released_when_people_are_gone() -> None:
+    counter = analytics()
+    for k in range(50):
+        feed(counter, way(DOWN, track_id=k + 1, start=50 * k))
+    assert len(counter._memory) <= 2
+
+
+def totals(rows: Sequence[Row], rules: dict[str, Any], **params: float) -> tuple[Counts, dict[str, Any]]:
+    data = np.array([[f, i, x, y] for f, i, x, y, _ in sorted(rows)])
+    frame = data[:, 0].astype(np.int64)
+    table = positions_table(frame, data[:, 1].astype(np.int64), data[:, 2:], timestamp_s=frame / 10)
+    counts = count_tracks(table, parse_rules(rules, RulePlane(), "r"), AnalyticsParams(**params))
+    return counts, counts.to_json()["rules"]
+
+
+def test_zone_totals_of_a_visitor_and_a_resident() -> None:
+    rows = [*way(np.linspace(-1, 5, 61), x=2.0), *way(np.full(100, 2.0), track_id=2, x=3.0)]
+    _, rules = totals(rows, {"zone": [ZONE]})
+    room = rules["room"]
+    assert (room["entries"], room["exits"], room["stays"], room["max_occupancy"]) == (1, 1, 2, 2)
+    assert (room["appeared_inside"], room["vanished_inside"]) == (1, 1)
+    assert room["mean_occupancy"] == pytest.approx((4.0 + 10.0) / 10.0)
+    assert room["mean_dwell_s"] == pytest.approx(7.0)
+
+
+def test_occupancy_over_time_follows_the_stays() -> None:
+    counts, _ = totals(way(np.linspace(-1, 5, 61), x=2.0), {"zone": [ZONE]})
+    np.testing.assert_array_equal(counts.occupancy("room", np.array([0.5, 1.5, 4.9, 5.1])), [0, 1, 1, 0])
+
+
+def test_truth_counts_at_once_but_not_steps_back_within_the_hysteresis() -> None:
+    rules = parse_rules({"tripwire": [WIRE]}, RulePlane(), "r")
+    y = np.array([0.5, -0.15, 0.08, -0.5])
+    frame = np.arange(4)
+    truth = positions_table(frame, np.ones(4, dtype=np.int64), np.column_stack([np.ones(4), y]))
+    clock = Clock(positions_table(frame, frame, np.zeros((4, 2)), timestamp_s=frame / 10), 30.0)
+    (event,) = count_truth(truth, rules, clock).events
+    assert event.direction == "left_to_right"
+    assert event.timestamp_s == pytest.approx(0.2 + 0.1 * 0.08 / 0.58)
+
+
+@pytest.mark.parametrize(("inward", "found"), [("left_to_right", (4, 0)), ("right_to_left", (0, 4))])
+def test_a_tripwire_with_an_inward_direction_counts_in_and_out(inward: str, found: tuple[int, int]) -> None:
+    rows = [row for k in range(4) for row in way(DOWN, track_id=k + 1, start=30 * k)]
+    _, rules = totals(rows, {"tripwire": [{**WIRE, "inward": inward}]}, interval_s=5.0)
+    door = rules["door"]
+    assert (door["in"], door["out"]) == found and door["left_to_right"] == 4
+    assert tuple(sum(part[way] for part in door["intervals"]) for way in ("in", "out")) == found
+
+
+def test_totals_per_interval_add_up() -> None:
+    rows = [row for k in range(4) for row in way(DOWN, track_id=k + 1, start=30 * k)]
+    counts, rules = totals(rows, {"tripwire": [WIRE]}, interval_s=5.0)
+    door = rules["door"]
+    assert door["left_to_right"] == 4
+    assert [part["left_to_right"] for part in door["intervals"]] == [2, 1, 1]
+    assert counts.span.duration_s == pytest.approx(11.1)
+
+
+def test_queue_counts_people_waiting_and_not_people_passing() -> None:
+    passer = way(np.linspace(-1, 5, 31), x=1.0, track_id=1)
+    waiter = way([*np.linspace(-1, 2, 16), *np.full(80, 2.0), *np.linspace(2, 5, 16)], x=3.0, track_id=2)
+    queue = {"name": "till", "zone": "room", "min_wait_s": 3.0}
+    _, rules = totals([*passer, *waiter], {"zone": [ZONE], "queue": [queue]})
+    till = rules["till"]
+    assert (till["waited"], till["served"], till["max_length"]) == (1, 1, 1)
+    assert till["mean_wait_s"] == pytest.approx(10.0, abs=0.3)
+
+
+def test_lines_in_pixels_use_the_foot_of_the_box_and_its_height_as_a_metre() -> None:
+    rules = parse_rules({"tripwire": [{"name": "w", "from_px": [0, 100], "to_px": [200, 100]}]}, RulePlane(), "r")
+
+    def events(bottoms: Sequence[float]) -> list[str]:
+        counter = Analytics(rules, AnalyticsParams(hysteresis_m=0.25, min_age_s=0.0))
+        found: list[str] = []
+        for i, bottom in enumerate(bottoms):
+            track = TrackState(1, "confirmed", box_px=(90.0, bottom - 170.0, 20.0, 170.0))  # 100 px per metre
+            found += [e.direction for e in counter.update(i, i / 10, [track])]
+        return found
+
+    assert events([60, 80, 110, 120]) == []
+    assert events([60, 80, 110, 130]) == ["left_to_right"]  # down the image: from the left of a line to the right
+    assert events([130, 80, 60]) == ["right_to_left"]
+
+
+def test_person_who_walks_over_the_line_three_times_is_one_person_per_visit() -> None:
+    counter = analytics()
+    there_and_back = np.concatenate([DOWN, DOWN[::-1], DOWN])
+    later = way(DOWN, start=len(there_and_back) + 60)
+    elsewhere = way([9.0] * 200, track_id=2, x=50.0)
+    events = feed(counter, way(there_and_back) + later + elsewhere)
+    assert sum(event.kind == "crossing" for event in events) == 4
+    assert counter.people["door"] == 2
