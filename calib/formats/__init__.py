@@ -11,21 +11,20 @@ import numpy as np
 
 from calib.camera import Camera
 from calib.errors import InputError
-from calib.formats.depthai import FORMAT as DEPTHAI
-from calib.formats.euroc import FORMAT as EUROC
+from calib.formats.base import NATIVE as NATIVE
+from calib.formats.base import Choice, Format
+from calib.formats.datasets import EUROC as EUROC
+from calib.formats.datasets import KITTI as KITTI
+from calib.formats.datasets import MIDDLEBURY as MIDDLEBURY
+from calib.formats.devices import DEPTHAI as DEPTHAI
+from calib.formats.devices import ZED as ZED
 from calib.formats.find import find_rig
-from calib.formats.kalibr import FORMAT as KALIBR
-from calib.formats.kitti import FORMAT as KITTI
-from calib.formats.middlebury import FORMAT as MIDDLEBURY
-from calib.formats.native import FORMAT as NATIVE
 from calib.formats.opencv import FORMAT as OPENCV
-from calib.formats.ros import FORMAT as ROS
-from calib.formats.source import Choice, Format
+from calib.formats.ros import KALIBR as KALIBR
+from calib.formats.ros import ROS as ROS
 from calib.formats.tsai import is_tsai
-from calib.formats.zed import FORMAT as ZED
-from calib.length import size_text
+from calib.io import reason, size_text
 from calib.rig import StereoRig
-from calib.text import reason
 
 FORMATS: tuple[Format, ...] = (NATIVE, OPENCV, DEPTHAI, KALIBR, ROS, ZED, KITTI, EUROC, MIDDLEBURY)
 

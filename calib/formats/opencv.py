@@ -11,11 +11,21 @@ from typing import Any
 import numpy as np
 
 from calib.camera import Camera, LensModel
-from calib.files import write_whole
-from calib.formats.fields import camera, entry, numbers, table, transform, whole
-from calib.formats.source import Choice, Format, Size, Source
-from calib.formats.xml_text import parse_xml
-from calib.formats.yaml_text import parse_yaml
+from calib.formats.base import (
+    Choice,
+    Format,
+    Size,
+    Source,
+    camera,
+    entry,
+    numbers,
+    parse_xml,
+    parse_yaml,
+    table,
+    transform,
+    whole,
+)
+from calib.io import write_whole
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64

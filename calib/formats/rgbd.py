@@ -21,12 +21,10 @@ import numpy as np
 from calib.camera import Camera, LensModel
 from calib.errors import InputError
 from calib.formats import refuse_strange_camera
-from calib.formats.fields import camera, number, numbers, transform, whole
-from calib.formats.source import read_source
-from calib.formats.yaml_text import parse_yaml
-from calib.length import size_text
+from calib.formats.base import camera, number, numbers, parse_yaml, read_source, transform, whole
+from calib.io import size_text
 from calib.pose import SE3
-from calib.rgbd import IDENTITY, DepthSensor, RgbdRig
+from calib.rig import IDENTITY, DepthSensor, RgbdRig
 from calib.types import F64
 
 Size = tuple[int, int]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from calib.errors import InputError, WorkError
 from calib.pose import SE3
-from calib.rigs_file import RigEntry
+from calib.world import RigEntry
 from planview.calibration.align_params import AlignParams
 from planview.calibration.head_alignment import HeadAlignment, after, align_heads
 from planview.calibration.head_paths import paths_of

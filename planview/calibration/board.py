@@ -8,11 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.board.complete import complete_charuco, find_counts, larger_counts
-from calib.board.detect import Detector, same_order, spans_a_plane
-from calib.board.model import BoardView, common_view
-from calib.board.pattern import Board
-from calib.board.select import MAX_VIEWS, select_views, sharpness
+from calib.board.detect import (
+    Board,
+    BoardView,
+    Detector,
+    common_view,
+    complete_charuco,
+    find_counts,
+    larger_counts,
+    same_order,
+    spans_a_plane,
+)
+from calib.board.fit import MAX_VIEWS, select_views, sharpness
 from calib.board.solve import BoardCalibration, RejectedView, solve_board
 from calib.camera import LensModel
 from calib.errors import InputError

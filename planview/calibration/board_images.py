@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError
-from calib.formats.source import side_of
+from calib.formats.base import side_of
 from calib.types import U8
 from stereo.readers.images import frame_number, image_files, read_image
-from stereo.readers.videos import SUFFIXES as VIDEO_SUFFIXES
-from stereo.readers.videos import VideoFile
+from stereo.readers.video import SUFFIXES as VIDEO_SUFFIXES
+from stereo.readers.video import VideoFile
 
 MAX_FRAMES = 240
 """Frames of a video that are searched for the board, evenly spread: enough to choose 40 good views from."""

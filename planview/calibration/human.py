@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 
 from calib.errors import WorkError
-from calib.human.choice import choose_spread
-from calib.human.samples import MIN_SAMPLES, HumanSample
+from calib.people.samples import MIN_SAMPLES, HumanSample, choose_spread
 from calib.types import F64, U8, Bool
 from planview.engine.single_camera import SingleCamera, SingleCameraParams
 from planview.foreground.blobs import Blobs, find_blobs

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.ground_camera import GroundCamera
-from calib.human.model import HumanModel
-from calib.human.samples import HumanSample
 from calib.images import as_colour
+from calib.people.model import HumanModel
+from calib.people.samples import HumanSample
 from calib.types import F64, U8
 from planview.drawing.projection import Project, grid_lines
 

@@ -13,7 +13,7 @@ from cyclopts import Parameter
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from calib.errors import InputError
-from calib.rigs_file import save_rigs
+from calib.world import save_rigs
 from planview.calibration.align import align_records, check_inside, rig_entries
 from planview.calibration.align_params import AlignParams
 from planview.calibration.head_alignment import HeadAlignment

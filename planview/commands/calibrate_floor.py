@@ -14,11 +14,11 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from calib.errors import InputError
-from calib.floor.points import parse_points
-from calib.floor.world_file import load_world, save_world
+from calib.floor.find import parse_points
 from calib.images import write_image
+from calib.io import reason
 from calib.rig import Floor
-from calib.text import reason
+from calib.world import load_world, save_world
 from planview.calibration.floor import FloorView, floor_from_tracks, given_floor, view_floor
 from planview.calibration.pictures import AXIS, GRID
 from planview.commands.options import Flag, JsonFlag
@@ -30,7 +30,7 @@ from planview.output.console import PlainConsole
 from planview.trajectories.table import read_tracks
 from stereo.floor import FloorSearch
 from stereo.readers import OpenOptions, open_recording
-from stereo.readers.pair import StereoRecording
+from stereo.readers.base import StereoRecording
 
 
 @Parameter(name="*")

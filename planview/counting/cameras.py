@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.floor.world_file import load_world
 from calib.formats import load_rig
+from calib.world import load_world
 from planview.counting.geometry import RulePlane
-from stereo.floor_camera import StereoFloorCamera
-from stereo.rectify import RectifyParams
-from stereo.view import common_geometry
+from stereo.depth import StereoFloorCamera
+from stereo.rectify import RectifyParams, common_geometry
 
 
 def stereo_plane(rig_path: Path, world_path: Path | None = None) -> RulePlane:

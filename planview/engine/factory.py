@@ -19,7 +19,7 @@ from planview.tracking.base import ImageTracker, Tracker
 from planview.tracking.template import TemplateTracker
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, holds_pair, open_video
-from stereo.readers.several import is_heads
+from stereo.readers.open import is_heads
 from stereo.recording import Video
 
 if TYPE_CHECKING:

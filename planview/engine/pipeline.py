@@ -30,10 +30,10 @@ from planview.tracking.template import TemplateTracker
 from planview.trajectories.state import TrackState
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, open_any
-from stereo.readers.prefetch import prefetch
+from stereo.readers.background import prefetch
 from stereo.recording import Recording, RgbdFrame, RgbdRecording, StereoFrame
 from stereo.rectify import RectifiedPair
-from stereo.sampled import SampledDisparity
+from stereo.sampled_sgm import SampledDisparity
 
 AHEAD = 2
 """Frames read and rectified ahead of the tracker."""

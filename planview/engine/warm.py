@@ -19,7 +19,7 @@ from planview.maps.builder import FloorPoints
 from planview.tracking.base import Observation
 from planview.tracking.template import TemplateTracker
 from planview.tracking.template._kernels import occupancy_peak
-from stereo.gate import SAMPLE
+from stereo.gating import SAMPLE
 
 N_FRAMES, FRAME_S = 24, 0.1
 """Frames that two people walk: as many as it takes to confirm, lose, find and recognise them."""

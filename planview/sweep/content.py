@@ -14,7 +14,7 @@ import calib
 import planview
 import stereo
 from calib.errors import InputError
-from calib.text import reason
+from calib.io import reason
 
 WHOLE_MAX = 256 * 1024
 """Files up to this size are hashed whole [bytes]."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from calib.errors import InputError
-from calib.rigs_file import load_rigs
+from calib.world import load_rigs
 from planview.engine.config import Config, load_config
 from planview.engine.factory import TrackerName, base_config, is_stereo
 from planview.engine.maps_pipeline import FIXED_MAP_PARAMETERS, FIXED_TABLES
@@ -17,7 +17,7 @@ from planview.sweep.content import content_key, engine_version, files_beside, ke
 from planview.sweep.space import Configuration
 from planview.sweep.study import RecordingEntry, Study
 from planview.trajectories.pairs import truth_file
-from stereo.readers.several import is_heads, rigs_file
+from stereo.readers.open import is_heads, rigs_file
 
 MAPS_FILE = "maps.h5"
 

@@ -11,8 +11,8 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError, field_validator
 
 from calib.errors import InputError
+from calib.io import reason
 from calib.params import Params, first_problem
-from calib.text import reason
 from planview.engine.factory import TrackerName
 from planview.sweep.figures import FigureName
 from planview.sweep.space import Space

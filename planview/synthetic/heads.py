@@ -11,9 +11,9 @@ from typing import Any
 from pydantic import Field, ValidationError
 
 from calib.errors import InputError
+from calib.io import reason
 from calib.params import Params, first_problem
-from calib.rigs_file import RIGS_FILE, RigEntry, save_rigs
-from calib.text import reason
+from calib.world import RIGS_FILE, RigEntry, save_rigs
 from planview.synthetic.rendering import SceneRenderer
 from planview.synthetic.scene import Rig, Scene
 from planview.synthetic.writing import Storage, Written, write_recording

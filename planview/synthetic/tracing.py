@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.open3d_import import import_open3d
+from calib.libraries import import_open3d
 from calib.types import F32, I32, Bool
 from planview.synthetic.shapes import Mesh
 

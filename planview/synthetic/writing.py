@@ -11,12 +11,12 @@ from typing import IO, Literal
 import cv2
 
 from calib.errors import InputError, WorkError
-from calib.floor.world_file import save_world
 from calib.ground_camera import save_ground_camera
 from calib.images import as_colour, encode_image
+from calib.io import reason
 from calib.rig import Floor, save_rig
-from calib.text import reason
 from calib.types import U8
+from calib.world import save_world
 from planview.synthetic.rendering import SceneRenderer
 from planview.synthetic.truth import TruthRow
 

@@ -12,7 +12,7 @@ from typing import IO
 import numpy as np
 
 from calib.errors import InputError
-from calib.text import reason, require_file
+from calib.io import reason, require_file
 from calib.types import F64, I64, U8, Bool
 
 WordColumn = np.ndarray[tuple[int], np.dtype[np.str_]]

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError, WorkError
-from calib.files import whole_file
-from calib.text import reason
+from calib.io import reason, whole_file
 from planview.trajectories.table import Trajectories
 
 ROWS_MAX = 50_000_000
@@ -95,7 +94,7 @@ def refuse_many(path: Path, rows: int) -> None:
 
 @contextmanager
 def replaced(path: Path) -> Iterator[Path]:
-    """A path to write to, which becomes ``path`` in one step when all is written (see ``calib.files.whole_file``).
+    """A path to write to, which becomes ``path`` in one step when all is written (see ``calib.io.whole_file``).
 
     Raises:
         WorkError: the file cannot be written; what was there is kept.

@@ -15,7 +15,7 @@ from typing import IO, Any, NoReturn
 import numpy as np
 
 from calib.errors import InputError
-from calib.text import reason
+from calib.io import reason
 from calib.types import F64
 from planview.trajectories.file import TrajectoryFile, replaced
 from planview.trajectories.rows import sorted_rows

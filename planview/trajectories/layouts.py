@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError
-from calib.text import reason, require_file
+from calib.io import reason, require_file
 from planview.trajectories.file import TrajectoryFile, timed_by_rate
 from planview.trajectories.jsonl import read_jsonl
 from planview.trajectories.jupedsim import read_jupedsim

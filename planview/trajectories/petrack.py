@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError
-from calib.text import reason
+from calib.io import reason
 from calib.types import F64
 from planview.trajectories.file import TrajectoryFile, checked_rate, replaced
 from planview.trajectories.rows import read_numbers, sorted_rows

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError
-from calib.text import reason, require_file
+from calib.io import reason, require_file
 from calib.types import F64, I64
 
 KEY_MAX = 2**53

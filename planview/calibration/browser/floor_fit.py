@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.errors import InputError
-from calib.floor.points import floor_from_points
+from calib.floor.find import floor_from_points
 from calib.rig import Floor
 from calib.types import F64, Bool
 from planview.calibration.browser.marks import Point

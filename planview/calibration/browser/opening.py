@@ -8,8 +8,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from calib.errors import InputError, WorkError
-from calib.exif import focal_share
-from calib.human.knowledge import KnownValues
+from calib.images import focal_share
+from calib.people.model import KnownValues
 from calib.rig import Floor
 from calib.types import U8
 from planview.calibration.browser.session import CalibrationSession

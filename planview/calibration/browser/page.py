@@ -11,8 +11,8 @@ from typing import Any
 from nicegui import app, events, run, ui
 
 from calib.errors import InputError
-from calib.human.samples import read_image_size, read_samples
 from calib.images import encode_image
+from calib.people.samples import read_image_size, read_samples
 from calib.types import U8
 from planview.calibration.browser.opening import frames_at
 from planview.calibration.browser.overlay import overlay

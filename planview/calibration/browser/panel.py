@@ -11,9 +11,9 @@ from typing import Any, Protocol
 from nicegui import events, ui
 
 from calib.errors import InputError
-from calib.exif import focal_share
 from calib.ground_camera import LENS_K_320
-from calib.human.knowledge import KnownValues
+from calib.images import focal_share
+from calib.people.model import KnownValues
 from planview.calibration.browser.session import CalibrationSession
 
 LENSES = {"": "try all lenses", **{lens: lens for lens in LENS_K_320}}

@@ -9,8 +9,8 @@ from typing import Literal
 
 from calib.errors import InputError
 from calib.ground_camera import LENS_K_320
-from calib.human.knowledge import KnownValues
-from calib.human.samples import MIN_SAMPLES, HumanSample
+from calib.people.model import KnownValues
+from calib.people.samples import MIN_SAMPLES, HumanSample
 from calib.rig import Floor
 from calib.types import U8
 from planview.calibration.browser.marks import Draft, Handle, Point, grabbed, moved, nearest

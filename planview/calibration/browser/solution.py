@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError, WorkError
-from calib.floor.world_file import save_world
 from calib.ground_camera import save_ground_camera
-from calib.human.calibration import HumanCalibration, calibrate_from_people
-from calib.human.knowledge import KnownValues
-from calib.human.samples import MIN_SAMPLES, HumanSample, write_samples
+from calib.io import reason
+from calib.people.calibration import HumanCalibration, calibrate_from_people
+from calib.people.model import KnownValues
+from calib.people.samples import MIN_SAMPLES, HumanSample, write_samples
 from calib.rig import Floor
-from calib.text import reason
+from calib.world import save_world
 from planview.calibration.browser.floor_fit import FloorFit, fit_floor
 from planview.calibration.browser.marks import Point
 from planview.calibration.browser.verdict import ValueRow, Verdict, camera_rows, floor_rows, floor_verdict

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from calib.human.calibration import HumanCalibration
+from calib.people.calibration import HumanCalibration
 from calib.rig import Floor
 from planview.calibration.browser.floor_fit import FloorFit
 

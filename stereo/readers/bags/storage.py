@@ -1,16 +1,19 @@
-"""What the three kinds of bags have in common: topics, and their messages in the order of recording."""
+"""Files of messages: ROS 1 bags and ROS 2 bags through rosbags, MCAP files through mcap."""
 
 from __future__ import annotations
 
+import json
 import re
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from calib.errors import InputError
+from stereo.readers.bags.messages import stamp_ns
 
 Kind = Literal["image", "compressed", "info", "tf", "other"]
 
@@ -112,3 +115,129 @@ def sorted_topics(topics: Sequence[Topic]) -> tuple[Topic, ...]:
             topic if before is None else Topic(topic.name, topic.schema, topic.kind, before.count + topic.count)
         )
     return tuple(merged[name] for name in sorted(merged))
+
+
+class RosBag:
+    """A bag that rosbags reads (a ``Bag``).
+
+    Raises:
+        InputError: damaged, cut off, or of a kind that rosbags does not read.
+    """
+
+    def __init__(self, path: Path, ros1: bool) -> None:
+        self.path = path
+        self._ros1 = ros1
+        self._reader = require("rosbags.rosbag1" if ros1 else "rosbags.rosbag2", path).Reader
+        try:
+            with self._reader(path) as reader:
+                self.topics = sorted_topics(
+                    [Topic(c.topic, c.msgtype, kind_of(c.msgtype), c.msgcount) for c in reader.connections]
+                )
+        except Exception as error:  # libraries raise whatever a damaged file provokes
+            raise InputError(f"{path}: {_damage(error, ros1)}") from error
+
+    def messages(self, topic: str, start_ns: int | None = None) -> Iterator[Message]:
+        """See ``Bag``."""
+        stamp = ros1_stamp if self._ros1 else cdr_stamp
+        with self._reader(self.path) as reader:
+            connections = [c for c in reader.connections if c.topic == topic]
+            for connection, log_ns, data in reader.messages(connections, start=start_ns):
+                decode = partial(decode_ros, schema=connection.msgtype, ros1=self._ros1)
+                yield Message(log_ns, data, stamp, decode)
+
+
+def decode_ros(data: bytes, schema: str, ros1: bool, definition: str = "") -> Any:
+    """The object that a serialised ROS message holds.
+
+    Args:
+        schema: type, e.g. "sensor_msgs/msg/Image".
+        definition: of the type, for types that rosbags does not know.
+    """
+    store = _store(ros1)
+    if schema not in store.types and definition:
+        from rosbags.typesys import get_types_from_msg
+
+        store.register(get_types_from_msg(definition, schema))
+    return store.deserialize_ros1(data, schema) if ros1 else store.deserialize_cdr(data, schema)
+
+
+@lru_cache
+def _store(ros1: bool) -> Any:
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+
+
+def _damage(error: Exception, ros1: bool) -> str:
+    what = "a ROS 1 bag" if ros1 else "a ROS 2 bag"
+    found = " ".join(str(error).split()).rstrip(".") or type(error).__name__
+    mend = "rosbag reindex" if ros1 else "ros2 bag reindex"
+    return f"expected {what}, found one that is damaged or was cut off ({found[:120]}): {mend} may mend it"
+
+
+MAX_RECORD_BYTES = 1 << 30
+"""Larger records are damage (recorders write chunks of some megabytes)."""
+_HEADED = ("sensor_msgs/",)
+"""Types that begin with a std_msgs/Header."""
+
+
+class McapFile:
+    """An MCAP file (a ``Bag``).
+
+    Raises:
+        InputError: damaged or cut off.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._library = require("mcap.reader", path)
+        try:
+            with path.open("rb") as file:
+                summary = self._reader(file).get_summary()
+                if summary is None or summary.statistics is None:
+                    raise ValueError("it has no summary section")
+                counts = summary.statistics.channel_message_counts
+                self.topics = sorted_topics(
+                    [_topic(channel, summary.schemas, counts) for channel in summary.channels.values()]
+                )
+        except Exception as error:  # libraries raise whatever a damaged file provokes
+            found = " ".join(str(error).split()) or type(error).__name__
+            raise InputError(
+                f"{path}: expected an MCAP file, found one that is damaged or was cut off ({found[:120]}): "
+                "mcap recover may mend it"
+            ) from error
+
+    def messages(self, topic: str, start_ns: int | None = None) -> Iterator[Message]:
+        """See ``Bag``."""
+        with self.path.open("rb") as file:
+            codecs: dict[int, tuple[Callable[[bytes], int], Callable[[bytes], Any]]] = {}
+            for schema, channel, message in self._reader(file).iter_messages([topic], starting_at=start_ns):
+                if channel.id not in codecs:
+                    codecs[channel.id] = _codec(channel.message_encoding, schema, self.path)
+                yield Message(message.log_time, message.data, *codecs[channel.id])
+
+    def _reader(self, file: Any) -> Any:
+        return self._library.SeekingReader(file, record_size_limit=MAX_RECORD_BYTES)
+
+
+def _topic(channel: Any, schemas: Any, counts: Any) -> Topic:
+    schema = schemas[channel.schema_id].name if channel.schema_id else ""
+    return Topic(channel.topic, schema, kind_of(schema), counts.get(channel.id, 0))
+
+
+def _codec(encoding: str, schema: Any, path: Path) -> tuple[Callable[[bytes], int], Callable[[bytes], Any]]:
+    """How messages of a channel give their time, and themselves."""
+    decode: Callable[[bytes], Any]
+    if encoding in ("cdr", "ros1"):
+        name = schema.name if "/msg/" in schema.name else schema.name.replace("/", "/msg/")
+        text = schema.data.decode("utf-8", "replace") if schema.encoding in ("ros1msg", "ros2msg") else ""
+        decode = partial(decode_ros, schema=name, ros1=encoding == "ros1", definition=text)
+        if name.startswith(_HEADED):
+            return (ros1_stamp if encoding == "ros1" else cdr_stamp), decode
+    elif encoding == "json":
+        decode = json.loads
+    elif encoding == "protobuf":
+        decode = require("mcap_protobuf.decoder", path).DecoderFactory().decoder_for(encoding, schema)
+    else:
+        raise InputError(f"{path}: expected messages as cdr, ros1, protobuf or json, found {encoding!r}")
+    return lambda data: stamp_ns(decode(data)), decode

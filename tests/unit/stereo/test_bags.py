@@ -9,8 +9,7 @@ import pytest
 from calib.errors import InputError
 from calib.types import AnyArray
 from stereo.readers import OpenOptions, find_layout, open_recording
-from stereo.readers.bags.messages import ImageMessage
-from stereo.readers.bags.pixels import stored_pixels
+from stereo.readers.bags.messages import ImageMessage, stored_pixels
 from stereo.readers.bags.storage import Topic, kind_of
 from stereo.readers.bags.topics import choose_topics, info_topic
 

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from stereo.readers.rates import rate_of_times
-from stereo.readers.stamps import read_stamps, stamps_in_names
-from stereo.readers.time_pairs import pair_stamps
+from stereo.readers.pairing import pair_stamps
+from stereo.readers.times import rate_of_times, read_stamps, stamps_in_names
 
 STEP = 100_000_000
 NOW = 1_650_000_000_000_000_000

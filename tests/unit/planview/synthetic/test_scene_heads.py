@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from calib.rigs_file import load_rigs
+from calib.world import load_rigs
 from planview.cli import main
 from planview.synthetic.drawn_heads import drawn_heads
 from planview.synthetic.heads import load_heads, write_heads
