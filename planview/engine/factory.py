@@ -73,7 +73,7 @@ def open_engine(
     takes_images = tracker == "ellipse-particle" or hasattr(tracker, "foreground_columns")
     if on_floor and (not takes_images or is_stereo(path, options.calibration)):
         return Pipeline.from_recording(path, config, options, on_floor(config), matcher, kept=kept)
-    video = open_video(path)
+    video = open_video(path, options)
     ground_camera = _camera_for(video, camera) if camera else None
     tracker = _image_tracker(tracker, config, ground_camera)
     return SingleCameraPipeline.from_recording(video, tracker, config, ground_camera)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 
 import cv2
@@ -139,9 +140,9 @@ class Pipeline(StereoDescription):
 
     def after(self, frame: int) -> Iterator[FrameResult]:
         """See ``Engine``."""
-        frames = prefetch(self._prepared(frame), self.ahead) if self.ahead else self._prepared(frame)
-        for matched in frames:
-            yield self.track(matched)
+        with closing(prefetch(self._prepared(frame), self.ahead) if self.ahead else self._prepared(frame)) as frames:
+            for matched in frames:
+                yield self.track(matched)
 
     def prepare(self, frame: StereoFrame | RgbdFrame, clock: StageClock | None = None) -> MatchedFrame:
         """What of a frame depends on no other frame: its rectification, and its disparity unless that is gated.
@@ -212,7 +213,7 @@ class Pipeline(StereoDescription):
         if self.gated is not None and found.measured is not None:
             self.gated.learn(found.image, found.mask, found.measured, tracks)
 
-    def _prepared(self, after: int) -> Iterator[MatchedFrame]:
+    def _prepared(self, after: int) -> Generator[MatchedFrame, None, None]:
         frames: Iterable[StereoFrame | RgbdFrame] = self.recording
         clock = StageClock()
         for frame in beyond(frames, after):

@@ -22,7 +22,8 @@ class _End:
 def prefetch(items: Iterable[T], depth: int = _DEPTH) -> Generator[T, None, None]:
     """The same items, made by a background thread at most ``depth`` ahead.
 
-    An exception of the source is raised here, in its place. Leaving the iteration early stops the thread.
+    An exception of the source is raised here, in its place. Leaving the iteration early stops the thread, which closes
+    the source where that is a generator.
     """
     ready: queue.Queue[T | _End] = queue.Queue(maxsize=depth)
     stop = threading.Event()
@@ -40,12 +41,16 @@ def prefetch(items: Iterable[T], depth: int = _DEPTH) -> Generator[T, None, None
 
 def _work(items: Iterable[T], ready: queue.Queue[T | _End], stop: threading.Event) -> None:
     error: BaseException | None = None
+    iterator = iter(items)
     try:
-        for item in items:
+        for item in iterator:
             if not _put(ready, item, stop):
-                return
+                break
     except BaseException as caught:
         error = caught
+    finally:
+        if isinstance(iterator, Generator):
+            iterator.close()
     _put(ready, _End(error), stop)
 
 

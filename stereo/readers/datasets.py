@@ -10,8 +10,9 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterator, Sequence
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -289,6 +290,8 @@ MIDDLEBURY = Reader(
 
 
 TUM_UNITS_PER_M = 5000.0
+TUM_MAX_S = 2**62 // 10**9
+"""Larger numbers are no seconds of a clock: the year 2116."""
 TUM_CAMERA = Camera(640, 480, 525.0, 525.0, 319.5, 239.5)
 """What the benchmark recommends where a sequence is not calibrated (Kinect's nominal values)."""
 _ASSOCIATIONS = ("associations.txt", "association.txt", "associate.txt", "assoc.txt", "associated.txt")
@@ -300,10 +303,12 @@ class Listed(NamedTuple):
     Attributes:
         ns: (n,) int64 [ns], increasing.
         names: (n,) file names as listed.
+        notes: lines that were skipped.
     """
 
     ns: I64
     names: list[str]
+    notes: tuple[str, ...]
 
 
 def _tum_fits(path: Path) -> bool:
@@ -325,7 +330,7 @@ def _tum_find(path: Path, options: OpenOptions) -> RgbdLayout:
          Stream("depth", depth_files.size, len(depths.ns), (depths.ns - images.ns[0]) / 1e9)),
         len(images.ns), rate_of(times), np.asarray(times, dtype=np.float64),
         partial(_tum_rig, path, options.calibration, image_files.size, depth_files.size),
-        _tum_notes(mates, associated, path),
+        (*images.notes, *depths.notes, *_tum_notes(mates, associated, path)),
     )  # fmt: skip
 
 
@@ -348,7 +353,7 @@ def _tum_associated(file: Path, images: Listed, depths: Listed) -> I64:
     at = {name: i for i, name in enumerate(images.names)}
     depth_at = {name: i for i, name in enumerate(depths.names)}
     mates = np.full(len(images.names), -1)
-    for words in _tum_rows(file):
+    for _, words in _tum_rows(file):
         names = [word for word in words if word in at or word in depth_at]
         image = next((at[name] for name in names if name in at), None)
         depth = next((depth_at[name] for name in names if name in depth_at), None)
@@ -360,24 +365,29 @@ def _tum_associated(file: Path, images: Listed, depths: Listed) -> I64:
 
 def _tum_listed(file: Path) -> Listed:
     rows = []
-    for words in _tum_rows(file):
+    for line, words in _tum_rows(file):
         try:
-            ns = int(Decimal(words[0]) * NS["s"])
-            rows.append((ns, words[1]))
-        except (InvalidOperation, IndexError, ValueError, OverflowError):
-            raise InputError(f"{file}: expected timestamp and file name, found {' '.join(words)[:80]!r}") from None
+            seconds, name = Decimal(words[0]), words[1]
+            if not -TUM_MAX_S < seconds < TUM_MAX_S:
+                raise ValueError
+        except (ArithmeticError, IndexError, ValueError):
+            found = " ".join(words)[:80]
+            raise InputError(f"{file}: expected timestamp and file name in line {line}, found {found!r}") from None
+        rows.append((int(seconds * NS["s"]), name, line))
     if not rows:
         raise InputError(f"{file}: expected lines of timestamp and file name, found none")
-    if not all(abs(ns) < 2**62 for ns, _ in rows):
-        raise InputError(f"{file}: expected timestamps in seconds, found larger numbers")
-    first = dict(sorted(rows, reverse=True))  # of one time, the first by name
-    times = sorted(first)
-    return Listed(np.array(times, dtype=np.int64), [first[ns] for ns in times])
+    rows.sort()
+    again = [(one, other) for one, other in pairwise(rows) if one[0] == other[0]]  # of one time, the first by name
+    notes = [f"line {other[2]} of {file.name} has the time of line {one[2]}, skipped" for one, other in again[:1]]
+    notes += [f"{len(again) - 1} more lines of {file.name} with the time of another, skipped"] * (len(again) > 1)
+    times, names = list(dict.fromkeys(ns for ns, *_ in rows)), {ns: name for ns, name, _ in reversed(rows)}
+    return Listed(np.array(times, dtype=np.int64), [names[ns] for ns in times], tuple(notes))
 
 
-def _tum_rows(file: Path) -> list[list[str]]:
-    lines = (line.strip() for line in read_source(file).text.splitlines())
-    return [line.replace(",", " ").split() for line in lines if line and not line.startswith("#")]
+def _tum_rows(file: Path) -> list[tuple[int, list[str]]]:
+    """Line number, from 1, and words of every line that holds any."""
+    lines = enumerate((line.strip() for line in read_source(file).text.splitlines()), 1)
+    return [(n, line.replace(",", " ").split()) for n, line in lines if line and not line.startswith("#")]
 
 
 def _inside(folder: Path, name: str) -> Path:

@@ -97,7 +97,10 @@ def _timed(path: Path, sides: _Sides) -> tuple[TimedFiles, TimedFiles] | None:
         elif len(found.texts) != len(files):
             raise InputError(f"{found.path}: expected a time for each of {len(files)} images, found {len(found.texts)}")
         else:
-            stamps = read_stamps(found.texts)
+            try:
+                stamps = read_stamps(found.texts)
+            except ValueError as error:
+                raise InputError(f"{found.path}: {error}") from error
         if stamps is None:
             return None
         timed.append(TimedFiles(folder, files, stamps.ns))

@@ -10,19 +10,16 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.io import reason
-from calib.types import F64
 from calib.world import RIGS_FILE, load_rigs
 from stereo.readers.background import prefetch
 from stereo.readers.bags.layout import READER as BAG
 from stereo.readers.base import (
-    DEFAULT_FPS,
     AnyRecording,
     FrameSource,
     Layout,
     OpenOptions,
     Reader,
     StereoRecording,
-    rate_of,
     time_at,
 )
 from stereo.readers.datasets import EUROC as EUROC
@@ -35,7 +32,7 @@ from stereo.readers.images import ImageFiles, bits_note, bits_of, image_files
 from stereo.readers.live import READER as LIVE
 from stereo.readers.rgbd import READER as RGBD_FOLDERS
 from stereo.readers.side_by_side import READER as SIDE_BY_SIDE
-from stereo.readers.times import load_timestamps
+from stereo.readers.stereo_layout import FrameClock, clock_of
 from stereo.readers.video import READER as VIDEO_PAIR
 from stereo.readers.video import VideoFile, video_files
 from stereo.recording import Skipped, VideoFrame
@@ -103,16 +100,14 @@ MULTI_RIG = Reader("heads", "several heads", "rigs.toml beside the folders of se
 class SingleRecording:
     """Frames of one camera, decoded ahead in the background; what cannot be decoded is noted in ``skipped``."""
 
-    def __init__(self, path: Path, source: FrameSource, times_s: F64 | None, notes: Sequence[str] = ()) -> None:
+    def __init__(self, path: Path, source: FrameSource, clock: FrameClock, notes: Sequence[str] = ()) -> None:
         self.path = path
         self.n_frames = source.n_frames
         self.size = source.size
         self.skipped: list[Skipped] = []
-        self.notes = list(notes)
-        nominal = source.fps if math.isfinite(source.fps) else DEFAULT_FPS
-        self.fps = nominal if times_s is None else rate_of(times_s)
-        self._source = source
-        self._times_s = times_s
+        self.notes = [*clock.notes, *notes]
+        self.fps = clock.fps
+        self._source, self._clock = source, clock
 
     def __iter__(self) -> Iterator[VideoFrame]:
         self.skipped = skipped = []
@@ -135,9 +130,9 @@ class SingleRecording:
         ]
 
     def _time(self, index: int, file_time_s: float | None) -> float:
-        if self._times_s is not None:
-            return time_at(self._times_s, index, self.fps)
-        return index / self.fps if file_time_s is None else file_time_s
+        if self._clock.times_s is not None:
+            return time_at(self._clock.times_s, index, self.fps)
+        return index / self.fps if file_time_s is None or self._clock.even else file_time_s
 
 
 READERS: tuple[Reader, ...] = (
@@ -186,8 +181,10 @@ def find_layout(path: Path, options: OpenOptions | None = None) -> tuple[Reader,
     Raises:
         InputError: no recording there, unreadable, or sides that differ in size.
     """
-    reader = find_reader(path)
-    return reader, reader.find(path, options or OpenOptions())
+    reader, options = find_reader(path), options or OpenOptions()
+    if options.topics and reader is not BAG:
+        raise InputError(f"--topics: expected a bag, found {path}: {reader.name}")
+    return reader, reader.find(path, options)
 
 
 def open_any(path: Path, options: OpenOptions | None = None) -> AnyRecording:
@@ -212,22 +209,30 @@ def open_recording(path: Path, options: OpenOptions | None = None) -> StereoReco
     return recording
 
 
-def open_video(path: Path) -> SingleRecording:
+def open_video(path: Path, options: OpenOptions | None = None) -> SingleRecording:
     """Open a single-camera recording: a video file, or a folder of images (and timestamps.csv).
 
+    Args:
+        options: the rate that replaces the recording's own times.
     Raises:
-        InputError: nothing there, or not a video or images.
+        InputError: nothing there, not a video or images, or options that only recordings with depth have.
     """
+    options = options or OpenOptions()
     if not path.exists():
         raise InputError(f"{path}: expected a video or a folder of images, found nothing there")
+    if options.topics:
+        raise InputError(f"--topics: expected a bag, found {path}: one camera")
+    if options.calibration is not None:
+        raise InputError(f"--calibration: expected a stereo pair or images with depth, found {path}: one camera")
     if path.is_file():
-        return SingleRecording(path, VideoFile(path), None)
-    files, stamps = image_files(path), path / "timestamps.csv"
-    times, notes = load_timestamps(stamps) if stamps.is_file() else (None, ())
-    if files:
+        source = VideoFile(path)
+        return SingleRecording(path, source, FrameClock(options.fps or source.fps, None, even=options.fps is not None))
+    if files := image_files(path):
         bits = bits_of(files)
-        return SingleRecording(path, ImageFiles(files, bits), times, (*notes, *bits_note(bits)))
+        clock = clock_of(path, options, math.nan)
+        return SingleRecording(path, ImageFiles(files, bits), clock, bits_note(bits))
     found = video_files(path)
     if len(found) == 1:
-        return SingleRecording(path, VideoFile(found[0]), times, notes)
+        source = VideoFile(found[0])
+        return SingleRecording(path, source, clock_of(path, options, source.fps))
     raise InputError(f"{path}: expected images or one video, found {len(found)} videos and no image")

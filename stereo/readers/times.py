@@ -54,10 +54,11 @@ def read_stamps(texts: Sequence[str], unit: str | None = None) -> Stamps:
     """
     dates = [_DATE.fullmatch(text.strip()) for text in texts]
     if texts and all(dates):
-        return Stamps(np.array([_date_ns(match) for match in dates if match], dtype=np.int64), "date")
-    numbers = [_number(text) for text in texts]
-    unit = unit or unit_of(numbers)
-    values = [int(number * NS[unit]) for number in numbers]
+        unit, values = "date", [_date_ns(match) for match in dates if match]
+    else:
+        numbers = [_number(text) for text in texts]
+        unit = unit or unit_of(numbers)
+        values = [int(number * NS[unit]) for number in numbers]
     if values and max(map(abs, values)) > _MAX_NS:
         raise ValueError(f"expected times, found {texts[int(np.argmax([abs(v) for v in values]))][:40]!r} ({unit})")
     return Stamps(np.array(values, dtype=np.int64), unit)
@@ -93,7 +94,10 @@ def stamps_in_names(stems: Sequence[str]) -> Stamps | None:
     steps = {b - a for a, b in zip(sorted(numbers), sorted(numbers)[1:], strict=False)}
     if steps == {Decimal(1)} or max(numbers) == min(numbers):
         return None
-    return read_stamps(texts)
+    try:
+        return read_stamps(texts)
+    except ValueError:
+        return None  # larger than any clock counts
 
 
 def _number(text: str) -> Decimal:
@@ -113,7 +117,7 @@ def _date_ns(match: re.Match[str]) -> int:
 
 LISTS = ("timestamps.txt", "times.txt", "timestamp.txt")
 """Names of lists with one time a line."""
-MAX_BYTES = 1 << 28
+MAX_BYTES = 1 << 26
 """Larger tables are none of frames."""
 _FRAME = ("frame", "frame_id", "index", "id")
 _TIME = re.compile(r"#?\s*(timestamp|time|stamp|t)s?(?:[ _]?[\[(]?(ns|us|ms|s|sec|nsec|usec|msec)[\])]?)?")
@@ -224,7 +228,7 @@ def _row(path: Path, row: dict[str, str], columns: tuple[str | None, str], posit
 def _text(path: Path) -> str:
     try:
         if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: expected a table of times, found {path.stat().st_size} bytes")
+            raise InputError(f"{path}: expected a table of times of at most 64 MB, found {path.stat().st_size} bytes")
         return path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: expected a table of times, found {reason(error)}") from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -22,7 +23,7 @@ from calib.pose import SE3
 from calib.rig import IDENTITY, RgbdRig, StereoRig
 from calib.types import I64, AnyArray
 from stereo.readers.bags.messages import camera_fields, frame_id, transforms
-from stereo.readers.bags.storage import Bag, McapFile, RosBag
+from stereo.readers.bags.storage import Bag, McapFile, RosBag, error_text
 from stereo.readers.bags.topics import TopicFrames, TopicImages, bits_in, choose_topics, info_topic, stored_at
 from stereo.readers.base import Decoded, DecodedDepth, Layout, OpenOptions, Reader, Stream, both
 from stereo.readers.images import bits_note
@@ -98,18 +99,23 @@ def info_of(bag: Bag, topic: str) -> CameraMessage:
         InputError: there is none, or of a camera that is not calibrated.
     """
     name = info_topic(bag.topics, topic)
-    message = next(bag.messages(name), None) if name else None
+    try:
+        message = next(bag.messages(name), None) if name else None
+        decoded = message.decode(message.data) if message else None
+        fields, frame = (camera_fields(decoded), frame_id(decoded)) if message else ({}, "")
+    except Exception as error:  # libraries raise whatever a damaged file provokes
+        raise InputError(
+            f"{bag.path}: expected a camera_info in {name}, found {error_text(error)}: --calibration FILE gives one"
+        ) from error
     if name is None or message is None:
         raise InputError(
             f"{bag.path}: expected a camera_info of {topic} in the bag, found none: --calibration FILE gives one"
         )
-    decoded = message.decode(message.data)
-    fields = camera_fields(decoded)
     if not any(fields["K"]):
         raise InputError(
             f"{bag.path}: expected a calibrated camera in {name}, found K of zeros: --calibration FILE gives one"
         )
-    return CameraMessage(name, fields, frame_id(decoded).lstrip("/"))
+    return CameraMessage(name, fields, frame.lstrip("/"))
 
 
 def _from_tf(bag: Bag, left: str, right: str) -> SE3:
@@ -128,9 +134,11 @@ def static_poses(bag: Bag) -> dict[str, tuple[str, SE3]]:
     """Parent frame and parent_SE3_child by child frame."""
     poses: dict[str, tuple[str, SE3]] = {}
     for topic in (t.name for t in bag.topics if t.kind == "tf" and "static" in t.name):
-        for message in islice(bag.messages(topic), MAX_TRANSFORMS):
-            for parent, child, pose in transforms(message.decode(message.data)):
-                poses[child] = parent, pose
+        # A type that the library does not know, or a damaged message, leaves the frames that were read before.
+        with suppress(Exception):
+            for message in islice(bag.messages(topic), MAX_TRANSFORMS):
+                for parent, child, pose in transforms(message.decode(message.data)):
+                    poses[child] = parent, pose
     return poses
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 
 from calib.formats.base import transform
 from calib.pose import SE3
@@ -150,6 +151,8 @@ def _raw(message: ImageMessage) -> AnyArray | None:
         return np.asarray(cv2.cvtColor(pairs, _YUV[name]))
     if name[:2] in ("8u", "8s", "16", "32", "64"):
         kind, channels = message.encoding.upper().split("C")
+        if channels not in ("", "1", "3", "4"):
+            raise ValueError("channels that no image has")
         values = _array(message, _TYPES[kind], int(channels or 1))
         return values if values.ndim == 2 or values.shape[2] == 3 else np.ascontiguousarray(values[..., :3])
     wide = name.endswith("16")
@@ -169,8 +172,7 @@ def _array(message: ImageMessage, kind: str, channels: int) -> AnyArray:
         raise ValueError("a size that no image has")
     if len(message.data) < step * (height - 1) + used:
         raise ValueError("less data than the size announces")
-    padded = message.data[: step * height].ljust(step * height, b"\0")
-    rows = np.frombuffer(padded, np.uint8).reshape(height, step)[:, :used]
+    rows = as_strided(np.frombuffer(message.data, np.uint8), (height, used), (step, 1))
     values = np.ascontiguousarray(rows).view(dtype).astype(dtype.newbyteorder("="), copy=False)
     return values if channels == 1 else values.reshape(height, message.width, channels)
 

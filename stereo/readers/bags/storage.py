@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bz2
 import json
 import re
 import struct
@@ -10,7 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, BinaryIO, Literal, Protocol
 
 from calib.errors import InputError
 from stereo.readers.bags.messages import stamp_ns
@@ -117,6 +118,16 @@ def sorted_topics(topics: Sequence[Topic]) -> tuple[Topic, ...]:
     return tuple(merged[name] for name in sorted(merged))
 
 
+def error_text(error: Exception) -> str:
+    """What a library says of a damaged file, on one line."""
+    return " ".join(str(error).split())[:120] or type(error).__name__
+
+
+MAX_UNPACKED_BYTES = 1 << 28
+"""Chunks and messages that unpack to more are damage, or made to fill the memory (recorders write some megabytes)."""
+_TOO_LARGE = f"compressed data of more than {MAX_UNPACKED_BYTES >> 20} MB"
+
+
 class RosBag:
     """A bag that rosbags reads (a ``Bag``).
 
@@ -140,10 +151,48 @@ class RosBag:
         """See ``Bag``."""
         stamp = ros1_stamp if self._ros1 else cdr_stamp
         with self._reader(self.path) as reader:
+            unpack = _bound_chunks(reader) if self._ros1 else _take_message_compression(reader)
             connections = [c for c in reader.connections if c.topic == topic]
             for connection, log_ns, data in reader.messages(connections, start=start_ns):
-                decode = partial(decode_ros, schema=connection.msgtype, ros1=self._ros1)
-                yield Message(log_ns, data, stamp, decode)
+                text = getattr(connection.msgdef, "data", connection.msgdef) if self._ros1 else ""
+                decode = partial(decode_ros, schema=connection.msgtype, ros1=self._ros1, definition=text)
+                yield Message(log_ns, unpack(data), stamp, decode)
+
+
+def _as_it_is(data: bytes) -> bytes:
+    return data
+
+
+def _bound_chunks(reader: Any) -> Callable[[bytes], bytes]:
+    """Have a reader of a ROS 1 bag unpack no more of a chunk than ``MAX_UNPACKED_BYTES``."""
+
+    def unpack(data: bytes) -> bytes:
+        stream = bz2.BZ2Decompressor()
+        unpacked = stream.decompress(data, MAX_UNPACKED_BYTES)
+        if not stream.eof:
+            raise ValueError(_TOO_LARGE)
+        return unpacked
+
+    for place, chunk in reader.chunks.items():
+        if chunk.decompressor is bz2.decompress:
+            reader.chunks[place] = chunk._replace(decompressor=unpack)
+    return _as_it_is
+
+
+def _take_message_compression(reader: Any) -> Callable[[bytes], bytes]:
+    """Have a reader of a ROS 2 bag give compressed messages as they are; gives what unpacks them."""
+    storage = getattr(reader, "storage", reader)
+    if getattr(storage.metadata, "compression_mode", None) != "message":
+        return _as_it_is
+    storage.metadata = storage.metadata._replace(compression_mode=None)
+    zstandard = import_module("zstandard")
+
+    def unpack(data: bytes) -> bytes:
+        if zstandard.frame_content_size(data) > MAX_UNPACKED_BYTES:
+            raise ValueError(_TOO_LARGE)
+        return bytes(zstandard.ZstdDecompressor().decompress(data, max_output_size=MAX_UNPACKED_BYTES))
+
+    return unpack
 
 
 def decode_ros(data: bytes, schema: str, ros1: bool, definition: str = "") -> Any:
@@ -170,9 +219,9 @@ def _store(ros1: bool) -> Any:
 
 def _damage(error: Exception, ros1: bool) -> str:
     what = "a ROS 1 bag" if ros1 else "a ROS 2 bag"
-    found = " ".join(str(error).split()).rstrip(".") or type(error).__name__
     mend = "rosbag reindex" if ros1 else "ros2 bag reindex"
-    return f"expected {what}, found one that is damaged or was cut off ({found[:120]}): {mend} may mend it"
+    found = error_text(error).rstrip(".")
+    return f"expected {what}, found one that is damaged or was cut off ({found}): {mend} may mend it"
 
 
 MAX_RECORD_BYTES = 1 << 30
@@ -196,14 +245,14 @@ class McapFile:
                 summary = self._reader(file).get_summary()
                 if summary is None or summary.statistics is None:
                     raise ValueError("it has no summary section")
+                _check_chunks(file, summary.chunk_indexes)
                 counts = summary.statistics.channel_message_counts
                 self.topics = sorted_topics(
                     [_topic(channel, summary.schemas, counts) for channel in summary.channels.values()]
                 )
         except Exception as error:  # libraries raise whatever a damaged file provokes
-            found = " ".join(str(error).split()) or type(error).__name__
             raise InputError(
-                f"{path}: expected an MCAP file, found one that is damaged or was cut off ({found[:120]}): "
+                f"{path}: expected an MCAP file, found one that is damaged or was cut off ({error_text(error)}): "
                 "mcap recover may mend it"
             ) from error
 
@@ -218,6 +267,17 @@ class McapFile:
 
     def _reader(self, file: Any) -> Any:
         return self._library.SeekingReader(file, record_size_limit=MAX_RECORD_BYTES)
+
+
+def _check_chunks(file: BinaryIO, chunks: Sequence[Any]) -> None:
+    """Refuse chunks that unpack to more than ``MAX_UNPACKED_BYTES``, by the index and by their own headers."""
+    for chunk in chunks:
+        size = chunk.uncompressed_size
+        if chunk.compression == "zstd":
+            file.seek(chunk.chunk_start_offset + 49 + len(chunk.compression))  # the record's fields before the data
+            size = max(size, import_module("zstandard").frame_content_size(file.read(18)))
+        if size > MAX_UNPACKED_BYTES:
+            raise ValueError(_TOO_LARGE)
 
 
 def _topic(channel: Any, schemas: Any, counts: Any) -> Topic:

@@ -15,7 +15,7 @@ from calib.images import as_grey
 from calib.io import size_text
 from calib.types import I64, U8, AnyArray
 from stereo.readers.bags.messages import image_message, stored_pixels
-from stereo.readers.bags.storage import Bag, Message, Topic
+from stereo.readers.bags.storage import Bag, Message, Topic, error_text
 from stereo.readers.base import Decoded, is_grey
 from stereo.readers.images import FRAMES, to_8_bits, true_bits
 from stereo.readers.pairing import split_sides
@@ -181,7 +181,7 @@ class TopicImages:
                 stamp.append(message.stamp(message.data))
         except Exception as error:  # libraries raise whatever a damaged file provokes
             if not log:
-                raise InputError(f"{bag.path}: expected images in {topic.name}, found {_text(error)}") from error
+                raise InputError(f"{bag.path}: expected images in {topic.name}, found {error_text(error)}") from error
         self.log_ns = np.array(log, dtype=np.int64)
         self.stamp_ns = np.array(stamp[: len(log)] + log[len(stamp) :], dtype=np.int64)
 
@@ -271,7 +271,3 @@ def bits_in(samples: Sequence[Sequence[AnyArray]]) -> int | None:
 
 def _is_image(stored: AnyArray) -> bool:
     return stored.dtype in (np.uint8, np.uint16)
-
-
-def _text(error: Exception) -> str:
-    return " ".join(str(error).split())[:120] or type(error).__name__

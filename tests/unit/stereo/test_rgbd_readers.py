@@ -202,3 +202,23 @@ def test_rate_is_unknown_where_nothing_moves() -> None:
         return [frames[0] for _ in indices]
 
     assert rate_by_movement(at, len(frames), WALK_CAMERA) is None
+
+
+@pytest.mark.parametrize("time", ["1e999999", "1e99999999", "1e19", "nan", "0001-01-01", "9999-12-31", "2262-04-12"])
+def test_tum_times_that_no_clock_shows_are_refused_with_their_line(tmp_path: Path, time: str) -> None:
+    _tum(tmp_path, ["10.0", "10.1", "10.2"])
+    (tmp_path / "rgb.txt").write_text(f"# times\n10.0 rgb/10.0.png\n{time} rgb/10.1.png\n")
+    with pytest.raises(InputError, match=rf"rgb\.txt: expected timestamp and file name in line 3, found '{time} rgb"):
+        open_any(tmp_path)
+
+
+def test_tum_line_with_the_time_of_another_is_named(tmp_path: Path) -> None:
+    _tum(tmp_path, ["10.0", "10.1", "10.2"])
+    listed = "10.0 rgb/10.0.png\n10.1 rgb/10.1.png\n10.1 rgb/10.2.png\n10.10 rgb/10.3.png\n"
+    (tmp_path / "rgb.txt").write_text(listed)
+    recording = _open(tmp_path)
+    assert [frame.index for frame in recording] == [0, 1]
+    assert recording.notes[:2] == [
+        "line 3 of rgb.txt has the time of line 2, skipped",
+        "1 more lines of rgb.txt with the time of another, skipped",
+    ]
