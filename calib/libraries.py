@@ -47,11 +47,11 @@ def usual_places() -> list[Path]:
 
 
 def first_writable(places: Sequence[Path]) -> Path | None:
-    """The first place in which a file can be made."""
+    """The first place in which a file can be made, or that can be made itself; nothing is written."""
     for place in places:
         with suppress(OSError):
-            place.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryFile(dir=place):
+            there = next(folder for folder in (place, *place.parents) if folder.exists())
+            if there.is_dir() and os.access(there, os.W_OK | os.X_OK):
                 return place
     return None
 

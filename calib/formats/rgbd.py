@@ -77,7 +77,7 @@ def find_rgbd(path: Path) -> tuple[Path, Mapping[str, Any]] | None:
             data = _lower(_parse(file))
         except (InputError, ValueError, RecursionError):
             continue
-        if _tables(data, size=(1, 1)):
+        if _tables(data):
             return file, data
     return None
 
@@ -96,7 +96,7 @@ def _lower(data: Any) -> Any:
     return {str(key).lower().removeprefix("camera."): _lower(value) for key, value in data.items()}
 
 
-def _tables(data: Any, size: Size) -> dict[str, Mapping[str, Any]]:
+def _tables(data: Any) -> dict[str, Mapping[str, Any]]:
     """The tables that hold a camera: "colour", and "depth" where there is one."""
     if not isinstance(data, Mapping):
         return {}
@@ -115,7 +115,7 @@ def _is_camera(table: Any) -> bool:
 
 
 def _rig(data: Mapping[str, Any], size: Size, depth_size: Size) -> RgbdRig:
-    tables = _tables(data, size)
+    tables = _tables(data)
     colour = _camera(tables["colour"], _lens_of(data, _COLOUR), size, "image")
     rig = RgbdRig(colour, units_per_m=_units(data, tables.get("depth", {})), sensor=_sensor(data))
     if "depth" not in tables:

@@ -144,11 +144,7 @@ def usual_sizes(samples: Sequence[HumanSample]) -> Bool:
         fits = np.abs(sizes - expected) < SIZE_TOLERANCE * np.maximum(expected, 1.0)
         if fits.sum() > best.sum():
             best = fits
-    return best if best.any() else _near_median(feet, sizes)
-
-
-def _near_median(feet: F64, sizes: F64) -> Bool:
-    return np.asarray(np.abs(sizes - np.median(sizes)) < SIZE_TOLERANCE * sizes)
+    return best if best.any() else np.asarray(np.abs(sizes - np.median(sizes)) < SIZE_TOLERANCE * sizes)
 
 
 def _continue(paths: list[_Path], bodies: Sequence[HumanSample], frame: int) -> None:

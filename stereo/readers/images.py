@@ -21,9 +21,6 @@ Size = tuple[int, int]
 
 MAX_PIXELS = 100_000_000
 """Largest image that is decoded: larger than any camera's, and 0.6 GB at 16 bits in three channels (our choice)."""
-HEADER_BYTES = 1 << 16
-"""Bytes that hold the size in every format but a JPEG with long comments, of which all is looked through."""
-
 _JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _PNM = re.compile(rb"P[1-6][ \t\r\n]+(?:#[^\n]*\n\s*)*(\d{1,9})\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s")
 

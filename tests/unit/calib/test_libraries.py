@@ -13,6 +13,7 @@ from calib.libraries import import_open3d
 def test_first_writable_place_is_taken(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     assert libraries.first_writable([tmp_path / "file" / "cache", tmp_path / "b"]) == tmp_path / "b"
+    assert not (tmp_path / "b").exists()
 
 
 def test_temporary_cache_is_used_and_told_where_no_place_can_be_written(
