@@ -11,17 +11,12 @@ import numpy as np
 
 from calib.camera import Camera
 from calib.errors import InputError
-from calib.formats.base import NATIVE as NATIVE
-from calib.formats.base import Choice, Format
-from calib.formats.datasets import EUROC as EUROC
-from calib.formats.datasets import KITTI as KITTI
-from calib.formats.datasets import MIDDLEBURY as MIDDLEBURY
-from calib.formats.devices import DEPTHAI as DEPTHAI
-from calib.formats.devices import ZED as ZED
+from calib.formats.base import NATIVE, Choice, Format
+from calib.formats.datasets import EUROC, KITTI, MIDDLEBURY
+from calib.formats.devices import DEPTHAI, ZED
 from calib.formats.find import find_rig
 from calib.formats.opencv import FORMAT as OPENCV
-from calib.formats.ros import KALIBR as KALIBR
-from calib.formats.ros import ROS as ROS
+from calib.formats.ros import KALIBR, ROS
 from calib.formats.tsai import is_tsai
 from calib.io import reason, size_text
 from calib.rig import StereoRig

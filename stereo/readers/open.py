@@ -22,11 +22,7 @@ from stereo.readers.base import (
     StereoRecording,
     time_at,
 )
-from stereo.readers.datasets import EUROC as EUROC
-from stereo.readers.datasets import KITTI as KITTI
-from stereo.readers.datasets import KITTI_SEQUENCE as KITTI_SEQUENCE
-from stereo.readers.datasets import MIDDLEBURY as MIDDLEBURY
-from stereo.readers.datasets import TUM_RGBD as TUM_RGBD
+from stereo.readers.datasets import EUROC, KITTI, KITTI_SEQUENCE, MIDDLEBURY, TUM_RGBD
 from stereo.readers.folders import READER as FOLDERS
 from stereo.readers.images import ImageFiles, bits_note, bits_of, image_files
 from stereo.readers.live import READER as LIVE
