@@ -151,20 +151,6 @@ def load_rigs(path: Path) -> tuple[RigEntry, ...]:
         raise InputError(f"{path}: expected a rigs.toml with the key {error}, found none") from error
     except (OSError, UnicodeDecodeError, ValueError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(f"{path}: expected a rigs.toml, found {reason(error)}") from error
-    _check(path, entries)
-    return entries
-
-
-def _entry(table: dict[str, Any]) -> RigEntry:
-    pose = table["world_SE3_left"]
-    start_s = float(table.get("start_s", 0.0))
-    if not math.isfinite(start_s):
-        raise ValueError(f"start_s = {start_s}")
-    rotation, translation = (np.array(pose[key], dtype=np.float64) for key in ("rotation", "translation_m"))
-    return RigEntry(str(table["folder"]), SE3(rotation, translation), start_s)
-
-
-def _check(path: Path, entries: Sequence[RigEntry]) -> None:
     if not 1 <= len(entries) <= MAX_HEADS:
         raise InputError(f"{path}: expected 1 to {MAX_HEADS} heads, found {len(entries)}")
     inside = path.parent.resolve()
@@ -177,6 +163,16 @@ def _check(path: Path, entries: Sequence[RigEntry]) -> None:
         height_m = float(entry.world_SE3_left.translation[2])
         if not 0.0 < height_m <= 100.0:
             raise InputError(f"{path}: {entry.folder}: expected a camera 0-100 m above the floor, found {height_m:g} m")
+    return entries
+
+
+def _entry(table: dict[str, Any]) -> RigEntry:
+    pose = table["world_SE3_left"]
+    start_s = float(table.get("start_s", 0.0))
+    if not math.isfinite(start_s):
+        raise ValueError(f"start_s = {start_s}")
+    rotation, translation = (np.array(pose[key], dtype=np.float64) for key in ("rotation", "translation_m"))
+    return RigEntry(str(table["folder"]), SE3(rotation, translation), start_s)
 
 
 def _quoted(text: str) -> str:

@@ -244,7 +244,12 @@ def find_chessboard(grey: U8, cols: int, rows: int, *, thorough: bool = True) ->
     if not found or pixels is None:
         return None
     corners = (np.asarray(pixels, dtype=np.float64).reshape(-1, 2) + 0.5) / scale - 0.5
-    return _facing(corners, cols)
+    # Order without mirroring: rows must follow columns clockwise in the image, as on the board.
+    grid = corners.reshape(-1, cols, 2)
+    along = (grid[:, -1] - grid[:, 0]).mean(axis=0)
+    down = (grid[-1] - grid[0]).mean(axis=0)
+    turned = grid if along[0] * down[1] - along[1] * down[0] > 0 else grid[:, ::-1]
+    return np.ascontiguousarray(turned.reshape(-1, 2))
 
 
 def at_detection_width(grey: U8) -> tuple[U8, float]:
@@ -255,15 +260,6 @@ def at_detection_width(grey: U8) -> tuple[U8, float]:
     scale = float(math.ceil(_MIN_WIDTH / width)) if width < _MIN_WIDTH else _MAX_WIDTH / width
     how = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
     return np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=how), dtype=np.uint8), scale
-
-
-def _facing(corners: F64, cols: int) -> F64:
-    """Order without mirroring: rows must follow columns clockwise in the image, as on the board."""
-    grid = corners.reshape(-1, cols, 2)
-    along = (grid[:, -1] - grid[:, 0]).mean(axis=0)
-    down = (grid[-1] - grid[0]).mean(axis=0)
-    turned = grid if along[0] * down[1] - along[1] * down[0] > 0 else grid[:, ::-1]
-    return np.ascontiguousarray(turned.reshape(-1, 2))
 
 
 def refine(grey: U8, corners: F64, cols: int) -> F64:

@@ -287,47 +287,13 @@ def solve_board(
     Raises:
         InputError: too few or degenerate views, or views that no two cameras side by side can have taken.
     """
-    _refuse_few(views, rejected, board, source)
-    _refuse_repeated(views, size, source)
-    try:
-        return _solve(views, board, size, [one for one in LENSES if model in {None, one.model}], rejected, source)
-    except FitError as error:
-        raise InputError(f"{source}: expected views of a flat board by two fixed cameras: {error}") from error
-
-
-def _solve(
-    views: Sequence[BoardView],
-    board: Board,
-    size: tuple[int, int],
-    lenses: Sequence[Lens],
-    rejected: Sequence[RejectedView],
-    source: str,
-) -> BoardCalibration:
-    points, kept, out = board.points, list(views), list(rejected)
-    base, fit = best_base(kept, points, size, lenses)
-    fit, kept = _without_outliers(fit, kept, out, points, base, source)
-    # A better lens will fit better, but not this much better.
-    _refuse_unfit(fit, size, source, slack=3.0)
-    _refuse_open_focal(kept, points, size, base, source)
-    tried = compare_lenses(kept, points, size, lenses)
-    lens = choose_lens(tried).lens
-    fit, kept = _without_outliers(fit_lens(kept, points, size, lens), kept, out, points, lens, source)
-    std = standard_deviations(kept, points, fit, lens)
-    rig = _checked_rig(fit, std, size, source)
-    return BoardCalibration(rig, board, tuple(kept), replace(fit, rig=rig), std, tuple(out), tried)
-
-
-def _refuse_few(views: Sequence[BoardView], rejected: Sequence[RejectedView], board: Board, source: str) -> None:
     if len(views) < MIN_PAIRS:
         first = f", e.g. {rejected[0].name}: {rejected[0].why}" if rejected else ""
         raise InputError(
             f"{source}: expected at least {MIN_PAIRS} pairs that show a {board.name} in both images, "
             f"found {len(views)} of {len(views) + len(rejected)}{first}"
         )
-
-
-def _refuse_repeated(views: Sequence[BoardView], size: tuple[int, int], source: str) -> None:
-    """Fewer than three clearly different board poses cannot determine a camera, however many images show them."""
+    # Fewer than three clearly different board poses cannot determine a camera, however many images show them.
     limit = 0.02 * size[0]
     distinct: list[BoardView] = []
     for view in views:
@@ -338,6 +304,22 @@ def _refuse_repeated(views: Sequence[BoardView], size: tuple[int, int], source: 
             f"{source}: expected the board in different places and tilts, found {len(distinct)} different "
             f"pose{'s' if len(distinct) > 1 else ''} in {len(views)} views (corners within {limit:.0f} px)"
         )
+    try:
+        lenses = [one for one in LENSES if model in {None, one.model}]
+        points, kept, out = board.points, list(views), list(rejected)
+        base, fit = best_base(kept, points, size, lenses)
+        fit, kept = _without_outliers(fit, kept, out, points, base, source)
+        # A better lens will fit better, but not this much better.
+        _refuse_unfit(fit, size, source, slack=3.0)
+        _refuse_open_focal(kept, points, size, base, source)
+        tried = compare_lenses(kept, points, size, lenses)
+        lens = choose_lens(tried).lens
+        fit, kept = _without_outliers(fit_lens(kept, points, size, lens), kept, out, points, lens, source)
+        std = standard_deviations(kept, points, fit, lens)
+        rig = _checked_rig(fit, std, size, source)
+        return BoardCalibration(rig, board, tuple(kept), replace(fit, rig=rig), std, tuple(out), tried)
+    except FitError as error:
+        raise InputError(f"{source}: expected views of a flat board by two fixed cameras: {error}") from error
 
 
 def _apart(one: BoardView, other: BoardView) -> float:

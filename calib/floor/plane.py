@@ -155,7 +155,12 @@ def cells(points: Rays, columns: int, q: F64 | None = None, gate: float = np.inf
     Returns:
         One row per cell that holds at least a tenth of the mean count of points, and those counts.
     """
-    index = _cell_of(points, columns)
+    low, high = np.quantile(points.rays[:, :2], (0.0005, 0.9995), axis=0)
+    width, height = (float(v) for v in high - low)
+    step = max(width, height / MAX_ASPECT, 1e-9) / columns
+    last = np.maximum(1, np.ceil((high - low) / step)).astype(np.int64) - 1
+    place = np.clip(np.floor((points.rays[:, :2] - low) / step).astype(np.int64), 0, last)
+    index = np.asarray(place[:, 1] * columns + place[:, 0])
     value = points.inverse if q is None else points.inverse - points.rays @ q
     n = int(index.max()) + 1
     counts = np.bincount(index, minlength=n)
@@ -169,15 +174,6 @@ def cells(points: Rays, columns: int, q: F64 | None = None, gate: float = np.inf
     rays = np.stack([np.bincount(index, points.rays[:, k], n) / safe for k in range(3)], axis=1)
     inverse = medians if q is None else medians + rays @ q
     return Rays(rays, inverse, np.bincount(index, points.sigma, n) / safe).where(full), counts[full]
-
-
-def _cell_of(points: Rays, columns: int) -> I64:
-    low, high = np.quantile(points.rays[:, :2], (0.0005, 0.9995), axis=0)
-    width, height = (float(v) for v in high - low)
-    step = max(width, height / MAX_ASPECT, 1e-9) / columns
-    last = np.maximum(1, np.ceil((high - low) / step)).astype(np.int64) - 1
-    place = np.clip(np.floor((points.rays[:, :2] - low) / step).astype(np.int64), 0, last)
-    return np.asarray(place[:, 1] * columns + place[:, 0])
 
 
 def _medians(index: I64, value: F64, n: int) -> F64:

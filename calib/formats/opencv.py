@@ -102,7 +102,10 @@ def _rectified(data: Mapping[str, Any], size: Size, unit_m: float, name: str) ->
 
 def _parse(text: str) -> Mapping[str, Any]:
     if text.lstrip().startswith("{"):
-        return _json(text)
+        try:
+            return table(json.loads(text), "the file")
+        except RecursionError:
+            raise ValueError("expected JSON, found nesting without end") from None
     if not text.lstrip().startswith("<"):
         return parse_yaml(text)
     data: dict[str, Any] = {}
@@ -110,13 +113,6 @@ def _parse(text: str) -> Mapping[str, Any]:
         inner = node.find("data")
         data[str(node.tag)] = (node.text if inner is None else inner.text) or ""
     return data
-
-
-def _json(text: str) -> Mapping[str, Any]:
-    try:
-        return table(json.loads(text), "the file")
-    except RecursionError:
-        raise ValueError("expected JSON, found nesting without end") from None
 
 
 def _model(data: Mapping[str, Any]) -> LensModel | None:
@@ -134,12 +130,7 @@ def _size(data: Mapping[str, Any], choice: Choice, centres: Sequence[tuple[float
         return (whole(data["image_width"], "image_width"), whole(data["image_height"], "image_height")), ""
     if choice.size is not None:
         return choice.size, ""
-    size = _guessed_size(centres)
-    return size, f" (image size {size[0]}x{size[1]} taken from the principal points: the file has none)"
-
-
-def _guessed_size(centres: Sequence[tuple[float, float]]) -> Size:
-    """The usual sensor size whose middle is nearest to the principal points."""
+    # The usual sensor size whose middle is nearest to the principal points.
     cx, cy = np.mean(np.asarray(centres, dtype=np.float64), axis=0)
     away = [max(abs(cx / w - 0.5), abs(cy / h - 0.5)) for w, h in COMMON_SIZES]
     best = int(np.argmin(away))
@@ -147,7 +138,8 @@ def _guessed_size(centres: Sequence[tuple[float, float]]) -> Size:
         raise ValueError(
             f"expected an image size, found none, and the principal point ({cx:.0f}, {cy:.0f}) fits no usual size"
         )
-    return COMMON_SIZES[best]
+    size = COMMON_SIZES[best]
+    return size, f" (image size {size[0]}x{size[1]} taken from the principal points: the file has none)"
 
 
 def _write(rig: StereoRig, path: Path) -> list[Path]:

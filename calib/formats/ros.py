@@ -70,7 +70,9 @@ def camera_from(data: Mapping[str, Any], name: str, unit_m: float = 1.0) -> tupl
     Raises:
         ValueError: fields missing, of a camera that is not calibrated, or of an unknown lens.
     """
-    _refuse_crops(data)
+    for key in ("binning_x", "binning_y"):
+        if number(data.get(key, 0), key) > 1:
+            raise ValueError(f"expected a calibration of the full image, found {key} {data[key]}")
     size = (
         whole(entry(data, "image_width", "width"), "image_width"),
         whole(entry(data, "image_height", "height"), "image_height"),
@@ -90,12 +92,6 @@ def camera_from(data: Mapping[str, Any], name: str, unit_m: float = 1.0) -> tupl
         raise ValueError(f"expected a projection_matrix with focal lengths in {name}, found one that is singular")
     shift = np.asarray(np.linalg.solve(projection[:, :3], projection[:, 3]) * unit_m, dtype=np.float64)
     return one, transform(rotation, -shift, f"rectification_matrix of {name}")
-
-
-def _refuse_crops(data: Mapping[str, Any]) -> None:
-    for key in ("binning_x", "binning_y"):
-        if number(data.get(key, 0), key) > 1:
-            raise ValueError(f"expected a calibration of the full image, found {key} {data[key]}")
 
 
 def _ros_write(rig: StereoRig, path: Path) -> list[Path]:

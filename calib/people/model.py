@@ -239,12 +239,6 @@ def usual_focal_px(lens: str, width: int) -> float:
     return math.sqrt(narrow * wide)
 
 
-def _focal_std(lens: str) -> float:
-    """Deviation of the log of a class's focal lengths, were they uniform; at least 0.3, since classes overlap."""
-    narrow, wide = (math.tan(math.radians(field) / 2) for field in FIELDS_DEG[lens])
-    return max(0.3, math.log(wide / narrow) / math.sqrt(12.0))
-
-
 def prior_of(camera: GroundCamera, known: KnownValues, boxes_only: bool, level_ends: bool) -> CameraPrior:
     """The prior of a lens class and of the known values.
 
@@ -260,7 +254,9 @@ def prior_of(camera: GroundCamera, known: KnownValues, boxes_only: bool, level_e
     """
     mean, std = np.zeros(N_SHARED), np.full(N_SHARED, np.inf)
     mean[FOCAL] = math.log(usual_focal_px(camera.lens, camera.width))
-    std[FOCAL] = _focal_std(camera.lens)
+    # Deviation of the log of a class's focal lengths, were they uniform; at least 0.3, since classes overlap.
+    narrow, wide = (math.tan(math.radians(field) / 2) for field in FIELDS_DEG[camera.lens])
+    std[FOCAL] = max(0.3, math.log(wide / narrow) / math.sqrt(12.0))
     std[ROLL] = math.radians(2.0)
     std[GIRTH] = 0.5 if boxes_only else 0.05
     std[STATURE] = STATURE_STD if known.person_height_m is None else KNOWN_PERSON_STD

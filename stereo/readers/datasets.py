@@ -143,7 +143,7 @@ def _kitti_find(path: Path, options: OpenOptions) -> StereoLayout:
 
     note = (
         ()
-        if pair == KITTI_PAIRS[0] or not _kitti_colour(drive)
+        if pair == KITTI_PAIRS[0] or not any((drive / name).is_dir() for name in KITTI_PAIRS[0])
         else ("the grey cameras are taken: a colour one lacks images",)
     )
     return timed_layout(path, left, right, options, rig, note)
@@ -205,10 +205,6 @@ def _kitti_pair(drive: Path) -> tuple[str, str] | None:
         if all((drive / name / "data").is_dir() and image_files(drive / name / "data") for name in pair):
             return pair
     return None
-
-
-def _kitti_colour(drive: Path) -> bool:
-    return any((drive / name).is_dir() for name in KITTI_PAIRS[0])
 
 
 def _kitti_camera(folder: Path) -> TimedFiles:

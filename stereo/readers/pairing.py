@@ -87,7 +87,11 @@ def pair_files(left: list[Path], right: list[Path], number: Callable[[Path], int
     """
     left_by, right_by = _numbered(left, number), _numbered(right, number)
     if left_by is None or right_by is None:
-        return _in_order(left, right)
+        if len(left) != len(right):
+            stems = {file.stem for file in left} & {file.stem for file in right}
+            first = next((file for file in [*left, *right] if file.stem not in stems), left[0])
+            raise _unpaired(first, left, right)
+        return list(zip(left, right, strict=True))
     either = sorted(left_by.keys() | right_by.keys())
     unpaired = [n for n in either if (n in left_by) != (n in right_by)]
     if unpaired and len(left) == len(right) and len(unpaired) > MAX_UNPAIRED_FRACTION * len(either):
@@ -113,14 +117,6 @@ def _numbered(files: list[Path], number: Callable[[Path], int | None]) -> dict[i
     numbers = [number(file) for file in files]
     found = {n: file for n, file in zip(numbers, files, strict=True) if n is not None}
     return found if len(found) == len(files) else None
-
-
-def _in_order(left: list[Path], right: list[Path]) -> list[Pair]:
-    if len(left) != len(right):
-        stems = {file.stem for file in left} & {file.stem for file in right}
-        first = next((file for file in [*left, *right] if file.stem not in stems), left[0])
-        raise _unpaired(first, left, right)
-    return list(zip(left, right, strict=True))
 
 
 def _unpaired(file: Path, left: list[Path], right: list[Path]) -> InputError:
@@ -173,7 +169,11 @@ def pair_stamps(left_ns: I64, right_ns: I64, names: tuple[str, str] = ("left", "
     """
     if max(len(left_ns), len(right_ns)) > 1 and not any(np.ptp(own) for own in (left_ns, right_ns) if len(own)):
         return _by_position(len(left_ns), len(right_ns))
-    period = _period(left_ns, right_ns)
+    # Median step of the camera that has more frames [ns].
+    longer = left_ns if len(left_ns) >= len(right_ns) else right_ns
+    steps = np.diff(np.sort(longer))
+    steps = steps[steps > 0]
+    period = float(np.median(steps)) if steps.size else 1e9 / DEFAULT_FPS
     offset = _offset(left_ns, right_ns, period * TOLERANCE)
     left_mate, right_mate = _mates(left_ns, right_ns - offset, period * TOLERANCE)
     alone = np.flatnonzero(right_mate < 0)
@@ -204,14 +204,6 @@ def _by_position(n_left: int, n_right: int) -> TimePairs:
     left, right = (np.where(order < n, order, -1) for n in (n_left, n_right))
     note = f"all frames have one time: {DEFAULT_FPS:g} frames per second are assumed (--fps gives another rate)"
     return TimePairs(left, right, order / DEFAULT_FPS, DEFAULT_FPS, (note,))
-
-
-def _period(left_ns: I64, right_ns: I64) -> float:
-    """Median step of the camera that has more frames [ns]."""
-    longer = left_ns if len(left_ns) >= len(right_ns) else right_ns
-    steps = np.diff(np.sort(longer))
-    steps = steps[steps > 0]
-    return float(np.median(steps)) if steps.size else 1e9 / DEFAULT_FPS
 
 
 def _offset(left_ns: I64, right_ns: I64, tolerance_ns: float) -> int:

@@ -153,17 +153,13 @@ def rate_by_movement(at: Callable[[Sequence[int]], list[RgbdFrame]], n_frames: i
     if len(depths) < MIN_PAIRS:
         return None
     background = median_image(list(depths.values()))
-    rays = _rays(camera)
+    # (h, w, 3) rays at unit depth of the pixels looked at.
+    columns, rows = np.meshgrid(np.arange(0, camera.width, STEP_PX), np.arange(0, camera.height, STEP_PX))
+    rays = camera.unproject(np.column_stack([columns.ravel(), rows.ravel()])).reshape(*columns.shape, 3)
     places = {index: _place(depth, background, rays, camera) for index, depth in depths.items()}
     steps = np.array([_step(places.get(int(i)), places.get(int(i) + 1)) for i in firsts])
     steps = steps[(steps > STEP_M[0]) & (steps < STEP_M[1])]
     return float(WALKING_MPS / np.median(steps)) if len(steps) >= MIN_PAIRS else None
-
-
-def _rays(camera: Camera) -> F64:
-    """(h, w, 3) rays at unit depth of the pixels looked at."""
-    columns, rows = np.meshgrid(np.arange(0, camera.width, STEP_PX), np.arange(0, camera.height, STEP_PX))
-    return camera.unproject(np.column_stack([columns.ravel(), rows.ravel()])).reshape(*columns.shape, 3)
 
 
 def _place(depth: F32, background: F32, rays: F64, camera: Camera) -> F64 | None:
@@ -286,19 +282,15 @@ class RgbdLayout:
         )  # fmt: skip
         recording.notes, recording.even = notes, self.even
         if self.times_s is None and not self.even:
-            _pace(recording)
+            # Give frames without times the rate at which people walk, where that is clearly less than usual.
+            rate = rate_by_movement(recording.at, recording.n_frames, recording.camera)
+            slow = rate is not None and rate < SLOW * DEFAULT_FPS
+            recording.fps = round(rate, 1) if slow and rate else DEFAULT_FPS
+            why = ", at which what moves is as fast as a walker" if slow else ""
+            recording.notes.append(
+                f"no timestamps: {recording.fps:g} frames per second are assumed{why} (--fps gives another rate)"
+            )
         return recording
-
-
-def _pace(recording: RgbdImages) -> None:
-    """Give frames without times the rate at which people walk, where that is clearly less than usual."""
-    rate = rate_by_movement(recording.at, recording.n_frames, recording.camera)
-    slow = rate is not None and rate < SLOW * DEFAULT_FPS
-    recording.fps = round(rate, 1) if slow and rate else DEFAULT_FPS
-    why = ", at which what moves is as fast as a walker" if slow else ""
-    recording.notes.append(
-        f"no timestamps: {recording.fps:g} frames per second are assumed{why} (--fps gives another rate)"
-    )
 
 
 def resized(rig: RgbdRig, depth_size: Size) -> RgbdRig:
