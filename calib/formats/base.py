@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
@@ -20,6 +21,7 @@ from calib.rig import StereoRig, parse_rig, save_rig
 from calib.types import F64
 
 Size = tuple[int, int]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -138,6 +140,20 @@ def whole(value: Any, name: str) -> int:
     return int(result)
 
 
+def size_of(value: Any, name: str) -> Size:
+    """(width, height) [px] from two numbers in any form that ``numbers`` takes."""
+    width, height = (float(v) for v in numbers(value, name, 2))
+    return whole(width, name), whole(height, name)
+
+
+def lens_of(values: Mapping[str, Any], models: Mapping[str, T], name: str) -> T:
+    """What stands in ``models`` for the distortion_model of a camera, or ValueError."""
+    lens = str(entry(values, "distortion_model"))
+    if lens not in models:
+        raise ValueError(f"expected a distortion_model of {', '.join(models)} in {name}, found {lens!r}")
+    return models[lens]
+
+
 def numbers(value: Any, name: str, count: int | tuple[int, ...]) -> F64:
     """A flat array of finite numbers from a list, a list of rows, a ``data`` table or text separated by blanks."""
     if isinstance(value, Mapping):
@@ -223,6 +239,18 @@ def held(name: str, one: Camera, counts: Mapping[str, int]) -> tuple[LensModel, 
 def _shown(value: Any) -> str:
     text = repr(value) if isinstance(value, str | int | float | bool | type(None)) else type(value).__name__
     return text if len(text) <= 40 else text[:37] + "..."
+
+
+def parse_json(text: str) -> Any:
+    """The value of a JSON text.
+
+    Raises:
+        ValueError: not JSON, or nesting without end.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("expected JSON, found nesting without end") from None
 
 
 def parse_xml(text: str) -> ElementTree.Element:

@@ -22,11 +22,13 @@ from calib.formats.base import (
     camera,
     entry,
     held,
+    lens_of,
     number,
     numbers,
     parse_yaml,
     rigid,
     side_of,
+    size_of,
     transform,
     whole,
 )
@@ -56,15 +58,12 @@ def _euroc_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
 def _half(source: Source, choice: Choice) -> tuple[Camera, SE3]:
     data = parse_yaml(source.text)
     name = f"{source.path.parent.name}/{source.path.name}"
-    lens = str(entry(data, "distortion_model"))
-    if lens not in _EUROC_MODELS:
-        raise ValueError(f"expected a distortion_model of {', '.join(_EUROC_MODELS)} in {name}, found {lens!r}")
-    width, height = (float(v) for v in numbers(entry(data, "resolution"), "resolution", 2))
+    model = lens_of(data, _EUROC_MODELS, name)
     one = camera(
-        (whole(width, "resolution"), whole(height, "resolution")),
+        size_of(entry(data, "resolution"), "resolution"),
         numbers(entry(data, "intrinsics"), "intrinsics", 4),
         numbers(entry(data, "distortion_coefficients"), "distortion_coefficients", (0, 4)),
-        _EUROC_MODELS[lens],
+        model,
         name,
     )
     return one, rigid(entry(data, "T_BS"), f"T_BS of {name}", choice.unit())
@@ -135,10 +134,7 @@ def _pair(data: Mapping[str, str]) -> tuple[str, str]:
 
 
 def _size(data: Mapping[str, str], key: str) -> Size | None:
-    if key not in data:
-        return None
-    width, height = (float(v) for v in numbers(data[key], key, 2))
-    return whole(width, key), whole(height, key)
+    return size_of(data[key], key) if key in data else None
 
 
 def _raw(data: Mapping[str, str], name: str, unit_m: float) -> tuple[Camera, SE3]:

@@ -26,6 +26,7 @@ from calib.formats.base import (
     held,
     number,
     numbers,
+    parse_json,
     table,
     transform,
     whole,
@@ -44,7 +45,7 @@ def _depthai_part(source: Source) -> str | None:
 
 
 def _depthai_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
-    data = table(_json(sources[0].text), "the file")
+    data = table(parse_json(sources[0].text), "the file")
     cameras = _by_socket(data)
     left, right = _sockets(data, cameras, choice)
     for socket in (left, right):
@@ -54,13 +55,6 @@ def _depthai_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     return StereoRig(
         _depthai_camera(cameras[left], left), _depthai_camera(cameras[right], right), pose, sources[0].path.name
     )
-
-
-def _json(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except RecursionError:
-        raise ValueError("expected JSON, found nesting without end") from None
 
 
 def _by_socket(data: Mapping[str, Any]) -> dict[int, Mapping[str, Any]]:

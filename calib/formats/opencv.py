@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,8 +18,10 @@ from calib.formats.base import (
     camera,
     entry,
     numbers,
+    parse_json,
     parse_xml,
     parse_yaml,
+    size_of,
     table,
     transform,
     whole,
@@ -102,10 +103,7 @@ def _rectified(data: Mapping[str, Any], size: Size, unit_m: float, name: str) ->
 
 def _parse(text: str) -> Mapping[str, Any]:
     if text.lstrip().startswith("{"):
-        try:
-            return table(json.loads(text), "the file")
-        except RecursionError:
-            raise ValueError("expected JSON, found nesting without end") from None
+        return table(parse_json(text), "the file")
     if not text.lstrip().startswith("<"):
         return parse_yaml(text)
     data: dict[str, Any] = {}
@@ -124,8 +122,7 @@ def _model(data: Mapping[str, Any]) -> LensModel | None:
 def _size(data: Mapping[str, Any], choice: Choice, centres: Sequence[tuple[float, float]]) -> tuple[Size, str]:
     for key in ("imageSize", "image_size", "size", "Size"):
         if key in data:
-            width, height = numbers(data[key], key, 2)
-            return (whole(float(width), key), whole(float(height), key)), ""
+            return size_of(data[key], key), ""
     if "image_width" in data and "image_height" in data:
         return (whole(data["image_width"], "image_width"), whole(data["image_height"], "image_height")), ""
     if choice.size is not None:

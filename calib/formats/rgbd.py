@@ -8,7 +8,6 @@ rotations of RealSense's ``rs2_extrinsics`` are stored by columns.
 
 from __future__ import annotations
 
-import json
 import re
 import tomllib
 from collections.abc import Mapping
@@ -21,7 +20,7 @@ import numpy as np
 from calib.camera import Camera, LensModel
 from calib.errors import InputError
 from calib.formats import refuse_strange_camera
-from calib.formats.base import camera, number, numbers, parse_yaml, read_source, transform, whole
+from calib.formats.base import camera, number, numbers, parse_json, parse_yaml, read_source, transform, whole
 from calib.io import size_text
 from calib.pose import SE3
 from calib.rig import IDENTITY, DepthSensor, RgbdRig
@@ -85,7 +84,7 @@ def find_rgbd(path: Path) -> tuple[Path, Mapping[str, Any]] | None:
 def _parse(file: Path) -> Any:
     text = read_source(file).text
     if file.suffix.lower() == ".json":
-        return json.loads(text)
+        return parse_json(text)
     return tomllib.loads(text) if file.suffix.lower() == ".toml" else parse_yaml(text)
 
 

@@ -19,11 +19,13 @@ from calib.formats.base import (
     camera,
     entry,
     held,
+    lens_of,
     number,
     numbers,
     parse_yaml,
     rigid,
     side_of,
+    size_of,
     table,
     transform,
     whole,
@@ -77,10 +79,7 @@ def camera_from(data: Mapping[str, Any], name: str, unit_m: float = 1.0) -> tupl
         whole(entry(data, "image_width", "width"), "image_width"),
         whole(entry(data, "image_height", "height"), "image_height"),
     )
-    lens = str(entry(data, "distortion_model"))
-    if lens not in _ROS_MODELS:
-        raise ValueError(f"expected a distortion_model of {', '.join(_ROS_MODELS)} in {name}, found {lens!r}")
-    model = _ROS_MODELS[lens]
+    model = lens_of(data, _ROS_MODELS, name)
     counts = {"brown": (0, 4, 5, 8, 12, 14), "rational": (8, 12, 14), "fisheye": (4,)}[model]
     coefficients = numbers(entry(data, "distortion_coefficients", "D", "d"), "distortion_coefficients", counts)
     if model == "brown" and len(coefficients) > 5:
@@ -135,10 +134,8 @@ ROS = Format("ros", "ROS camera_info pair", _ros_part, _ros_read, _ros_write, ""
 _CAMERA = re.compile(r"^\s*[\"']?cam\d+[\"']?\s*:", re.MULTILINE)
 _KEYS = re.compile(r"^\s*(camera_model|distortion_coeffs)\s*:", re.MULTILINE)
 _KALIBR_MODELS: dict[str, tuple[LensModel, int]] = {
-    "radtan": ("brown", 4),
-    "equidistant": ("fisheye", 4),
-    "none": ("brown", 0),
-}
+    "radtan": ("brown", 4), "equidistant": ("fisheye", 4), "none": ("brown", 0),
+}  # fmt: skip
 
 
 def _kalibr_part(source: Source) -> str | None:
@@ -159,14 +156,10 @@ def _kalibr_camera(values: Mapping[str, Any], name: str) -> Camera:
     projection = str(values.get("camera_model", "pinhole"))
     if projection != "pinhole":
         raise ValueError(f"expected a pinhole camera_model in {name}, found {projection!r}")
-    lens = str(entry(values, "distortion_model"))
-    if lens not in _KALIBR_MODELS:
-        raise ValueError(f"expected a distortion_model of {', '.join(_KALIBR_MODELS)} in {name}, found {lens!r}")
-    model, count = _KALIBR_MODELS[lens]
-    width, height = (float(v) for v in numbers(entry(values, "resolution"), "resolution", 2))
+    model, count = lens_of(values, _KALIBR_MODELS, name)
+    size = size_of(entry(values, "resolution"), "resolution")
     coefficients = numbers(values.get("distortion_coeffs", []), f"distortion_coeffs of {name}", (count, 4))
     intrinsics = numbers(entry(values, "intrinsics"), f"intrinsics of {name}", 4)
-    size = whole(width, "resolution"), whole(height, "resolution")
     return camera(size, intrinsics, coefficients, model, name)
 
 
