@@ -20,13 +20,12 @@ import numpy as np
 from calib.camera import Camera, LensModel
 from calib.errors import InputError
 from calib.formats import refuse_strange_camera
-from calib.formats.base import camera, number, numbers, parse_json, parse_yaml, read_source, transform, whole
+from calib.formats.base import Size, camera, number, numbers, parse_json, parse_yaml, read_source, transform, whole
 from calib.io import size_text
 from calib.pose import SE3
 from calib.rig import IDENTITY, DepthSensor, RgbdRig
 from calib.types import F64
 
-Size = tuple[int, int]
 SUFFIXES = (".json", ".toml", ".yaml", ".yml")
 _OTHER_FILES = ("world.toml", "rules.toml", "camera.toml", "config.toml")
 _COLOUR = ("rgb", "color", "colour", "color_camera", "rgb_camera", "camera", "image", "left")

@@ -215,8 +215,6 @@ def rate_of(times_s: F64) -> float:
     return float(1.0 / np.median(steps)) if steps.size else DEFAULT_FPS
 
 
-__all__ = ["DEFAULT_FPS", "DecodedPair", "PairsOf", "StereoRecording", "both", "rate_of", "split_pairs", "time_at"]
-
 SAMPLE_STEP_S = 0.25
 """Frames in which a live camera's floor is looked for are so far apart [s] (our choice: 12 take 3 s)."""
 

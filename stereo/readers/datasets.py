@@ -27,19 +27,10 @@ from calib.io import read_text, reason
 from calib.rig import RgbdRig, StereoRig
 from calib.types import I64
 from stereo.readers.base import OpenOptions, Reader, Stream, both, rate_of
-from stereo.readers.images import ImageFiles, bits_note, bits_of, frame_number, image_files
+from stereo.readers.images import ImageFiles, Size, bits_note, bits_of, frame_number, image_files
 from stereo.readers.pairing import MAX_APART_S, depth_note, nearest_mates
 from stereo.readers.rgbd import DepthFiles, RgbdLayout, rgbd_pairs
-from stereo.readers.stereo_layout import (
-    Size,
-    StereoLayout,
-    TimedFiles,
-    clock_of,
-    pixel_text,
-    rig_in,
-    same_size,
-    timed_layout,
-)
+from stereo.readers.stereo_layout import StereoLayout, TimedFiles, clock_of, pixel_text, rig_in, same_size, timed_layout
 from stereo.readers.times import NS, read_stamps, stamp_list
 
 MAX_ROWS = 10_000_000

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import re
 import struct
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -18,6 +19,7 @@ from calib.types import U8, AnyArray
 from stereo.readers.base import Decoded, is_grey
 
 Size = tuple[int, int]
+Stored = TypeVar("Stored", bound=AnyArray)
 
 MAX_PIXELS = 100_000_000
 """Largest image that is decoded: larger than any camera's, and 0.6 GB at 16 bits in three channels (our choice)."""
@@ -158,10 +160,10 @@ class ImageFiles:
         self._files = tuple(files)
         self._bits = bits
         self.n_frames = len(self._files)
-        first = next((image for file in self._files if file and (image := read_image(file, bits)) is not None), None)
+        first = first_readable(self._files, lambda file: read_image(file, bits))
         if first is None:
-            where = next((file for file in self._files if file), Path())
-            raise InputError(f"{where.parent}: expected images, found none of {self.n_frames} that can be decoded")
+            folder = folder_of(self._files)
+            raise InputError(f"{folder}: expected images, found none of {self.n_frames} that can be decoded")
         self.size = first.shape[1], first.shape[0]
         self.is_grey = is_grey(first)
 
@@ -171,18 +173,30 @@ class ImageFiles:
     def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
         """Only these frames."""
         for index in indices:
-            yield self._decode(index, self._files[index])
+            image, why = read_of_size(self._files[index], lambda file: read_image(file, self._bits), self.size)
+            given = None if image is None else as_grey(image) if self.is_grey else as_colour(image)
+            yield Decoded(index, None, given, why)
 
-    def _decode(self, index: int, file: Path | None) -> Decoded:
-        if file is None:
-            return Decoded(index, None, None, "file is missing")
-        image = read_image(file, self._bits)
-        if image is None:
-            return Decoded(index, None, None, f"{file.parent.name}/{file.name} cannot be decoded")
-        if (image.shape[1], image.shape[0]) != self.size:
-            found = size_text((image.shape[1], image.shape[0]))
-            return Decoded(index, None, None, f"{file.parent.name}/{file.name} is {found}, not {size_text(self.size)}")
-        return Decoded(index, None, as_grey(image) if self.is_grey else as_colour(image))
+
+def first_readable(files: Iterable[Path | None], read: Callable[[Path], Stored | None]) -> Stored | None:
+    """What the first file holds that can be read."""
+    return next((stored for file in files if file and (stored := read(file)) is not None), None)
+
+
+def folder_of(files: Iterable[Path | None]) -> Path:
+    """Where the files are, for messages."""
+    return next((file for file in files if file), Path()).parent
+
+
+def read_of_size(file: Path | None, read: Callable[[Path], Stored | None], size: Size) -> tuple[Stored | None, str]:
+    """What a file holds, or None and the reason: missing, unreadable, or not of (width, height) [px]."""
+    if file is None:
+        return None, "file is missing"
+    stored, name = read(file), f"{file.parent.name}/{file.name}"
+    if stored is None:
+        return None, f"{name} cannot be decoded"
+    found = stored.shape[1], stored.shape[0]
+    return (stored, "") if found == size else (None, f"{name} is {size_text(found)}, not {size_text(size)}")
 
 
 def read_image(file: Path, bits: int | None = None) -> U8 | None:

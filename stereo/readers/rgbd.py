@@ -16,7 +16,6 @@ import numpy as np
 from calib.camera import Camera
 from calib.errors import InputError
 from calib.formats.rgbd import load_rgbd
-from calib.io import size_text
 from calib.pose import SE3
 from calib.rig import DepthSensor, RgbdRig
 from calib.types import F32, F64, AnyArray
@@ -32,7 +31,17 @@ from stereo.readers.base import (
     both,
     rate_of,
 )
-from stereo.readers.images import MAX_BYTES, ImageFiles, header_size, image_files, is_image_size
+from stereo.readers.images import (
+    MAX_BYTES,
+    ImageFiles,
+    Size,
+    first_readable,
+    folder_of,
+    header_size,
+    image_files,
+    is_image_size,
+    read_of_size,
+)
 from stereo.readers.pairing import depth_note, nearest_mates, pair_files
 from stereo.readers.stereo_layout import FrameClock, clock_of, world_pose
 from stereo.readers.times import stamps_in_names
@@ -60,12 +69,10 @@ class DepthFiles:
         self._files = tuple(files)
         self._units_per_m = units_per_m
         self.n_frames = len(self._files)
-        first = next((depth for file in self._files if file and (depth := read_depth(file)) is not None), None)
+        first = first_readable(self._files, read_depth)
         if first is None:
-            where = next((file for file in self._files if file), Path())
-            raise InputError(
-                f"{where.parent}: expected depth images (one channel of 16 bits), found none of {self.n_frames}"
-            )
+            folder = folder_of(self._files)
+            raise InputError(f"{folder}: expected depth images (one channel of 16 bits), found none of {self.n_frames}")
         self.size = first.shape[1], first.shape[0]
 
     def __iter__(self) -> Iterator[DecodedDepth]:
@@ -74,23 +81,12 @@ class DepthFiles:
     def at(self, indices: Iterable[int]) -> Iterator[DecodedDepth]:
         """Only these frames."""
         for index in indices:
-            yield self._decode(index, self._files[index])
+            stored, why = read_of_size(self._files[index], read_depth, self.size)
+            yield DecodedDepth(index, None, None if stored is None else metres(stored, self._units_per_m), why)
 
     def scaled(self, units_per_m: float) -> DepthFiles:
         """The same files with another scale."""
         return DepthFiles(self._files, units_per_m)
-
-    def _decode(self, index: int, file: Path | None) -> DecodedDepth:
-        if file is None:
-            return DecodedDepth(index, None, None, "file is missing")
-        stored = read_depth(file)
-        name = f"{file.parent.name}/{file.name}"
-        if stored is None:
-            return DecodedDepth(index, None, None, f"{name} cannot be decoded")
-        if (stored.shape[1], stored.shape[0]) != self.size:
-            found = size_text((stored.shape[1], stored.shape[0]))
-            return DecodedDepth(index, None, None, f"{name} is {found}, not {size_text(self.size)}")
-        return DecodedDepth(index, None, metres(stored, self._units_per_m))
 
 
 def metres(stored: AnyArray, units_per_m: float) -> F32:
@@ -180,7 +176,6 @@ def _step(one: F64 | None, other: F64 | None) -> float:
     return float("nan") if one is None or other is None else float(np.linalg.norm(other - one))
 
 
-Size = tuple[int, int]
 RgbdPairs = Callable[[Sequence[int] | None], Generator[tuple[Decoded, DecodedDepth], None, None]]
 """Decodes images and their depth of these ascending indices, or all."""
 

@@ -18,7 +18,8 @@ from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64, U8, AnyArray
 from stereo.readers.base import FrameSource, OpenOptions, Reader, Stream, is_grey, split_pairs
-from stereo.readers.stereo_layout import Size, StereoLayout, clock_of, pixel_text
+from stereo.readers.images import Size
+from stereo.readers.stereo_layout import StereoLayout, clock_of, pixel_text
 from stereo.readers.video import SUFFIXES, VideoFile, video_files
 from stereo.row_offset import VerticalParams, match_corners
 

@@ -28,11 +28,9 @@ from stereo.readers.base import (
     both,
     rate_of,
 )
-from stereo.readers.images import ImageFiles, bits_note, bits_of
+from stereo.readers.images import ImageFiles, Size, bits_note, bits_of
 from stereo.readers.pairing import TimePairs, pair_stamps
 from stereo.readers.times import load_timestamps
-
-Size = tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,10 +26,10 @@ from stereo.readers.bags.messages import camera_fields, frame_id, transforms
 from stereo.readers.bags.storage import Bag, McapFile, RosBag, error_text
 from stereo.readers.bags.topics import TopicFrames, TopicImages, bits_in, choose_topics, info_topic, stored_at
 from stereo.readers.base import Decoded, DecodedDepth, Layout, OpenOptions, Reader, Stream, both
-from stereo.readers.images import bits_note
+from stereo.readers.images import Size, bits_note
 from stereo.readers.pairing import depth_note, nearest_mates, pair_stamps
 from stereo.readers.rgbd import UNITS_PER_M, RgbdLayout, metres
-from stereo.readers.stereo_layout import Size, StereoLayout, check_paired, own_times, pixel_text, same_size, times_of
+from stereo.readers.stereo_layout import StereoLayout, check_paired, own_times, pixel_text, same_size, times_of
 
 MAX_TRANSFORMS = 2000
 """Messages of tf_static that are read: drivers send some dozens (our choice)."""
