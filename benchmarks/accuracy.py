@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.passes import BenchTracker, bench_engine
 from calib.errors import InputError, WorkError
-from calib.text import reason
+from calib.io import reason
 from planview.engine.config import Config
 from planview.engine.engine import Engine, FrameResult
 from planview.evaluation.evaluate import evaluate_tracks

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.board.model import BoardView
-from calib.board.pattern import Board
+from calib.board.detect import Board, BoardView
 from calib.camera import Camera, LensModel
 from calib.pose import SE3
 from calib.rig import StereoRig

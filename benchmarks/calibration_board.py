@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.board_views import LENS_NAMES, board_views, random_rig
 from benchmarks.rows import Row
-from calib.board.pattern import Board
+from calib.board.detect import Board
 from calib.board.solve import solve_board
 from calib.rig import StereoRig
 

@@ -14,7 +14,7 @@ from planview.synthetic.assets import SCENES, real_recordings
 from planview.synthetic.render import SceneRenderer
 from planview.synthetic.scene import Scene, load_scene
 from stereo.floor import FloorEstimator, setup_frames
-from stereo.readers.opening import open_recording
+from stereo.readers.open import open_recording
 from stereo.recording import StereoFrame
 from stereo.rectify import aligned_rectifier
 

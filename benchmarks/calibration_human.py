@@ -14,10 +14,9 @@ from benchmarks.rows import Row
 from calib.errors import WorkError
 from calib.formats.tsai import TsaiCamera, load_tsai
 from calib.ground_camera import GroundCamera
-from calib.human.calibration import calibrate_from_people
-from calib.human.choice import choose_spread
-from calib.human.model import HumanModel
-from calib.human.samples import HumanSample
+from calib.people.calibration import calibrate_from_people
+from calib.people.model import HumanModel
+from calib.people.samples import HumanSample, choose_spread
 from calib.types import F64
 from planview.synthetic.assets import real_recordings
 

@@ -22,7 +22,7 @@ from stereo.depth import RectifiedGeometry
 from stereo.matcher import disparity_range
 from stereo.recording import Skipped, StereoFrame
 from stereo.rectify import Rectifier
-from stereo.vertical import VerticalFit
+from stereo.row_offset import VerticalFit
 
 SIZE = (320, 240)
 FPS = 15.0

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from calib.errors import WorkError
-from calib.rigs_file import RIGS_FILE, RigEntry, load_rigs
-from calib.text import reason
+from calib.io import reason
 from calib.types import F64
+from calib.world import RIGS_FILE, RigEntry, load_rigs
 from planview.calibration.align import align_records, rig_entries
 from planview.calibration.paths import record_rig
 from planview.engine.config import Config
@@ -28,7 +28,7 @@ from planview.synthetic.random_scenes.rigs import random_rigs
 from planview.synthetic.render import RENDERER_VERSION
 from planview.synthetic.write import write_rigs
 from planview.trajectories.table import Trajectories, TrajectoryCollector, concatenated, positions_table, read_truth
-from stereo.readers.heads import heads_in
+from stereo.readers.multi_rig import heads_in
 
 LIMITS = {"position_cm": 5.0, "heading_deg": 0.5, "clock_ms": 30.0}
 """What an alignment must keep."""

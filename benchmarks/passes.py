@@ -19,7 +19,7 @@ import stereo
 from benchmarks import peer
 from benchmarks.peer import Peer, PeerLog
 from calib.errors import InputError, WorkError
-from calib.text import reason
+from calib.io import reason
 from planview.engine.config import Config
 from planview.engine.engine import Engine
 from planview.engine.factory import open_engine

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from calib.files import write_whole
+from calib.io import write_whole
 from calib.types import U8
 from planview.engine.config import Config, ungated
 from planview.engine.engine import FrameResult, StageClock
@@ -31,7 +31,7 @@ from planview.trajectories.state import TrackState
 from planview.trajectories.table import TrajectoryCollector, write_table
 from stereo.readers import open_any
 from stereo.recording import Recording, RgbdRecording
-from stereo.sampled import SampledDisparity
+from stereo.sampled_sgm import SampledDisparity
 
 HISTORY = 5000
 """Frames of MOG2's memory. OpenCV's default of 500 takes a person who stands for 4 s for background."""

@@ -10,7 +10,7 @@ from typing import Any
 
 from benchmarks.suite import JUDGING_SEED
 from calib.errors import InputError
-from calib.text import reason
+from calib.io import reason
 from planview.evaluation.result import KINDS
 
 WAYS = {"online": "online", "refined": "refined (`planview refine`)", "peer": "naive engine"}

@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.beside_mog2 import PaintedVideo, TimesBesideMog2, beside_mog2
 from calib.ground_camera import GroundCamera
-from calib.human.model import HumanModel
+from calib.people.model import HumanModel
 from calib.types import U8
 from planview.engine.single_camera_pipeline import SingleCameraPipeline
 from planview.tracking.human_model.params import HumanModelParams

@@ -40,7 +40,7 @@ from planview.engine.engine import STAGES
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
 from planview.synthetic.assets import DEMO, real_recordings
-from stereo.gate import SAMPLE
+from stereo.gating import SAMPLE
 
 PARTS = ("engine", "foreground", "after-disparity", "single", "start", "worst-case", "full-resolution", *CURVES)
 """What is measured, in order."""

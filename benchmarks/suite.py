@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from benchmarks.accuracy import RenderOptions, SceneScore, rendered, totals
 from benchmarks.passes import PEER, BenchTracker, Pass, run_pass
 from calib.errors import InputError
-from calib.text import reason
+from calib.io import reason
 from planview.engine.config import Config
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.evaluation.result import KINDS

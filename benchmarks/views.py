@@ -15,8 +15,8 @@ from pydantic import ValidationError
 from benchmarks.accuracy import RenderOptions, Tell, rendered
 from benchmarks.frame_counts import VISIBLE_MIN, count_frames
 from calib.errors import InputError
+from calib.io import parse_toml, read_text
 from calib.params import first_problem
-from calib.text import parse_toml, read_text
 from planview.counting.geometry import RulePlane
 from planview.counting.rules import parse_rules
 from planview.counting.scoring import CrossingScores, score_counts

@@ -1,5 +1,5 @@
 """Cameras: intrinsics, poses, rigs, their file formats, and how to obtain them."""
 
-from calib.kernel_cache import prepare_kernel_cache
+from calib.libraries import prepare_kernel_cache
 
 prepare_kernel_cache()

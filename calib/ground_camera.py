@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
-from calib.files import write_whole
-from calib.text import load_toml
+from calib.io import load_toml, write_whole
 from calib.types import F64
 
 LENS_K_320: dict[str, float] = {

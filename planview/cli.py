@@ -92,7 +92,7 @@ def _version() -> str:
 def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | None = None) -> None:
     """Run a command; exit status 0 done, 1 the work failed, 2 wrong usage or bad input, 130 interrupted."""
     from calib.errors import InputError, WorkError
-    from calib.text import reason
+    from calib.io import reason
 
     words = sys.argv[1:] if argv is None else argv
     _stop_on_signals()

@@ -1,4 +1,7 @@
-"""Compiled loops; their plain numpy twins are in tests/reference/stereo_kernels.py."""
+"""Compiled loops of matching, registration and windows.
+
+Their plain numpy twins are in tests/reference/stereo_kernels.py and windows.py.
+"""
 
 import math
 
@@ -85,3 +88,106 @@ def register_depth(
         for col in range(cols):
             if nearest[row, col] == np.inf:
                 nearest[row, col] = np.nan
+
+
+MAX_NODES = 1024
+"""Boxes that are tried at most; what is left then is not cut further."""
+
+
+@njit(cache=True, nogil=True)
+def _count(sums: AnyArray, top: int, left: int, bottom: int, right: int) -> int:
+    """Marked tiles of a box, from the summed-area table."""
+    return int(sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left])
+
+
+@njit(cache=True, nogil=True)
+def tight(sums: AnyArray, top: int, left: int, bottom: int, right: int) -> tuple[int, int, int, int]:
+    """The smallest box around the marked tiles of a box; empty when there is none."""
+    while top < bottom and _count(sums, top, left, top + 1, right) == 0:
+        top += 1
+    while bottom > top and _count(sums, bottom - 1, left, bottom, right) == 0:
+        bottom -= 1
+    while left < right and _count(sums, top, left, bottom, left + 1) == 0:
+        left += 1
+    while right > left and _count(sums, top, right - 1, bottom, right) == 0:
+        right -= 1
+    return top, left, bottom, right
+
+
+@njit(cache=True, nogil=True)
+def cost(box: tuple[int, int, int, int], per_pixel: F64, tile: int, rows: float, columns: float, fixed: float) -> float:
+    """Of matching a box: its pixels and a margin times the work per pixel, and what a window costs besides."""
+    top, left, bottom, right = box
+    if top >= bottom or left >= right:
+        return 0.0
+    height, width = (bottom - top) * tile + rows, (right - left) * tile + columns
+    return float(height * width * per_pixel[top, bottom - 1] + fixed)
+
+
+@njit(cache=True, nogil=True)
+def best_cut(  # type: ignore[no-untyped-def]
+    sums: AnyArray, box: tuple[int, int, int, int], per_pixel: F64, tile: int, rows: float, columns: float, fixed: float
+):
+    """The two parts of a tight box that cost least together; the box twice when it is a single tile."""
+    best, one, other = np.inf, box, box
+    for axis in range(2):
+        for cut in range(box[axis] + 1, box[axis + 2]):
+            if axis == 0:
+                a = tight(sums, box[0], box[1], cut, box[3])
+                b = tight(sums, cut, box[1], box[2], box[3])
+            else:
+                a = tight(sums, box[0], box[1], box[2], cut)
+                b = tight(sums, box[0], cut, box[2], box[3])
+            both = cost(a, per_pixel, tile, rows, columns, fixed) + cost(b, per_pixel, tile, rows, columns, fixed)
+            if both < best:
+                best, one, other = both, a, b
+    return one, other
+
+
+@njit(cache=True, nogil=True)
+def split(  # type: ignore[no-untyped-def]
+    sums: AnyArray, per_pixel: F64, tile: int, rows: float, columns: float, fixed: float, out: AnyArray
+):
+    """Boxes around all marked tiles: one, cut in two again and again where all its parts together cost less.
+
+    ``sums`` (n + 1, m + 1) int32 summed-area table of the tiles; ``per_pixel`` (n, n) float64, work of a pixel of boxes
+    from the first to the last row; ``rows``, ``columns``: margins [px]. Fills ``out`` (K, 4) int64 with top, left,
+    bottom, right in tiles, and returns their number and total cost; -1 when there are more than K.
+    """
+    nodes = np.empty((MAX_NODES, 4), np.int64)
+    part = np.zeros(MAX_NODES, np.int64)
+    work = np.zeros(MAX_NODES)
+    first = tight(sums, 0, 0, sums.shape[0] - 1, sums.shape[1] - 1)
+    nodes[0] = np.array(first)
+    n_nodes, k = 1, 0
+    while k < n_nodes:
+        box = (nodes[k, 0], nodes[k, 1], nodes[k, 2], nodes[k, 3])
+        work[k] = cost(box, per_pixel, tile, rows, columns, fixed)
+        area = (box[2] - box[0]) * (box[3] - box[1])
+        if _count(sums, box[0], box[1], box[2], box[3]) < area and n_nodes + 2 <= MAX_NODES:
+            one, other = best_cut(sums, box, per_pixel, tile, rows, columns, fixed)
+            part[k] = n_nodes
+            nodes[n_nodes], nodes[n_nodes + 1] = np.array(one), np.array(other)
+            n_nodes += 2
+        k += 1
+    for k in range(n_nodes - 1, -1, -1):
+        if part[k] > 0:
+            parts = work[part[k]] + work[part[k] + 1]
+            if parts < work[k]:
+                work[k] = parts
+            else:
+                part[k] = 0
+    n, left_over = 0, 1
+    waiting = np.zeros(MAX_NODES, np.int64)
+    while left_over > 0 and work[0] > 0.0:
+        left_over -= 1
+        k = waiting[left_over]
+        if part[k] > 0:
+            waiting[left_over], waiting[left_over + 1] = part[k], part[k] + 1
+            left_over += 2
+        elif n == len(out):
+            return -1, work[0]
+        else:
+            out[n] = nodes[k]
+            n += 1
+    return n, work[0]

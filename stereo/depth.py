@@ -1,4 +1,4 @@
-"""Metres from disparity, and how far they may be off."""
+"""Metres from disparity and how far they may be off, and the rectified left camera above its floor."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from calib.params import Params
+from calib.pose import SE3
 from calib.types import F32, F64
 
 DISPARITY_STD_PX = 0.25
@@ -169,3 +170,28 @@ def median_image(images: Sequence[F32]) -> F32:
     median = np.full(known.shape, np.nan, dtype=np.float32)
     median[known] = np.nanmedian(stack[:, known], axis=0)
     return median
+
+
+class StereoFloorCamera:
+    """The rectified left camera of a rig above the floor; its pixels are those of the boxes in tracks.csv."""
+
+    def __init__(self, geometry: RectifiedGeometry, world_SE3_left: SE3) -> None:
+        self._geometry = geometry
+        self._pose = world_SE3_left
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) [px]."""
+        return self._geometry.size
+
+    def project(self, points_world: ArrayLike) -> F64:
+        """(..., 2) pixels of (..., 3) world points [m]; NaN behind the camera."""
+        points = np.asarray(points_world, dtype=np.float64)
+        return self._geometry.project((points - self._pose.translation) @ self._pose.rotation)
+
+    def back_project(self, pixels: ArrayLike) -> F64:
+        """(..., 2) places on the floor [m] that (..., 2) pixels show; NaN above the horizon."""
+        rays = self._geometry.rays(pixels) @ self._pose.rotation.T
+        down = np.where(rays[..., 2] < -1e-9, -rays[..., 2], np.nan)
+        reach = self._pose.translation[2] / down
+        return np.asarray(self._pose.translation[:2] + reach[..., None] * rays[..., :2])

@@ -12,15 +12,14 @@ from pydantic import Field
 
 from calib.errors import WorkError
 from calib.floor.find import find_floor
-from calib.floor.params import FloorParams
+from calib.floor.plane import FloorParams
 from calib.params import Params
 from calib.rig import Floor
 from calib.types import F32, F64
 from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project
-from stereo.matcher import RangeParams, SgbmParams, disparity_range
+from stereo.matcher import RangeParams, SgbmParams, TwoWayMatcher, disparity_range
 from stereo.recording import StereoFrame
 from stereo.rectify import RectifiedPair, Rectifier, RectifyParams
-from stereo.two_way import TwoWayMatcher
 
 SETUP_FRAMES = 24
 """Frames, spread over a recording, in which floor and row offset are measured (our choice)."""

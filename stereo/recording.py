@@ -9,8 +9,7 @@ from typing import Protocol, runtime_checkable
 
 from calib.camera import Camera
 from calib.pose import SE3
-from calib.rgbd import DepthSensor
-from calib.rig import StereoRig
+from calib.rig import DepthSensor, StereoRig
 from calib.types import F32, F64, U8
 
 

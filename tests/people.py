@@ -3,8 +3,8 @@
 import numpy as np
 
 from calib.ground_camera import GroundCamera
-from calib.human.model import HumanModel
-from calib.human.samples import HumanSample
+from calib.people.model import HumanModel
+from calib.people.samples import HumanSample
 
 
 def standing_people(camera: GroundCamera, count: int, seed: int = 0, noise_px: float = 0.0) -> list[HumanSample]:

@@ -21,7 +21,7 @@ from benchmarks.provenance import provenance
 from benchmarks.suite import SUITE, chosen_files
 from benchmarks.variants import CONFIGURED, LADDER, RULES, Variant, chosen_variants
 from calib.errors import InputError
-from calib.files import write_whole
+from calib.io import write_whole
 from planview.evaluation.result import KINDS, Evaluation
 
 TABLE_WIDTH = 144

@@ -12,8 +12,7 @@ from rich.console import Console
 from benchmarks.failure_picture import FailedRun, failure_picture
 from benchmarks.results import Failure, failures, load_report, results_page, shown
 from calib.errors import InputError, WorkError
-from calib.files import write_whole
-from calib.text import reason
+from calib.io import reason, write_whole
 from planview.evaluation.significant import SignificantError
 from planview.trajectories.table import read_tracks, read_truth
 

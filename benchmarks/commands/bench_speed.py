@@ -17,7 +17,7 @@ from benchmarks.curve_plot import write_plot
 from benchmarks.curves import CURVES
 from benchmarks.speed import LIMITS, USUAL, Speed, measure
 from calib.errors import InputError
-from calib.files import write_whole
+from calib.io import write_whole
 
 Part = Literal[
     "engine",

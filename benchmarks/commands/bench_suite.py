@@ -33,7 +33,7 @@ from benchmarks.suite import (
     suite_totals,
 )
 from calib.errors import InputError
-from calib.files import write_whole
+from calib.io import write_whole
 
 
 @Parameter(name="*")

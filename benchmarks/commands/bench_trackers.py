@@ -15,8 +15,7 @@ from benchmarks.accuracy import RenderOptions, cache_folder, rendered, scene_fil
 from benchmarks.commands.options import JsonFlag
 from benchmarks.trackers import TrackerScore, check_truth, compare, page
 from calib.errors import WorkError
-from calib.files import write_whole
-from calib.text import reason
+from calib.io import reason, write_whole
 from planview.engine.config import load_config
 from planview.synthetic.assets import DEMO
 from planview.synthetic.scene import load_scene

@@ -1,16 +1,175 @@
-"""Where the corners of a board are in an image."""
+"""Calibration boards: what they look like, where their corners are in images, and what a user left open about them."""
 
 from __future__ import annotations
 
 import math
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import cv2
 import numpy as np
 
-from calib.board.model import Corners
-from calib.board.pattern import Board, dictionaries
+from calib.errors import InputError
 from calib.images import as_grey
+from calib.io import parse_length
 from calib.types import F64, I64, U8
+
+MIN_SQUARE_M, MAX_SQUARE_M = 0.002, 0.5
+"""Squares outside this range are a slip of the unit: boards are held in a hand or stood in a room (our choice)."""
+MIN_CORNERS, MAX_CORNERS = 3, 60
+"""Inner corners along a side."""
+MARKER_SHARES = (0.75, 0.7, 0.8, 0.6, 0.5)
+"""Usual sides of a ChArUco marker as shares of its square, the most usual first."""
+_BARE_NUMBER = re.compile(r"\s*\d+([.,]\d*)?\s*")
+
+
+@dataclass(frozen=True)
+class Board:
+    """A printed board.
+
+    Attributes:
+        cols, rows: inner corners along a row and a column.
+        square_m: side of a square [m].
+        dictionary: ArUco dictionary of a ChArUco board; empty for a chessboard.
+        marker_m: side of a marker [m].
+        legacy: ChArUco layout of OpenCV before 4.6.
+    Raises:
+        ValueError: counts or sizes that no board has.
+    """
+
+    cols: int
+    rows: int
+    square_m: float
+    dictionary: str = ""
+    marker_m: float = 0.0
+    legacy: bool = False
+
+    def __post_init__(self) -> None:
+        if not all(MIN_CORNERS <= n <= MAX_CORNERS for n in (self.cols, self.rows)):
+            raise ValueError(
+                f"expected {MIN_CORNERS} to {MAX_CORNERS} inner corners a side, found {self.cols}x{self.rows}"
+            )
+        if not MIN_SQUARE_M <= self.square_m <= MAX_SQUARE_M:
+            raise ValueError(f"expected squares of {MIN_SQUARE_M} to {MAX_SQUARE_M} m, found {self.square_m:g} m")
+        if self.dictionary and not 0 < self.marker_m < self.square_m:
+            raise ValueError(f"expected markers smaller than the squares, found {self.marker_m:g} m")
+
+    @property
+    def points(self) -> F64:
+        """(cols * rows, 3) corners on the board [m], row by row, z = 0."""
+        col, row = np.meshgrid(np.arange(self.cols), np.arange(self.rows))
+        points = np.stack([col.ravel(), row.ravel(), np.zeros(col.size)], axis=-1)
+        return np.asarray(points * self.square_m, dtype=np.float64)
+
+    @property
+    def name(self) -> str:
+        """For messages."""
+        kind = f"ChArUco ({self.dictionary})" if self.dictionary else "chessboard"
+        return f"{kind} of {self.cols}x{self.rows} inner corners, {1000 * self.square_m:g} mm squares"
+
+
+def parse_square(text: str) -> float:
+    """Side of a square [m].
+
+    Raises:
+        InputError: a bare number, which could be millimetres as well as metres, or what is no length at all.
+    """
+    if _BARE_NUMBER.fullmatch(text):
+        raise InputError(
+            f"--square: expected the side of a square with its unit, found {text!r} without one: "
+            f"type --square {text.strip()}mm if these are millimetres"
+        )
+    return parse_length(text, "--square")
+
+
+def parse_board(text: str | None, square_m: float, marker: str | None, dictionary: str | None) -> Board | None:
+    """A board from what the user typed.
+
+    Args:
+        text: ``9x6`` (inner corners), ``charuco:8x6`` (squares), or None to find a chessboard's counts in the images.
+        square_m: side of a square [m].
+        marker: side of a ChArUco marker with its unit, None to try usual ones.
+        dictionary: e.g. ``DICT_4X4_50``; None to try all.
+    Returns:
+        The board; None when the counts are to be found. A ChArUco board with an empty dictionary or marker size 0 is
+        completed by ``complete_charuco``.
+    Raises:
+        InputError: text that describes no board.
+    """
+    if not MIN_SQUARE_M <= square_m <= MAX_SQUARE_M:
+        raise InputError(
+            f"--square: expected the side of one square, {1000 * MIN_SQUARE_M:g} mm to {100 * MAX_SQUARE_M:g} cm, "
+            f"found {1000 * square_m:g} mm"
+        )
+    if text is None:
+        if marker or dictionary:
+            raise InputError("--marker, --dictionary: expected --board charuco:COLSxROWS with them, found no --board")
+        return None
+    match = re.fullmatch(r"\s*(charuco)?[\s:]*(\d{1,3})\s*[xX×]\s*(\d{1,3})\s*", text)
+    if match is None:
+        raise InputError(f"--board: expected 9x6 (inner corners) or charuco:8x6 (squares), found {text!r}")
+    cols, rows = int(match[2]), int(match[3])
+    try:
+        if not match[1]:
+            return Board(cols, rows, square_m)
+        marker_m = parse_length(marker, "--marker") if marker else MARKER_SHARES[0] * square_m
+        names = dictionaries()
+        chosen = dictionary or next(iter(names))
+        chosen = chosen if chosen.startswith("DICT_") else f"DICT_{chosen}"
+        if chosen not in names:
+            raise InputError(f"--dictionary: expected one of {', '.join(names)}, found {dictionary!r}")
+        return Board(cols - 1, rows - 1, square_m, chosen, marker_m)
+    except ValueError as error:
+        raise InputError(f"--board: {error}") from error
+
+
+def dictionaries() -> dict[str, int]:
+    """Names of the ArUco dictionaries this OpenCV knows, with their numbers."""
+    found = {name: int(getattr(cv2.aruco, name)) for name in dir(cv2.aruco) if name.startswith("DICT_")}
+    # Aliases differ in case only; keep one name for each.
+    return {name: number for name, number in found.items() if name.upper() == name or name.upper() not in found}
+
+
+Side = Literal["left", "right"]
+SIDES: tuple[Side, Side] = ("left", "right")
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """Corners of the board found in one image: (n,) ids into the board's points and (n, 2) pixels."""
+
+    ids: I64
+    pixels: F64
+
+
+@dataclass(frozen=True, eq=False)
+class BoardView:
+    """Corners of the board that both images of a pair show.
+
+    Attributes:
+        name: of the pair, for messages.
+        ids: (n,) into the board's points.
+        left, right: (n, 2) image points [px].
+    """
+
+    name: str
+    ids: I64
+    left: F64
+    right: F64
+
+    def image_points(self, side: Side) -> F64:
+        """(n, 2) image points of one camera [px]."""
+        return self.left if side == "left" else self.right
+
+
+def common_view(name: str, left: Corners, right: Corners) -> BoardView:
+    """The corners that are in both images."""
+    ids, i, j = np.intersect1d(left.ids, right.ids, return_indices=True)
+    return BoardView(name, np.asarray(ids, dtype=np.int64), left.pixels[i], right.pixels[j])
+
 
 _MIN_WIDTH, _MAX_WIDTH = 640, 1280
 """Boards are looked for in images of such widths [px], smaller ones enlarged and larger ones reduced: OpenCV's
@@ -85,7 +244,12 @@ def find_chessboard(grey: U8, cols: int, rows: int, *, thorough: bool = True) ->
     if not found or pixels is None:
         return None
     corners = (np.asarray(pixels, dtype=np.float64).reshape(-1, 2) + 0.5) / scale - 0.5
-    return _facing(corners, cols)
+    # Order without mirroring: rows must follow columns clockwise in the image, as on the board.
+    grid = corners.reshape(-1, cols, 2)
+    along = (grid[:, -1] - grid[:, 0]).mean(axis=0)
+    down = (grid[-1] - grid[0]).mean(axis=0)
+    turned = grid if along[0] * down[1] - along[1] * down[0] > 0 else grid[:, ::-1]
+    return np.ascontiguousarray(turned.reshape(-1, 2))
 
 
 def at_detection_width(grey: U8) -> tuple[U8, float]:
@@ -96,15 +260,6 @@ def at_detection_width(grey: U8) -> tuple[U8, float]:
     scale = float(math.ceil(_MIN_WIDTH / width)) if width < _MIN_WIDTH else _MAX_WIDTH / width
     how = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
     return np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=how), dtype=np.uint8), scale
-
-
-def _facing(corners: F64, cols: int) -> F64:
-    """Order without mirroring: rows must follow columns clockwise in the image, as on the board."""
-    grid = corners.reshape(-1, cols, 2)
-    along = (grid[:, -1] - grid[:, 0]).mean(axis=0)
-    down = (grid[-1] - grid[0]).mean(axis=0)
-    turned = grid if along[0] * down[1] - along[1] * down[0] > 0 else grid[:, ::-1]
-    return np.ascontiguousarray(turned.reshape(-1, 2))
 
 
 def refine(grey: U8, corners: F64, cols: int) -> F64:
@@ -143,3 +298,89 @@ def _charuco_detector(board: Board) -> cv2.aruco.CharucoDetector:
     made = cv2.aruco.CharucoBoard(squares, board.square_m, board.marker_m, dictionary)
     made.setLegacyPattern(board.legacy)
     return cv2.aruco.CharucoDetector(made)
+
+
+_TRIAL_IMAGES = 3
+_TRIAL_COUNTS = 4
+"""Counts that are tried on all images, the most frequent ones."""
+_MIN_VOTES = 2
+"""A size that is found in a single image is chance: small ones are found in noise."""
+
+
+def find_counts(images: Iterable[U8]) -> tuple[int, int] | None:
+    """Inner corners (more, fewer) of the chessboard in the images, None when none is found.
+
+    A small pattern is grown as far as it goes in each image. Of the sizes so found the largest that is in most images
+    wins: parts of a board are found as well, and an edge of the board can look like another row of squares in a few.
+    """
+    greys = [as_grey(image) for image in images]
+    votes = Counter(size for grey in greys if (size := _grown(grey)) is not None)
+    tried = [size for size, count in votes.most_common(_TRIAL_COUNTS) if count >= _MIN_VOTES]
+    if len(votes) < 2 or not tried:
+        return tried[0] if tried else None
+    tried.sort(key=lambda size: -size[0] * size[1])
+    found = {size: _images_with(greys, size) for size in tried}
+    return next((size for size in tried if 2 * found[size] > len(greys)), max(tried, key=lambda size: found[size]))
+
+
+def larger_counts(images: Iterable[U8], given: tuple[int, int]) -> tuple[int, int] | None:
+    """Inner corners (more, fewer) of the chessboard that the given one is only a part of; None when it is whole.
+
+    Left and right images of a part of a board need not show the same part.
+    """
+    greys = [as_grey(image) for image in images]
+    given = max(given), min(given)
+    found = find_counts(greys)
+    if found is None or found == given or found[0] < given[0] or found[1] < given[1]:
+        return None
+    # The whole board is found exactly, and at least as often as the part.
+    whole, part = (_exactly(greys, size) for size in (found, given))
+    return found if whole >= max(1, part) else None
+
+
+def _grown(grey: U8) -> tuple[int, int] | None:
+    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
+    found, _, meta = cv2.findChessboardCornersSBWithMeta(at_detection_width(grey)[0], (MIN_CORNERS, MIN_CORNERS), flags)
+    if not found or meta is None or meta.ndim != 2:
+        return None
+    rows, cols = (int(n) for n in meta.shape)
+    return (max(rows, cols), min(rows, cols)) if rows * cols > MIN_CORNERS**2 else None
+
+
+def _images_with(greys: Sequence[U8], size: tuple[int, int]) -> int:
+    return sum(find_chessboard(grey, *size) is not None for grey in greys)
+
+
+def _exactly(greys: Sequence[U8], size: tuple[int, int]) -> int:
+    """Images in which the detector that is not content with parts of a board finds it."""
+    flags = cv2.CALIB_CB_NORMALIZE_IMAGE
+    return sum(bool(cv2.findChessboardCornersSB(at_detection_width(grey)[0], size, flags=flags)[0]) for grey in greys)
+
+
+def complete_charuco(board: Board, images: Sequence[U8], *, any_dictionary: bool, any_marker: bool) -> Board:
+    """The ChArUco board with the dictionary, marker size and layout that find most in a few images."""
+    greys = [as_grey(image) for image in images[:_TRIAL_IMAGES]]
+    if any_dictionary:
+        wanted = (board.cols + 1) * (board.rows + 1) // 2
+        name = max(dictionaries(), key=lambda name: (_markers(name, wanted, greys), -dictionaries()[name]))
+        board = replace(board, dictionary=name)
+    board = max((replace(board, legacy=legacy) for legacy in (False, True)), key=lambda one: _found(one, greys))
+    if not any_marker:
+        return board
+    sizes = [replace(board, marker_m=share * board.square_m) for share in MARKER_SHARES]
+    return max(sizes, key=lambda one: _found(one, greys))
+
+
+def _markers(dictionary: str, wanted: int, greys: Sequence[U8]) -> int:
+    """Markers of a dictionary in the images whose ids a board with so many of them can hold."""
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(dictionaries()[dictionary]))
+    found = 0
+    for grey in greys:
+        _, ids, _ = detector.detectMarkers(grey)
+        found += 0 if ids is None else len({int(i) for i in np.asarray(ids).ravel() if i < wanted})
+    return found
+
+
+def _found(board: Board, images: Sequence[U8]) -> int:
+    detector = Detector(board)
+    return sum(len(corners.ids) for image in images if (corners := detector(image)) is not None)

@@ -1,4 +1,4 @@
-"""Cameras and rigs from views of a board, by OpenCV's own calibration.
+"""Cameras and rigs from views of a board by OpenCV's own calibration, and which frames of a long take to use.
 
 ``calibrateCameraExtended`` and ``fisheye.calibrate`` start each camera; ``stereoCalibrateExtended`` and
 ``fisheye.stereoCalibrate`` then fit both cameras, the transform between them and all board poses together.
@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -16,11 +16,129 @@ import cv2
 import numpy as np
 from scipy.optimize import least_squares
 
-from calib.board.model import SIDES, BoardView, RigFit, Side, rig_parameters
+from calib.board.detect import SIDES, BoardView, Corners, Side
 from calib.camera import Camera, LensModel
 from calib.pose import SE3
 from calib.rig import StereoRig
-from calib.types import F64
+from calib.types import F64, U8
+
+
+@dataclass(frozen=True, eq=False)
+class RigFit:
+    """A rig fitted to views of a board.
+
+    Attributes:
+        rig: both cameras and the transform between them.
+        poses: (n_views, 6) rotation vector and translation [m] of left_SE3_board.
+        errors: per view the (2, n, 2) reprojection errors in the left and the right image [px].
+    """
+
+    rig: StereoRig
+    poses: F64
+    errors: tuple[F64, ...]
+
+    @property
+    def rms_px(self) -> float:
+        """Root mean square distance between corners and their reprojection, over all images [px]."""
+        return rms(self.errors)
+
+    def view_rms_px(self) -> F64:
+        """(n_views,) the same per view [px]."""
+        return np.array([rms([error]) for error in self.errors])
+
+    def side_errors(self, side: Side) -> list[F64]:
+        """Per view the (n, 2) reprojection errors of one camera [px]."""
+        return [error[SIDES.index(side)] for error in self.errors]
+
+
+def rms(errors: Iterable[F64]) -> float:
+    """Root mean square length of the 2-vectors in several (..., 2) arrays; NaN without any."""
+    stacked = np.concatenate([np.empty((0, 2)), *(error.reshape(-1, 2) for error in errors)])
+    return float(np.sqrt((stacked**2).sum(axis=1).mean())) if len(stacked) else math.nan
+
+
+def coefficient_names(camera: Camera) -> tuple[str, ...]:
+    """Names of the distortion coefficients in their order."""
+    if camera.model == "fisheye":
+        return ("k1", "k2", "k3", "k4")
+    order = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tx", "ty")
+    return order[: len(camera.coefficients)]
+
+
+def rig_parameters(rig: StereoRig) -> dict[str, float]:
+    """Parameters of a rig by name, e.g. "left fx" [px], "rotation x" [rad], "translation z" and "baseline" [m]."""
+    values: dict[str, float] = {}
+    for side, camera in (("left", rig.left), ("right", rig.right)):
+        for name in ("fx", "fy", "cx", "cy"):
+            values[f"{side} {name}"] = float(getattr(camera, name))
+        named = zip(coefficient_names(camera), camera.coefficients, strict=True)
+        values |= {f"{side} {name}": float(value) for name, value in named}
+    pose = rig.right_SE3_left
+    for what, vector in (("rotation", pose.rotvec), ("translation", pose.translation)):
+        values |= {f"{what} {axis}": float(value) for axis, value in zip("xyz", vector, strict=True)}
+    return values | {"baseline": rig.baseline_m}
+
+
+MAX_VIEWS = 40
+"""More views of one board add little: the error falls with the root of their number (our choice)."""
+_BLURRED_SHARE = 0.6
+"""Frames less sharp than this share of the take's best tenth are moved or out of focus (our choice)."""
+_PATCH_PX = 4
+
+
+def sharpness(grey: U8, corners: Corners) -> float:
+    """Median steepness of the edges at the corners, as a share of their contrast per pixel (1: perfectly sharp)."""
+    values = []
+    height, width = grey.shape
+    for x, y in np.rint(corners.pixels).astype(int):
+        patch = grey[max(0, y - _PATCH_PX) : y + _PATCH_PX + 1, max(0, x - _PATCH_PX) : x + _PATCH_PX + 1]
+        if not (0 <= x < width and 0 <= y < height) or min(patch.shape) < 3:
+            continue
+        smooth = cv2.GaussianBlur(patch, (3, 3), 0).astype(np.float64)
+        contrast = float(np.ptp(smooth))
+        if contrast > 0:
+            steepest = max(np.abs(np.diff(smooth, axis=axis)).max() for axis in (0, 1))
+            values.append(steepest / contrast)
+    return float(np.median(values)) if values else 0.0
+
+
+def select_views(
+    views: Sequence[BoardView], sharp: Sequence[float], size: tuple[int, int], limit: int = MAX_VIEWS
+) -> list[int]:
+    """Indices of the views to use, in order.
+
+    Blurred ones go first; then views are taken one by one, each the most different from those taken already in
+    place, size and tilt of the board.
+
+    Args:
+        views: to choose from.
+        sharp: of each, the lesser of both images.
+        size: (width, height) [px].
+    """
+    if len(views) <= limit:
+        return list(range(len(views)))
+    floor = _BLURRED_SHARE * float(np.quantile(np.asarray(sharp), 0.9))
+    good = [i for i, value in enumerate(sharp) if value >= floor]
+    features = np.array([_features(view, size) for view in views])
+    taken = [max(good, key=lambda i: sharp[i])]
+    away = np.linalg.norm(features - features[taken[0]], axis=1)
+    while len(taken) < min(limit, len(good)):
+        best = max((i for i in good if i not in taken), key=lambda i: (float(away[i]), sharp[i]))
+        taken.append(best)
+        away = np.minimum(away, np.linalg.norm(features - features[best], axis=1))
+    return sorted(taken)
+
+
+def _features(view: BoardView, size: tuple[int, int]) -> F64:
+    """Place, log size, slant and perspective of the board in the left image, each about one wide."""
+    normal = (view.left - [size[0] / 2, size[1] / 2]) / size[0]
+    centre = normal.mean(axis=0)
+    spread = np.cov((normal - centre).T)
+    scale = np.sqrt(np.trace(spread))
+    shape = np.array([spread[0, 0] - spread[1, 1], 2 * spread[0, 1]]) / np.trace(spread)
+    third = ((normal - centre) ** 3).mean(axis=0) / scale**3
+    return np.concatenate([2 * centre, [np.log(scale)], shape, 2 * third])
+
 
 opencv: Any = cv2
 """Its type stubs know the argument types of one version only, and no empty camera matrix."""

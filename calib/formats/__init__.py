@@ -11,21 +11,15 @@ import numpy as np
 
 from calib.camera import Camera
 from calib.errors import InputError
-from calib.formats.depthai import FORMAT as DEPTHAI
-from calib.formats.euroc import FORMAT as EUROC
+from calib.formats.base import NATIVE, Choice, Format
+from calib.formats.datasets import EUROC, KITTI, MIDDLEBURY
+from calib.formats.devices import DEPTHAI, ZED
 from calib.formats.find import find_rig
-from calib.formats.kalibr import FORMAT as KALIBR
-from calib.formats.kitti import FORMAT as KITTI
-from calib.formats.middlebury import FORMAT as MIDDLEBURY
-from calib.formats.native import FORMAT as NATIVE
 from calib.formats.opencv import FORMAT as OPENCV
-from calib.formats.ros import FORMAT as ROS
-from calib.formats.source import Choice, Format
+from calib.formats.ros import KALIBR, ROS
 from calib.formats.tsai import is_tsai
-from calib.formats.zed import FORMAT as ZED
-from calib.length import size_text
+from calib.io import reason, size_text
 from calib.rig import StereoRig
-from calib.text import reason
 
 FORMATS: tuple[Format, ...] = (NATIVE, OPENCV, DEPTHAI, KALIBR, ROS, ZED, KITTI, EUROC, MIDDLEBURY)
 
@@ -71,7 +65,9 @@ def load_rig(
         rig = found.read(sources, choice)
         refuse_strange_camera(rig.left, "left")
         refuse_strange_camera(rig.right, "right")
-        _refuse_turned(rig)
+        turn = math.degrees(rig.right_SE3_left.angle_rad)
+        if turn > MAX_TURN_DEG:
+            raise ValueError(f"expected cameras that look the same way, found {turn:.0f} degrees between them")
     except (ValueError, TypeError, KeyError, IndexError, OverflowError, np.linalg.LinAlgError) as error:
         raise InputError(f"{name} ({found.name}): {_detail(error)}") from error
     return _fitted((rig.swapped() if swap else rig).check(name), name, size)
@@ -97,22 +93,18 @@ def write_rig(rig: StereoRig, path: Path, format_key: str | None = None, keep: C
     """
     chosen = _format_for(path, format_key)
     try:
-        _refuse_kept(chosen, rig, path, keep)
+        kept = {file.resolve() for file in keep}
+        with TemporaryDirectory() as rehearsal:
+            trial = Path(rehearsal) / (path.name or "rig")
+            for file in chosen.write(rig, trial):
+                target = (path / file.relative_to(trial)).resolve()
+                if target in kept:
+                    raise InputError(f"{path}: expected another place than the calibration read, found it at {target}")
         return chosen.write(rig, path)
     except ValueError as error:
         raise InputError(f"{path}: expected a rig that {chosen.name} can hold, but {error}") from error
     except OSError as error:
         raise InputError(f"{path}: expected a place to write to, found {reason(error)}") from error
-
-
-def _refuse_kept(chosen: Format, rig: StereoRig, path: Path, keep: Collection[Path]) -> None:
-    kept = {file.resolve() for file in keep}
-    with TemporaryDirectory() as rehearsal:
-        trial = Path(rehearsal) / (path.name or "rig")
-        for file in chosen.write(rig, trial):
-            target = (path / file.relative_to(trial)).resolve()
-            if target in kept:
-                raise InputError(f"{path}: expected another place than the calibration read, found it at {target}")
 
 
 def _format_for(path: Path, format_key: str | None) -> Format:
@@ -145,12 +137,6 @@ def refuse_strange_camera(one: Camera, side: str) -> None:
             f"expected a {side} principal point inside the image of {one.width}x{one.height}, "
             f"found ({one.cx:.1f}, {one.cy:.1f})"
         )
-
-
-def _refuse_turned(rig: StereoRig) -> None:
-    turn = math.degrees(rig.right_SE3_left.angle_rad)
-    if turn > MAX_TURN_DEG:
-        raise ValueError(f"expected cameras that look the same way, found {turn:.0f} degrees between them")
 
 
 def _fitted(rig: StereoRig, name: str, size: tuple[int, int] | None) -> StereoRig:

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.formats.source import Format, Source, read_source
-from calib.text import MAX_BYTES
+from calib.formats.base import Format, Source, read_source
+from calib.io import MAX_BYTES
 
 _SUFFIXES = {".toml", ".yml", ".yaml", ".xml", ".json", ".conf", ".txt", ".cfg", ".ini", ".calib", ""}
 _PAIRS = (("left", "right"), ("intrinsic", "extrinsic"), ("cam0", "cam1"), ("_l", "_r"))

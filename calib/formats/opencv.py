@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,11 +10,23 @@ from typing import Any
 import numpy as np
 
 from calib.camera import Camera, LensModel
-from calib.files import write_whole
-from calib.formats.fields import camera, entry, numbers, table, transform, whole
-from calib.formats.source import Choice, Format, Size, Source
-from calib.formats.xml_text import parse_xml
-from calib.formats.yaml_text import parse_yaml
+from calib.formats.base import (
+    Choice,
+    Format,
+    Size,
+    Source,
+    camera,
+    entry,
+    numbers,
+    parse_json,
+    parse_xml,
+    parse_yaml,
+    size_of,
+    table,
+    transform,
+    whole,
+)
+from calib.io import write_whole
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64
@@ -92,7 +103,7 @@ def _rectified(data: Mapping[str, Any], size: Size, unit_m: float, name: str) ->
 
 def _parse(text: str) -> Mapping[str, Any]:
     if text.lstrip().startswith("{"):
-        return _json(text)
+        return table(parse_json(text), "the file")
     if not text.lstrip().startswith("<"):
         return parse_yaml(text)
     data: dict[str, Any] = {}
@@ -100,13 +111,6 @@ def _parse(text: str) -> Mapping[str, Any]:
         inner = node.find("data")
         data[str(node.tag)] = (node.text if inner is None else inner.text) or ""
     return data
-
-
-def _json(text: str) -> Mapping[str, Any]:
-    try:
-        return table(json.loads(text), "the file")
-    except RecursionError:
-        raise ValueError("expected JSON, found nesting without end") from None
 
 
 def _model(data: Mapping[str, Any]) -> LensModel | None:
@@ -118,18 +122,12 @@ def _model(data: Mapping[str, Any]) -> LensModel | None:
 def _size(data: Mapping[str, Any], choice: Choice, centres: Sequence[tuple[float, float]]) -> tuple[Size, str]:
     for key in ("imageSize", "image_size", "size", "Size"):
         if key in data:
-            width, height = numbers(data[key], key, 2)
-            return (whole(float(width), key), whole(float(height), key)), ""
+            return size_of(data[key], key), ""
     if "image_width" in data and "image_height" in data:
         return (whole(data["image_width"], "image_width"), whole(data["image_height"], "image_height")), ""
     if choice.size is not None:
         return choice.size, ""
-    size = _guessed_size(centres)
-    return size, f" (image size {size[0]}x{size[1]} taken from the principal points: the file has none)"
-
-
-def _guessed_size(centres: Sequence[tuple[float, float]]) -> Size:
-    """The usual sensor size whose middle is nearest to the principal points."""
+    # The usual sensor size whose middle is nearest to the principal points.
     cx, cy = np.mean(np.asarray(centres, dtype=np.float64), axis=0)
     away = [max(abs(cx / w - 0.5), abs(cy / h - 0.5)) for w, h in COMMON_SIZES]
     best = int(np.argmin(away))
@@ -137,7 +135,8 @@ def _guessed_size(centres: Sequence[tuple[float, float]]) -> Size:
         raise ValueError(
             f"expected an image size, found none, and the principal point ({cx:.0f}, {cy:.0f}) fits no usual size"
         )
-    return COMMON_SIZES[best]
+    size = COMMON_SIZES[best]
+    return size, f" (image size {size[0]}x{size[1]} taken from the principal points: the file has none)"
 
 
 def _write(rig: StereoRig, path: Path) -> list[Path]:

@@ -8,7 +8,6 @@ rotations of RealSense's ``rs2_extrinsics`` are stored by columns.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -20,16 +19,12 @@ import numpy as np
 from calib.camera import Camera, LensModel
 from calib.errors import InputError
 from calib.formats import refuse_strange_camera
-from calib.formats.fields import camera, number, numbers, transform, whole
-from calib.formats.source import read_source
-from calib.formats.yaml_text import parse_yaml
-from calib.length import size_text
+from calib.formats.base import Size, camera, number, numbers, parse_json, parse_yaml, read_source, transform, whole
+from calib.io import parse_toml, size_text
 from calib.pose import SE3
-from calib.rgbd import IDENTITY, DepthSensor, RgbdRig
-from calib.text import parse_toml
+from calib.rig import IDENTITY, DepthSensor, RgbdRig
 from calib.types import F64
 
-Size = tuple[int, int]
 SUFFIXES = (".json", ".toml", ".yaml", ".yml")
 _OTHER_FILES = ("world.toml", "rules.toml", "camera.toml", "config.toml")
 _COLOUR = ("rgb", "color", "colour", "color_camera", "rgb_camera", "camera", "image", "left")
@@ -79,7 +74,7 @@ def find_rgbd(path: Path) -> tuple[Path, Mapping[str, Any]] | None:
             data = _lower(_parse(file))
         except (InputError, ValueError, RecursionError):
             continue
-        if _tables(data, size=(1, 1)):
+        if _tables(data):
             return file, data
     return None
 
@@ -87,7 +82,7 @@ def find_rgbd(path: Path) -> tuple[Path, Mapping[str, Any]] | None:
 def _parse(file: Path) -> Any:
     text = read_source(file).text
     if file.suffix.lower() == ".json":
-        return json.loads(text)
+        return parse_json(text)
     return parse_toml(text) if file.suffix.lower() == ".toml" else parse_yaml(text)
 
 
@@ -98,7 +93,7 @@ def _lower(data: Any) -> Any:
     return {str(key).lower().removeprefix("camera."): _lower(value) for key, value in data.items()}
 
 
-def _tables(data: Any, size: Size) -> dict[str, Mapping[str, Any]]:
+def _tables(data: Any) -> dict[str, Mapping[str, Any]]:
     """The tables that hold a camera: "colour", and "depth" where there is one."""
     if not isinstance(data, Mapping):
         return {}
@@ -117,7 +112,7 @@ def _is_camera(table: Any) -> bool:
 
 
 def _rig(data: Mapping[str, Any], size: Size, depth_size: Size) -> RgbdRig:
-    tables = _tables(data, size)
+    tables = _tables(data)
     colour = _camera(tables["colour"], _lens_of(data, _COLOUR), size, "image")
     rig = RgbdRig(colour, units_per_m=_units(data, tables.get("depth", {})), sensor=_sensor(data))
     if "depth" not in tables:

@@ -1,4 +1,6 @@
-"""ROS camera_info: one YAML file per camera, as camera_calibration writes it or as the message is printed."""
+"""ROS camera_info, a YAML file per camera as camera_calibration writes it or as the message is printed, and Kalibr
+camchain, a table per camera with poses as nested rows or as 16 values in a row.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +12,25 @@ from typing import Any
 import numpy as np
 
 from calib.camera import Camera, LensModel
-from calib.files import write_whole
-from calib.formats.fields import camera, entry, held, number, numbers, transform, whole
-from calib.formats.source import Choice, Format, Source, side_of
-from calib.formats.yaml_text import parse_yaml
+from calib.formats.base import (
+    Choice,
+    Format,
+    Source,
+    camera,
+    entry,
+    held,
+    lens_of,
+    number,
+    numbers,
+    parse_yaml,
+    rigid,
+    side_of,
+    size_of,
+    table,
+    transform,
+    whole,
+)
+from calib.io import write_whole
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64
@@ -21,20 +38,20 @@ from calib.types import F64
 _MATRIX = re.compile(r"^\s*(projection_matrix|P|p)\s*:", re.MULTILINE)
 _MODEL = re.compile(r"^\s*distortion_model\s*:", re.MULTILINE)
 _NAME = re.compile(r"^\s*camera_name\s*:\s*(.*)$", re.MULTILINE)
-_MODELS: dict[str, LensModel] = {
+_ROS_MODELS: dict[str, LensModel] = {
     "plumb_bob": "brown", "rational_polynomial": "rational", "equidistant": "fisheye", "fisheye": "fisheye",
     "kannala_brandt": "fisheye", "": "brown",
 }  # fmt: skip
 
 
-def _part(source: Source) -> str | None:
+def _ros_part(source: Source) -> str | None:
     if not (_MATRIX.search(source.text) and _MODEL.search(source.text)) or "opencv-matrix" in source.text:
         return None
     name = _NAME.search(source.text)
     return (side_of(name[1]) if name else None) or side_of(source.path.stem) or side_of(source.path.parent.name)
 
 
-def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
+def _ros_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     (left, rectified_SE3_left), (right, rectified_SE3_right) = (_half(source, choice) for source in sources)
     pose = rectified_SE3_right.inverse() @ rectified_SE3_left
     return StereoRig(left, right, pose, "+".join(source.path.name for source in sources))
@@ -55,15 +72,14 @@ def camera_from(data: Mapping[str, Any], name: str, unit_m: float = 1.0) -> tupl
     Raises:
         ValueError: fields missing, of a camera that is not calibrated, or of an unknown lens.
     """
-    _refuse_crops(data)
+    for key in ("binning_x", "binning_y"):
+        if number(data.get(key, 0), key) > 1:
+            raise ValueError(f"expected a calibration of the full image, found {key} {data[key]}")
     size = (
         whole(entry(data, "image_width", "width"), "image_width"),
         whole(entry(data, "image_height", "height"), "image_height"),
     )
-    lens = str(entry(data, "distortion_model"))
-    if lens not in _MODELS:
-        raise ValueError(f"expected a distortion_model of {', '.join(_MODELS)} in {name}, found {lens!r}")
-    model = _MODELS[lens]
+    model = lens_of(data, _ROS_MODELS, name)
     counts = {"brown": (0, 4, 5, 8, 12, 14), "rational": (8, 12, 14), "fisheye": (4,)}[model]
     coefficients = numbers(entry(data, "distortion_coefficients", "D", "d"), "distortion_coefficients", counts)
     if model == "brown" and len(coefficients) > 5:
@@ -77,13 +93,7 @@ def camera_from(data: Mapping[str, Any], name: str, unit_m: float = 1.0) -> tupl
     return one, transform(rotation, -shift, f"rectification_matrix of {name}")
 
 
-def _refuse_crops(data: Mapping[str, Any]) -> None:
-    for key in ("binning_x", "binning_y"):
-        if number(data.get(key, 0), key) > 1:
-            raise ValueError(f"expected a calibration of the full image, found {key} {data[key]}")
-
-
-def _write(rig: StereoRig, path: Path) -> list[Path]:
+def _ros_write(rig: StereoRig, path: Path) -> list[Path]:
     path.mkdir(parents=True, exist_ok=True)
     left_rotation, right_rotation = rig.rectifying_rotations()
     focal = (rig.left.fy + rig.right.fy) / 2
@@ -118,4 +128,86 @@ def _block(name: str, matrix: F64) -> str:
     return f"{name}:\n  rows: {rows}\n  cols: {cols}\n  data: {[float(v) for v in matrix.ravel()]}\n"
 
 
-FORMAT = Format("ros", "ROS camera_info pair", _part, _read, _write, "")
+ROS = Format("ros", "ROS camera_info pair", _ros_part, _ros_read, _ros_write, "")
+
+
+_CAMERA = re.compile(r"^\s*[\"']?cam\d+[\"']?\s*:", re.MULTILINE)
+_KEYS = re.compile(r"^\s*(camera_model|distortion_coeffs)\s*:", re.MULTILINE)
+_KALIBR_MODELS: dict[str, tuple[LensModel, int]] = {
+    "radtan": ("brown", 4), "equidistant": ("fisheye", 4), "none": ("brown", 0),
+}  # fmt: skip
+
+
+def _kalibr_part(source: Source) -> str | None:
+    return "whole" if _CAMERA.search(source.text) and _KEYS.search(source.text) else None
+
+
+def _kalibr_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
+    data = parse_yaml(sources[0].text)
+    left, right = choice.cameras or ("cam0", "cam1")
+    tables = {name: table(entry(data, name), name) for name in (left, right)}
+    pose = _pose(data, left, right, choice.unit())
+    return StereoRig(
+        _kalibr_camera(tables[left], left), _kalibr_camera(tables[right], right), pose, sources[0].path.name
+    )
+
+
+def _kalibr_camera(values: Mapping[str, Any], name: str) -> Camera:
+    projection = str(values.get("camera_model", "pinhole"))
+    if projection != "pinhole":
+        raise ValueError(f"expected a pinhole camera_model in {name}, found {projection!r}")
+    model, count = lens_of(values, _KALIBR_MODELS, name)
+    size = size_of(entry(values, "resolution"), "resolution")
+    coefficients = numbers(values.get("distortion_coeffs", []), f"distortion_coeffs of {name}", (count, 4))
+    intrinsics = numbers(entry(values, "intrinsics"), f"intrinsics of {name}", 4)
+    return camera(size, intrinsics, coefficients, model, name)
+
+
+def _pose(data: Mapping[str, Any], left: str, right: str, unit_m: float) -> SE3:
+    """From T_cn_cnm1 (Kalibr's own result) where there is one, else through the IMU."""
+    first, last = _index(left), _index(right)
+    chain = [table(data[f"cam{i}"], f"cam{i}") for i in range(first + 1, last + 1) if f"cam{i}" in data]
+    if first < last and len(chain) == last - first and all("T_cn_cnm1" in link for link in chain):
+        pose = SE3.identity()
+        for link in chain:
+            pose = rigid(link["T_cn_cnm1"], "T_cn_cnm1", unit_m) @ pose
+        return pose
+    return _from_imu(data, right, unit_m) @ _from_imu(data, left, unit_m).inverse()
+
+
+def _from_imu(data: Mapping[str, Any], name: str, unit_m: float) -> SE3:
+    values = table(data[name], name)
+    if "T_cam_imu" in values:
+        return rigid(values["T_cam_imu"], f"T_cam_imu of {name}", unit_m)
+    if "T_imu_cam" in values:
+        return rigid(values["T_imu_cam"], f"T_imu_cam of {name}", unit_m).inverse()
+    raise ValueError(f"expected T_cn_cnm1, T_cam_imu or T_imu_cam in {name}, found none")
+
+
+def _index(name: str) -> int:
+    match = re.fullmatch(r"cam(\d{1,3})", name)
+    if match is None:
+        raise ValueError(f"expected cameras named cam0, cam1, ..., found {name!r}")
+    return int(match[1])
+
+
+def _kalibr_write(rig: StereoRig, path: Path) -> list[Path]:
+    lines = [*_camera_lines("cam0", rig.left), *_camera_lines("cam1", rig.right), "  T_cn_cnm1:"]
+    lines += [f"  - {row}" for row in np.asarray(rig.right_SE3_left.matrix).tolist()]
+    write_whole(path, "\n".join(lines) + "\n")
+    return [path]
+
+
+def _camera_lines(name: str, one: Camera) -> list[str]:
+    model, coefficients = held("Kalibr", one, {"brown": 4, "fisheye": 4})
+    return [
+        f"{name}:",
+        "  camera_model: pinhole",
+        f"  intrinsics: {[float(v) for v in (one.fx, one.fy, one.cx, one.cy)]}",
+        f"  distortion_model: {'equidistant' if model == 'fisheye' else 'radtan'}",
+        f"  distortion_coeffs: {coefficients}",
+        f"  resolution: [{one.width}, {one.height}]",
+    ]
+
+
+KALIBR = Format("kalibr", "Kalibr camchain", _kalibr_part, _kalibr_read, _kalibr_write, ".yaml")

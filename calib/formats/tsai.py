@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
-from calib.formats.fields import entry, number, whole
-from calib.formats.source import Size, Source, read_source
-from calib.formats.xml_text import parse_xml
+from calib.formats.base import Size, Source, entry, number, parse_xml, read_source, whole
 from calib.pose import SE3
 from calib.types import F64
 

@@ -9,21 +9,28 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from stereo.readers.video import SUFFIXES as VIDEO_SUFFIXES
 
-from calib.board.complete import complete_charuco, find_counts, larger_counts
-from calib.board.detect import Detector, same_order, spans_a_plane
-from calib.board.model import BoardView, common_view
-from calib.board.pattern import Board
-from calib.board.select import MAX_VIEWS, select_views, sharpness
+from calib.board.detect import (
+    Board,
+    BoardView,
+    Detector,
+    common_view,
+    complete_charuco,
+    find_counts,
+    larger_counts,
+    same_order,
+    spans_a_plane,
+)
+from calib.board.fit import MAX_VIEWS, select_views, sharpness
 from calib.board.solve import BoardCalibration, RejectedView, solve_board
 from calib.camera import LensModel
 from calib.errors import InputError
-from calib.formats.source import side_of
+from calib.formats.base import side_of
 from calib.images import as_grey
 from calib.types import U8
 from stereo.readers.images import frame_number, image_files, read_image
-from stereo.readers.videos import SUFFIXES as VIDEO_SUFFIXES
-from stereo.readers.videos import VideoFile
+from stereo.readers.video import VideoFile
 
 MAX_FRAMES = 240
 """Frames of a video that are searched for the board, evenly spread: enough to choose 40 good views from."""

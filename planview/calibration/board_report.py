@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from calib.board.lens import FOLDS
-from calib.board.model import SIDES, rms
-from calib.board.solve import BoardCalibration
-from calib.files import write_whole
+from calib.board.detect import SIDES
+from calib.board.fit import rms
+from calib.board.solve import FOLDS, BoardCalibration
 from calib.images import as_colour, encode_image
+from calib.io import write_whole
 from calib.types import F64, U8
 from planview.calibration.board import BoardImages
 from planview.drawing.page import page_of

@@ -11,16 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
-from calib.floor.points import PeopleSeen, floor_from_people, floor_from_points
+from calib.floor.find import PeopleSeen, floor_from_people, floor_from_points
 from calib.images import as_colour
 from calib.rig import Floor
 from calib.types import F32, F64, U8
 from planview.drawing.projection import Project, grid_lines
 from planview.trajectories.table import Trajectories
-from stereo.depth import RectifiedGeometry, median_image
+from stereo.depth import RectifiedGeometry, StereoFloorCamera, median_image
 from stereo.floor import FloorEstimator, FloorSearch, setup_frames
-from stereo.floor_camera import StereoFloorCamera
-from stereo.readers.pair import StereoRecording
+from stereo.readers.base import StereoRecording
 from stereo.rectify import aligned_rectifier
 
 PATCH_PX = 4

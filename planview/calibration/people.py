@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike
 
 from calib.errors import WorkError
 from calib.ground_camera import GroundCamera
-from calib.human.choice import choose_spread
-from calib.human.model import HumanModel
-from calib.human.samples import MIN_SAMPLES, HumanSample
 from calib.images import as_colour
+from calib.people.model import HumanModel
+from calib.people.samples import MIN_SAMPLES, HumanSample, choose_spread
 from calib.types import F64, U8, Bool
 from planview.engine.single_camera import SingleCamera, SingleCameraParams
 from planview.foreground.blobs import Blobs, find_blobs

@@ -10,7 +10,7 @@ from calib.types import F64
 from planview.checks.check import Check, at_least, at_most
 from stereo.depth import RectifiedGeometry
 from stereo.rectify import Rectifier
-from stereo.vertical import VerticalFit, VerticalModel, fit_affine
+from stereo.row_offset import VerticalFit, VerticalModel, fit_affine
 
 MIN_MATCHES = 60
 """Fewest corners found in both images on which the geometry is judged."""

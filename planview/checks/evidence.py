@@ -14,11 +14,11 @@ from calib.types import F32, F64, U8
 from stereo.depth import DepthFromDisparity, RectifiedGeometry
 from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
 from stereo.matcher import DisparityRange
-from stereo.readers.pair import StereoRecording
+from stereo.readers.base import StereoRecording
 from stereo.recording import RgbdFrame, RgbdRecording, StereoFrame
 from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
 from stereo.rgbd import RectifiedRgbd, RgbdRectifier
-from stereo.vertical import VerticalFit, VerticalParams, match_corners
+from stereo.row_offset import VerticalFit, VerticalParams, match_corners
 
 MATCHED_FRAMES = 8
 """Frames in which corners are matched (our choice, for speed)."""

@@ -17,7 +17,7 @@ from planview.checks.scene import scene_checks
 from planview.checks.timing import clock_checks, timing_checks
 from stereo.floor import FloorSearch
 from stereo.readers import OpenOptions, open_any
-from stereo.readers.pair import StereoRecording
+from stereo.readers.base import StereoRecording
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from rich.progress import Progress
 from rich.table import Table
 
-from calib.board.pattern import parse_board, parse_square
+from calib.board.detect import parse_board, parse_square
 from calib.board.solve import BoardCalibration
 from calib.errors import InputError
 from calib.formats import write_rig

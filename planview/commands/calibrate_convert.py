@@ -11,7 +11,7 @@ from cyclopts import Parameter
 
 from calib.errors import InputError
 from calib.formats import calibration_files, load_rig, write_rig
-from calib.length import parse_length, parse_size
+from calib.io import parse_length, parse_size
 from calib.rig import StereoRig
 from planview.commands.options import Flag, JsonFlag
 

@@ -10,15 +10,15 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
+from calib.world import load_world, save_world
 from cyclopts import Parameter
 from rich.console import Console
 
 from calib.errors import InputError
-from calib.floor.points import parse_points
-from calib.floor.world_file import load_world, save_world
+from calib.floor.find import parse_points
 from calib.images import write_image
+from calib.io import reason
 from calib.rig import Floor
-from calib.text import reason
 from planview.calibration.floor import AXIS, GRID, FloorDepths, floor_from_tracks, given_floor, view_floor
 from planview.commands.options import Flag, JsonFlag
 from planview.drawing.colours import as_bgr
@@ -29,7 +29,7 @@ from planview.output.console import PlainConsole
 from planview.trajectories.table import read_tracks
 from stereo.floor import FloorSearch
 from stereo.readers import OpenOptions, open_recording
-from stereo.readers.pair import StereoRecording
+from stereo.readers.base import StereoRecording
 
 
 @Parameter(name="*")

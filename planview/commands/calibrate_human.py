@@ -17,11 +17,11 @@ from rich.progress import Progress
 
 from calib.errors import InputError
 from calib.ground_camera import LENS_K_320, save_ground_camera
-from calib.human.calibration import HumanCalibration, calibrate_from_people
-from calib.human.knowledge import KnownValues
-from calib.human.samples import HumanSample, check_samples, read_image_size, read_samples, write_samples
 from calib.images import as_colour, write_image
-from calib.text import reason
+from calib.io import reason
+from calib.people.calibration import HumanCalibration, calibrate_from_people
+from calib.people.model import KnownValues
+from calib.people.samples import HumanSample, check_samples, read_image_size, read_samples, write_samples
 from calib.types import U8
 from planview.calibration.floor import draw_grid
 from planview.calibration.people import (
@@ -34,7 +34,7 @@ from planview.calibration.people import (
 )
 from planview.commands.options import Flag, JsonFlag
 from planview.output.console import PlainConsole
-from stereo.readers.opening import open_video
+from stereo.readers.open import open_video
 from stereo.recording import Video
 
 

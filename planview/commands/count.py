@@ -16,8 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.errors import InputError, WorkError
-from calib.files import write_whole
-from calib.text import reason, require_file
+from calib.io import reason, require_file, write_whole
 from planview.commands.options import JsonFlag, checked
 from planview.counting.events import read_events, write_event_header, write_event_rows
 from planview.counting.geometry import RulePlane

@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.table import Table
 
 from calib.errors import InputError, WorkError
-from calib.length import parse_length
+from calib.io import parse_length
 from planview.checks.check import Check
 from planview.checks.examine import Diagnosis, examine
 from planview.checks.pictures import write_pictures

@@ -11,7 +11,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from calib.errors import InputError
-from calib.text import read_text
+from calib.io import read_text
 from planview.commands.options import Flag, JsonFlag
 from planview.output.console import PlainConsole
 from planview.output.edit import edit_run, read_steps, undo_edits

@@ -17,9 +17,8 @@ from calib.errors import InputError
 from planview.commands.options import JsonFlag
 from planview.commands.source import open_options
 from stereo.readers import find_layout
-from stereo.readers.pair import StereoRecording
-from stereo.readers.rates import rate_of_times
-from stereo.readers.reader import AnyRecording, Layout, Reader, Stream
+from stereo.readers.base import AnyRecording, Layout, Reader, StereoRecording, Stream
+from stereo.readers.times import rate_of_times
 
 
 def inspect(

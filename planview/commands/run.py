@@ -35,7 +35,7 @@ from planview.output.resume import checkpoint_of, is_finished
 from planview.output.run import RunOptions, run_identity
 from planview.output.run import run as run_engine
 from planview.sweep.jobs import content_key, engine_version, files_beside, key_of
-from stereo.readers.several import is_heads
+from stereo.readers.open import is_heads
 
 
 @Parameter(name="*")

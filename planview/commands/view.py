@@ -7,7 +7,7 @@ import sysconfig
 from pathlib import Path
 
 from calib.errors import InputError, WorkError
-from calib.text import reason
+from calib.io import reason
 from planview.commands.options import Flag
 from planview.output.console import PlainConsole
 from planview.output.rerun.parts import quiet_environment, recorded_parts

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import IO, Literal, cast, get_args
 
 from calib.errors import InputError
-from calib.text import reason, require_file
+from calib.io import reason, require_file
 
 EventKind = Literal["crossing", "entry", "exit"]
 Direction = Literal["left_to_right", "right_to_left", ""]

@@ -6,15 +6,14 @@ from pathlib import Path
 from typing import Literal, Protocol
 
 import numpy as np
+from calib.world import load_world
 
 from calib.errors import InputError
-from calib.floor.world_file import load_world
 from calib.formats import load_rig
 from calib.types import F64
 from planview.trajectories.file import within_ring
-from stereo.floor_camera import StereoFloorCamera
-from stereo.rectify import RectifyParams
-from stereo.view import common_geometry
+from stereo.depth import StereoFloorCamera
+from stereo.rectify import RectifyParams, common_geometry
 
 PlaneName = Literal["floor", "image"]
 _SAMPLES = 65

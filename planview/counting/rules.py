@@ -11,8 +11,8 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from calib.errors import InputError
+from calib.io import load_toml
 from calib.params import Location, Params, dotted, first_problem
-from calib.text import load_toml
 from calib.types import F64
 from planview.counting.events import Direction
 from planview.counting.geometry import PlaneName, RulePlane, crossing_edges

@@ -9,9 +9,9 @@ from typing import Any
 from pydantic import Field, ValidationError
 
 from calib.errors import InputError
-from calib.floor.params import FloorParams
+from calib.floor.plane import FloorParams
+from calib.io import MAX_DEPTH, load_toml, parse_toml
 from calib.params import Params, first_problem
-from calib.text import MAX_DEPTH, load_toml, parse_toml
 from planview.engine.feedback import FeedbackParams
 from planview.engine.single_camera import SingleCameraParams
 from planview.foreground.params import ForegroundParams
@@ -21,7 +21,7 @@ from planview.tracking.harville import HarvilleParams
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.template.params import TemplateParams
 from stereo.floor import SETUP_FRAMES
-from stereo.gate import MatchingParams
+from stereo.gating import MatchingParams
 from stereo.matcher import RangeParams, SgbmParams
 from stereo.rectify import RectifyParams
 

@@ -10,7 +10,7 @@ from calib.ground_camera import GroundCamera
 from calib.types import F64
 from planview.engine.info import CameraInfo, FloorInfo
 from planview.maps.view import StereoView
-from stereo.floor_camera import StereoFloorCamera
+from stereo.depth import StereoFloorCamera
 
 VIEW_DISTANCE_M = 15.0
 """The outline of a stereo camera's view on the floor ends here [m]: depth is too coarse beyond (our choice)."""

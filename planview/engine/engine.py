@@ -17,9 +17,9 @@ from planview.engine.info import CameraInfo, FloorInfo
 from planview.maps.view import StereoView
 from planview.tracking.base import Decision, Observation, Tracker
 from planview.trajectories.state import TrackState
-from stereo.floor_camera import StereoFloorCamera
+from stereo.depth import StereoFloorCamera
 from stereo.recording import Skipped
-from stereo.sampled import SampledDisparity
+from stereo.sampled_sgm import SampledDisparity
 
 AnyFrame = TypeVar("AnyFrame")
 

@@ -20,7 +20,7 @@ from planview.tracking.harville import HarvilleTracker
 from planview.tracking.template import TemplateTracker
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, holds_pair, open_video
-from stereo.readers.several import is_heads
+from stereo.readers.open import is_heads
 from stereo.recording import Video
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def open_engine(
     takes_images = tracker == "ellipse-particle" or hasattr(tracker, "foreground_columns")
     if on_floor and (not takes_images or is_stereo(path, options.calibration)):
         return Pipeline.from_recording(path, config, options, on_floor(config), matcher, kept=kept)
-    video = open_video(path)
+    video = open_video(path, options)
     ground_camera = _camera_for(video, camera) if camera else None
     tracker = _image_tracker(tracker, config, ground_camera)
     return SingleCameraPipeline.from_recording(video, tracker, config, ground_camera)

@@ -10,7 +10,7 @@ from calib.types import F32, U8
 from planview.checks.motion import Thumbnails
 from planview.maps.builder import FloorPoints
 from stereo.rectify import PartialPair
-from stereo.sampled import SampledDisparity
+from stereo.sampled_sgm import SampledDisparity
 
 Picture = Callable[[], U8]
 """Makes a picture when it is asked for, which is seldom."""

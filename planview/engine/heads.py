@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.rigs_file import RIGS_FILE
+from calib.world import RIGS_FILE
 from planview.checks.check import Check
 from planview.engine.boxes import BodyBoxes
 from planview.engine.config import Config
@@ -20,8 +20,8 @@ from planview.engine.pipeline import AHEAD, Pipeline
 from planview.engine.setup import set_up_any
 from planview.maps.heads import HeadsMapBuilder
 from planview.tracking.base import Observation, Tracker
-from stereo.readers.heads import HeadsFrame, HeadsRecording, open_heads
-from stereo.readers.prefetch import prefetch
+from stereo.readers.background import prefetch
+from stereo.readers.multi_rig import HeadsFrame, HeadsRecording, open_heads
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from calib.errors import WorkError
-from calib.files import write_whole
+from calib.io import write_whole
 from calib.pose import SE3
 from calib.rig import Floor, StereoRig
 from planview.checks.check import Check
@@ -20,7 +20,7 @@ from planview.engine.setup import AnySetup, Setup, set_up, set_up_any
 from stereo.matcher import disparity_range
 from stereo.recording import Recording, RgbdRecording
 from stereo.rectify import Rectifier
-from stereo.vertical import VerticalFit, VerticalModel
+from stereo.row_offset import VerticalFit, VerticalModel
 
 
 class _KeptFloor(BaseModel):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 
 import cv2
@@ -29,10 +30,10 @@ from planview.tracking.template import TemplateTracker
 from planview.trajectories.state import TrackState
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, open_any
-from stereo.readers.prefetch import prefetch
+from stereo.readers.background import prefetch
 from stereo.recording import Recording, RgbdFrame, RgbdRecording, StereoFrame
 from stereo.rectify import RectifiedPair
-from stereo.sampled import SampledDisparity
+from stereo.sampled_sgm import SampledDisparity
 
 AHEAD = 2
 """Frames read and rectified ahead of the tracker."""
@@ -140,9 +141,9 @@ class Pipeline(StereoDescription):
 
     def after(self, frame: int) -> Iterator[FrameResult]:
         """See ``Engine``."""
-        frames = prefetch(self._prepared(frame), self.ahead) if self.ahead else self._prepared(frame)
-        for matched in frames:
-            yield self.track(matched)
+        with closing(prefetch(self._prepared(frame), self.ahead) if self.ahead else self._prepared(frame)) as frames:
+            for matched in frames:
+                yield self.track(matched)
 
     def prepare(self, frame: StereoFrame | RgbdFrame, clock: StageClock | None = None) -> MatchedFrame:
         """What of a frame depends on no other frame: its rectification, and its disparity unless that is gated.
@@ -230,7 +231,7 @@ class Pipeline(StereoDescription):
         if self.gated is not None and found.measured is not None:
             self.gated.learn(found.image, found.mask, found.measured, tracks)
 
-    def _prepared(self, after: int) -> Iterator[MatchedFrame]:
+    def _prepared(self, after: int) -> Generator[MatchedFrame, None, None]:
         frames: Iterable[StereoFrame | RgbdFrame] = self.recording
         clock = StageClock()
         for frame in beyond(frames, after):

@@ -10,8 +10,8 @@ import numpy as np
 
 from calib.errors import InputError, WorkError
 from calib.images import as_colour
-from calib.open3d_import import import_open3d
-from calib.text import reason
+from calib.io import reason
+from calib.libraries import import_open3d
 from calib.types import F32, U8
 from planview.engine.config import Config
 from planview.engine.front_end import FrontEnd

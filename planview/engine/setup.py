@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import WorkError
-from calib.rgbd import DepthSensor
-from calib.rig import Floor
+from calib.rig import DepthSensor, Floor
 from calib.types import F64
 from planview.checks.alignment import alignment_checks
 from planview.checks.check import Check
@@ -25,8 +24,8 @@ from stereo.matcher import DisparityRange, Matcher, SgbmMatcher, disparity_range
 from stereo.recording import Recording, RgbdRecording, StereoFrame
 from stereo.rectify import Rectifier, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
-from stereo.sampled import SampledMatcher
-from stereo.vertical import VerticalFit, VerticalParams, match_corners
+from stereo.row_offset import VerticalFit, VerticalParams, match_corners
+from stereo.sampled_sgm import SampledMatcher
 
 ORDER_FRAMES = 4
 """Setup frames in which left and right are told apart (our choice)."""

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calib.rgbd import DepthSensor
-from calib.rig import Floor
+from calib.rig import DepthSensor, Floor
 from planview.maps.grid import Grid
-from stereo.depth import RectifiedGeometry
-from stereo.floor_camera import StereoFloorCamera
+from stereo.depth import RectifiedGeometry, StereoFloorCamera
 from stereo.matcher import DisparityRange
 
 

@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 
 from calib.errors import WorkError
-from calib.text import reason
+from calib.io import reason
 from planview.maps.colour import CODES
 from planview.maps.recording import BLOCK_FRAMES, FORMAT, FRAME_COLUMNS, POINT_COLUMNS, VERSION, MapsFrame
 from planview.maps.view import StereoView

@@ -6,8 +6,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 from calib.errors import InputError, WorkError
-from calib.files import PART
-from calib.text import reason
+from calib.io import PART, reason
 from planview.output.info import RunInfo, read_run_info
 from planview.output.lock import check_unlocked, folder_lock
 

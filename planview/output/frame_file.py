@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import IO, NamedTuple
 
 from calib.errors import InputError, WorkError
-from calib.text import reason
+from calib.io import reason
 
 READ_BYTES = 2**20
 """Read at a time when a file is checked."""

@@ -8,9 +8,8 @@ from typing import Literal
 from pydantic import Field, JsonValue, ValidationError
 
 from calib.errors import InputError, WorkError
-from calib.files import write_whole
+from calib.io import reason, write_whole
 from calib.params import first_problem
-from calib.text import reason
 from planview.engine.info import CameraInfo, FloorInfo, InfoPart
 
 

@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from calib.errors import InputError, WorkError
-from calib.text import reason
+from calib.io import reason
 
 LOCK_NAME = "run.lock"
 _held: set[Path] = set()

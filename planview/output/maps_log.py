@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError
-from calib.files import PART, sync, whole_file
+from calib.io import PART, sync, whole_file
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.recording import MapsFrame, MapsRecording
 from planview.maps.writer import MapsWriter

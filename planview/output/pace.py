@@ -11,7 +11,7 @@ from typing import Protocol
 from planview.engine.engine import AnyRecording, Engine, FrameResult
 from planview.output.info import PaceInfo
 from planview.output.totals import StageTimes
-from stereo.readers.newest import newest
+from stereo.readers.background import newest
 
 
 class Clock(Protocol):

@@ -12,19 +12,20 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple
 
+from calib.world import load_rigs
+
 import calib
 import planview
 import stereo
 from calib.errors import InputError
-from calib.rigs_file import load_rigs
-from calib.text import reason
+from calib.io import reason
 from planview.engine.config import Config, load_config
 from planview.engine.factory import TrackerName, base_config, is_stereo
 from planview.engine.maps_pipeline import FIXED_MAP_PARAMETERS, FIXED_TABLES
 from planview.maps.recording import is_maps
 from planview.sweep.study import Configuration, RecordingEntry, Study
 from planview.trajectories.formats import truth_file
-from stereo.readers.several import is_heads, rigs_file
+from stereo.readers.open import is_heads, rigs_file
 
 WHOLE_MAX = 256 * 1024
 """Files up to this size are hashed whole [bytes]."""

@@ -14,8 +14,8 @@ import numpy as np
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from calib.errors import InputError
+from calib.io import load_toml, parse_toml
 from calib.params import Params, first_problem
-from calib.text import load_toml, parse_toml
 from planview.engine.factory import TrackerName
 from planview.evaluation.result import Evaluation
 from planview.output.info import RunInfo

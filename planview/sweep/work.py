@@ -16,7 +16,7 @@ from typing import Any
 import cv2
 
 from calib.errors import WorkError
-from calib.text import reason
+from calib.io import reason
 from planview.engine.factory import open_engine
 from planview.engine.pipeline import Pipeline
 from planview.evaluation.evaluate import evaluate_tracks

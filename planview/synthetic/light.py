@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.open3d_import import import_open3d
+from calib.libraries import import_open3d
 from calib.types import F32, F64, I32, I64, Bool
 from planview.synthetic.mesh import Mesh
 from planview.synthetic.room import wall_frame

@@ -9,8 +9,8 @@ from pydantic import Field, ValidationError, model_validator
 
 from calib.errors import InputError
 from calib.ground_camera import LENS_K_320
+from calib.io import parse_toml, read_text
 from calib.params import Params, first_problem
-from calib.text import parse_toml, read_text
 
 Pair = tuple[float, float]
 Triple = tuple[float, float, float]

@@ -9,16 +9,16 @@ from pathlib import Path
 from typing import IO, Any, Literal
 
 import cv2
+from calib.world import save_world
+from calib.world import RIGS_FILE, RigEntry, save_rigs
 from pydantic import Field, ValidationError
 
 from calib.errors import InputError, WorkError
-from calib.floor.world_file import save_world
 from calib.ground_camera import save_ground_camera
 from calib.images import as_colour, encode_image
+from calib.io import load_toml, reason
 from calib.params import Params, first_problem
 from calib.rig import Floor, save_rig
-from calib.rigs_file import RIGS_FILE, RigEntry, save_rigs
-from calib.text import load_toml, reason
 from calib.types import U8
 from planview.synthetic.render import SceneRenderer
 from planview.synthetic.scene import Rig, Scene

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from calib.human.model import HumanModel
+from calib.people.model import HumanModel
 from calib.types import F32, F64, Bool
 
 HEIGHT_MEAN_M, HEIGHT_STD_M = 1.70, 0.12

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError, WorkError
-from calib.files import whole_file
-from calib.text import reason
+from calib.io import reason, whole_file
 from calib.types import F64, Bool
 from planview.trajectories.table import Trajectories
 

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from calib.errors import InputError
-from calib.text import reason, require_file
+from calib.io import reason, require_file
 from planview.trajectories.binary_formats import (
     read_jupedsim,
     read_parquet,

@@ -15,7 +15,7 @@ from typing import IO, TYPE_CHECKING
 import numpy as np
 
 from calib.errors import InputError
-from calib.text import reason, require_file
+from calib.io import reason, require_file
 from calib.types import F64, I64, AnyArray, Bool
 from planview.trajectories.state import TrackState
 

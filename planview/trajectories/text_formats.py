@@ -13,7 +13,7 @@ from typing import IO, Any, NoReturn
 import numpy as np
 
 from calib.errors import InputError
-from calib.text import reason
+from calib.io import reason
 from calib.types import F64, Bool
 from planview.trajectories.file import TrajectoryFile, checked_rate, replaced
 from planview.trajectories.table import (

@@ -10,16 +10,11 @@ from typing import NamedTuple
 
 from calib.errors import InputError
 from stereo.readers import images
-from stereo.readers.bits import bits_note
-from stereo.readers.images import ImageFiles, bits_of, frame_number, image_files
-from stereo.readers.pair import both
-from stereo.readers.pairing import pair_files
-from stereo.readers.reader import OpenOptions, Reader, Stream
-from stereo.readers.sides import split_sides
-from stereo.readers.stamps import read_stamps, stamps_in_names
-from stereo.readers.stereo_layout import StereoLayout, clock_of, rig_in, same_size
-from stereo.readers.timed_files import TimedFiles, pixel_text, timed_layout
-from stereo.readers.timestamps import stamp_list
+from stereo.readers.base import OpenOptions, Reader, Stream, both
+from stereo.readers.images import ImageFiles, bits_note, bits_of, frame_number, image_files
+from stereo.readers.pairing import pair_files, split_sides
+from stereo.readers.stereo_layout import StereoLayout, TimedFiles, clock_of, pixel_text, rig_in, same_size, timed_layout
+from stereo.readers.times import read_stamps, stamp_list, stamps_in_names
 
 
 class _Sides(NamedTuple):
@@ -102,7 +97,10 @@ def _timed(path: Path, sides: _Sides) -> tuple[TimedFiles, TimedFiles] | None:
         elif len(found.texts) != len(files):
             raise InputError(f"{found.path}: expected a time for each of {len(files)} images, found {len(found.texts)}")
         else:
-            stamps = read_stamps(found.texts)
+            try:
+                stamps = read_stamps(found.texts)
+            except ValueError as error:
+                raise InputError(f"{found.path}: {error}") from error
         if stamps is None:
             return None
         timed.append(TimedFiles(folder, files, stamps.ns))

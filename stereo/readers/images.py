@@ -1,22 +1,142 @@
-"""Frames from image files."""
+"""Frames from image files: announced sizes, decoding, and values of more than 8 bits."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+import struct
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
 
 from calib.errors import InputError
 from calib.images import as_colour, as_grey
-from calib.length import size_text
+from calib.io import size_text
 from calib.types import U8, AnyArray
-from stereo.readers.bits import FRAMES, to_8_bits, true_bits
-from stereo.readers.image_header import header_size, is_image_size
-from stereo.readers.source import Decoded, is_grey
+from stereo.readers.base import Decoded, is_grey
+
+Size = tuple[int, int]
+Stored = TypeVar("Stored", bound=AnyArray)
+
+MAX_PIXELS = 100_000_000
+"""Largest image that is decoded: larger than any camera's, and 0.6 GB at 16 bits in three channels (our choice)."""
+_JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_PNM = re.compile(rb"P[1-6][ \t\r\n]+(?:#[^\n]*\n\s*)*(\d{1,9})\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s")
+
+
+def header_size(data: bytes) -> Size | None:
+    """(width, height) [px] that a PNG, JPEG, BMP, TIFF, WebP or PNM file announces; None for any other content."""
+    try:
+        if data.startswith(b"\x89PNG\r\n\x1a\n"):
+            width, height = struct.unpack_from(">II", data, 16)
+        elif data.startswith(b"\xff\xd8"):
+            return _jpeg(data)
+        elif data.startswith(b"BM"):
+            width, height = struct.unpack_from("<ii", data, 18)
+        elif data[:4] in (b"II*\0", b"MM\0*"):
+            return _tiff(data)
+        elif data.startswith(b"RIFF") and data[8:12] == b"WEBP":
+            return _webp(data)
+        else:
+            match = _PNM.match(data[:4096])
+            return (int(match[1]), int(match[2])) if match else None
+    except struct.error:
+        return None
+    return abs(int(width)), abs(int(height))
+
+
+def is_image_size(size: Size | None) -> bool:
+    """Whether an announced size is one that may be decoded."""
+    return size is not None and min(size) > 0 and size[0] * size[1] <= MAX_PIXELS
+
+
+def _jpeg(data: bytes) -> Size | None:
+    at = 2
+    while at + 9 <= len(data):
+        if data[at] != 0xFF:
+            return None
+        marker = data[at + 1]
+        if marker in _JPEG_SIZES:
+            height, width = struct.unpack_from(">HH", data, at + 5)
+            return width, height
+        if marker == 0xFF:
+            at += 1
+        elif marker == 0x01 or 0xD0 <= marker <= 0xD8:
+            at += 2
+        else:
+            at += 2 + struct.unpack_from(">H", data, at + 2)[0]
+    return None
+
+
+def _tiff(data: bytes) -> Size | None:
+    order = "<" if data.startswith(b"II") else ">"
+    (directory,) = struct.unpack_from(order + "I", data, 4)
+    (count,) = struct.unpack_from(order + "H", data, directory)
+    found: dict[int, int] = {}
+    for at in range(directory + 2, directory + 2 + 12 * count, 12):
+        tag, kind = struct.unpack_from(order + "HH", data, at)
+        if tag in (256, 257):
+            (found[tag],) = struct.unpack_from(order + ("H" if kind == 3 else "I"), data, at + 8)
+    return (found[256], found[257]) if len(found) == 2 else None
+
+
+def _webp(data: bytes) -> Size | None:
+    kind = data[12:16]
+    if kind == b"VP8 ":
+        width, height = struct.unpack_from("<HH", data, 26)
+        return width & 0x3FFF, height & 0x3FFF
+    if kind == b"VP8L":
+        (bits,) = struct.unpack_from("<I", data, 21)
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    if kind == b"VP8X":
+        width, height = (int.from_bytes(data[at : at + 3], "little") for at in (24, 27))
+        return width + 1, height + 1
+    return None
+
+
+DEPTHS = (8, 10, 12, 14, 16)
+"""Bits that sensors give."""
+FRAMES = 5
+"""Frames of each camera in which the largest value is looked for (our choice)."""
+
+
+def true_bits(images: Iterable[AnyArray]) -> int | None:
+    """Bits that the values of 16-bit images use.
+
+    Values that fill the upper bits (a 12-bit sensor's times 16) count as 16: their scale is that of 16 bits.
+
+    Args:
+        images: several frames, since one may be dark.
+    Returns:
+        The smallest of ``DEPTHS`` that holds the largest value; None when no image has more than 8 bits per value.
+    """
+    largest = [int(image.max()) for image in images if image.dtype == np.uint16 and image.size]
+    if not largest:
+        return None
+    return next(bits for bits in DEPTHS if max(largest) < 1 << bits)
+
+
+def to_8_bits(image: AnyArray, bits: int | None) -> U8:
+    """The image with 8 bits per value.
+
+    Args:
+        image: uint8 as it is; uint16 with values of ``bits`` bits, larger ones are clipped.
+    """
+    if image.dtype == np.uint8:
+        return np.asarray(image, dtype=np.uint8)
+    shifted = image >> max(0, (bits or 16) - 8)
+    return np.asarray(np.minimum(shifted, 255), dtype=np.uint8)
+
+
+def bits_note(bits: int | None) -> tuple[str, ...]:
+    """What is said once about such images."""
+    if bits is None:
+        return ()
+    return (f"images of 16 bits whose values use {bits}: their upper 8 bits are taken",)
+
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
 _END_MARKERS = {b"\xff\xd8\xff": b"\xff\xd9", b"\x89PNG": b"IEND"}
@@ -40,10 +160,10 @@ class ImageFiles:
         self._files = tuple(files)
         self._bits = bits
         self.n_frames = len(self._files)
-        first = next((image for file in self._files if file and (image := read_image(file, bits)) is not None), None)
+        first = first_readable(self._files, lambda file: read_image(file, bits))
         if first is None:
-            where = next((file for file in self._files if file), Path())
-            raise InputError(f"{where.parent}: expected images, found none of {self.n_frames} that can be decoded")
+            folder = folder_of(self._files)
+            raise InputError(f"{folder}: expected images, found none of {self.n_frames} that can be decoded")
         self.size = first.shape[1], first.shape[0]
         self.is_grey = is_grey(first)
 
@@ -53,18 +173,30 @@ class ImageFiles:
     def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
         """Only these frames."""
         for index in indices:
-            yield self._decode(index, self._files[index])
+            image, why = read_of_size(self._files[index], lambda file: read_image(file, self._bits), self.size)
+            given = None if image is None else as_grey(image) if self.is_grey else as_colour(image)
+            yield Decoded(index, None, given, why)
 
-    def _decode(self, index: int, file: Path | None) -> Decoded:
-        if file is None:
-            return Decoded(index, None, None, "file is missing")
-        image = read_image(file, self._bits)
-        if image is None:
-            return Decoded(index, None, None, f"{file.parent.name}/{file.name} cannot be decoded")
-        if (image.shape[1], image.shape[0]) != self.size:
-            found = size_text((image.shape[1], image.shape[0]))
-            return Decoded(index, None, None, f"{file.parent.name}/{file.name} is {found}, not {size_text(self.size)}")
-        return Decoded(index, None, as_grey(image) if self.is_grey else as_colour(image))
+
+def first_readable(files: Iterable[Path | None], read: Callable[[Path], Stored | None]) -> Stored | None:
+    """What the first file holds that can be read."""
+    return next((stored for file in files if file and (stored := read(file)) is not None), None)
+
+
+def folder_of(files: Iterable[Path | None]) -> Path:
+    """Where the files are, for messages."""
+    return next((file for file in files if file), Path()).parent
+
+
+def read_of_size(file: Path | None, read: Callable[[Path], Stored | None], size: Size) -> tuple[Stored | None, str]:
+    """What a file holds, or None and the reason: missing, unreadable, or not of (width, height) [px]."""
+    if file is None:
+        return None, "file is missing"
+    stored, name = read(file), f"{file.parent.name}/{file.name}"
+    if stored is None:
+        return None, f"{name} cannot be decoded"
+    found = stored.shape[1], stored.shape[0]
+    return (stored, "") if found == size else (None, f"{name} is {size_text(found)}, not {size_text(size)}")
 
 
 def read_image(file: Path, bits: int | None = None) -> U8 | None:

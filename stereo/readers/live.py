@@ -18,13 +18,11 @@ from calib.formats import load_rig
 from calib.images import as_grey
 from calib.rig import StereoRig
 from calib.types import U8
-from stereo.readers.newest import newest
-from stereo.readers.pair import DecodedPair
-from stereo.readers.reader import OpenOptions, Reader, Stream
+from stereo.readers.background import newest
+from stereo.readers.base import Decoded, DecodedPair, OpenOptions, Reader, Stream, is_grey
+from stereo.readers.images import Size
 from stereo.readers.side_by_side import packed_layout
-from stereo.readers.source import Decoded, is_grey
-from stereo.readers.stereo_layout import LiveLayout, Size
-from stereo.readers.timed_files import pixel_text
+from stereo.readers.stereo_layout import LiveLayout, pixel_text
 
 TIMEOUT_MS = 10_000
 """An address that does not answer, or a stream without a frame, for this long is given up [ms] (our choice)."""

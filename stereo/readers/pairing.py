@@ -1,14 +1,70 @@
-"""Which left image belongs to which right one."""
+"""Which image belongs to which: by the sides that names tell, by numbers of files, and by times."""
 
 from __future__ import annotations
 
 import itertools
+import re
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
 
 from calib.errors import InputError
+from calib.types import F64, I64
+from stereo.readers.base import DEFAULT_FPS
 from stereo.readers.images import frame_number
+
+_WORD = re.compile(r"left|right|(?<![a-z])[lr](?![a-z])", re.IGNORECASE)
+_NUMBER = re.compile(
+    r"(?<![a-z])(cam|camera|im|img|image|view|infra|ir|i|c|eye|sensor|lens|device)([_-]?)(\d{1,2})(?!\d)", re.IGNORECASE
+)
+
+
+class Sided(NamedTuple):
+    """Names of two cameras.
+
+    Attributes:
+        left, right: positions in the list of names.
+        rest: of every name, what is left without the side; empty where it tells none.
+    """
+
+    left: list[int]
+    right: list[int]
+    rest: list[str]
+
+
+def split_sides(names: Sequence[str]) -> Sided | None:
+    """Tell left from right by the words left and right (or L and R), else by two camera numbers, the lower one left.
+
+    Args:
+        names: without folder and ending; names that tell no side are passed over.
+    Returns:
+        None when the names do not tell two sides.
+    """
+    by_word = [_by_word(name) for name in names]
+    sides = [found[0] if found else "" for found in by_word]
+    if not {"l", "r"} <= set(sides):
+        by_word = [_by_number(name) for name in names]
+        numbers = sorted({found[0] for found in by_word if found}, key=int)
+        if len(numbers) != 2:
+            return None
+        sides = ["" if not found else "l" if found[0] == numbers[0] else "r" for found in by_word]
+    left, right = ([i for i, side in enumerate(sides) if side == one] for one in ("l", "r"))
+    return Sided(left, right, [found[1] if found else "" for found in by_word])
+
+
+def _by_word(name: str) -> tuple[str, str] | None:
+    found = {word[0].lower() for word in _WORD.findall(name)}
+    return (found.pop(), _WORD.sub("*", name)) if len(found) == 1 else None
+
+
+def _by_number(name: str) -> tuple[str, str] | None:
+    found = {number for _, _, number in _NUMBER.findall(name)}
+    return (found.pop(), _NUMBER.sub(r"\1\2*", name)) if len(found) == 1 else None
+
 
 MAX_UNPAIRED_FRACTION = 0.1
 """Above this share the folders are two recordings, not one with missing frames (our choice)."""
@@ -31,7 +87,11 @@ def pair_files(left: list[Path], right: list[Path], number: Callable[[Path], int
     """
     left_by, right_by = _numbered(left, number), _numbered(right, number)
     if left_by is None or right_by is None:
-        return _in_order(left, right)
+        if len(left) != len(right):
+            stems = {file.stem for file in left} & {file.stem for file in right}
+            first = next((file for file in [*left, *right] if file.stem not in stems), left[0])
+            raise _unpaired(first, left, right)
+        return list(zip(left, right, strict=True))
     either = sorted(left_by.keys() | right_by.keys())
     unpaired = [n for n in either if (n in left_by) != (n in right_by)]
     if unpaired and len(left) == len(right) and len(unpaired) > MAX_UNPAIRED_FRACTION * len(either):
@@ -59,16 +119,208 @@ def _numbered(files: list[Path], number: Callable[[Path], int | None]) -> dict[i
     return found if len(found) == len(files) else None
 
 
-def _in_order(left: list[Path], right: list[Path]) -> list[Pair]:
-    if len(left) != len(right):
-        stems = {file.stem for file in left} & {file.stem for file in right}
-        first = next((file for file in [*left, *right] if file.stem not in stems), left[0])
-        raise _unpaired(first, left, right)
-    return list(zip(left, right, strict=True))
-
-
 def _unpaired(file: Path, left: list[Path], right: list[Path]) -> InputError:
     return InputError(
         f"{file}: expected a mate in the other folder for every image, "
         f"found none ({len(left)} left, {len(right)} right images)"
     )
+
+
+TOLERANCE = 0.25
+"""Times of a pair differ at most by this share of the frame period (our choice: a walker of 2 m/s moves 1.7 cm in a
+quarter of 1/30 s; a mate that is farther off may as well be that of the next frame)."""
+JUMP_S = 3600.0
+"""A step this long, or this many frame periods back (``JUMP_BACK``), is a clock that was set, not a pause (our
+choice)."""
+JUMP_BACK = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class TimePairs:
+    """Frames in order; each has an image of the left camera, of the right one, or of both.
+
+    Attributes:
+        left, right: (n,) int64, positions in the cameras' own recording order; -1 where there is no mate.
+        times_s: (n,) float64 [s] since the first frame, increasing.
+        fps: nominal rate, of the camera that has more frames.
+        notes: what was found on the way: unpaired frames, order, jumps.
+    """
+
+    left: I64
+    right: I64
+    times_s: F64
+    fps: float
+    notes: tuple[str, ...]
+
+    @property
+    def unpaired(self) -> int:
+        """Frames without an image of one camera."""
+        return int(np.count_nonzero((self.left < 0) | (self.right < 0)))
+
+
+def pair_stamps(left_ns: I64, right_ns: I64, names: tuple[str, str] = ("left", "right")) -> TimePairs:
+    """Pair frames that are nearest to each other and at most ``TOLERANCE`` frame periods apart.
+
+    Times run on at the nominal rate where the clock was set meanwhile; frames that arrive late are put in their place.
+
+    Args:
+        left_ns, right_ns: (n,) and (m,) int64 [ns], in the order of the recording.
+        names: of the two, for the notes.
+    """
+    if max(len(left_ns), len(right_ns)) > 1 and not any(np.ptp(own) for own in (left_ns, right_ns) if len(own)):
+        return _by_position(len(left_ns), len(right_ns))
+    # Median step of the camera that has more frames [ns].
+    longer = left_ns if len(left_ns) >= len(right_ns) else right_ns
+    steps = np.diff(np.sort(longer))
+    steps = steps[steps > 0]
+    period = float(np.median(steps)) if steps.size else 1e9 / DEFAULT_FPS
+    offset = _offset(left_ns, right_ns, period * TOLERANCE)
+    left_mate, right_mate = _mates(left_ns, right_ns - offset, period * TOLERANCE)
+    alone = np.flatnonzero(right_mate < 0)
+    left = np.concatenate([np.arange(len(left_ns)), np.full(len(alone), -1)])
+    right = np.concatenate([left_mate, alone])
+    stamps = np.concatenate([left_ns, right_ns[alone] - offset])
+    eras = np.concatenate([_eras(left_ns, period), _eras(right_ns, period)[alone]])
+    order = np.lexsort((stamps, eras))
+    left, right, stamps, eras = left[order], right[order], stamps[order], eras[order]
+    times, jumps = _continuous(stamps, eras, period)
+    again = np.diff(times, prepend=-1.0) <= 0
+    left[again], right[again] = -1, -1
+    notes = [
+        *_offset_note(offset, names),
+        *_unpaired_note(left, right, names, period),
+        *_repeated_note(int(again.sum())),
+        *_order_note((left_ns, right_ns), names, period),
+        *(f"the clock jumps by {_span(step)} after frame {frame}: times run on at the nominal rate"
+          for frame, step in jumps),
+    ]  # fmt: skip
+    return TimePairs(left, right, times, 1e9 / period, tuple(notes))
+
+
+def _by_position(n_left: int, n_right: int) -> TimePairs:
+    """For clocks that stand still."""
+    count = max(n_left, n_right)
+    order = np.arange(count)
+    left, right = (np.where(order < n, order, -1) for n in (n_left, n_right))
+    note = f"all frames have one time: {DEFAULT_FPS:g} frames per second are assumed (--fps gives another rate)"
+    return TimePairs(left, right, order / DEFAULT_FPS, DEFAULT_FPS, (note,))
+
+
+def _offset(left_ns: I64, right_ns: I64, tolerance_ns: float) -> int:
+    """How far the right camera's clock is ahead [ns], when all its frames are as far apart as the left camera's.
+
+    Zero when clocks agree within the tolerance, or when the numbers of frames differ: which belong together would then
+    be a guess.
+    """
+    if len(left_ns) != len(right_ns) or not len(left_ns):
+        return 0
+    ahead = right_ns - left_ns
+    offset = int(np.median(ahead))
+    even = bool(np.all(np.abs(ahead - offset) <= tolerance_ns))
+    return offset if even and abs(offset) > tolerance_ns else 0
+
+
+def _mates(left_ns: I64, right_ns: I64, tolerance_ns: float) -> tuple[I64, I64]:
+    """Position of each frame's mate in the other camera, -1 without one; mates are nearest to each other."""
+    left_mate, right_mate = np.full(len(left_ns), -1), np.full(len(right_ns), -1)
+    if len(left_ns) and len(right_ns):
+        to_right, to_left = _nearest(left_ns, right_ns), _nearest(right_ns, left_ns)
+        near = np.abs(left_ns - right_ns[to_right]) <= tolerance_ns
+        mutual = near & (to_left[to_right] == np.arange(len(left_ns)))
+        left_mate[mutual] = to_right[mutual]
+        right_mate[to_right[mutual]] = np.flatnonzero(mutual)
+    return left_mate, right_mate
+
+
+def _nearest(of: I64, among: I64) -> I64:
+    order = np.argsort(among, kind="stable")
+    ordered = among[order]
+    after = np.clip(np.searchsorted(ordered, of), 0, len(among) - 1)
+    before = np.maximum(after - 1, 0)
+    nearer = np.where(np.abs(of - ordered[before]) <= np.abs(ordered[after] - of), before, after)
+    return np.asarray(order[nearer], dtype=np.int64)
+
+
+def _eras(stamps: I64, period: float) -> I64:
+    """How often the clock was set before each frame."""
+    steps = np.diff(stamps)
+    set_ = (steps > max(JUMP_S * 1e9, 100 * period)) | (steps < -JUMP_BACK * max(period, 1e8))
+    return np.concatenate([[0], np.cumsum(set_)]).astype(np.int64)[: len(stamps)]
+
+
+def _continuous(stamps: I64, eras: I64, period: float) -> tuple[F64, list[tuple[int, float]]]:
+    """Times [s] since the first frame without the jumps, and the jumps: frame before, step [s]."""
+    steps = np.diff(stamps).astype(np.float64)
+    jumps = np.flatnonzero(np.diff(eras))
+    found = [(int(frame), float(steps[frame]) / 1e9) for frame in jumps]
+    steps[jumps] = period
+    return np.concatenate([[0.0], np.cumsum(steps)])[: len(stamps)] / 1e9, found
+
+
+def _unpaired_note(left: I64, right: I64, names: tuple[str, str], period: float) -> list[str]:
+    alone = [int(np.count_nonzero((own >= 0) & (other < 0))) for own, other in ((left, right), (right, left))]
+    if not any(alone):
+        return []
+    each = ", ".join(f"{count} of {name}" for name, count in zip(names, alone, strict=True) if count)
+    limit = f"{period * TOLERANCE / 1e6:.1f} ms, a quarter of the frame period"
+    return [f"{sum(alone)} of {_frames(len(left))} without a mate within {limit}, skipped ({each})"]
+
+
+def _offset_note(offset_ns: int, names: tuple[str, str]) -> list[str]:
+    if not offset_ns:
+        return []
+    return [f"the clock of {names[1]} is {_span(offset_ns / 1e9)} from that of {names[0]}: paired in order"]
+
+
+def _repeated_note(count: int) -> list[str]:
+    return [f"{_frames(count)} with the time of the frame before, skipped"] if count else []
+
+
+def _order_note(stamps: tuple[I64, I64], names: tuple[str, str], period: float) -> list[str]:
+    notes = []
+    for own, name in zip(stamps, names, strict=True):
+        late = int(np.count_nonzero((np.diff(own) < 0) & (np.diff(_eras(own, period)) == 0)))
+        if late:
+            notes.append(f"{_frames(late)} of {name} recorded out of order, put in order of their times")
+    return notes
+
+
+def _frames(count: int) -> str:
+    return f"{count} frame" + "s" * (count != 1)
+
+
+def _span(seconds: float) -> str:
+    return f"{seconds / 86400:+.1f} days" if abs(seconds) >= 86400 else f"{seconds:+.3g} s"
+
+
+MAX_APART_S = 0.02
+"""The tool of the TUM RGB-D benchmark associates an image and a depth image up to 20 ms apart; a quarter of the frame
+period, as for the pairs of two cameras, where that is more."""
+
+
+def nearest_mates(images: I64, depths: I64) -> I64:
+    """Position of each image's depth image, -1 without one: nearest to each other, and near enough.
+
+    Args:
+        images, depths: (n,) and (m,) int64 [ns], increasing.
+    """
+    mates = np.full(len(images), -1)
+    if not len(images) or not len(depths):
+        return mates
+    period = float(np.median(np.diff(images))) if len(images) > 1 else 0.0
+    nearest, back = _nearest(images, depths), _nearest(depths, images)
+    near = np.abs(images - depths[nearest]) <= max(MAX_APART_S * 1e9, 0.25 * period)
+    mutual = near & (back[nearest] == np.arange(len(images)))
+    mates[mutual] = nearest[mutual]
+    return mates
+
+
+def depth_note(mates: I64, where: str = "") -> list[str]:
+    """How many images have no depth image.
+
+    Args:
+        where: they were looked for; by their times when empty.
+    """
+    alone = int((mates < 0).sum())
+    where = where or f"within {MAX_APART_S * 1e3:g} ms"
+    return [f"{alone} of {len(mates)} images without a depth image {where}, skipped"] if alone else []

@@ -1,25 +1,270 @@
-"""Both cameras in one video, side by side or one above the other."""
+"""Both cameras in one video: how they share its pictures, which is the left one, and the recording."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import cv2
 import numpy as np
 
+from calib.camera import Camera
 from calib.errors import InputError
 from calib.formats import load_rig
+from calib.images import as_grey
+from calib.pose import SE3
 from calib.rig import StereoRig
-from calib.types import U8
-from stereo.readers.order import Order, is_ideal, rectified_rig, tell_order
-from stereo.readers.packing import Common, Packing, find_packing
-from stereo.readers.pair import split_pairs
-from stereo.readers.reader import OpenOptions, Reader, Stream
-from stereo.readers.source import FrameSource, is_grey
-from stereo.readers.stereo_layout import Size, StereoLayout, clock_of
-from stereo.readers.timed_files import pixel_text
-from stereo.readers.videos import SUFFIXES, VideoFile, video_files
+from calib.types import F64, U8, AnyArray
+from stereo.readers.base import FrameSource, OpenOptions, Reader, Stream, is_grey, split_pairs
+from stereo.readers.images import Size
+from stereo.readers.stereo_layout import StereoLayout, clock_of, pixel_text
+from stereo.readers.video import SUFFIXES, VideoFile, video_files
+from stereo.row_offset import VerticalParams, match_corners
+
+MIN_MATCHES = 40
+"""Fewest matched corners by which the order is told (our choice)."""
+NEARER = 0.8
+"""Share of corners nearer than infinity of views in their right order; of swapped ones nearly none is (our choice)."""
+ROWS_PX = 1.5
+"""Median row offset [px of 640] up to which rows count as aligned (our choice; a worn factory calibration has 0.6)."""
+GAIN = 3.0
+"""How much better the rows of rectified images agree without rectifying them again (our choice)."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """What the corners say.
+
+    Attributes:
+        swapped: the first view is the right camera's.
+        rectified: the views are rectified already.
+        nearer: share of corners nearer than infinity, in this order.
+        rows_px: median row offset [px of 640].
+        matches: corners compared.
+    """
+
+    swapped: bool
+    rectified: bool
+    nearer: float
+    rows_px: float
+    matches: int
+
+
+def tell_order(matches: F64, rig: StereoRig, rectified: StereoRig) -> Order | None:
+    """The order and the calibration under which corners lie nearer than infinity and on their rows.
+
+    Args:
+        matches: (N, 4) float64 [px], u, v in the first view and u, v in the second.
+        rig: of the views as the cameras took them.
+        rectified: of the views when they are rectified.
+    Returns:
+        None when there are too few corners, or none of the four cases explains them better than the first.
+    """
+    if len(matches) < MIN_MATCHES:
+        return None
+    cases = [
+        _case(matches, one, swapped, is_rectified)
+        for is_rectified, one in ((False, rig), (True, rectified))
+        for swapped in (False, True)
+    ]
+    usual = cases[0]
+    if usual.nearer >= NEARER and usual.rows_px <= ROWS_PX:
+        return usual
+    good = [case for case in cases if case.nearer >= NEARER and case.rows_px <= min(ROWS_PX, usual.rows_px / GAIN)]
+    if not good:
+        good = [case for case in cases if case.nearer >= NEARER and case.rows_px <= ROWS_PX]
+    return min(good, key=lambda case: (case.rows_px > ROWS_PX, case.rectified, case.swapped), default=None)
+
+
+def rectified_rig(load: Callable[[], StereoRig], rig: StereoRig) -> tuple[StereoRig, str]:
+    """The calibration of rectified images: from the file, else as OpenCV computes it.
+
+    Args:
+        load: reads the file's calibration of rectified images, or its other one when it holds none.
+    Returns:
+        The rig, and what was assumed; empty when the file says it.
+    """
+    held = load()
+    if is_ideal(held):
+        return held, ""
+    pose, size = rig.right_SE3_left, rig.left.size
+    (k1, d1), (k2, d2) = ((one.matrix, one.coefficients) for one in (rig.left, rig.right))
+    turn, shift_column = pose.rotation, pose.translation.reshape(3, 1)
+    if "fisheye" in (rig.left.model, rig.right.model):
+        _, _, *projections, _ = cv2.fisheye.stereoRectify(k1, d1, k2, d2, size, turn, shift_column, 0)
+    else:
+        _, _, *projections, _, _, _ = cv2.stereoRectify(k1, d1, k2, d2, size, turn, shift_column, alpha=0.0)
+    left, right = (_ideal(np.asarray(p, dtype=np.float64), rig.left) for p in projections)
+    shift = np.array([-rig.baseline_m, 0.0, 0.0])
+    ideal = StereoRig(left, right, SE3(np.eye(3), shift), f"{rig.source} [rectified images]")
+    return ideal, f"their focal length is taken as {left.fx:.1f} px, as OpenCV's stereoRectify gives it for alpha 0"
+
+
+def is_ideal(rig: StereoRig) -> bool:
+    """Whether a rig is that of rectified images: no distortion, no rotation."""
+    turned = float(np.abs(rig.right_SE3_left.rotation - np.eye(3)).max())
+    return turned < 1e-9 and not any(np.any(one.coefficients) for one in (rig.left, rig.right))
+
+
+def _ideal(p: AnyArray, one: Camera) -> Camera:
+    return Camera(one.width, one.height, float(p[0, 0]), float(p[1, 1]), float(p[0, 2]), float(p[1, 2]))
+
+
+def _case(matches: F64, rig: StereoRig, swapped: bool, rectified: bool) -> Order:
+    first, second = matches[:, :2], matches[:, 2:]
+    left, right = (second, first) if swapped else (first, second)
+    left_rotation, right_rotation = rig.rectifying_rotations()
+    rays = [
+        camera.unproject(pixels) @ rotation.T
+        for camera, pixels, rotation in ((rig.left, left, left_rotation), (rig.right, right, right_rotation))
+    ]
+    a, b = (r[:, :2] / r[:, 2:] for r in rays)
+    known = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
+    if not known.any():
+        return Order(swapped, rectified, 0.0, np.inf, 0)
+    scale = rig.left.fx * 640.0 / rig.left.width
+    across, down = ((a - b)[known] * scale).T
+    return Order(swapped, rectified, float(np.mean(across > -0.5)), float(np.median(np.abs(down))), int(known.sum()))
+
+
+Halves = tuple[U8, U8]
+
+REDUCED_PX = 320
+"""Width to which halves are reduced for matching."""
+SEARCH = VerticalParams(features=150, search_px=24)
+"""Rows of unrectified cameras may be 24 of 320 px apart."""
+REACH = 0.3
+"""Disparities are searched up to this share of the width, each way (our choice)."""
+ROW_SPREAD_PX = 4.0
+"""Matches of one pair of cameras lie about on one row offset [px of 320] (our choice)."""
+MIN_MATCHED = 0.12
+"""Share of the corners that two views of one scene have in common at least (our choice: real pairs have 0.3 to 0.8,
+halves of one picture under 0.03)."""
+MIN_CORNERS = 20
+"""Fewer corners in a picture tell nothing (our choice)."""
+
+
+@dataclass(frozen=True)
+class Packing:
+    """Where the two views lie in a picture.
+
+    Attributes:
+        stacked: one above the other, else side by side.
+        squeezed: each was reduced to half along the axis on which they share the picture, and is stretched again.
+    """
+
+    stacked: bool
+    squeezed: bool
+
+    def size(self, picture: Size) -> Size:
+        """(width, height) of one view as it is given [px]."""
+        width, height = picture
+        if self.squeezed:
+            return picture
+        return (width, height // 2) if self.stacked else (width // 2, height)
+
+    def split(self, picture: U8) -> Halves:
+        """The first (left or upper) and the second view."""
+        height, width = picture.shape[:2]
+        if self.stacked:
+            parts = picture[: height // 2], picture[height // 2 : height // 2 * 2]
+        else:
+            parts = picture[:, : width // 2], picture[:, width // 2 : width // 2 * 2]
+        first, second = (self._given(part, (width, height)) for part in parts)
+        return first, second
+
+    def _given(self, part: U8, picture: Size) -> U8:
+        if not self.squeezed:
+            return np.ascontiguousarray(part)
+        return np.asarray(cv2.resize(part, picture, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
+
+    @property
+    def text(self) -> str:
+        """For people."""
+        kind = "one above the other" if self.stacked else "side by side"
+        return kind + (", squeezed to half" if self.squeezed else "")
+
+
+@dataclass(frozen=True, eq=False)
+class Common:
+    """What the two views of some pictures have in common.
+
+    Attributes:
+        corners: that were looked for.
+        matches: (N, 4) float64 [px of the view as it is given]: u, v in the first view, u, v in the second.
+    """
+
+    corners: int
+    matches: F64
+
+    @property
+    def fraction(self) -> float:
+        return len(self.matches) / self.corners if self.corners else 0.0
+
+
+def common(pictures: Iterable[U8], split: Callable[[U8], Halves]) -> Common:
+    """Match corners between the two views of each picture."""
+    corners, found = 0, [np.empty((0, 4))]
+    for picture in pictures:
+        first, second = (as_grey(view) for view in split(picture))
+        reduced, scale = (_reduced(view) for view in (first, second)), first.shape[1] / min(first.shape[1], REDUCED_PX)
+        a, b = reduced
+        points = cv2.goodFeaturesToTrack(a, SEARCH.features, 0.01, 14.0)
+        corners += 0 if points is None else len(points)
+        reach = REACH * a.shape[1]
+        matches = match_corners(a, b, reach, SEARCH, -reach)
+        if len(matches):
+            near = np.abs(matches[:, 3] - np.median(matches[:, 3])) <= ROW_SPREAD_PX
+            u, v, u_second, offset = matches[near].T
+            found.append(np.column_stack([u, v, u_second, v + offset]) * scale)
+    return Common(corners, np.concatenate(found))
+
+
+def find_packing(pictures: Sequence[U8], aspect: float | None) -> tuple[Packing | None, Common]:
+    """The packing whose two views have most in common.
+
+    Args:
+        aspect: width over height of one camera's images by the calibration; None when unknown.
+    Returns:
+        None when no packing gives two views of one scene, and what the best one has in common.
+    """
+    height, width = pictures[0].shape[:2]
+    candidates = _possible((width, height), aspect) or _possible((width, height), None)
+    if not candidates:
+        return None, Common(0, np.empty((0, 4)))
+    shared = {packing.stacked: common(pictures, packing.split) for packing in candidates}
+    best = max(candidates, key=lambda packing: shared[packing.stacked].fraction)
+    found = shared[best.stacked]
+    if found.corners < MIN_CORNERS:  # nothing to tell by: what is most usual for the size
+        return (None if candidates[0].squeezed else candidates[0]), found
+    return (best if found.fraction >= MIN_MATCHED else None), found
+
+
+def _possible(picture: Size, aspect: float | None) -> list[Packing]:
+    """Packings that give views of a camera's aspect, the most usual first."""
+    width, height = picture
+    usual = ((False, False, 1.2, 3.4), (True, False, 1.2, 2.6), (False, True, 1.2, 2.4), (True, True, 1.2, 2.4),
+             (False, False, 0.9, 1.2), (True, False, 0.9, 1.2))  # fmt: skip
+    found: list[Packing] = []
+    for stacked, squeezed, low, high in usual:
+        packing = Packing(stacked, squeezed)
+        w, h = packing.size(picture)
+        if height % 2 if stacked else width % 2:
+            continue
+        fits = low <= w / h < high if aspect is None else abs(w / h / aspect - 1.0) < 0.02
+        if fits and packing not in found and not any(p.stacked == stacked for p in found):
+            found.append(packing)
+    return found
+
+
+def _reduced(view: U8) -> U8:
+    if view.shape[1] <= REDUCED_PX:
+        return view
+    height = round(view.shape[0] * REDUCED_PX / view.shape[1])
+    return np.asarray(cv2.resize(view, (REDUCED_PX, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
 
 LOOKED_AT = 3
 """Frames spread over the video in which the two views are matched (our choice)."""

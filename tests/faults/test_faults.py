@@ -10,8 +10,8 @@ from faults.damage import FRAMES, Fault
 from faults.faults import FAULTS
 from toy_stereo import ToyWorld, toy_rig, walking, write_toy_recording
 
-from calib.floor.world_file import save_world
 from calib.rig import Floor
+from calib.world import save_world
 from planview.cli import main
 from planview.output.info import read_run_info
 from planview.trajectories.table import read_tracks

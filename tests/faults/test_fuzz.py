@@ -17,13 +17,13 @@ from hypothesis import strategies as st
 from toy_stereo import toy_rig
 
 from calib.errors import InputError
-from calib.floor.world_file import load_world, save_world
 from calib.formats import FORMATS, load_rig, write_rig
 from calib.formats.tsai import load_tsai
 from calib.ground_camera import GroundCamera, load_ground_camera, save_ground_camera
-from calib.human.samples import read_image_size, read_samples
+from calib.people.samples import read_image_size, read_samples
 from calib.pose import SE3
 from calib.rig import Floor
+from calib.world import load_world, save_world
 from planview.counting.events import read_events
 from planview.counting.rules import load_rules
 from planview.engine.config import load_config
@@ -34,7 +34,7 @@ from planview.trajectories.file import TrajectoryFile
 from planview.trajectories.formats import FORMATS as EXPORTS
 from planview.trajectories.formats import ExportName, load_file
 from planview.trajectories.table import positions_table
-from stereo.readers.timestamps import load_timestamps
+from stereo.readers.times import load_timestamps
 
 ROOT = Path(__file__).resolve().parents[2]
 SIZE = (320, 240)

@@ -16,8 +16,8 @@ from webdriver import Browser, free_port, stop, wait_for
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera
-from calib.human.model import HumanModel
-from calib.human.samples import HumanSample
+from calib.people.model import HumanModel
+from calib.people.samples import HumanSample
 from planview.calibration.people import draw_person
 from planview.commands.calibrate_ui import calibrate_ui
 from tests.people import standing_people

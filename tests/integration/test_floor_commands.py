@@ -9,12 +9,12 @@ import pytest
 from toy_run import FEW, Pair, Say, one_sentence
 from toy_stereo import toy_rig, write_toy_recording
 
-from calib.floor.world_file import load_world
+from calib.world import load_world
 from planview.checks.examine import examine
 from planview.cli import main
 from planview.engine.config import load_config
 from planview.engine.setup import floor_search, set_up
-from stereo.readers.opening import open_recording
+from stereo.readers.open import open_recording
 
 KEYS = {"height_m", "tilt_deg", "roll_deg", "inlier_fraction"}
 HEIGHT_M = 2.5

@@ -6,8 +6,8 @@ import pytest
 
 from benchmarks.pets import human_model_on_pets
 from calib.ground_camera import save_ground_camera
-from calib.human.calibration import calibrate_from_people
-from calib.human.samples import read_image_size, read_samples
+from calib.people.calibration import calibrate_from_people
+from calib.people.samples import read_image_size, read_samples
 
 PEOPLE = Path(__file__).resolve().parents[1] / "data" / "pets_people.json"
 

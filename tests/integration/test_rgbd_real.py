@@ -10,7 +10,7 @@ from calib.types import F64
 from planview.cli import main
 from planview.trajectories.table import Trajectories, read_tracks
 from stereo.readers import find_layout, open_any
-from stereo.readers.rgbd_layout import RgbdImages
+from stereo.readers.rgbd import RgbdImages
 
 STANDS_FROM = 30
 """From this frame on the walker leaves the picture at its lower edge, and a second person stands there."""

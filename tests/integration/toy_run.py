@@ -14,7 +14,7 @@ Say = Callable[..., tuple[int, str]]
 
 
 def write_world(engine: Pipeline, folder: Path) -> None:
-    from calib.floor.world_file import save_world
+    from calib.world import save_world
 
     save_world(engine.setup.floor, folder / "world.toml")
 

@@ -1,10 +1,10 @@
-"""Plain twin of the error kernel of ``calib.human``, for one person at a known place."""
+"""Plain twin of the error kernel of ``calib.people``, for one person at a known place."""
 
 import math
 
 from calib.ground_camera import GroundCamera
-from calib.human.model import HumanModel
-from calib.human.samples import HumanSample
+from calib.people.model import HumanModel
+from calib.people.samples import HumanSample
 from calib.types import F64
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
-from calib.human.samples import HumanSample
+from calib.people.samples import HumanSample
 
 Point = tuple[float, float]
 Part = Literal["head", "foot", "nw", "ne", "sw", "se", "whole", "point"]

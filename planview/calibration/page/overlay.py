@@ -9,7 +9,7 @@ from planview.calibration.page.marks import Handle, Point, handle_points
 from planview.calibration.page.session import CalibrationSession
 from planview.calibration.people import crowd
 from planview.drawing.projection import grid_lines
-from stereo.floor_camera import StereoFloorCamera
+from stereo.depth import StereoFloorCamera
 
 GIVEN, COMPUTED, CROWD, GRID, FLOOR = "#0a84ff", "#ff2fd0", "#b06cff", "#4cd964", "#ffcc00"
 SELECTED, ODD, NEXT = "#ffffff", "#ff453a", "#30d158"

@@ -15,11 +15,10 @@ from typing import Any
 from nicegui import app, events, run, ui
 
 from calib.errors import InputError
-from calib.exif import focal_share
 from calib.ground_camera import LENS_K_320
-from calib.human.knowledge import KnownValues
-from calib.human.samples import read_image_size, read_samples
-from calib.images import encode_image
+from calib.images import encode_image, focal_share
+from calib.people.model import KnownValues
+from calib.people.samples import read_image_size, read_samples
 from calib.types import U8
 from planview.calibration.page.overlay import overlay
 from planview.calibration.page.session import GRAB_PX, CalibrationSession, frames_at

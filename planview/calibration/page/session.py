@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Literal
 
 from calib.errors import InputError, WorkError
-from calib.exif import focal_share
 from calib.ground_camera import LENS_K_320
-from calib.human.knowledge import KnownValues
-from calib.human.samples import MIN_SAMPLES, HumanSample
+from calib.images import focal_share
+from calib.people.model import KnownValues
+from calib.people.samples import MIN_SAMPLES, HumanSample
 from calib.rig import Floor
 from calib.types import U8
 from planview.calibration.floor import FloorDepths, view_floor

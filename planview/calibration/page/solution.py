@@ -10,16 +10,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from calib.world import save_world
 
 from calib.errors import InputError, WorkError
-from calib.floor.points import floor_from_points
-from calib.floor.world_file import save_world
+from calib.floor.find import floor_from_points
 from calib.ground_camera import save_ground_camera
-from calib.human.calibration import HumanCalibration, calibrate_from_people
-from calib.human.knowledge import KnownValues
-from calib.human.samples import MIN_SAMPLES, HumanSample, write_samples
+from calib.io import reason
+from calib.people.calibration import HumanCalibration, calibrate_from_people
+from calib.people.model import KnownValues
+from calib.people.samples import MIN_SAMPLES, HumanSample, write_samples
 from calib.rig import Floor
-from calib.text import reason
 from calib.types import F64, Bool
 from planview.calibration.floor import FloorDepths
 from planview.calibration.page.marks import Point

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from calib.errors import WorkError
-from calib.files import whole_file
+from calib.io import whole_file
 from calib.types import U8
 from planview.output.checkpoint.encode import Encoded
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.errors import InputError
-from calib.text import reason
+from calib.io import reason
 from calib.types import F64
 from planview.tracking.base import ScoreTerms
 

@@ -10,8 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from calib.errors import InputError, WorkError
-from calib.files import sync, whole_file
-from calib.text import reason
+from calib.io import reason, sync, whole_file
 
 JOINED_BYTES_MAX = 2**28
 """Parts that are larger together stay apart: rerun joins in memory, and takes thirteen times their size (our choice:

@@ -8,9 +8,8 @@ from pathlib import Path
 import cv2
 
 from calib.errors import InputError, WorkError
-from calib.files import PART
 from calib.images import write_image
-from calib.text import reason
+from calib.io import PART, reason
 from calib.types import U8
 from planview.output.scene.compose import SceneComposer
 from planview.output.scene.frames import SceneFrames

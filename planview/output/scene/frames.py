@@ -20,12 +20,11 @@ from planview.engine.config import Config
 from planview.engine.info import FloorInfo
 from planview.output.info import RunInfo
 from planview.output.scene.source import source_of
-from stereo.depth import RectifiedGeometry
-from stereo.floor_camera import StereoFloorCamera
+from stereo.depth import RectifiedGeometry, StereoFloorCamera
 from stereo.readers import OpenOptions, open_any, open_video
-from stereo.readers.heads import HeadsRecording, open_heads
-from stereo.readers.reader import AnyRecording
-from stereo.readers.several import is_heads
+from stereo.readers.base import AnyRecording
+from stereo.readers.multi_rig import HeadsRecording, open_heads
+from stereo.readers.open import is_heads
 from stereo.recording import RgbdRecording
 from stereo.rectify import Rectifier
 from stereo.rgbd import RgbdRectifier

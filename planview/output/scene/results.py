@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from calib.errors import InputError
-from calib.text import reason
+from calib.io import reason
 from calib.types import F64
 from planview.counting.events import Event, read_events
 from planview.counting.totals import Clock

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from calib.ground_camera import GroundCamera
-from calib.human.model import HumanModel
 from calib.params import Params
+from calib.people.model import HumanModel
 from calib.types import F32, F64, I32
 
 MAX_NODES = 4_000_000

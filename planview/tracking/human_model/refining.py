@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.ground_camera import GroundCamera
-from calib.human.model import HumanModel
+from calib.people.model import HumanModel
 from calib.types import F64, U8
 from planview.tracking.human_model.measurement import Extent
 from planview.tracking.human_model.params import HumanModelParams

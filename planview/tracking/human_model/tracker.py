@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
-from calib.human.model import HumanModel
+from calib.people.model import HumanModel
 from calib.types import F64, U8
 from planview.tracking.appearance_model import Appearance
 from planview.tracking.base import Decision, Observation, TrackerDebug

@@ -1,28 +1,310 @@
-"""ROS 1 bags, ROS 2 bags and MCAP files as recordings."""
+"""Bags as recordings: their calibration, pairs of cameras, and images with depth."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
+from itertools import islice
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from calib.camera import Camera
+from calib.errors import InputError
 from calib.formats import load_rig
-from calib.rig import StereoRig
-from calib.types import I64
-from stereo.readers.bags.cameras import rig_of
-from stereo.readers.bags.mcap_file import McapFile
-from stereo.readers.bags.rgbd import rgbd_layout
-from stereo.readers.bags.rosbag import RosBag
-from stereo.readers.bags.source import TopicFrames, TopicImages, bits_in
-from stereo.readers.bags.storage import Bag
-from stereo.readers.bags.topics import choose_topics
-from stereo.readers.bits import bits_note
-from stereo.readers.pair import both
-from stereo.readers.reader import Layout, OpenOptions, Reader, Stream
-from stereo.readers.stereo_layout import Size, StereoLayout, same_size
-from stereo.readers.time_pairs import pair_stamps
-from stereo.readers.timed_files import check_paired, own_times, pixel_text, times_of
+from calib.formats.base import camera as camera_of
+from calib.formats.rgbd import load_rgbd
+from calib.formats.ros import camera_from
+from calib.io import size_text
+from calib.pose import SE3
+from calib.rig import IDENTITY, RgbdRig, StereoRig
+from calib.types import I64, AnyArray
+from stereo.readers.bags.messages import camera_fields, frame_id, transforms
+from stereo.readers.bags.storage import Bag, McapFile, RosBag, error_text
+from stereo.readers.bags.topics import TopicFrames, TopicImages, bits_in, choose_topics, info_topic, stored_at
+from stereo.readers.base import Decoded, DecodedDepth, Layout, OpenOptions, Reader, Stream, both
+from stereo.readers.images import Size, bits_note
+from stereo.readers.pairing import depth_note, nearest_mates, pair_stamps
+from stereo.readers.rgbd import UNITS_PER_M, RgbdLayout, metres
+from stereo.readers.stereo_layout import StereoLayout, check_paired, own_times, pixel_text, same_size, times_of
+
+MAX_TRANSFORMS = 2000
+"""Messages of tf_static that are read: drivers send some dozens (our choice)."""
+
+
+def rig_of(bag: Bag, topics: tuple[str, str], size: tuple[int, int]) -> StereoRig:
+    """The rig from the camera_info of two image topics.
+
+    Topics whose names say that their images are rectified take the rectified camera P instead of K and D.
+
+    Raises:
+        InputError: no camera_info, one that is not calibrated, or no baseline.
+    """
+    found = [info_of(bag, topic) for topic in topics]
+    source = f"camera_info of {bag.path.name}"
+    try:
+        if all(is_rectified(topic) for topic in topics):
+            (left, left_shift), (right, right_shift) = (rectified_camera(fields, name) for name, fields, _ in found)
+            pose = SE3(np.eye(3), right_shift - left_shift)
+        else:
+            (left, rect_SE3_left), (right, rect_SE3_right) = (camera_from(fields, name) for name, fields, _ in found)
+            pose = rect_SE3_right.inverse() @ rect_SE3_left
+    except ValueError as error:
+        raise InputError(f"{bag.path}: {error}: --calibration FILE gives another") from error
+    if np.linalg.norm(pose.translation) == 0:
+        pose, source = _from_tf(bag, found[0][2], found[1][2]), source + " and tf_static"
+    rig = StereoRig(left, right, pose, source)
+    return _fitted_pair(rig, bag, size).check(f"{bag.path} (camera_info)")
+
+
+def is_rectified(topic: str) -> bool:
+    """Whether the name of an image topic says that its images are rectified (REP 104 and image_proc: image_rect...)."""
+    return re.search(r"(?<![a-z])rect", topic) is not None
+
+
+def rectified_camera(fields: Mapping[str, Any], name: str) -> tuple[Camera, Any]:
+    """The camera of rectified images, and where the rectified left frame's origin lies in its frame [m].
+
+    Raises:
+        ValueError: P is no projection.
+    """
+    projection = np.array(fields["P"], dtype=np.float64).reshape(3, 4)
+    one = camera_of(
+        (fields["width"], fields["height"]), projection[:, :3].ravel(), np.empty(0), "brown", f"P of {name}"
+    )
+    return one, np.linalg.solve(projection[:, :3], projection[:, 3])
+
+
+class CameraMessage(NamedTuple):
+    """The first camera_info of an image topic.
+
+    Attributes:
+        topic: its own name.
+        fields: as ``calib.formats.ros.camera_from`` takes them.
+        frame: of reference.
+    """
+
+    topic: str
+    fields: dict[str, Any]
+    frame: str
+
+
+def info_of(bag: Bag, topic: str) -> CameraMessage:
+    """The camera_info of an image topic.
+
+    Raises:
+        InputError: there is none, or of a camera that is not calibrated.
+    """
+    name = info_topic(bag.topics, topic)
+    try:
+        message = next(bag.messages(name), None) if name else None
+        decoded = message.decode(message.data) if message else None
+        fields, frame = (camera_fields(decoded), frame_id(decoded)) if message else ({}, "")
+    except Exception as error:  # libraries raise whatever a damaged file provokes
+        raise InputError(
+            f"{bag.path}: expected a camera_info in {name}, found {error_text(error)}: --calibration FILE gives one"
+        ) from error
+    if name is None or message is None:
+        raise InputError(
+            f"{bag.path}: expected a camera_info of {topic} in the bag, found none: --calibration FILE gives one"
+        )
+    if not any(fields["K"]):
+        raise InputError(
+            f"{bag.path}: expected a calibrated camera in {name}, found K of zeros: --calibration FILE gives one"
+        )
+    return CameraMessage(name, fields, frame.lstrip("/"))
+
+
+def _from_tf(bag: Bag, left: str, right: str) -> SE3:
+    """right_SE3_left of two frames, from the static transforms."""
+    poses = static_poses(bag)
+    found = pose_between(poses, right, left)
+    if found is None:
+        raise InputError(
+            f"{bag.path}: expected a baseline, found none in P and no transform from {left} to {right} in /tf_static: "
+            "--calibration FILE gives one"
+        )
+    return found
+
+
+def static_poses(bag: Bag) -> dict[str, tuple[str, SE3]]:
+    """Parent frame and parent_SE3_child by child frame."""
+    poses: dict[str, tuple[str, SE3]] = {}
+    for topic in (t.name for t in bag.topics if t.kind == "tf" and "static" in t.name):
+        # A type that the library does not know, or a damaged message, leaves the frames that were read before.
+        with suppress(Exception):
+            for message in islice(bag.messages(topic), MAX_TRANSFORMS):
+                for parent, child, pose in transforms(message.decode(message.data)):
+                    poses[child] = parent, pose
+    return poses
+
+
+def pose_between(poses: Mapping[str, tuple[str, SE3]], target: str, source: str) -> SE3 | None:
+    """target_SE3_source over their common ancestor; None when they have none."""
+    up_source, up_target = _chain(poses, source), _chain(poses, target)
+    common = next((frame for frame in up_source if frame in up_target), None)
+    return None if common is None else up_target[common].inverse() @ up_source[common]
+
+
+def _chain(poses: Mapping[str, tuple[str, SE3]], frame: str) -> dict[str, SE3]:
+    """ancestor_SE3_frame by ancestor, the frame itself first; a loop ends it."""
+    chain = {frame: SE3.identity()}
+    at = frame
+    while at in poses and poses[at][0] not in chain:
+        parent, pose = poses[at]
+        chain[parent] = pose @ chain[at]
+        at = parent
+    return chain
+
+
+def _fitted_pair(rig: StereoRig, bag: Bag, size: tuple[int, int]) -> StereoRig:
+    if rig.left.size == rig.right.size == size:
+        return rig
+    (width, height), (w, h) = size, rig.left.size
+    if rig.left.size != rig.right.size or width * h != height * w:
+        raise InputError(f"{bag.path}: expected camera_info for images of {width}x{height}, found {w}x{h}")
+    scaled = rig.scaled(*size)
+    return StereoRig(scaled.left, scaled.right, rig.right_SE3_left, f"{rig.source} (scaled from {w}x{h})")
+
+
+_REGISTERED = re.compile(r"registered|aligned|depth_to_(rgb|colou?r)", re.IGNORECASE)
+
+
+class TopicDepth:
+    """The images of a depth topic in the order of the recording: 16UC1 in millimetres, 32FC1 in metres (REP 118).
+
+    Raises:
+        InputError: the topic's images are no depth.
+    """
+
+    def __init__(self, images: TopicImages, places: I64, sample: Sequence[AnyArray], units_per_m: float) -> None:
+        """Args: places in the topic by frame index, -1 where there is none; a few of its images."""
+        if not sample or sample[0].ndim != 2 or sample[0].dtype not in (np.uint16, np.float32, np.float64):
+            raise InputError(
+                f"{images.bag.path}: expected depth in {images.topic.name} (16UC1, 32FC1, compressedDepth), found none"
+            )
+        self._images, self._places, self._sample, self._units = images, places, sample, units_per_m
+        self.size = sample[0].shape[1], sample[0].shape[0]
+
+    def __iter__(self) -> Iterator[DecodedDepth]:
+        return self.at(range(len(self._places)))
+
+    def at(self, indices: Iterable[int]) -> Iterator[DecodedDepth]:
+        """Only these frames."""
+        for index, stored in stored_at(self._images, self._places, indices):
+            if self._places[index] < 0:
+                yield DecodedDepth(index, None, None, "image is missing")
+            elif stored is None or stored.shape != self._sample[0].shape:
+                why = f"a message of {self._images.topic.name} is no depth of {size_text(self.size)}"
+                yield DecodedDepth(index, None, None, why)
+            else:
+                yield DecodedDepth(index, None, metres(stored, self._units))
+
+    def scaled(self, units_per_m: float) -> TopicDepth:
+        """The same topic with another scale."""
+        return TopicDepth(self._images, self._places, self._sample, units_per_m)
+
+
+def rgbd_layout(
+    path: Path, bag: Bag, topics: tuple[TopicImages, TopicImages], stamps: tuple[I64, I64], options: OpenOptions,
+    notes: Sequence[str],
+) -> RgbdLayout:  # fmt: skip
+    """Pair an image topic with a depth topic by their times.
+
+    Args:
+        topics: of the image and of its depth.
+        stamps: (n,) and (m,) int64 [ns], when each was taken.
+    Raises:
+        InputError: no image has a depth image, or the topics hold something else.
+    """
+    names = topics[0].topic.name, topics[1].topic.name
+    frames = pair_stamps(stamps[0], stamps[0], (names[0], names[0]))
+    mates = _mates(*stamps)
+    depth_places = np.where(frames.left >= 0, mates[frames.left], -1)
+    if not (depth_places >= 0).any():
+        raise InputError(f"{path}: expected images and depth of the same times, found none")
+    samples = [topic.sample() for topic in topics]
+    bits = bits_in(samples[:1])
+    images = TopicFrames(topics[0], frames.left, samples[0], bits)
+    depths = TopicDepth(topics[1], depth_places, samples[1], UNITS_PER_M)
+    registered, assumed = _is_registered(bag, names)
+    kinds = pixel_text(images.is_grey, bits), "depth"
+    streams = tuple(
+        Stream(name, size, len(own), own_times(own), kind)
+        for name, size, own, kind in zip(names, (images.size, depths.size), stamps, kinds, strict=True)
+    )
+    times, fps = times_of(frames, options)
+    rig = partial(_rgbd_rig, bag, names, options.calibration, (images.size, depths.size), registered)
+    return RgbdLayout(
+        path, path if path.is_dir() else path.parent, partial(_rgbd_pairs, images, depths), (streams[0], streams[1]),
+        len(frames.left), fps, times, rig,
+        (*notes, *frames.notes, *depth_note(depth_places), *bits_note(bits), *assumed),
+        unpaired=int(np.count_nonzero(depth_places < 0)),
+    )  # fmt: skip
+
+
+def _mates(images: I64, depths: I64) -> I64:
+    """Place of each image's depth, -1 without one, whatever the order of recording."""
+    order, depth_order = np.argsort(images, kind="stable"), np.argsort(depths, kind="stable")
+    found = nearest_mates(images[order], depths[depth_order])
+    mates = np.full(len(images), -1)
+    mates[order] = np.where(found >= 0, depth_order[found], -1)
+    return mates
+
+
+def _rgbd_pairs(
+    images: TopicFrames, depths: TopicDepth, units_per_m: float | None, indices: Sequence[int] | None
+) -> Generator[tuple[Decoded, DecodedDepth], None, None]:
+    return both(images, depths if units_per_m is None else depths.scaled(units_per_m), indices)
+
+
+def _is_registered(bag: Bag, names: tuple[str, str]) -> tuple[bool, tuple[str, ...]]:
+    """Whether depth lies in the image's own pixels, and what is assumed where the bag does not say."""
+    if _REGISTERED.search(names[1]):
+        return True, ()
+    try:
+        frames = [info_of(bag, name).frame for name in names]
+    except InputError:
+        return False, ()
+    if frames[0] == frames[1] or pose_between(static_poses(bag), *frames) is not None:
+        return False, ()
+    note = f"no transform from {frames[1]} to {frames[0]} in /tf_static: both are taken to be in one place"
+    return False, (f"{note} (--calibration FILE says otherwise)",)
+
+
+def _rgbd_rig(
+    bag: Bag, names: tuple[str, str], calibration: Path | None, sizes: tuple[Size, Size], registered: bool
+) -> RgbdRig:
+    if calibration is not None:
+        return load_rgbd(calibration, *sizes)
+    image, source = info_of(bag, names[0]), f"camera_info of {bag.path.name}"
+    camera = _camera_of_topic(image.fields, names[0])
+    if registered:
+        return _fitted_rgbd(RgbdRig(camera, source=source), bag, sizes)
+    depth = info_of(bag, names[1])
+    pose = IDENTITY if image.frame == depth.frame else pose_between(static_poses(bag), image.frame, depth.frame)
+    depth_camera = _camera_of_topic(depth.fields, names[1])
+    return _fitted_rgbd(RgbdRig(camera, depth_camera, pose or IDENTITY, source=source), bag, sizes)
+
+
+def _fitted_rgbd(rig: RgbdRig, bag: Bag, sizes: tuple[Size, Size]) -> RgbdRig:
+    for one, size in ((rig.camera, sizes[0]), (rig.depth_camera, sizes[1])):
+        if one is not None and one.width * size[1] != one.height * size[0]:
+            found = size_text(one.size)
+            raise InputError(f"{bag.path}: expected camera_info for images of {size_text(size)}, found {found}")
+    same = rig.camera.size == sizes[0] and (rig.depth_camera is None or rig.depth_camera.size == sizes[1])
+    return rig if same else rig.scaled(*sizes)
+
+
+def _camera_of_topic(fields: dict[str, object], topic: str) -> Camera:
+    try:
+        return rectified_camera(fields, topic)[0] if is_rectified(topic) else camera_from(fields, topic)[0]
+    except ValueError as error:
+        raise InputError(f"{topic}: {error}: --calibration FILE gives another") from error
+
 
 _MAGIC = {b"#ROSBAG V2.0": "ros1", b"\x89MCAP0\r\n": "mcap", b"SQLite format 3\0": "sqlite"}
 _SUFFIXES = {".bag": "ros1", ".mcap": "mcap", ".db3": "sqlite"}
@@ -62,12 +344,12 @@ def _stereo(path: Path, bag: Bag, topics: tuple[TopicImages, TopicImages], optio
     times, fps = times_of(pairs, options)
     return StereoLayout(
         path, folder_of(path), size, partial(both, a, b), streams, len(pairs.left), fps, times,
-        partial(_rig, bag, names, options.calibration, size), (*clock_note, *pairs.notes, *bits_note(bits)),
+        partial(_stereo_rig, bag, names, options.calibration, size), (*clock_note, *pairs.notes, *bits_note(bits)),
         unpaired=pairs.unpaired,
     )  # fmt: skip
 
 
-def _rig(bag: Bag, topics: tuple[str, str], calibration: Path | None, size: Size) -> StereoRig:
+def _stereo_rig(bag: Bag, topics: tuple[str, str], calibration: Path | None, size: Size) -> StereoRig:
     return load_rig(calibration, size) if calibration else rig_of(bag, topics, size)
 
 

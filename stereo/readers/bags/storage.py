@@ -1,16 +1,20 @@
-"""What the three kinds of bags have in common: topics, and their messages in the order of recording."""
+"""Files of messages: ROS 1 bags and ROS 2 bags through rosbags, MCAP files through mcap."""
 
 from __future__ import annotations
 
+import bz2
+import json
 import re
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, BinaryIO, Literal, Protocol
 
 from calib.errors import InputError
+from stereo.readers.bags.messages import stamp_ns
 
 Kind = Literal["image", "compressed", "info", "tf", "other"]
 
@@ -112,3 +116,188 @@ def sorted_topics(topics: Sequence[Topic]) -> tuple[Topic, ...]:
             topic if before is None else Topic(topic.name, topic.schema, topic.kind, before.count + topic.count)
         )
     return tuple(merged[name] for name in sorted(merged))
+
+
+def error_text(error: Exception) -> str:
+    """What a library says of a damaged file, on one line."""
+    return " ".join(str(error).split())[:120] or type(error).__name__
+
+
+MAX_UNPACKED_BYTES = 1 << 28
+"""Chunks and messages that unpack to more are damage, or made to fill the memory (recorders write some megabytes)."""
+_TOO_LARGE = f"compressed data of more than {MAX_UNPACKED_BYTES >> 20} MB"
+
+
+class RosBag:
+    """A bag that rosbags reads (a ``Bag``).
+
+    Raises:
+        InputError: damaged, cut off, or of a kind that rosbags does not read.
+    """
+
+    def __init__(self, path: Path, ros1: bool) -> None:
+        self.path = path
+        self._ros1 = ros1
+        self._reader = require("rosbags.rosbag1" if ros1 else "rosbags.rosbag2", path).Reader
+        try:
+            with self._reader(path) as reader:
+                self.topics = sorted_topics(
+                    [Topic(c.topic, c.msgtype, kind_of(c.msgtype), c.msgcount) for c in reader.connections]
+                )
+        except Exception as error:  # libraries raise whatever a damaged file provokes
+            raise InputError(f"{path}: {_damage(error, ros1)}") from error
+
+    def messages(self, topic: str, start_ns: int | None = None) -> Iterator[Message]:
+        """See ``Bag``."""
+        stamp = ros1_stamp if self._ros1 else cdr_stamp
+        with self._reader(self.path) as reader:
+            unpack = _bound_chunks(reader) if self._ros1 else _take_message_compression(reader)
+            connections = [c for c in reader.connections if c.topic == topic]
+            for connection, log_ns, data in reader.messages(connections, start=start_ns):
+                text = getattr(connection.msgdef, "data", connection.msgdef) if self._ros1 else ""
+                decode = partial(decode_ros, schema=connection.msgtype, ros1=self._ros1, definition=text)
+                yield Message(log_ns, unpack(data), stamp, decode)
+
+
+def _as_it_is(data: bytes) -> bytes:
+    return data
+
+
+def _bound_chunks(reader: Any) -> Callable[[bytes], bytes]:
+    """Have a reader of a ROS 1 bag unpack no more of a chunk than ``MAX_UNPACKED_BYTES``."""
+
+    def unpack(data: bytes) -> bytes:
+        stream = bz2.BZ2Decompressor()
+        unpacked = stream.decompress(data, MAX_UNPACKED_BYTES)
+        if not stream.eof:
+            raise ValueError(_TOO_LARGE)
+        return unpacked
+
+    for place, chunk in reader.chunks.items():
+        if chunk.decompressor is bz2.decompress:
+            reader.chunks[place] = chunk._replace(decompressor=unpack)
+    return _as_it_is
+
+
+def _take_message_compression(reader: Any) -> Callable[[bytes], bytes]:
+    """Have a reader of a ROS 2 bag give compressed messages as they are; gives what unpacks them."""
+    storage = getattr(reader, "storage", reader)
+    if getattr(storage.metadata, "compression_mode", None) != "message":
+        return _as_it_is
+    storage.metadata = storage.metadata._replace(compression_mode=None)
+    zstandard = import_module("zstandard")
+
+    def unpack(data: bytes) -> bytes:
+        if zstandard.frame_content_size(data) > MAX_UNPACKED_BYTES:
+            raise ValueError(_TOO_LARGE)
+        return bytes(zstandard.ZstdDecompressor().decompress(data, max_output_size=MAX_UNPACKED_BYTES))
+
+    return unpack
+
+
+def decode_ros(data: bytes, schema: str, ros1: bool, definition: str = "") -> Any:
+    """The object that a serialised ROS message holds.
+
+    Args:
+        schema: type, e.g. "sensor_msgs/msg/Image".
+        definition: of the type, for types that rosbags does not know.
+    """
+    store = _store(ros1)
+    if schema not in store.types and definition:
+        from rosbags.typesys import get_types_from_msg
+
+        store.register(get_types_from_msg(definition, schema))
+    return store.deserialize_ros1(data, schema) if ros1 else store.deserialize_cdr(data, schema)
+
+
+@lru_cache
+def _store(ros1: bool) -> Any:
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+
+
+def _damage(error: Exception, ros1: bool) -> str:
+    what = "a ROS 1 bag" if ros1 else "a ROS 2 bag"
+    mend = "rosbag reindex" if ros1 else "ros2 bag reindex"
+    found = error_text(error).rstrip(".")
+    return f"expected {what}, found one that is damaged or was cut off ({found}): {mend} may mend it"
+
+
+MAX_RECORD_BYTES = 1 << 30
+"""Larger records are damage (recorders write chunks of some megabytes)."""
+_HEADED = ("sensor_msgs/",)
+"""Types that begin with a std_msgs/Header."""
+
+
+class McapFile:
+    """An MCAP file (a ``Bag``).
+
+    Raises:
+        InputError: damaged or cut off.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._library = require("mcap.reader", path)
+        try:
+            with path.open("rb") as file:
+                summary = self._reader(file).get_summary()
+                if summary is None or summary.statistics is None:
+                    raise ValueError("it has no summary section")
+                _check_chunks(file, summary.chunk_indexes)
+                counts = summary.statistics.channel_message_counts
+                self.topics = sorted_topics(
+                    [_topic(channel, summary.schemas, counts) for channel in summary.channels.values()]
+                )
+        except Exception as error:  # libraries raise whatever a damaged file provokes
+            raise InputError(
+                f"{path}: expected an MCAP file, found one that is damaged or was cut off ({error_text(error)}): "
+                "mcap recover may mend it"
+            ) from error
+
+    def messages(self, topic: str, start_ns: int | None = None) -> Iterator[Message]:
+        """See ``Bag``."""
+        with self.path.open("rb") as file:
+            codecs: dict[int, tuple[Callable[[bytes], int], Callable[[bytes], Any]]] = {}
+            for schema, channel, message in self._reader(file).iter_messages([topic], starting_at=start_ns):
+                if channel.id not in codecs:
+                    codecs[channel.id] = _codec(channel.message_encoding, schema, self.path)
+                yield Message(message.log_time, message.data, *codecs[channel.id])
+
+    def _reader(self, file: Any) -> Any:
+        return self._library.SeekingReader(file, record_size_limit=MAX_RECORD_BYTES)
+
+
+def _check_chunks(file: BinaryIO, chunks: Sequence[Any]) -> None:
+    """Refuse chunks that unpack to more than ``MAX_UNPACKED_BYTES``, by the index and by their own headers."""
+    for chunk in chunks:
+        size = chunk.uncompressed_size
+        if chunk.compression == "zstd":
+            file.seek(chunk.chunk_start_offset + 49 + len(chunk.compression))  # the record's fields before the data
+            size = max(size, import_module("zstandard").frame_content_size(file.read(18)))
+        if size > MAX_UNPACKED_BYTES:
+            raise ValueError(_TOO_LARGE)
+
+
+def _topic(channel: Any, schemas: Any, counts: Any) -> Topic:
+    schema = schemas[channel.schema_id].name if channel.schema_id else ""
+    return Topic(channel.topic, schema, kind_of(schema), counts.get(channel.id, 0))
+
+
+def _codec(encoding: str, schema: Any, path: Path) -> tuple[Callable[[bytes], int], Callable[[bytes], Any]]:
+    """How messages of a channel give their time, and themselves."""
+    decode: Callable[[bytes], Any]
+    if encoding in ("cdr", "ros1"):
+        name = schema.name if "/msg/" in schema.name else schema.name.replace("/", "/msg/")
+        text = schema.data.decode("utf-8", "replace") if schema.encoding in ("ros1msg", "ros2msg") else ""
+        decode = partial(decode_ros, schema=name, ros1=encoding == "ros1", definition=text)
+        if name.startswith(_HEADED):
+            return (ros1_stamp if encoding == "ros1" else cdr_stamp), decode
+    elif encoding == "json":
+        decode = json.loads
+    elif encoding == "protobuf":
+        decode = require("mcap_protobuf.decoder", path).DecoderFactory().decoder_for(encoding, schema)
+    else:
+        raise InputError(f"{path}: expected messages as cdr, ros1, protobuf or json, found {encoding!r}")
+    return lambda data: stamp_ns(decode(data)), decode

@@ -8,13 +8,13 @@ from rich.console import Console
 
 from benchmarks.ablation import AblationRow, Interval, bootstrap
 from benchmarks.commands.bench_ablation import TABLE_WIDTH, AblationOptions, bench_ablation, print_ablation
+from benchmarks.one_statistic import NOMINAL_HEIGHT_M, reduced
 from benchmarks.suite import suite_recording
 from benchmarks.variants import CONFIGURED, LADDER, RULES, chosen_variants
 from calib.errors import InputError
 from planview.engine.config import Config, load_config
 from planview.maps.builder import CameraViewpoint, FloorPoints, PlanViewMaps
 from planview.maps.grid import Grid
-from planview.maps.one_statistic import NOMINAL_HEIGHT_M, reduced
 
 CHALLENGE = """description = "one crosses"
 covers = ["320x240"]

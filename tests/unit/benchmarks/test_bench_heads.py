@@ -8,7 +8,7 @@ import pytest
 from benchmarks.heads import AlignmentError, alignment_error, common_truth
 from calib.pose import SE3
 from calib.rig import world_from_plane
-from calib.rigs_file import RigEntry
+from calib.world import RigEntry
 from planview.trajectories.table import positions_table
 
 OWN = world_from_plane(np.array([0.0, -0.9, -0.4]), 2.4)

@@ -1,13 +1,15 @@
-"""Images as grey, colour and file content."""
+"""Images as grey, colour and file content, and the focal length that a photograph holds."""
 
+from io import BytesIO
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from calib.errors import InputError
-from calib.images import as_colour, as_grey, encode_image, write_image
+from calib.images import as_colour, as_grey, encode_image, focal_share, write_image
 
 BLUE = np.full((2, 3, 3), (255, 0, 0), np.uint8)
 GREY = np.arange(6, dtype=np.uint8).reshape(2, 3)
@@ -40,3 +42,22 @@ def test_picture_of_no_known_format_is_refused_by_name(tmp_path: Path, name: str
     with pytest.raises(InputError, match=rf"e\.g\. floor\.png, found '{name}'"):
         write_image(tmp_path / name, BLUE)
     assert not (tmp_path / name).exists()
+
+
+def photograph(millimetres: int | None) -> bytes:
+    image, exif = Image.new("RGB", (40, 30)), Image.Exif()
+    if millimetres is not None:
+        exif.get_ifd(0x8769)[0xA405] = millimetres
+    content = BytesIO()
+    image.save(content, "JPEG", exif=exif)
+    return content.getvalue()
+
+
+def test_focal_length_of_film_is_relative_to_its_diagonal() -> None:
+    assert focal_share(photograph(26)) == pytest.approx(26 / 43.267, rel=1e-4)
+
+
+@pytest.mark.parametrize("content", [photograph(None), b"no photograph", b""])
+def test_photograph_without_a_focal_length_is_refused(content: bytes) -> None:
+    with pytest.raises(InputError, match="expected"):
+        focal_share(content)

@@ -1,3 +1,4 @@
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,8 @@ import pytest
 from calib.errors import InputError
 from calib.types import AnyArray
 from stereo.readers import OpenOptions, find_layout, open_recording
-from stereo.readers.bags.messages import ImageMessage
-from stereo.readers.bags.pixels import stored_pixels
+from stereo.readers.bags import storage
+from stereo.readers.bags.messages import ImageMessage, stored_pixels
 from stereo.readers.bags.storage import Topic, kind_of
 from stereo.readers.bags.topics import choose_topics, info_topic
 
@@ -262,3 +263,100 @@ def test_compressed_depth_of_floats_is_unquantised() -> None:
     stored = stored_pixels(ImageMessage("32FC1; compressedDepth png", header + png))
     assert stored is not None
     np.testing.assert_array_equal(stored, [[np.nan, 2.0]])
+
+
+def test_static_transforms_of_a_ros_1_bag_are_read_by_the_definition_in_the_bag(tmp_path: Path) -> None:
+    tf = """geometry_msgs/TransformStamped[] transforms
+================================================================================
+MSG: geometry_msgs/TransformStamped
+std_msgs/Header header
+string child_frame_id
+geometry_msgs/Transform transform
+"""
+    writer = Writer(tmp_path / "a.bag", True)
+    types = writer.store.types
+    if "tf2_msgs/msg/TFMessage" not in types:
+        writer.store.register(typesys.get_types_from_msg(tf, "tf2_msgs/msg/TFMessage"))
+    for i in range(3):
+        for side in ("left", "right"):
+            log = START_NS + i * STEP_NS
+            writer.write(f"/{side}/image_raw", log, writer.image(log, picture(0)))
+            writer.write(f"/{side}/camera_info", log, writer.info(log, 0.0, f"{side}_optical"))
+    no_turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    for side, x in (("left", 0.0), ("right", 0.2)):
+        place = types["geometry_msgs/msg/Transform"](types["geometry_msgs/msg/Vector3"](x, 0.0, 0.0), no_turn)
+        stamped = types["geometry_msgs/msg/TransformStamped"](writer.header(START_NS, "base"), f"{side}_optical", place)
+        writer.write("/tf_static", START_NS, writer.store.types["tf2_msgs/msg/TFMessage"]([stamped]))
+    writer.close()
+    recording = open_recording(tmp_path / "a.bag")
+    np.testing.assert_allclose(recording.rig.right_SE3_left.translation, [-0.2, 0, 0])
+
+
+@pytest.mark.parametrize("damage", [lambda data: data[:20], lambda data: b""])
+def test_damaged_camera_info_is_refused_in_one_sentence(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
+    writer = Writer(tmp_path / "a", False)
+    for side in ("left", "right"):
+        writer.write(f"/{side}/image_raw", START_NS, writer.image(START_NS, picture(0)))
+        info = writer.info(START_NS, 0.0)
+        topic = f"/{side}/camera_info"
+        writer.connections[topic] = writer.bag.add_connection(topic, info.__msgtype__, typestore=writer.store)
+        writer.bag.write(
+            writer.connections[topic], START_NS, damage(writer.store.serialize_cdr(info, info.__msgtype__))
+        )
+    writer.close()
+    with pytest.raises(InputError, match=r"expected a camera_info in /left/camera_info, found .*--calibration FILE"):
+        open_recording(tmp_path / "a")
+
+
+@pytest.mark.parametrize("encoding", ["8UC-1", "8UC0", "8UC2", "16UC7", "8UC"])
+def test_encoding_that_no_image_has_is_not_decoded(encoding: str) -> None:
+    stored = stored_pixels(ImageMessage(encoding, b"\0" * 144, 4, 4, 36))
+    assert (stored is None) == (encoding != "8UC")
+
+
+def test_rows_that_announce_more_than_the_message_holds_take_no_memory() -> None:
+    message = ImageMessage("mono8", bytes(range(4)), 4, 1, 2**32 - 1)
+    tracemalloc.start()
+    stored = stored_pixels(message)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert stored is not None and stored.tolist() == [[0, 1, 2, 3]] and peak < 1e6
+
+
+def test_chunk_that_unpacks_without_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    writer = Writer(tmp_path / "a.bag", True)
+    writer.close()
+    path = tmp_path / "b.bag"
+    bag = rosbag1.Writer(path)
+    bag.set_compression(rosbag1.Writer.CompressionFormat.BZ2)
+    writer.bag = bag
+    bag.open()
+    writer.connections.clear()
+    for i in range(2):
+        for side in ("left", "right"):
+            writer.write(f"/{side}/image_raw", START_NS + i, writer.image(START_NS + i * STEP_NS, picture(0)))
+    writer.close()
+    assert find_layout(path)[1].n_frames == 2
+    monkeypatch.setattr(storage, "MAX_UNPACKED_BYTES", 100)
+    with pytest.raises(InputError, match="compressed data of more than"):
+        find_layout(path)
+
+
+def test_message_that_unpacks_without_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    writer = Writer(tmp_path / "unused", False)
+    writer.close()
+    bag = rosbag2.Writer(tmp_path / "a", version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3)
+    bag.set_compression(rosbag2.CompressionMode.MESSAGE, rosbag2.CompressionFormat.ZSTD)
+    bag.open()
+    writer.bag = bag
+    writer.connections.clear()
+    for i in range(2):
+        for side in ("left", "right"):
+            log = START_NS + i * STEP_NS
+            writer.write(f"/{side}/image_raw", log, writer.image(log, picture(7)))
+    writer.close()
+    _, layout = find_layout(tmp_path / "a")
+    assert layout.n_frames == 2 and layout.streams[0].size == (W, H)
+    monkeypatch.setattr(storage, "MAX_UNPACKED_BYTES", 100)
+    with pytest.raises(InputError, match="compressed data of more than"):
+        find_layout(tmp_path / "a")

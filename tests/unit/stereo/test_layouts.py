@@ -12,10 +12,8 @@ from calib.formats import write_rig
 from calib.rig import save_rig
 from calib.types import AnyArray
 from stereo.readers import OpenOptions, find_layout, find_reader, open_recording
-from stereo.readers.bits import to_8_bits, true_bits
-from stereo.readers.image_header import header_size
-from stereo.readers.images import decode_image
-from stereo.readers.sides import split_sides
+from stereo.readers.images import decode_image, header_size, to_8_bits, true_bits
+from stereo.readers.pairing import split_sides
 
 W, H, COUNT = 32, 24, 6
 START = 1_403_715_273_262_142_976

@@ -12,10 +12,9 @@ from toy_stereo import toy_rig
 from calib.errors import InputError
 from calib.rig import save_rig
 from stereo.readers import OpenOptions, find_layout, open_recording
+from stereo.readers.background import newest
+from stereo.readers.base import Decoded, LiveRecording
 from stereo.readers.live import READER, Address, with_gaps
-from stereo.readers.newest import newest
-from stereo.readers.pair import LiveRecording
-from stereo.readers.source import Decoded
 
 COUNT = 9
 

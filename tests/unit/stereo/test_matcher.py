@@ -1,3 +1,5 @@
+"""Matching from both ends: the lag of one pass is taken out, and masks turn with the images."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,9 +11,17 @@ from calib.rig import Floor, world_from_plane
 from calib.types import U8
 from stereo import _kernels
 from stereo.depth import RectifiedGeometry
-from stereo.gate import Window
-from stereo.matcher import SUBPIXEL, DisparityRange, RangeParams, SgbmMatcher, disparity_range, farthest_head_m
-from stereo.rectify import Rectifier
+from stereo.gating import Window
+from stereo.matcher import (
+    SUBPIXEL,
+    DisparityRange,
+    RangeParams,
+    SgbmMatcher,
+    TwoWayMatcher,
+    disparity_range,
+    farthest_head_m,
+)
+from stereo.rectify import RectifiedPair, Rectifier
 
 GEOMETRY = RectifiedGeometry(320, 240, 230.0, 230.0, 159.5, 119.5, 0.12)
 OVERHEAD = RectifiedGeometry(640, 400, 406.0, 406.0, 320.0, 200.0, 0.0738)
@@ -158,3 +168,33 @@ def test_farthest_head_from_straight_above_is_a_childs_in_the_corner() -> None:
 def test_camera_that_sees_the_horizon_has_no_farthest_head() -> None:
     floor = Floor(world_from_plane(np.array([0.0, -1.0, 0.0]), 1.6))
     assert farthest_head_m(GEOMETRY, floor) == np.inf
+
+
+RECTIFIER = Rectifier(toy_rig())
+
+
+def pair() -> RectifiedPair:
+    return RECTIFIER(*ToyWorld().pair(RECTIFIER.rig, (), 0))
+
+
+def test_two_way_matching_is_the_mean_of_both_passes() -> None:
+    images = pair()
+    one_way = SgbmMatcher(RECTIFIER.geometry)
+    down = one_way(images.left_grey, images.right_grey)
+    turned = (np.ascontiguousarray(i[::-1]) for i in (images.left_grey, images.right_grey))
+    up = one_way(*turned)[::-1]
+    found = TwoWayMatcher(RECTIFIER.geometry)(images.left_grey, images.right_grey)
+    valid = np.isfinite(found)
+    assert valid.mean() > 0.5
+    np.testing.assert_allclose(found[valid], (0.5 * (down + up))[valid])
+    assert (np.abs(down - up)[valid] < 2.0).all()
+
+
+def test_two_way_matching_loses_only_what_a_mask_covers() -> None:
+    images = pair()
+    mask = RECTIFIER.mask.copy()
+    mask[:60] = 0
+    unmasked = TwoWayMatcher(RECTIFIER.geometry)(images.left_grey, images.right_grey)
+    found = TwoWayMatcher(RECTIFIER.geometry, mask=mask)(images.left_grey, images.right_grey)
+    assert np.isnan(found[:60]).all()
+    np.testing.assert_array_equal(found[80:], unmasked[80:])

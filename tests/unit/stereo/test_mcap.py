@@ -9,8 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
+from calib.errors import InputError
 from calib.types import AnyArray
 from stereo.readers import open_recording
+from stereo.readers.bags import storage
 
 writer_module = pytest.importorskip("mcap.writer")
 descriptors = pytest.importorskip("google.protobuf.descriptor_pb2")
@@ -106,3 +108,10 @@ def test_foxglove_images_and_calibrations_are_a_recording(tmp_path: Path, encodi
     assert [int(f.right[0, 0]) for f in frames] == [0, 10, 20, 30]
     assert [f.timestamp_s for f in frames] == pytest.approx([0.0, 0.05, 0.1, 0.15])
     assert recording.rig.baseline_m == pytest.approx(0.1) and recording.rig.left.fx == 30.0
+
+
+def test_chunk_that_unpacks_without_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = foxglove_file(tmp_path / "a.mcap", "json")
+    monkeypatch.setattr(storage, "MAX_UNPACKED_BYTES", 100)
+    with pytest.raises(InputError, match="compressed data of more than"):
+        open_recording(path)

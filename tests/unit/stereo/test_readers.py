@@ -1,4 +1,5 @@
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -9,10 +10,10 @@ from toy_stereo import toy_rig
 from calib.errors import InputError
 from calib.rig import save_rig
 from calib.types import U8
-from stereo.readers import open_recording, open_video
+from stereo.readers import OpenOptions, open_recording, open_video
+from stereo.readers.background import prefetch
 from stereo.readers.pairing import even_sequence, pair_files
-from stereo.readers.prefetch import prefetch
-from stereo.readers.timestamps import load_timestamps
+from stereo.readers.times import load_timestamps
 
 W, H = 32, 24
 
@@ -294,3 +295,70 @@ def test_prefetch_left_early_stops_its_thread() -> None:
     assert next(items) == 0
     items.close()
     assert threading.active_count() == before
+
+
+def test_prefetch_left_early_closes_its_source() -> None:
+    closed = threading.Event()
+
+    def source() -> Iterator[int]:
+        try:
+            yield from range(1000)
+        finally:
+            closed.set()
+
+    frames = source()
+    items = prefetch(frames, depth=2)
+    assert next(items) == 0
+    items.close()
+    assert closed.is_set()
+
+
+def test_images_of_one_camera_without_times_say_which_rate_is_assumed(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r") / "left"
+    video = open_video(folder)
+    assert video.fps == 30.0
+    assert video.notes == ["no timestamps: 30 frames per second are assumed (--fps gives another rate)"]
+
+
+def test_rate_of_the_caller_replaces_the_times_of_one_camera(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r") / "left"
+    (folder / "timestamps.csv").write_text("frame,timestamp_s\n0,0\n1,7\n2,9\n")
+    video = open_video(folder, OpenOptions(fps=5.0))
+    assert video.fps == 5.0 and video.notes == []
+    assert [frame.timestamp_s for frame in video][:3] == pytest.approx([0.0, 0.2, 0.4])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (OpenOptions(topics=("/a", "/b")), "--topics: expected a bag, found .*: one camera"),
+        (
+            OpenOptions(calibration=Path("rig.toml")),
+            "--calibration: expected a stereo pair or images with depth, found",
+        ),
+    ],
+)
+def test_options_that_one_camera_does_not_take_are_refused(tmp_path: Path, options: OpenOptions, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        open_video(folder_recording(tmp_path / "r") / "left", options)
+
+
+def test_topics_of_a_recording_that_is_no_bag_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"--topics: expected a bag, found .*images of two cameras"):
+        open_recording(folder_recording(tmp_path / "r"), OpenOptions(topics=("/a", "/b")))
+
+
+def test_table_of_times_larger_than_any_recordings_is_refused_by_its_size(tmp_path: Path) -> None:
+    with (tmp_path / "timestamps.csv").open("wb") as file:
+        file.truncate((1 << 26) + 1)
+    with pytest.raises(InputError, match="at most 64 MB, found 67108865 bytes"):
+        load_timestamps(tmp_path / "timestamps.csv")
+
+
+def test_list_of_times_with_a_date_of_no_clock_is_refused(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r")
+    (folder / "timestamps.csv").unlink(missing_ok=True)
+    for side in ("left", "right"):
+        (folder / side / "timestamps.txt").write_text("\n".join(["0001-01-01 00:00:00"] * 6))
+    with pytest.raises(InputError, match=r"timestamps\.txt: expected times, found '0001"):
+        open_recording(folder)

@@ -6,11 +6,10 @@ from calib.camera import Camera
 from calib.images import as_grey
 from calib.pose import SE3
 from calib.rig import StereoRig
-from stereo.gate import Window
+from stereo.gating import Window
 from stereo.recording import StereoFrame
-from stereo.rectify import Rectifier, RectifyParams, aligned_rectifier
-from stereo.vertical import VerticalModel, VerticalParams, match_corners
-from stereo.view import common_geometry, fold_radius, source_pixels
+from stereo.rectify import Rectifier, RectifyParams, aligned_rectifier, common_geometry, fold_radius, source_pixels
+from stereo.row_offset import VerticalModel, VerticalParams, match_corners
 
 TURN = (0.5, -0.6, 0.8)
 BROWN = (-0.2, 0.05, 0.001, -0.001, 0.0)

@@ -6,12 +6,11 @@ from reference import stereo_kernels as reference
 
 from calib.camera import Camera
 from calib.pose import SE3
-from calib.rgbd import RgbdRig
+from calib.rig import RgbdRig
 from stereo._kernels import register_depth
 from stereo.depth import DepthFromDisparity
 from stereo.recording import RgbdFrame
-from stereo.registration import DepthRegistration
-from stereo.rgbd import RgbdRectifier
+from stereo.rgbd import DepthRegistration, RgbdRectifier
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 31.5, 23.5)
 LENS = (-0.1, 0.05, 0.0, 0.0, 0.0)

@@ -1,17 +1,19 @@
 """Readers of images with depth."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from calib.camera import Camera
 from calib.errors import InputError
 from stereo.readers import OpenOptions, find_reader, open_any
-from stereo.readers.depth_files import metres
-from stereo.readers.depth_mates import nearest_mates
-from stereo.readers.rgbd_layout import RgbdImages
+from stereo.readers.pairing import nearest_mates
+from stereo.readers.rgbd import RgbdImages, metres, rate_by_movement
+from stereo.recording import RgbdFrame
 
 CAMERA = {"fx": 60.0, "fy": 60.0, "cx": 31.5, "cy": 23.5, "width": 64, "height": 48}
 
@@ -170,3 +172,53 @@ def test_mates_are_nearest_to_each_other() -> None:
 def test_metres_leave_out_what_no_sensor_measures() -> None:
     found = metres(np.array([[0, 1000, 65535]], np.uint16), 1000.0)
     np.testing.assert_array_equal(found, np.array([[np.nan, 1.0, np.nan]], np.float32))
+
+
+WALK_CAMERA = Camera(320, 240, 260.0, 260.0, 159.5, 119.5)
+
+
+def _walker(step_m: float) -> list[RgbdFrame]:
+    """Before a wall 6 m away, a card of 0.5 m x 1.6 m at 3 m steps to the right."""
+    frames = []
+    for index in range(24):
+        depth = np.full((240, 320), 6.0, np.float32)
+        left = round(260 * (-1.8 + step_m * index) / 3 + 159.5)
+        depth[40:180, max(left, 0) : max(left + 43, 0)] = 3.0
+        frames.append(RgbdFrame(index, index / 30, np.zeros((240, 320), np.uint8), depth))
+    return frames
+
+
+@pytest.mark.parametrize(("step_m", "fps"), [(0.13, 10.0), (0.26, 5.0)])
+def test_rate_is_that_at_which_people_walk(step_m: float, fps: float) -> None:
+    frames = _walker(step_m)
+    found = rate_by_movement(lambda indices: [frames[i] for i in indices], len(frames), WALK_CAMERA)
+    assert found == pytest.approx(fps, rel=0.25)  # of 8 pixels each
+
+
+def test_rate_is_unknown_where_nothing_moves() -> None:
+    frames = _walker(0.0)
+
+    def at(indices: Sequence[int]) -> list[RgbdFrame]:
+        return [frames[0] for _ in indices]
+
+    assert rate_by_movement(at, len(frames), WALK_CAMERA) is None
+
+
+@pytest.mark.parametrize("time", ["1e999999", "1e99999999", "1e19", "nan", "0001-01-01", "9999-12-31", "2262-04-12"])
+def test_tum_times_that_no_clock_shows_are_refused_with_their_line(tmp_path: Path, time: str) -> None:
+    _tum(tmp_path, ["10.0", "10.1", "10.2"])
+    (tmp_path / "rgb.txt").write_text(f"# times\n10.0 rgb/10.0.png\n{time} rgb/10.1.png\n")
+    with pytest.raises(InputError, match=rf"rgb\.txt: expected timestamp and file name in line 3, found '{time} rgb"):
+        open_any(tmp_path)
+
+
+def test_tum_line_with_the_time_of_another_is_named(tmp_path: Path) -> None:
+    _tum(tmp_path, ["10.0", "10.1", "10.2"])
+    listed = "10.0 rgb/10.0.png\n10.1 rgb/10.1.png\n10.1 rgb/10.2.png\n10.10 rgb/10.3.png\n"
+    (tmp_path / "rgb.txt").write_text(listed)
+    recording = _open(tmp_path)
+    assert [frame.index for frame in recording] == [0, 1]
+    assert recording.notes[:2] == [
+        "line 3 of rgb.txt has the time of line 2, skipped",
+        "1 more lines of rgb.txt with the time of another, skipped",
+    ]

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from stereo.readers.rates import rate_of_times
-from stereo.readers.stamps import read_stamps, stamps_in_names
-from stereo.readers.time_pairs import pair_stamps
+from stereo.readers.pairing import pair_stamps
+from stereo.readers.times import rate_of_times, read_stamps, stamps_in_names
 
 STEP = 100_000_000
 NOW = 1_650_000_000_000_000_000
@@ -91,3 +90,13 @@ def test_rate_tells_jitter_gaps_and_dropped_frames() -> None:
     assert rate.fps == pytest.approx(10.0) and rate.jitter_ms == pytest.approx(0.0, abs=1e-9)
     assert (rate.gaps, rate.dropped) == (1, 2) and rate.longest_gap_s == pytest.approx(0.3)
     assert rate_of_times(np.array([1.0])) is None
+
+
+@pytest.mark.parametrize("date", ["0001-01-01 00:00:00", "9999-12-31 23:59:59", "2262-04-12 00:00:00"])
+def test_dates_that_no_clock_shows_are_refused(date: str) -> None:
+    with pytest.raises(ValueError, match=f"expected times, found '{date}'"):
+        read_stamps([date, "2022-04-15 05:20:00"])
+
+
+def test_names_with_more_digits_than_a_clock_hold_no_time() -> None:
+    assert stamps_in_names(["9" * 20, "8" * 20]) is None

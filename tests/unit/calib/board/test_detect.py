@@ -5,11 +5,19 @@ import numpy as np
 import pytest
 
 from benchmarks.board_views import board_views, random_rig
-from calib.board.complete import complete_charuco, find_counts, larger_counts
-from calib.board.detect import Detector, same_order
-from calib.board.model import Corners
-from calib.board.pattern import Board, dictionaries, parse_board, parse_square
-from calib.board.select import select_views, sharpness
+from calib.board.detect import (
+    Board,
+    Corners,
+    Detector,
+    complete_charuco,
+    dictionaries,
+    find_counts,
+    larger_counts,
+    parse_board,
+    parse_square,
+    same_order,
+)
+from calib.board.fit import select_views, sharpness
 from calib.errors import InputError
 from calib.types import U8
 

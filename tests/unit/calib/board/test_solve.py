@@ -9,11 +9,9 @@ import pytest
 
 from benchmarks.board_views import board_views, random_rig
 from benchmarks.calibration_board import calibration_errors
+from calib.board.detect import Board, BoardView
 from calib.board.fit import fit_rig
-from calib.board.lens import LENSES, choose_lens, folds_back
-from calib.board.model import BoardView
-from calib.board.pattern import Board
-from calib.board.solve import RejectedView, solve_board
+from calib.board.solve import LENSES, RejectedView, choose_lens, folds_back, solve_board
 from calib.camera import Camera
 from calib.errors import InputError
 from calib.pose import SE3

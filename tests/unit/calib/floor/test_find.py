@@ -8,12 +8,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from calib.errors import InputError, WorkError
-from calib.floor.find import find_floor
-from calib.floor.points import PeopleSeen, floor_from_people, floor_from_points, parse_points
-from calib.floor.world_file import load_world, save_world
+from calib.floor.find import PeopleSeen, find_floor, floor_from_people, floor_from_points, parse_points
 from calib.pose import SE3
 from calib.rig import Floor, world_from_plane
 from calib.types import F32, F64
+from calib.world import load_world, save_world
 
 FOCAL_PX, BASELINE_M = 320.0, 0.2
 WIDTH, HEIGHT = 320, 240

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.ground_camera import GroundCamera, load_ground_camera
-from calib.human.samples import HumanSample, read_image_size, write_samples
+from calib.people.samples import HumanSample, read_image_size, write_samples
 from planview.calibration.people import bodies_of, usual_sizes
 from planview.cli import main
 from tests.people import standing_people

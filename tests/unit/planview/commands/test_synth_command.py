@@ -9,9 +9,9 @@ import pytest
 
 from benchmarks.__main__ import main_benchmarks
 from benchmarks.accuracy import RenderOptions, rendered, scene_files, totals
-from calib.floor.world_file import load_world
 from calib.formats import load_rig
 from calib.ground_camera import load_ground_camera
+from calib.world import load_world
 from planview.cli import main
 from planview.synthetic.scene import load_scene
 from planview.trajectories.table import read_truth

@@ -4,16 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from calib.world import save_world
 
 from calib.camera import Camera
 from calib.errors import InputError
-from calib.floor.world_file import save_world
 from calib.pose import SE3
 from calib.rig import Floor, StereoRig, save_rig
 from planview.counting.geometry import stereo_plane
 from planview.counting.rules import parse_rules
-from stereo.depth import RectifiedGeometry
-from stereo.floor_camera import StereoFloorCamera
+from stereo.depth import RectifiedGeometry, StereoFloorCamera
 
 # Two metres above the floor, straight down: image right is +x, image up is +y.
 DOWN = SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 2.0]))

@@ -14,7 +14,7 @@ from planview.engine.kept_setup import KeptSetup
 from planview.engine.setup import Setup
 from stereo.matcher import disparity_range
 from stereo.rectify import Rectifier
-from stereo.vertical import VerticalFit, VerticalModel
+from stereo.row_offset import VerticalFit, VerticalModel
 
 CHECKS = Check("rows", True, math.nan), Check("floor", True, 1 / 3, "m", (0.1, math.inf), "between", "in view")
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from calib.rigs_file import load_rigs
+from calib.world import load_rigs
 from planview.cli import main
 from planview.synthetic.random_scenes.rigs import random_rigs
 from planview.synthetic.render import SceneRenderer

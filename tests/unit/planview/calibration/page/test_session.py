@@ -6,8 +6,8 @@ import pytest
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera
-from calib.human.knowledge import KnownValues
-from calib.human.samples import HumanSample, read_samples
+from calib.people.model import KnownValues
+from calib.people.samples import HumanSample, read_samples
 from planview.calibration.page.marks import Handle
 from planview.calibration.page.overlay import overlay
 from planview.calibration.page.session import CalibrationSession

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from planview.tracking.harville import TemplateTracker, TemplateTrackerParams
+from planview.tracking.harville import TemplateTracker
+from planview.tracking.harville.params import TemplateTrackerParams
 from planview.tracking.harville.templates import gaussian_model
 from tests.unit.planview.tracking.overhead import observe
 

@@ -1,0 +1,368 @@
+"""Planes in clouds of points: fitted in inverse depth, and judged whether they are the floor.
+
+A plane ``n . p + h = 0`` (n its unit normal towards the camera, h the camera's distance from it) divided by z reads
+``1/z = q . (x/z, y/z, 1)`` with ``q = -n / h``. Disparity is proportional to 1/z, so least squares on this form
+weighs every pixel by its disparity noise (1/sigma_z^2 in depth) and has no bias from the noise of z.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field
+
+from calib.params import Params
+from calib.types import F64, I64, Bool
+
+
+class FloorParams(Params):
+    """What counts as a floor."""
+
+    disparity_std_px: float = Field(default=0.15, gt=0, le=5)
+    """Deviation of the background's disparity after medians [px]: what sub-pixel bias leaves (our choice)."""
+    frame_noise: float = Field(default=3.0, ge=1, le=20)
+    """Deviation of a single frame's disparity against that of the medians [1] (our choice: 0.45 px)."""
+    inlier_sigmas: float = Field(default=3.0, gt=0.5, le=10)
+    """Points within this many deviations lie on a plane: 99.7 % of Gaussian noise (our choice)."""
+    min_height_m: float = Field(default=0.8, gt=0, le=100)
+    """Lowest camera: below it people are taller than the view (our choice)."""
+    max_height_m: float = Field(default=12.0, gt=0, le=100)
+    """Highest camera: beyond it a person covers a few disparities at most (our choice)."""
+    max_tilt_deg: float = Field(default=83.0, gt=0, lt=90)
+    """Steepest view of a floor; beyond it the plane is a wall seen from above (our choice)."""
+    min_tilt_deg: float = Field(default=-12.0, gt=-90, le=0)
+    """An overhead camera may lean backwards by this much; beyond it the plane is a wall in front of a camera
+    that hardly sees its floor (our choice)."""
+    max_roll_deg: float = Field(default=30.0, gt=0, lt=90)
+    """Cameras are mounted roughly upright (Zhang 2008, section 2, assumption 3: no significant roll)."""
+    min_inlier_fraction: float = Field(default=0.05, gt=0, le=1)
+    """Least share of the valid depth a floor covers (our choice: less is a shelf or a step)."""
+    below_margin_m: float = Field(default=0.25, ge=0, le=2)
+    """Points count as beneath a plane from here on [m]: lower than a seat, more than calibration warps (our choice)."""
+    max_below_fraction: float = Field(default=0.2, gt=0, lt=1)
+    """Points beneath the plane, against points on and beneath it: nothing is seen below a floor but errors of
+    matching; below a table top or a plane through clutter much is. A parallel plane beneath that holds this share
+    is the floor instead (our choice)."""
+    max_blur_fraction: float = Field(default=0.5, gt=0, le=1)
+    """Points just above the plane's layer of noise, in as thick a layer, against points on it: a flat surface ends
+    sharply, a plane laid through clutter or a corner does not (our choice)."""
+    min_sharpness: float = Field(default=0.56, ge=0, le=1)
+    """Least share, of the points near a plane, within half that distance: 0.5 where points fill a volume, whose
+    medians make a plane too; above 0.8 on a surface (our choice)."""
+    people_m: float = Field(default=2.4, gt=0.5, le=5)
+    """People reach no higher [m] (Harville 2002, section 4: H_max)."""
+    max_high_fraction: float = Field(default=0.25, gt=0, le=1)
+    """Share of what moves that may be higher: errors of matching (our choice)."""
+    n_candidates: int = Field(default=8, ge=1, le=50)
+    """Planes looked for, largest first; a room has a floor, three walls and some furniture (our choice)."""
+    ransac_iterations: int = Field(default=2000, ge=10, le=100_000)
+    """Triples tried per candidate: one of 2000 hits a plane of 12 % of the remaining points with 97 % (our choice)."""
+    fit_points: int = Field(default=400_000, ge=1000, le=10_000_000)
+    """Points looked at over all frames, evenly thinned (our choice, for speed)."""
+    edge_cells: float = Field(default=2.5, ge=0, le=20)
+    """Floor this close to something on it is left out of the last fits, in cells (our choice: 25 px at 640 px, what
+    semi-global matching smooths over)."""
+    cells_across: int = Field(default=64, ge=8, le=512)
+    """Cells across the view whose medians are fitted (our choice: 10 px wide at 640 px)."""
+
+
+TUKEY_C = 3.0
+"""Cut of Tukey's biweight in deviations. The textbook's 4.685 lets the foot of a wall in; 3 costs a fifth of the
+efficiency, which thousands of cells can afford (our choice)."""
+MAD_TO_SIGMA = 1.4826
+MIN_WIDTH = 0.3
+"""Residuals below this many predicted deviations always count, however clean the data."""
+MAX_ASPECT = 16.0
+"""Greatest height of a view over its width: points in a line would need cells without end."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """Points as rays and inverse depths.
+
+    Attributes:
+        rays: (N, 3) float64 (x/z, y/z, 1).
+        inverse: (N,) float64 1/z [1/m].
+        sigma: (N,) float64 predicted deviation of ``inverse`` [1/m].
+    """
+
+    rays: F64
+    inverse: F64
+    sigma: F64
+
+    def __len__(self) -> int:
+        return len(self.inverse)
+
+    def where(self, keep: Bool) -> Rays:
+        return Rays(self.rays[keep], self.inverse[keep], self.sigma[keep])
+
+    def residuals(self, q: F64) -> F64:
+        """(N,) inverse-depth residuals of plane q in predicted deviations; positive is nearer than the plane."""
+        return np.asarray((self.inverse - self.rays @ q) / self.sigma)
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """A fitted plane.
+
+    Attributes:
+        q: (3,) float64, -normal / distance [1/m].
+        scale: robust deviation of its inliers' residuals, in predicted deviations.
+        covariance: (3, 3) float64 of q, from the scatter between parts of the view.
+    """
+
+    q: F64
+    scale: float
+    covariance: F64
+
+    @property
+    def distance_m(self) -> float:
+        """Distance of the camera centre from the plane [m]."""
+        return float(1.0 / np.linalg.norm(self.q))
+
+    @property
+    def normal(self) -> F64:
+        """(3,) unit normal towards the camera."""
+        return np.asarray(-self.q * self.distance_m)
+
+    @property
+    def tilt_rad(self) -> float:
+        """Angle of the optical axis from straight onto the plane, negative when the camera leans backwards."""
+        n = self.normal
+        return float(np.arctan2(-n[1], -n[2]))
+
+    @property
+    def roll_rad(self) -> float:
+        """Angle of the camera's x axis above the plane."""
+        return float(np.arcsin(np.clip(self.normal[0], -1.0, 1.0)))
+
+
+def cells(points: Rays, columns: int, q: F64 | None = None, gate: float = np.inf) -> tuple[Rays, I64]:
+    """Median inverse depth in square cells of the view, over all frames.
+
+    The median forgets people who pass and most matching errors, and leaves so little noise that a wall can be told
+    from the floor it stands on close to their corner. Where a plane is known already, points beyond the gate are left
+    out of cells that mostly show it: what passes is always nearer and would pull the median.
+
+    Args:
+        points: of any number of frames.
+        columns: cells across the width of the view.
+        q: (3,) plane against which the medians are taken; a slope within a cell then does no harm.
+        gate: residuals from q that a point of the plane can have, in predicted deviations.
+    Returns:
+        One row per cell that holds at least a tenth of the mean count of points, and those counts.
+    """
+    low, high = np.quantile(points.rays[:, :2], (0.0005, 0.9995), axis=0)
+    width, height = (float(v) for v in high - low)
+    step = max(width, height / MAX_ASPECT, 1e-9) / columns
+    last = np.maximum(1, np.ceil((high - low) / step)).astype(np.int64) - 1
+    place = np.clip(np.floor((points.rays[:, :2] - low) / step).astype(np.int64), 0, last)
+    index = np.asarray(place[:, 1] * columns + place[:, 0])
+    value = points.inverse if q is None else points.inverse - points.rays @ q
+    n = int(index.max()) + 1
+    counts = np.bincount(index, minlength=n)
+    full = counts >= max(1.0, 0.1 * counts[counts > 0].mean())
+    medians = _medians(index, value, n)
+    if q is not None and np.isfinite(gate):
+        near = np.abs(value) < gate * points.sigma
+        mostly = np.bincount(index[near], minlength=n) > 0.5 * counts
+        medians = np.where(mostly, _medians(index[near], value[near], n), medians)
+    safe = np.maximum(counts, 1)
+    rays = np.stack([np.bincount(index, points.rays[:, k], n) / safe for k in range(3)], axis=1)
+    inverse = medians if q is None else medians + rays @ q
+    return Rays(rays, inverse, np.bincount(index, points.sigma, n) / safe).where(full), counts[full]
+
+
+def _medians(index: I64, value: F64, n: int) -> F64:
+    """(n,) upper median of the values of each index; NaN where there is none."""
+    medians = np.full(n, np.nan)
+    # Small integers are sorted by radix, twenty times as fast as pairs of index and value.
+    order = np.argsort(index.astype(np.uint16) if n <= 1 << 16 else index, kind="stable")
+    grouped, counts = value[order], np.bincount(index, minlength=n)
+    ends = np.cumsum(counts)
+    for i in np.flatnonzero(counts):
+        group = grouped[ends[i] - counts[i] : ends[i]]
+        medians[i] = np.partition(group, counts[i] // 2)[counts[i] // 2]
+    return medians
+
+
+def fit_plane(points: Rays, q: F64, gate: float, iterations: int = 25) -> Plane | None:
+    """Robust least squares from a first guess (iteratively reweighted, Tukey's biweight).
+
+    Args:
+        points: rays and inverse depths.
+        q: (3,) first guess.
+        gate: residuals up to this many predicted deviations take part in the first step.
+    Returns:
+        The plane, or None when fewer than 3 points support it or they lie on one line.
+    """
+    width = gate
+    weights = np.zeros(len(points))
+    scale = np.nan
+    for _ in range(iterations):
+        r = points.residuals(q)
+        near = np.abs(r) < width
+        if near.sum() < 3:
+            return None
+        # Feet, furniture and walls are all nearer than the floor: only the far side shows the noise.
+        far = r[near & (r <= 0)]
+        scale = float(MAD_TO_SIGMA * np.median(-far)) if len(far) else 0.0
+        width = min(gate, max(TUKEY_C * scale, MIN_WIDTH))
+        weights = np.where(np.abs(r) < width, (1.0 - (r / width) ** 2) ** 2, 0.0)
+        solved = _solve(points, weights)
+        if solved is None:
+            return None
+        done = np.abs(points.rays[near] @ (solved - q) / points.sigma[near]).max() < 1e-4
+        q = solved
+        if done:
+            break
+    return Plane(q, scale, _cluster_covariance(points, weights, q))
+
+
+def _solve(points: Rays, weights: F64) -> F64 | None:
+    w = weights / points.sigma**2
+    normal_matrix = (points.rays * w[:, None]).T @ points.rays
+    if not np.isfinite(normal_matrix).all() or np.linalg.cond(normal_matrix) > 1e12:
+        return None
+    return np.asarray(np.linalg.solve(normal_matrix, (points.rays * w[:, None]).T @ points.inverse))
+
+
+def _cluster_covariance(points: Rays, weights: F64, q: F64, parts: int = 6) -> F64:
+    """Sandwich estimate with the view cut into parts x parts clusters.
+
+    Neighbouring disparities share a matching window and sub-pixel bias, so counting them as independent would
+    promise far too much; clusters large against the window do not share them (Liang and Zeger 1986).
+    """
+    w = weights / points.sigma**2
+    bread = np.linalg.pinv((points.rays * w[:, None]).T @ points.rays)
+    used = weights > 0
+    cells = np.zeros(len(points), dtype=np.int64)
+    for axis in (0, 1):
+        low, high = np.quantile(points.rays[used, axis], (0.0, 1.0))
+        step = max(high - low, 1e-9) / parts
+        cells = cells * parts + np.clip((points.rays[:, axis] - low) / step, 0, parts - 1).astype(np.int64)
+    scores = points.rays * (w * (points.inverse - points.rays @ q))[:, None]
+    sums = np.stack([np.bincount(cells, scores[:, k], parts * parts) for k in range(3)], axis=1)
+    n = max(int((np.bincount(cells[used], minlength=parts * parts) > 0).sum()), 2)
+    return np.asarray(bread @ (sums.T @ sums) @ bread * n / (n - 1))
+
+
+PARALLEL_DEG = 10.0
+"""Normals closer than this are one direction: a small plane's own is known to a few degrees only."""
+MIN_MOVED = 500
+"""Points that must have moved before they speak against a plane: a fifth of a person in a few frames."""
+LEANING_DEG = -5.0
+"""Below this tilt a camera leans backwards; an overhead mount is off by a few degrees."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A plane and what speaks for and against it.
+
+    Attributes:
+        plane: fitted plane.
+        inlier_fraction: share of the points on it.
+        below_fraction: share of the points beneath it.
+        refused: why it cannot be the floor; empty when it can.
+    """
+
+    plane: Plane
+    inlier_fraction: float
+    below_fraction: float
+    refused: str
+
+
+def _sharpness(plane: Plane, points: Rays, params: FloorParams) -> float:
+    """How points crowd on a plane before any median: share of those near it that are within half that distance."""
+    gate = params.frame_noise * params.inlier_sigmas
+    distance = np.abs(points.residuals(plane.q))
+    return float((distance < gate / 2).sum() / max((distance < gate).sum(), 1))
+
+
+def judge(plane: Plane, view: Rays, counts: I64, points: Rays, moved: F64, params: FloorParams) -> Candidate:
+    """What speaks for and against a plane as the floor.
+
+    Args:
+        plane: fitted plane.
+        view, counts: cells of the view and how many points are in each.
+        points: the points themselves, before any median.
+        moved: (M, 3) points of what moves, in the camera's frame [m].
+        params: what counts as a floor.
+    """
+    residuals = view.residuals(plane.q)
+    share = counts / counts.sum()
+    on = float(share[np.abs(residuals) < params.inlier_sigmas].sum())
+    below = float(share[_beneath(plane, view, params)].sum())
+    above = float(share[(residuals > params.inlier_sigmas) & (residuals < 2 * params.inlier_sigmas)].sum())
+    tilt, roll = math.degrees(plane.tilt_rad), math.degrees(plane.roll_rad)
+    height = plane.distance_m
+    refused = ""
+    if not params.min_tilt_deg <= tilt <= params.max_tilt_deg or abs(roll) > params.max_roll_deg:
+        refused = f"a wall or ceiling (tilt {tilt:.0f}, roll {roll:.0f} degrees)"
+    elif not params.min_height_m <= height <= params.max_height_m:
+        refused = f"{height:.2f} m from the camera (floors: {params.min_height_m:g}-{params.max_height_m:g} m)"
+    elif on < params.min_inlier_fraction:
+        refused = f"{on:.1%} of the depth lies on it (at least {params.min_inlier_fraction:.0%} needed)"
+    elif below > params.max_below_fraction * (on + below):
+        refused = f"{below:.0%} of the depth lies beneath it"
+    elif above > params.max_blur_fraction * on or _sharpness(plane, points, params) < params.min_sharpness:
+        refused = "it only cuts through a surface that is not flat"
+    elif (high := _above_people(plane, moved, params)) > params.max_high_fraction:
+        refused = f"{high:.0%} of what moves is higher than people above it"
+    return Candidate(plane, on, below, refused)
+
+
+def _above_people(plane: Plane, moved: F64, params: FloorParams) -> float:
+    """Share of what moves that is higher above a plane than people are, 0 where hardly anything moves.
+
+    A wall seen straight on looks like a floor from above, but people walk metres in front of it.
+    """
+    if len(moved) < MIN_MOVED:
+        return 0.0
+    return float(np.mean(moved @ plane.normal + plane.distance_m > params.people_m))
+
+
+def _beneath(plane: Plane, view: Rays, params: FloorParams) -> Bool:
+    """(N,) whether points are further beneath the plane than noise and a warped calibration explain."""
+    depth_m = np.where(view.inverse > 0, (view.rays @ plane.q) / np.maximum(view.inverse, 1e-6) - 1.0, 0.0)
+    far = depth_m * plane.distance_m > params.below_margin_m
+    return np.asarray(far & (view.residuals(plane.q) < -params.inlier_sigmas))
+
+
+def choose_floor(candidates: Sequence[Candidate], params: FloorParams) -> Candidate | None:
+    """The floor among planes: the largest that a camera can stand above, and of parallel ones the lowest.
+
+    A camera near the horizontal sees the wall in front as a camera leaning backwards sees its floor. Where both
+    readings are open the upright camera is the likelier, so a plane that asks for leaning back gives way.
+    """
+    possible = [c for c in candidates if not c.refused]
+    upright = [c for c in possible if c.plane.tilt_rad > math.radians(LEANING_DEG)]
+    possible = upright or possible
+    if not possible:
+        return None
+    largest = max(possible, key=lambda c: c.inlier_fraction)
+    enough = largest.inlier_fraction * params.max_below_fraction / (1.0 - params.max_below_fraction)
+    parallel = [
+        c
+        for c in possible
+        if c.inlier_fraction >= enough
+        and float(c.plane.normal @ largest.plane.normal) > math.cos(math.radians(PARALLEL_DEG))
+    ]
+    return max(parallel, key=lambda c: c.plane.distance_m)
+
+
+def nothing_found(candidates: Sequence[Candidate], n_frames: int, params: FloorParams) -> str:
+    """Why none of the planes is the floor, in a sentence."""
+    if not candidates:
+        return (
+            f"no floor found in {n_frames} frames: no plane holds even "
+            f"{0.5 * params.min_inlier_fraction:.1%} of the valid depth"
+        )
+    largest = "; ".join(
+        f"plane with {c.inlier_fraction:.0%} of the depth: {c.refused}"
+        for c in sorted(candidates, key=lambda c: -c.inlier_fraction)[:3]
+    )
+    return f"no floor found in {n_frames} frames ({largest})"

@@ -1,0 +1,332 @@
+"""What formats share: the calibration file as text, numbers out of parsed files, YAML and XML without dangers."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+from xml.etree import ElementTree
+
+import numpy as np
+import yaml
+
+from calib.camera import Camera, LensModel
+from calib.errors import InputError
+from calib.io import MAX_BYTES, MAX_DEPTH, reason, require_file
+from calib.pose import SE3
+from calib.rig import StereoRig, parse_rig, save_rig
+from calib.types import F64
+
+Size = tuple[int, int]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file and its text."""
+
+    path: Path
+    text: str
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What the caller supplies and a file may lack.
+
+    Attributes:
+        size: (width, height) of the recording's images [px]; selects or supplies the resolution.
+        cameras: names of the left and right camera in a file that holds more than two.
+        unit_m: length of the file's unit of translation [m]; None takes the format's own.
+        rectified: whether the images are, where a file holds both calibrations; None tells it by their size.
+    """
+
+    size: Size | None = None
+    cameras: tuple[str, str] | None = None
+    unit_m: float | None = None
+    rectified: bool | None = None
+
+    def unit(self, default_m: float = 1.0) -> float:
+        """Metres per unit of the file."""
+        return default_m if self.unit_m is None else self.unit_m
+
+
+@dataclass(frozen=True)
+class Format:
+    """How one tool writes a rig.
+
+    Attributes:
+        key: short name for the command line.
+        name: as messages show it.
+        part: what a text holds in this format: "whole" (a rig), "left" or "right" (a half), or None (not this format).
+        read: a rig from a whole, or from its left and right half; raises ValueError for bad content.
+        write: writes a rig, returns the files; raises ValueError when the format cannot hold it.
+        suffix: of the file it writes; empty: it writes a folder.
+    """
+
+    key: str
+    name: str
+    part: Callable[[Source], str | None]
+    read: Callable[[Sequence[Source], Choice], StereoRig]
+    write: Callable[[StereoRig, Path], list[Path]]
+    suffix: str
+
+
+def read_source(path: Path) -> Source:
+    """Read a text file.
+
+    Raises:
+        InputError: unreadable, too large, or not text.
+    """
+    require_file(path, "a calibration file")
+    try:
+        with path.open("rb") as file:
+            raw = file.read(MAX_BYTES + 1)
+        if len(raw) > MAX_BYTES:
+            raise InputError(f"{path}: expected a calibration file, found more than {MAX_BYTES} bytes")
+        text = raw.decode("utf-8-sig")
+    except OSError as error:
+        raise InputError(f"{path}: expected a readable calibration file, found {reason(error)}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: expected a calibration as text, found binary data at byte {error.start}") from error
+    return Source(path, text.replace("\r\n", "\n"))
+
+
+def side_of(name: str) -> str | None:
+    """Which camera a file or folder name refers to: "left", "right", or None when it names neither or both."""
+    words = set(re.split(r"[^a-z0-9]+", name.lower()))
+    left = bool(words & {"l", "cam0", "camera0"}) or "left" in name.lower()
+    right = bool(words & {"r", "cam1", "camera1"}) or "right" in name.lower()
+    if left == right:
+        return None
+    return "left" if left else "right"
+
+
+def table(value: Any, name: str) -> Mapping[str, Any]:
+    """A mapping, or ValueError."""
+    if not isinstance(value, Mapping):
+        raise ValueError(f"expected {name} to be a table, found {_shown(value)}")
+    return value
+
+
+def entry(values: Mapping[str, Any], *names: str) -> Any:
+    """The first of the names that is present, or ValueError."""
+    for name in names:
+        if name in values:
+            return values[name]
+    raise ValueError(f"expected the key {' or '.join(names)}, found none")
+
+
+def number(value: Any, name: str) -> float:
+    """A finite number; YAML leaves ``1e-5`` a string, so numeric strings count."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise ValueError(f"expected a number for {name}, found {_shown(value)}")
+    try:
+        result = float(value)
+    except (ValueError, OverflowError):
+        raise ValueError(f"expected a number for {name}, found {_shown(value)}") from None
+    if not np.isfinite(result):
+        raise ValueError(f"expected finite numbers in {name}, found {_shown(value)}")
+    return result
+
+
+def whole(value: Any, name: str) -> int:
+    """A positive whole number below 100 000 (a size in pixels)."""
+    result = number(value, name)
+    if result != int(result) or not 1 <= result <= 100_000:
+        raise ValueError(f"expected a whole number of pixels for {name}, found {_shown(value)}")
+    return int(result)
+
+
+def size_of(value: Any, name: str) -> Size:
+    """(width, height) [px] from two numbers in any form that ``numbers`` takes."""
+    width, height = (float(v) for v in numbers(value, name, 2))
+    return whole(width, name), whole(height, name)
+
+
+def lens_of(values: Mapping[str, Any], models: Mapping[str, T], name: str) -> T:
+    """What stands in ``models`` for the distortion_model of a camera, or ValueError."""
+    lens = str(entry(values, "distortion_model"))
+    if lens not in models:
+        raise ValueError(f"expected a distortion_model of {', '.join(models)} in {name}, found {lens!r}")
+    return models[lens]
+
+
+def numbers(value: Any, name: str, count: int | tuple[int, ...]) -> F64:
+    """A flat array of finite numbers from a list, a list of rows, a ``data`` table or text separated by blanks."""
+    if isinstance(value, Mapping):
+        value = entry(value, "data")
+    if isinstance(value, str):
+        value = value.replace(",", " ").replace(";", " ").split()
+    if not isinstance(value, list | tuple):
+        raise ValueError(f"expected a list of numbers for {name}, found {_shown(value)}")
+    allowed = (count,) if isinstance(count, int) else count
+    flat: list[Any] = []
+    for item in value:
+        flat.extend(item if isinstance(item, list | tuple) else [item])
+        if len(flat) > max(allowed):
+            break
+    if len(flat) not in allowed:
+        raise ValueError(f"expected {' or '.join(map(str, allowed))} numbers for {name}, found {len(flat)} or more")
+    return np.array([number(item, name) for item in flat])
+
+
+def camera(
+    size: tuple[int, int], matrix: F64, distortion: F64, model: LensModel | None = None, name: str = "camera"
+) -> Camera:
+    """A camera from K (9 values, row-major) or (fx, fy, cx, cy) and coefficients.
+
+    Args:
+        model: None takes Brown or rational by the number of coefficients.
+    """
+    if len(matrix) == 9:
+        k = matrix.reshape(3, 3)
+        if abs(k[2, 2] - 1.0) > 1e-6 or np.abs(k[[1, 2, 2], [0, 0, 1]]).max() > 1e-6:
+            raise ValueError(f"expected a camera matrix [fx 0 cx; 0 fy cy; 0 0 1] for {name}, found {matrix.tolist()}")
+        if abs(k[0, 1]) > 1e-3 * abs(k[0, 0]):
+            raise ValueError(f"expected no skew in the camera matrix of {name}, found {k[0, 1]:g}")
+        matrix = k[[0, 1, 0, 1], [0, 1, 2, 2]]
+    if model is None:
+        model = "brown" if len(distortion) <= 5 else "rational"
+    fx, fy, cx, cy = (float(v) for v in matrix)
+    return Camera(*size, fx, fy, cx, cy, model, tuple(float(v) for v in distortion))
+
+
+def transform(rotation: F64, translation: F64, name: str = "rotation") -> SE3:
+    """A pose from 9 and 3 values; rounding in the file (up to 1e-3) is removed by the nearest rotation."""
+    matrix = rotation.reshape(3, 3)
+    u, _, vt = np.linalg.svd(matrix)
+    nearest = u @ vt
+    if np.abs(nearest - matrix).max() > 1e-3 or np.linalg.det(nearest) < 0:
+        raise ValueError(f"expected {name} to be a rotation matrix (orthonormal, determinant +1)")
+    # A matrix that is a rotation to the last digits is kept as it is: reading what was written changes nothing.
+    exact = np.abs(matrix @ matrix.T - np.eye(3)).max() < 1e-12
+    return SE3(matrix if exact else nearest, translation)
+
+
+def rigid(value: Any, name: str, unit_m: float) -> SE3:
+    """A pose from a 4x4 (or 3x4) matrix, flat or nested."""
+    flat = numbers(value, name, (12, 16))
+    if len(flat) == 16 and np.abs(flat[12:] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
+        raise ValueError(f"expected {name} to end with the row 0 0 0 1, found {flat[12:].tolist()}")
+    m = flat[:12].reshape(3, 4)
+    return transform(m[:, :3].ravel(), m[:, 3] * unit_m, name)
+
+
+def held(name: str, one: Camera, counts: Mapping[str, int]) -> tuple[LensModel, list[float]]:
+    """The lens as a format holds it, if it does so exactly.
+
+    Args:
+        name: the format, for the message.
+        counts: number of coefficients it holds, by lens model.
+    Returns:
+        The model and that many coefficients; a rational lens without its denominator is a Brown lens.
+    Raises:
+        ValueError: the format has no such lens.
+    """
+    values = np.trim_zeros(one.coefficients, "b")
+    model: LensModel = "brown" if one.model == "rational" and len(values) <= 5 else one.model
+    if model == "brown" and len(values) > counts.get("brown", -1) and "rational" in counts:
+        model = "rational"
+    if len(values) > counts.get(model, -1):
+        holds = ", ".join(f"{n} {m} coefficients" for m, n in counts.items())
+        raise ValueError(f"the {name} format holds {holds}, not this {one.model} lens with {len(values)} of them")
+    return model, [*(float(v) for v in values), *[0.0] * (counts[model] - len(values))]
+
+
+def _shown(value: Any) -> str:
+    text = repr(value) if isinstance(value, str | int | float | bool | type(None)) else type(value).__name__
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
+def parse_json(text: str) -> Any:
+    """The value of a JSON text.
+
+    Raises:
+        ValueError: not JSON, or nesting without end.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("expected JSON, found nesting without end") from None
+
+
+def parse_xml(text: str) -> ElementTree.Element:
+    """The root element.
+
+    Raises:
+        ValueError: not XML, or a document type (entities can expand without end).
+    """
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise ValueError("expected XML without a document type, found one")
+    try:
+        return ElementTree.fromstring(text)
+    # A declared encoding the parser does not know gives LookupError; nesting without end RecursionError.
+    except (ElementTree.ParseError, LookupError, RecursionError, ValueError) as error:
+        raise ValueError(f"expected XML, found {error}") from error
+
+
+_HEADER = re.compile(r"\A%YAML[ :][0-9.]+[^\n]*\n", re.MULTILINE)
+MAX_CHARACTERS = 100_000
+"""A calibration in YAML has a few thousand; the parser takes a second for so many."""
+_OPENCV_TAG = re.compile(r"!!opencv-[a-z-]+")
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """Values only: without references, by which a small file can stand for gigabytes, and of limited depth."""
+
+    _depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """One value; those inside it are composed by the same method."""
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("a reference (*name)")
+        if self._depth >= MAX_DEPTH:
+            raise yaml.YAMLError(f"values nested deeper than {MAX_DEPTH}")
+        self._depth += 1
+        try:
+            return super().compose_node(parent, index)
+        finally:
+            self._depth -= 1
+
+
+def parse_yaml(text: str) -> Mapping[str, Any]:
+    """A YAML mapping; OpenCV's ``%YAML:1.0`` header (any style) and its tags are taken off first.
+
+    Raises:
+        ValueError: not YAML, or no mapping at the top.
+    """
+    if len(text) > MAX_CHARACTERS:
+        raise ValueError(f"expected YAML of up to {MAX_CHARACTERS} characters, found {len(text)}")
+    plain = _OPENCV_TAG.sub("", _HEADER.sub("", text.lstrip()))
+    try:
+        data = yaml.load(plain, _PlainLoader)
+    except yaml.YAMLError as error:
+        raise ValueError(f"expected YAML, found {' '.join(str(error).split())}") from error
+    # PyYAML's own constructors leak these on odd scalars such as "!!bool x" or a day 99, and on deep nesting.
+    except (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, RecursionError) as error:
+        raise ValueError(f"expected YAML, found a value that cannot be read ({type(error).__name__})") from error
+    if not isinstance(data, Mapping):
+        raise ValueError("expected YAML with keys at the top")
+    return data
+
+
+_TABLE = re.compile(r"^\s*\[right_SE3_left\]", re.MULTILINE)
+
+
+def _native_part(source: Source) -> str | None:
+    return "whole" if _TABLE.search(source.text) else None
+
+
+def _native_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
+    return parse_rig(sources[0].text, sources[0].path.name)
+
+
+def _native_write(rig: StereoRig, path: Path) -> list[Path]:
+    save_rig(rig, path)
+    return [path]
+
+
+NATIVE = Format("rig", "planview rig.toml", _native_part, _native_read, _native_write, ".toml")

@@ -1,0 +1,250 @@
+"""Calibrations of published data sets: EuRoC, KITTI and Middlebury.
+
+KITTI's calib_cam_to_cam.txt holds four cameras, raw and rectified, with poses from camera 0; the calib.txt of odometry
+sequences holds the projections of the rectified cameras only. EuRoC's sensor.yaml lies in each camera's folder; T_BS
+maps the camera to the body. Middlebury's calib.txt is that of a rectified pair, with the baseline in millimetres.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from calib.camera import Camera, LensModel
+from calib.formats.base import (
+    Choice,
+    Format,
+    Size,
+    Source,
+    camera,
+    entry,
+    held,
+    lens_of,
+    number,
+    numbers,
+    parse_yaml,
+    rigid,
+    side_of,
+    size_of,
+    transform,
+    whole,
+)
+from calib.io import write_whole
+from calib.pose import SE3
+from calib.rig import StereoRig
+from calib.types import F64
+
+_POSE = re.compile(r"^\s*T_BS\s*:", re.MULTILINE)
+_INTRINSICS = re.compile(r"^\s*intrinsics\s*:", re.MULTILINE)
+_EUROC_MODELS: dict[str, LensModel] = {"radial-tangential": "brown", "radtan": "brown", "equidistant": "fisheye"}
+
+
+def _euroc_part(source: Source) -> str | None:
+    # An IMU's sensor.yaml has T_BS too, but no intrinsics.
+    if not (_POSE.search(source.text) and _INTRINSICS.search(source.text)):
+        return None
+    return side_of(source.path.parent.name) or side_of(source.path.stem)
+
+
+def _euroc_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
+    (left, body_SE3_left), (right, body_SE3_right) = (_half(source, choice) for source in sources)
+    names = "+".join(f"{source.path.parent.name}/{source.path.name}" for source in sources)
+    return StereoRig(left, right, body_SE3_right.inverse() @ body_SE3_left, names)
+
+
+def _half(source: Source, choice: Choice) -> tuple[Camera, SE3]:
+    data = parse_yaml(source.text)
+    name = f"{source.path.parent.name}/{source.path.name}"
+    model = lens_of(data, _EUROC_MODELS, name)
+    one = camera(
+        size_of(entry(data, "resolution"), "resolution"),
+        numbers(entry(data, "intrinsics"), "intrinsics", 4),
+        numbers(entry(data, "distortion_coefficients"), "distortion_coefficients", (0, 4)),
+        model,
+        name,
+    )
+    return one, rigid(entry(data, "T_BS"), f"T_BS of {name}", choice.unit())
+
+
+def _euroc_write(rig: StereoRig, path: Path) -> list[Path]:
+    paths = []
+    for name, one, body_SE3_camera in (
+        ("cam0", rig.left, SE3.identity()),
+        ("cam1", rig.right, rig.right_SE3_left.inverse()),
+    ):
+        (path / name).mkdir(parents=True, exist_ok=True)
+        paths.append(path / name / "sensor.yaml")
+        write_whole(paths[-1], _half_text(one, body_SE3_camera))
+    return paths
+
+
+def _half_text(one: Camera, body_SE3_camera: SE3) -> str:
+    model, coefficients = held("EuRoC", one, {"brown": 4, "fisheye": 4})
+    values = [float(v) for v in np.asarray(body_SE3_camera.matrix).ravel()]
+    return (
+        "sensor_type: camera\n"
+        f"T_BS:\n  cols: 4\n  rows: 4\n  data: {values}\n"
+        f"resolution: [{one.width}, {one.height}]\n"
+        "camera_model: pinhole\n"
+        f"intrinsics: {[float(v) for v in (one.fx, one.fy, one.cx, one.cy)]}\n"
+        f"distortion_model: {'equidistant' if model == 'fisheye' else 'radial-tangential'}\n"
+        f"distortion_coefficients: {coefficients}\n"
+    )
+
+
+EUROC = Format("euroc", "EuRoC sensor.yaml pair", _euroc_part, _euroc_read, _euroc_write, "")
+
+
+_KEYS = re.compile(r"^K_\d\d:", re.MULTILINE)
+_POSES = re.compile(r"^T_\d\d:", re.MULTILINE)
+_ODOMETRY = re.compile(r"^P[0-3]:", re.MULTILINE)
+_PAIRS = (("02", "03"), ("00", "01"))
+
+
+def _kitti_part(source: Source) -> str | None:
+    drive = _KEYS.search(source.text) and _POSES.search(source.text)
+    return "whole" if drive or len(_ODOMETRY.findall(source.text)) >= 2 else None
+
+
+def _kitti_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
+    source = sources[0]
+    data = dict(line.split(":", 1) for line in source.text.splitlines() if ":" in line)
+    if f"K_{_PAIRS[1][0]}" not in data and _ODOMETRY.search(source.text):
+        return _of_sequence(source, data, choice)
+    left, right = choice.cameras or _pair(data)
+    rectified = choice.rectified
+    if rectified is None:
+        rectified = choice.size is not None and _size(data, f"S_rect_{left}") == choice.size != _size(data, f"S_{left}")
+    read = _rectified if rectified else _raw
+    (one, left_SE3_zero), (other, right_SE3_zero) = (read(data, name, choice.unit()) for name in (left, right))
+    kind = "rectified images" if rectified else "unrectified images"
+    name = f"{source.path.name} [cameras {left} {right}, {kind}]"
+    return StereoRig(one, other, right_SE3_zero @ left_SE3_zero.inverse(), name)
+
+
+def _pair(data: Mapping[str, str]) -> tuple[str, str]:
+    """The colour pair, else the grey pair."""
+    for left, right in _PAIRS:
+        if f"K_{left}" in data and f"K_{right}" in data:
+            return left, right
+    raise ValueError("expected cameras 02 and 03, or 00 and 01, found neither")
+
+
+def _size(data: Mapping[str, str], key: str) -> Size | None:
+    return size_of(data[key], key) if key in data else None
+
+
+def _raw(data: Mapping[str, str], name: str, unit_m: float) -> tuple[Camera, SE3]:
+    size = _size(data, f"S_{name}")
+    if size is None:
+        raise ValueError(f"expected the key S_{name}, found none")
+    k, d = numbers(entry(data, f"K_{name}"), f"K_{name}", 9), numbers(entry(data, f"D_{name}"), f"D_{name}", 5)
+    rotation = numbers(entry(data, f"R_{name}"), f"R_{name}", 9)
+    translation = numbers(entry(data, f"T_{name}"), f"T_{name}", 3) * unit_m
+    return camera(size, k, d, "brown", f"camera {name}"), transform(rotation, translation, f"R_{name}")
+
+
+def _rectified(data: Mapping[str, str], name: str, unit_m: float) -> tuple[Camera, SE3]:
+    size = _size(data, f"S_rect_{name}")
+    if size is None:
+        raise ValueError(f"expected the key S_rect_{name}, found none")
+    return _projected(size, data, f"P_rect_{name}", unit_m)
+
+
+def _of_sequence(source: Source, data: Mapping[str, str], choice: Choice) -> StereoRig:
+    """The rectified cameras of an odometry sequence, whose image size the file does not say."""
+    if choice.size is None:
+        raise ValueError("expected the size of the images, which the calib.txt of a KITTI sequence does not hold")
+    left, right = choice.cameras or next(
+        (pair for pair in (("2", "3"), ("0", "1")) if f"P{pair[1]}" in data), ("0", "1")
+    )
+    parts = [_projected(choice.size, data, f"P{name}", choice.unit()) for name in (left, right)]
+    (one, left_SE3_zero), (other, right_SE3_zero) = parts
+    name = f"{source.path.name} [cameras {left} {right}, rectified images]"
+    return StereoRig(one, other, right_SE3_zero @ left_SE3_zero.inverse(), name)
+
+
+def _projected(size: Size, data: Mapping[str, str], key: str, unit_m: float) -> tuple[Camera, SE3]:
+    """The camera of a (3, 4) projection, and its pose."""
+    p = numbers(entry(data, key), key, 12).reshape(3, 4)
+    one = camera(size, p[:, :3].ravel(), np.empty(0), "brown", f"camera {key}")
+    shift = np.asarray(np.linalg.solve(p[:, :3], p[:, 3]) * unit_m, dtype=np.float64)
+    return one, SE3(np.eye(3), shift)
+
+
+def _kitti_write(rig: StereoRig, path: Path) -> list[Path]:
+    lines = ["calib_time: 01-Jan-1970 00:00:00"]
+    poses = (SE3.identity(), rig.right_SE3_left)
+    for name, one, pose in zip(("00", "01"), (rig.left, rig.right), poses, strict=True):
+        _, coefficients = held("KITTI", one, {"brown": 5})
+        lines += [
+            f"S_{name}: {one.width} {one.height}",
+            f"K_{name}: {_kitti_text(one.matrix)}",
+            f"D_{name}: {_kitti_text(np.array(coefficients))}",
+            f"R_{name}: {_kitti_text(pose.rotation)}",
+            f"T_{name}: {_kitti_text(pose.translation)}",
+        ]
+    write_whole(path, "\n".join(lines) + "\n")
+    return [path]
+
+
+def _kitti_text(values: F64) -> str:
+    return " ".join(repr(float(v)) for v in values.ravel())
+
+
+KITTI = Format("kitti", "KITTI calib_cam_to_cam", _kitti_part, _kitti_read, _kitti_write, ".txt")
+
+
+_CAMERA = re.compile(r"^\s*cam0\s*=\s*\[", re.MULTILINE)
+_MILLIMETRE_M = 0.001
+_MAX_OFFSET_PX = 0.5
+
+
+def _middlebury_part(source: Source) -> str | None:
+    return "whole" if _CAMERA.search(source.text) else None
+
+
+def _middlebury_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
+    lines = (line.split("=", 1) for line in sources[0].text.splitlines() if "=" in line)
+    data = {key.strip(): value.strip() for key, value in lines}
+    size = whole(entry(data, "width"), "width"), whole(entry(data, "height"), "height")
+    left, right = (_middlebury_camera(data, name, size) for name in ("cam0", "cam1"))
+    offset = number(data.get("doffs", right.cx - left.cx), "doffs")
+    if abs(offset - (right.cx - left.cx)) > _MAX_OFFSET_PX:
+        raise ValueError(
+            f"expected doffs to be the principal points' distance {right.cx - left.cx:g}, found {offset:g}"
+        )
+    baseline = number(entry(data, "baseline"), "baseline") * choice.unit(_MILLIMETRE_M)
+    return StereoRig(left, right, SE3(np.eye(3), np.array([-baseline, 0.0, 0.0])), sources[0].path.name)
+
+
+def _middlebury_camera(data: dict[str, str], name: str, size: tuple[int, int]) -> Camera:
+    text = entry(data, name).strip().removeprefix("[").removesuffix("]")
+    return camera(size, numbers(text, name, 9), np.empty(0), "brown", name)
+
+
+def _middlebury_write(rig: StereoRig, path: Path) -> list[Path]:
+    pose = rig.right_SE3_left
+    if np.abs(pose.rotation - np.eye(3)).max() > 1e-12 or np.abs(pose.translation[1:]).max() > 1e-12:
+        raise ValueError("the Middlebury format holds rectified pairs only, and this pair is not rectified")
+    if any(np.any(one.coefficients) or one.model == "fisheye" for one in (rig.left, rig.right)):
+        raise ValueError("the Middlebury format holds no distortion, and these cameras have some")
+    lines = [f"{name}={_middlebury_text(one)}" for name, one in (("cam0", rig.left), ("cam1", rig.right))]
+    lines += [
+        f"doffs={rig.right.cx - rig.left.cx!r}",
+        f"baseline={float(-pose.translation[0]) / _MILLIMETRE_M!r}",
+        f"width={rig.left.width}",
+        f"height={rig.left.height}",
+    ]
+    write_whole(path, "\n".join(lines) + "\n")
+    return [path]
+
+
+def _middlebury_text(one: Camera) -> str:
+    return f"[{one.fx!r} 0 {one.cx!r}; 0 {one.fy!r} {one.cy!r}; 0 0 1]"
+
+
+MIDDLEBURY = Format("middlebury", "Middlebury calib.txt", _middlebury_part, _middlebury_read, _middlebury_write, ".txt")

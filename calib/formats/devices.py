@@ -1,0 +1,251 @@
+"""Factory calibrations of stereo cameras: DepthAI (OAK) and ZED.
+
+DepthAI: EEPROM JSON with cameras by socket and extrinsics as a chain ``toCameraSocket``, translations in centimetres.
+ZED: a section per camera and resolution, the baseline in millimetres.
+"""
+
+from __future__ import annotations
+
+import configparser
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.camera import Camera
+from calib.formats.base import (
+    Choice,
+    Format,
+    Size,
+    Source,
+    camera,
+    entry,
+    held,
+    number,
+    numbers,
+    parse_json,
+    table,
+    transform,
+    whole,
+)
+from calib.io import write_whole
+from calib.pose import SE3
+from calib.rig import StereoRig
+
+_CENTIMETRE_M = 0.01
+_FISHEYE = 1
+_PERSPECTIVE = 0
+
+
+def _depthai_part(source: Source) -> str | None:
+    return "whole" if '"cameraData"' in source.text and source.text.lstrip().startswith("{") else None
+
+
+def _depthai_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
+    data = table(parse_json(sources[0].text), "the file")
+    cameras = _by_socket(data)
+    left, right = _sockets(data, cameras, choice)
+    for socket in (left, right):
+        if socket not in cameras:
+            raise ValueError(f"expected a camera at socket {socket}, found sockets {sorted(cameras)}")
+    pose = _between(cameras, left, right, choice.unit(_CENTIMETRE_M))
+    return StereoRig(
+        _depthai_camera(cameras[left], left), _depthai_camera(cameras[right], right), pose, sources[0].path.name
+    )
+
+
+def _by_socket(data: Mapping[str, Any]) -> dict[int, Mapping[str, Any]]:
+    listed = entry(data, "cameraData")
+    if not isinstance(listed, list):
+        raise ValueError("expected cameraData to be a list of [socket, camera]")
+    cameras = {}
+    for item in listed:
+        if not isinstance(item, list) or len(item) != 2:
+            raise ValueError("expected cameraData to be a list of [socket, camera]")
+        cameras[int(number(item[0], "socket"))] = table(item[1], "camera")
+    return cameras
+
+
+def _sockets(data: Mapping[str, Any], cameras: Mapping[int, Any], choice: Choice) -> tuple[int, int]:
+    if choice.cameras is not None:
+        first, second = (int(number(name, "socket")) for name in choice.cameras)
+        return first, second
+    stereo = data.get("stereoRectificationData")
+    if isinstance(stereo, Mapping):
+        pair = tuple(int(number(stereo.get(key, -1), key)) for key in ("leftCameraSocket", "rightCameraSocket"))
+        if pair[0] != pair[1] and set(pair) <= set(cameras):
+            return pair[0], pair[1]
+    return 1, 2
+
+
+def _depthai_camera(values: Mapping[str, Any], socket: int) -> Camera:
+    size = (whole(entry(values, "width"), "width"), whole(entry(values, "height"), "height"))
+    coefficients = numbers(entry(values, "distortionCoeff"), "distortionCoeff", (0, 4, 5, 8, 12, 14))
+    kind = int(number(values.get("cameraType", _PERSPECTIVE), "cameraType"))
+    if kind not in {_PERSPECTIVE, _FISHEYE}:
+        raise ValueError(f"expected a perspective or fisheye camera at socket {socket}, found cameraType {kind}")
+    matrix = numbers(entry(values, "intrinsicMatrix"), "intrinsicMatrix", 9)
+    if kind == _FISHEYE:
+        if np.any(coefficients[4:]):
+            raise ValueError(f"expected 4 fisheye coefficients at socket {socket}, found more")
+        return camera(size, matrix, coefficients[:4], "fisheye", f"socket {socket}")
+    return camera(size, matrix, coefficients, None, f"socket {socket}")
+
+
+def _between(cameras: Mapping[int, Mapping[str, Any]], left: int, right: int, unit_m: float) -> SE3:
+    """Compose the links from left to right; each is a dst_SE3_src that may be walked both ways."""
+    known = {left: SE3.identity()}
+    frontier = [left]
+    links = [link for socket in sorted(cameras) if (link := _link(socket, cameras[socket], unit_m))]
+    while frontier and right not in known:
+        here = frontier.pop(0)
+        for src, dst, dst_SE3_src in links:
+            if src == here and dst not in known:
+                known[dst] = dst_SE3_src @ known[here]
+                frontier.append(dst)
+            elif dst == here and src not in known:
+                known[src] = dst_SE3_src.inverse() @ known[here]
+                frontier.append(src)
+    if right not in known:
+        raise ValueError(f"expected extrinsics that link socket {left} to socket {right}, found none")
+    return known[right]
+
+
+def _link(socket: int, values: Mapping[str, Any], unit_m: float) -> tuple[int, int, SE3] | None:
+    extrinsics = table(entry(values, "extrinsics"), "extrinsics")
+    to = int(number(extrinsics.get("toCameraSocket", -1), "toCameraSocket"))
+    if to < 0 or to == socket:
+        return None
+    t = table(entry(extrinsics, "translation"), "translation")
+    translation = np.array([number(entry(t, axis), f"translation {axis}") for axis in "xyz"]) * unit_m
+    rotation = numbers(entry(extrinsics, "rotationMatrix"), "rotationMatrix", 9)
+    return socket, to, transform(rotation, translation, f"rotationMatrix of socket {socket}")
+
+
+def _depthai_write(rig: StereoRig, path: Path) -> list[Path]:
+    link = rig.right_SE3_left
+    entries = [[1, _entry(rig.left, link, 2)], [2, _entry(rig.right, SE3.identity(), -1)]]
+    stereo = {"leftCameraSocket": 1, "rightCameraSocket": 2}
+    data = {"boardName": "", "cameraData": entries, "stereoRectificationData": stereo, "version": 7}
+    write_whole(path, json.dumps(data, indent=1))
+    return [path]
+
+
+def _entry(one: Camera, pose: SE3, to: int) -> dict[str, Any]:
+    model, coefficients = held("DepthAI", one, {"rational": 14, "brown": 14, "fisheye": 4})
+    translation = dict(zip("xyz", (pose.translation / _CENTIMETRE_M).tolist(), strict=True))
+    return {
+        "cameraType": _FISHEYE if model == "fisheye" else _PERSPECTIVE,
+        "distortionCoeff": [*coefficients, *[0.0] * (14 - len(coefficients))],
+        "extrinsics": {
+            "rotationMatrix": pose.rotation.tolist(),
+            "specTranslation": translation,
+            "toCameraSocket": to,
+            "translation": translation,
+        },
+        "height": one.height,
+        "intrinsicMatrix": one.matrix.tolist(),
+        "width": one.width,
+    }
+
+
+DEPTHAI = Format("depthai", "DepthAI EEPROM JSON", _depthai_part, _depthai_read, _depthai_write, ".json")
+
+
+RESOLUTIONS: dict[str, Size] = {
+    "4K": (3840, 2160), "QHDPLUS": (3200, 1800), "2K": (2208, 1242), "FHD": (1920, 1080), "FHD1200": (1920, 1200),
+    "HD": (1280, 720), "HD1200": (1280, 1200), "SVGA": (960, 600), "VGA": (672, 376),
+}  # fmt: skip
+"""Image size of one camera by the name of the section [px] (Stereolabs' video modes)."""
+
+_SECTION = re.compile(r"^\s*\[(LEFT|RIGHT)_CAM_(\w+)\]", re.MULTILINE)
+_MILLIMETRE_M = 0.001
+_COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+
+
+def _zed_part(source: Source) -> str | None:
+    return "whole" if _SECTION.search(source.text) else None
+
+
+def _zed_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
+    source = sources[0]
+    sections = _sections(source.text)
+    name, remark = _resolution(sections, choice.size)
+    left, right = (_zed_camera(sections, f"{side}_CAM_{name}", RESOLUTIONS[name]) for side in ("LEFT", "RIGHT"))
+    pose = _pose(entry(sections, "STEREO"), name, choice.unit(_MILLIMETRE_M))
+    return StereoRig(left, right, pose, f"{source.path.name} [{name}]{remark}")
+
+
+def _sections(text: str) -> dict[str, Mapping[str, str]]:
+    parser = configparser.ConfigParser(interpolation=None, strict=False, default_section="\0")
+    parser.optionxform = str  # type: ignore[assignment,method-assign]
+    try:
+        parser.read_string(text)
+    except configparser.Error as error:
+        raise ValueError(f"expected sections with key=value lines, found {' '.join(str(error).split())}") from error
+    return {name: dict(parser[name]) for name in parser.sections()}
+
+
+def _resolution(sections: Mapping[str, Mapping[str, str]], size: Size | None) -> tuple[str, str]:
+    """The resolution of the images: the same size, else the largest of the same shape, else the largest."""
+    names = [name for name in RESOLUTIONS if f"LEFT_CAM_{name}" in sections and f"RIGHT_CAM_{name}" in sections]
+    if not names:
+        raise ValueError(f"expected LEFT_CAM and RIGHT_CAM sections of {', '.join(RESOLUTIONS)}, found none")
+    if size is None:
+        held = ", ".join(f"{RESOLUTIONS[n][0]}x{RESOLUTIONS[n][1]}" for n in names)
+        return names[0], "" if len(names) == 1 else f" (the largest of {held}; another image size selects another)"
+    for name in names:
+        if RESOLUTIONS[name] == size:
+            return name, ""
+    shaped = [n for n in names if RESOLUTIONS[n][0] * size[1] == RESOLUTIONS[n][1] * size[0]]
+    return (shaped or names)[0], ""
+
+
+def _zed_camera(sections: Mapping[str, Mapping[str, str]], name: str, size: Size) -> Camera:
+    # Newer files keep the lens, which is the same at every resolution, in a section of its own.
+    values = {**sections.get(f"{name.split('_')[0]}_DISTO", {}), **sections[name]}
+    matrix = np.array([number(entry(values, key), f"{key} of {name}") for key in ("fx", "fy", "cx", "cy")])
+    coefficients = np.array([number(values.get(key, 0.0), f"{key} of {name}") for key in _COEFFICIENTS])
+    return camera(size, matrix, coefficients if np.any(coefficients[5:]) else coefficients[:5], None, name)
+
+
+def _pose(stereo: Mapping[str, str], resolution: str, unit_m: float) -> SE3:
+    """Rotation vector (RX, CV, RZ) and shift (-Baseline, TY, TZ) from left to right."""
+
+    def value(*keys: str) -> float:
+        for key in keys:
+            for full in (f"{key}_{resolution}", key):
+                if full in stereo:
+                    return number(stereo[full], full)
+        return 0.0
+
+    baseline = number(entry(stereo, "Baseline", "BaseLine"), "Baseline")
+    translation = np.array([-baseline, value("TY"), value("TZ")]) * unit_m
+    return SE3.from_rotvec([value("RX"), value("CV", "RY"), value("RZ")], translation)
+
+
+def _zed_write(rig: StereoRig, path: Path) -> list[Path]:
+    names = [name for name, size in RESOLUTIONS.items() if size == rig.left.size]
+    if not names:
+        held = ", ".join(f"{w}x{h}" for w, h in RESOLUTIONS.values())
+        raise ValueError(f"the ZED format holds images of {held}, not {rig.left.width}x{rig.left.height}")
+    name = names[0]
+    lines = [*_camera_lines(f"LEFT_CAM_{name}", rig.left), *_camera_lines(f"RIGHT_CAM_{name}", rig.right)]
+    x, y, z = (float(v) / _MILLIMETRE_M for v in rig.right_SE3_left.translation)
+    rx, ry, rz = (float(v) for v in rig.right_SE3_left.rotvec)
+    lines += ["[STEREO]", f"Baseline={-x!r}", f"TY={y!r}", f"TZ={z!r}"]
+    lines += [f"RX_{name}={rx!r}", f"CV_{name}={ry!r}", f"RZ_{name}={rz!r}", ""]
+    write_whole(path, "\n".join(lines))
+    return [path]
+
+
+def _camera_lines(section: str, one: Camera) -> list[str]:
+    _, coefficients = held("ZED", one, {"brown": 5, "rational": 8})
+    intrinsics = [f"{key}={float(getattr(one, key))!r}" for key in ("fx", "fy", "cx", "cy")]
+    return [f"[{section}]", *intrinsics, *(f"{k}={v!r}" for k, v in zip(_COEFFICIENTS, coefficients, strict=False)), ""]
+
+
+ZED = Format("zed", "ZED factory conf", _zed_part, _zed_read, _zed_write, ".conf")

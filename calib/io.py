@@ -1,0 +1,213 @@
+"""Files of users: text of a sane size, files written whole, and lengths and sizes as text."""
+
+from __future__ import annotations
+
+import errno
+import math
+import os
+import re
+import stat
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from calib.errors import InputError
+
+MAX_BYTES = 2_000_000
+"""Settings, rules and calibrations are kilobytes; anything larger is something else and is not read."""
+MAX_TOML = 200_000
+"""TOML that people write has some thousand characters; the parser takes a second for so many."""
+MAX_DEPTH = 32
+"""Deepest nesting of tables and lists: parsers recurse, and what people write has five (our choice)."""
+REASONS = {
+    errno.ENOENT: "nothing there",
+    errno.EACCES: "no permission",
+    errno.EPERM: "no permission",
+    errno.EEXIST: "something else in its place",
+    errno.ENOTDIR: "a file where a folder is expected",
+    errno.EISDIR: "a folder",
+    errno.ENOSPC: "no space left on the disk",
+    errno.EDQUOT: "no space left in the quota",
+    errno.EROFS: "a file system that is read-only",
+    errno.ENAMETOOLONG: "a name that is too long",
+    errno.ELOOP: "links that lead in a circle",
+    errno.EMFILE: "too many open files",
+    errno.EIO: "a disk that fails",
+}
+"""What the system's error numbers mean, for people."""
+_PARTS = re.compile(r"[=,\n]")
+_BRACKETS = re.compile(r"[\[\]{}]")
+
+
+def reason(error: Exception) -> str:
+    """Why a file cannot be read or written, in words that end "found ..." or "cannot be written (...)"."""
+    text = REASONS.get(error.errno or 0) if isinstance(error, OSError) else None
+    return text or " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
+
+
+def require_file(path: Path, what: str) -> int:
+    """Size of a regular file [bytes]; reading a pipe or a device could wait or go on for ever.
+
+    Raises:
+        InputError: nothing there, or no regular file.
+    """
+    try:
+        status = path.stat()
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: expected {what}, found {reason(error)}") from error
+    if not stat.S_ISREG(status.st_mode):
+        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe or a device"
+        raise InputError(f"{path}: expected {what}, found {kind}")
+    return status.st_size
+
+
+def read_text(path: Path, what: str, max_bytes: int = MAX_BYTES) -> str:
+    """The text of a small file in UTF-8, with or without a byte order mark.
+
+    Args:
+        what: the file should be, for messages.
+    Raises:
+        InputError: no regular file, larger than ``max_bytes``, unreadable, or not text.
+    """
+    size = require_file(path, what)
+    if size > max_bytes:
+        raise InputError(f"{path}: expected {what} of up to {max_bytes} bytes, found {size}")
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: expected {what}, found {reason(error)}") from error
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """The tables of a TOML text.
+
+    Raises:
+        ValueError: not TOML, longer than MAX_TOML, or keys or lists nested deeper than MAX_DEPTH.
+    """
+    if len(text) > MAX_TOML:
+        raise ValueError(f"expected TOML of up to {MAX_TOML} characters, found {len(text)}")
+    if max(part.count(".") for part in _PARTS.split(text)) > MAX_DEPTH or _depth(text) > MAX_DEPTH:
+        raise ValueError(f"expected keys and lists nested up to {MAX_DEPTH} deep, found deeper ones")
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError("expected keys and lists nested less deeply") from error
+
+
+def load_toml(path: Path, what: str) -> dict[str, Any]:
+    """The tables of a TOML file.
+
+    Raises:
+        InputError: as ``read_text``, or not TOML.
+    """
+    try:
+        return parse_toml(read_text(path, what))
+    except ValueError as error:
+        raise InputError(f"{path}: expected {what}, found {error}") from error
+
+
+def _depth(text: str) -> int:
+    """Deepest nesting of brackets, those in strings and comments included."""
+    depth = deepest = 0
+    for bracket in _BRACKETS.findall(text):
+        depth = max(0, depth + (1 if bracket in "[{" else -1))
+        deepest = max(deepest, depth)
+    return deepest
+
+
+PART = ".part"
+"""Ending of a file that is being written; what is found under it later is what a killed program left."""
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """The place to write a file to, which becomes ``path`` in one step when the block ends without an error.
+
+    Its folder is made if need be.
+    After an error nothing is left of it, and an earlier file at ``path`` is as it was. Links are followed; a device or
+    a pipe, which cannot be replaced, is written directly.
+
+    Raises:
+        OSError: the file cannot be written, synced or renamed.
+    """
+    target = Path(os.path.realpath(path))
+    if target.exists() and not target.is_file():
+        yield target
+        return
+    target.parent.mkdir(parents=True, exist_ok=True)
+    part = target.with_name(target.name + PART)
+    try:
+        yield part
+        sync(part)
+        os.replace(part, target)
+    except BaseException:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise
+    sync_folder(target.parent)
+
+
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Replace a file by text (UTF-8) or bytes in one step (see ``whole_file``)."""
+    with whole_file(path) as part:
+        part.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def sync(path: Path) -> None:
+    """Bring a file's content to the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def sync_folder(folder: Path) -> None:
+    """Bring a folder's names to the disk, where the system can."""
+    with suppress(OSError):
+        sync(folder)
+
+
+UNITS_M: dict[str, float] = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "ft": 0.3048}
+_LENGTH = re.compile(r"\s*([0-9.,eE+-]*?)\s*([a-zA-Zµ]+)\s*")
+
+
+def parse_length(text: str, what: str = "length") -> float:
+    """A positive length in metres.
+
+    Args:
+        text: a number with its unit; a unit alone means one of it.
+        what: name of the option, for the message.
+    Raises:
+        InputError: no unit, an unknown one, or no positive finite number.
+    """
+    match = _LENGTH.fullmatch(text.replace("µ", "u"))
+    known = ", ".join(UNITS_M)
+    if match is None or match[2].lower() not in UNITS_M:
+        raise InputError(f"{what}: expected a length with its unit ({known}), e.g. 24.23mm, found {text!r}")
+    try:
+        value = float(match[1]) if match[1] else 1.0
+    except ValueError:
+        raise InputError(f"{what}: expected a length such as 24.23mm, found {text!r}") from None
+    if not (math.isfinite(value) and value > 0):
+        raise InputError(f"{what}: expected a positive length, found {text!r}")
+    return value * UNITS_M[match[2].lower()]
+
+
+def parse_size(text: str, what: str = "size") -> tuple[int, int]:
+    """Width and height from text such as 1280x720.
+
+    Raises:
+        InputError: other text.
+    """
+    match = re.fullmatch(r"\s*(\d{1,5})\s*[xX×]\s*(\d{1,5})\s*", text)
+    if match is None or int(match[1]) < 1 or int(match[2]) < 1:
+        raise InputError(f"{what}: expected WIDTHxHEIGHT, e.g. 1280x720, found {text!r}")
+    return int(match[1]), int(match[2])
+
+
+def size_text(size: tuple[int, int]) -> str:
+    """Width and height as ``parse_size`` reads them."""
+    return f"{size[0]}x{size[1]}"

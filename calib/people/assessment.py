@@ -1,0 +1,267 @@
+"""How well samples tell a camera: floor error expected where they were taken, and what would help most; ours."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.ground_camera import GroundCamera
+from calib.people.model import (
+    FOCAL,
+    HEIGHT,
+    KNOWN_FOCAL_STD,
+    KNOWN_HEIGHT_STD,
+    N_CAMERA,
+    N_SHARED,
+    PERSON_STD,
+    ROLL,
+    TILT,
+    HumanModel,
+)
+from calib.people.refine import (
+    CameraPosterior,
+    GroundCameraFit,
+    Residuals,
+    body_points,
+    predict,
+    shared_camera,
+    shared_of,
+)
+from calib.people.samples import People
+from calib.types import F64
+
+MAX_FLOOR_ERROR_M = 0.5
+"""Floor positions must be known this well [m] (our choice: half the gate within which tracks are matched)..."""
+MAX_FLOOR_SHARE = 0.1
+"""...and to this share of the region's size [1] (our choice: small rooms)."""
+MIN_LEARNABLE_PX = 20.0
+"""A person lower than this in the image tells nothing [px] (our choice)."""
+NEXT_GRID = (13, 10)
+"""Places tried for the next sample, across and down the image (our choice)."""
+FURTHER = 6
+"""So many further samples are a bearable effort (our choice): when they are not enough, a known value is asked for."""
+STEP = 1e-5
+
+
+class CameraDeviations(NamedTuple):
+    """Standard deviations of a camera's values: height and focal length relative [1], tilt and roll [rad]."""
+
+    height: float
+    tilt_rad: float
+    focal: float
+    roll_rad: float
+
+
+class NextSample(NamedTuple):
+    """Where one more person would help most.
+
+    Attributes:
+        foot_px: (u, v) where the person should stand [px].
+        floor_error_m: expected floor error with it.
+    """
+
+    foot_px: tuple[float, float]
+    floor_error_m: float
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """How far a camera from people can be trusted.
+
+    Attributes:
+        enough: whether the floor error is within its limit.
+        floor_error_m: standard deviation of floor positions [m], the median over the region between the samples' feet,
+            after the shift and turn of the floor that fit best (they move no person against another).
+        limit_m: largest floor error that is enough [m].
+        next_sample: where one more person helps most; None where none does.
+        sentence: all of this in plain words, beginning with "enough" or "not enough".
+    """
+
+    enough: bool
+    floor_error_m: float
+    limit_m: float
+    next_sample: NextSample | None
+    sentence: str
+
+
+def camera_deviations(fit: GroundCameraFit) -> CameraDeviations:
+    """Deviations of the camera's values."""
+    std = np.sqrt(np.diag(fit.covariance))
+    return CameraDeviations(float(std[HEIGHT]), float(std[TILT]), float(std[FOCAL]), float(std[ROLL]))
+
+
+def assess(posterior: CameraPosterior, people: People, model: HumanModel) -> Assessment:
+    """Expected floor error over the region that the samples cover, and what would lower it most.
+
+    Args:
+        posterior: the camera and its alternatives.
+        people: the samples.
+        model: the person.
+    """
+    fit = posterior.fit
+    floor = _FloorError(fit.camera, _region(people.rows[:, 6:]))
+    error = floor.among(posterior)
+    limit = min(MAX_FLOOR_ERROR_M, MAX_FLOOR_SHARE * floor.size_m)
+    # What more would bring is computed linearly, and taken in proportion.
+    ratio = error / max(floor.linear(fit.covariance), 1e-9) if math.isfinite(error) else math.inf
+    advisor = _Advisor(fit, floor, ratio, limit)
+    found = advisor.next_sample(model)
+    if error <= limit:
+        text = f"enough: floor positions are known to {error:.2f} m where people were marked"
+        return Assessment(True, error, limit, found, text)
+    text = f"not enough: floor positions are known to {_metres(error)} only (at most {limit:.2g} m); "
+    return Assessment(False, error, limit, found, text + advisor.advice(found))
+
+
+class _FloorError:
+    """Errors of floor positions at pixels, without the rigid motion that moves all of them alike."""
+
+    def __init__(self, camera: GroundCamera, pixels: F64) -> None:
+        floor = camera.back_project(pixels)
+        known = np.isfinite(floor).all(axis=1)
+        self.pixels, self.floor = pixels[known], floor[known]
+        low, high = np.quantile(self.floor, (0.05, 0.95), axis=0) if len(self.floor) else (np.zeros(2), np.zeros(2))
+        self.size_m = float(np.hypot(*(high - low)))
+        centred = self.floor - self.floor.mean(axis=0)
+        rigid = np.zeros((len(self.floor), 2, 3))
+        rigid[:, 0, 0] = rigid[:, 1, 1] = 1.0
+        rigid[:, 0, 2], rigid[:, 1, 2] = -centred[:, 1], centred[:, 0]
+        self._rigid = np.linalg.qr(rigid.reshape(-1, 3))[0]
+        shared = np.zeros(N_SHARED)
+        shared[[FOCAL, HEIGHT]] = math.log(camera.focal_px), math.log(camera.height_m)
+        shared[[TILT, ROLL]] = camera.tilt_rad, camera.roll_rad
+        slopes = []
+        for k in range(N_CAMERA):
+            step = STEP * (np.arange(N_SHARED) == k)
+            ahead, behind = (shared_camera(shared + sign * step, camera) for sign in (1.0, -1.0))
+            slopes.append((ahead.back_project(self.pixels) - behind.back_project(self.pixels)) / (2 * STEP))
+        self._slope = self._without_motion(np.nan_to_num(np.stack(slopes, axis=-1)).reshape(-1, N_CAMERA))
+
+    def linear(self, covariance: F64) -> float:
+        """Median over the pixels of the deviation [m], for a covariance of the shared unknowns."""
+        if not np.isfinite(covariance).all() or not len(self.floor):
+            return math.inf
+        return math.sqrt(float(np.median(self._variance(covariance))))
+
+    def among(self, posterior: CameraPosterior) -> float:
+        """Median over the pixels of the deviation [m] from the alternatives and their own covariances."""
+        if not np.isfinite(posterior.fit.covariance).all() or not len(self.floor):
+            return math.inf
+        total = np.zeros(len(self.floor))
+        for fit, weight in zip(posterior.alternatives, posterior.weights, strict=True):
+            off = np.nan_to_num(fit.camera.back_project(self.pixels) - self.floor)
+            apart = (self._without_motion(off.reshape(-1, 1)).reshape(-1, 2) ** 2).sum(axis=1)
+            total += weight * (apart + self._variance(fit.covariance))
+        return math.sqrt(float(np.median(total)))
+
+    def _variance(self, covariance: F64) -> F64:
+        camera = covariance[:N_CAMERA, :N_CAMERA]
+        variance = np.einsum("ik,kl,il->i", self._slope, camera, self._slope)
+        return np.asarray(variance.reshape(-1, 2).sum(axis=1))
+
+    def _without_motion(self, field: F64) -> F64:
+        return np.asarray(field - self._rigid @ (self._rigid.T @ field))
+
+
+def _region(feet: F64) -> F64:
+    """(m, 2) pixels: the feet and the middles between any two of them."""
+    first, second = np.triu_indices(len(feet))
+    middles = 0.5 * (feet[first] + feet[second])
+    return np.asarray(middles[:: max(1, len(middles) // 1000)])
+
+
+def _possible(fit: GroundCameraFit, model: HumanModel) -> tuple[F64, F64]:
+    """Places (k, 2) [m] all over the image where a whole person of a useful size would be, and their rows (k, 8)."""
+    camera = fit.camera
+    across, down = (np.linspace(0, extent - 1, n) for extent, n in zip(camera.size, NEXT_GRID, strict=True))
+    places = camera.back_project(np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2))
+    places = places[np.isfinite(places).all(axis=1)]
+    size, width = np.full(len(places), fit.stature), np.full(len(places), fit.girth)
+    upright = np.zeros_like(places)
+    rows = predict(shared_of(fit), places, upright, size, width, camera, body_points(model), fit.prior)
+    inside = (rows[:, :2] >= 0).all(axis=1) & (rows[:, 2:4] < np.array(camera.size)).all(axis=1)
+    tall = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1]) >= MIN_LEARNABLE_PX
+    return places[inside & tall], rows[inside & tall]
+
+
+def _information(fit: GroundCameraFit, further: People, places: F64, model: HumanModel) -> F64:
+    """(k, N_SHARED, N_SHARED) what each further person tells of the shared unknowns, its own place being free."""
+    values = np.append(shared_of(fit), places)
+    jacobian = Residuals(fit.camera, further, model, fit.prior, values).jacobian(values)
+    blocks = jacobian[: 8 * len(places)].reshape(len(places), 8, -1)
+    shared = blocks[..., :N_SHARED]
+    numbers = np.arange(len(places))
+    own = np.stack([blocks[numbers, :, N_SHARED + 2 * numbers + k] for k in range(2)], axis=-1)
+    own_t = own.transpose(0, 2, 1)
+    left_over = shared - own @ np.linalg.solve(own_t @ own + 1e-12 * np.eye(2), own_t @ shared)
+    return np.asarray(left_over.transpose(0, 2, 1) @ left_over)
+
+
+@dataclass(eq=False)
+class _Advisor:
+    """What would lower the floor error: another person, many, or a known value."""
+
+    fit: GroundCameraFit
+    floor: _FloorError
+    ratio: float
+    limit: float
+    gain: F64 | None = None
+
+    def next_sample(self, model: HumanModel) -> NextSample | None:
+        """The place that lowers the floor error most."""
+        if not np.isfinite(self.fit.covariance).all():
+            return None
+        places, rows = _possible(self.fit, model)
+        if not len(places):
+            return None
+        further = People(rows, np.ones(len(rows)), np.full(len(rows), PERSON_STD), np.zeros(len(rows), np.bool_))
+        gains = _information(self.fit, further, places, model)
+        errors = [self._error_after(gain) for gain in gains]
+        best = int(np.argmin(errors))
+        self.gain = gains[best]
+        return NextSample((float(rows[best, 6]), float(rows[best, 7])), errors[best])
+
+    def advice(self, found: NextSample | None) -> str:
+        """What to do, in words."""
+        told = [name for name, k, std in _KNOWABLE if self._enough(np.diag((np.arange(N_SHARED) == k) / std**2))]
+        give = f"give {' or '.join(told)}" if told else ""
+        if found is None or self.gain is None:
+            return give or "mark more people, at more distances"
+        u, v = found.foot_px
+        more = f"add people {_where(self.fit, found.foot_px)}, near pixel ({u:.0f}, {v:.0f})"
+        reached = self._enough(FURTHER * self.gain)
+        if self.fit.prior.boxes_only:
+            more, reached = "mark heads and feet where they are, not at the middles of the boxes' edges", False
+        if give and not reached:
+            return f"{give}, or {more}"
+        return f"{more}, or {give}" if give else more
+
+    def _enough(self, gain: F64) -> bool:
+        return bool(np.isfinite(self.fit.covariance).all()) and self._error_after(gain) <= self.limit
+
+    def _error_after(self, gain: F64) -> float:
+        after: F64 = np.linalg.inv(np.linalg.inv(self.fit.covariance) + gain).astype(np.float64)
+        return self.ratio * self.floor.linear(after)
+
+
+_KNOWABLE = (
+    ("the focal length or field of view", FOCAL, KNOWN_FOCAL_STD),
+    ("the camera's height", HEIGHT, KNOWN_HEIGHT_STD),
+)
+
+
+def _where(fit: GroundCameraFit, foot_px: tuple[float, float]) -> str:
+    distances = np.hypot(*fit.places_m.T)
+    distance = float(np.hypot(*fit.camera.back_project(foot_px)))
+    if distance < 0.75 * np.median(distances):
+        return "nearer to the camera"
+    if distance > 1.33 * np.median(distances):
+        return "farther from the camera"
+    return "at the left of the image" if foot_px[0] < fit.camera.width / 2 else "at the right of the image"
+
+
+def _metres(error: float) -> str:
+    return f"{error:.2f} m" if error < 100 else "more than 100 m"

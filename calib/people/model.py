@@ -1,0 +1,282 @@
+"""A standing person as three cylinders (Zhang et al. 2008, section 3.1), and what is known before any sample."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.ground_camera import GroundCamera
+from calib.people.samples import HumanSample, People
+from calib.types import F64, Bool
+
+CIRCLE_POINTS = 16
+"""Points sampled on each circle; with 16 the polygon's box equals the circle's along both axes."""
+HULL_POINTS = 24
+"""Vertices of a projected hull: its extreme points in so many directions (our choice; within 1 % of the area)."""
+
+
+@dataclass(frozen=True)
+class HumanModel:
+    """Head, torso and leg cylinders of one person (figure 2, table 1).
+
+    Attributes:
+        head_m, torso_m, leg_m: heights of the cylinders [m]; their sum is the person's height.
+        head_radius_m, torso_radius_m, leg_radius_m: their radii [m].
+    Raises:
+        ValueError: a size that is not positive and finite.
+    """
+
+    head_m: float = 0.27
+    torso_m: float = 0.70
+    leg_m: float = 0.79
+    head_radius_m: float = 0.09
+    torso_radius_m: float = 0.21
+    leg_radius_m: float = 0.12
+
+    def __post_init__(self) -> None:
+        sizes = (self.head_m, self.torso_m, self.leg_m, self.head_radius_m, self.torso_radius_m, self.leg_radius_m)
+        if not all(math.isfinite(s) and s > 0 for s in sizes):
+            raise ValueError(f"expected positive cylinder sizes [m], got {sizes}")
+
+    @property
+    def height_m(self) -> float:
+        """Floor to the top of the head [m]; 1.76 by default."""
+        return self.head_m + self.torso_m + self.leg_m
+
+    @property
+    def planes(self) -> tuple[tuple[float, float], ...]:
+        """(height, radius) [m] of the four critical planes, floor first: the wider cylinder where two meet."""
+        hip, shoulder = self.leg_m, self.leg_m + self.torso_m
+        return (
+            (0.0, self.leg_radius_m),
+            (hip, max(self.leg_radius_m, self.torso_radius_m)),
+            (shoulder, max(self.torso_radius_m, self.head_radius_m)),
+            (self.height_m, self.head_radius_m),
+        )
+
+    def scaled(self, height_m: float) -> HumanModel:
+        """The same proportions at another body height [m]."""
+        s = height_m / self.height_m
+        return HumanModel(
+            self.head_m * s,
+            self.torso_m * s,
+            self.leg_m * s,
+            self.head_radius_m * s,
+            self.torso_radius_m * s,
+            self.leg_radius_m * s,
+        )
+
+    def circles(self) -> F64:
+        """(4 * CIRCLE_POINTS, 3) float64 [m]: points on the circles of the critical planes, person at the origin."""
+        angle = 2.0 * np.pi * np.arange(CIRCLE_POINTS) / CIRCLE_POINTS
+        unit = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        rings = [np.column_stack([r * unit, np.full(CIRCLE_POINTS, z)]) for z, r in self.planes]
+        return np.concatenate(rings)
+
+    def outline_points(self, camera: GroundCamera, xy_m: ArrayLike) -> F64:
+        """Pixels of the circles' points, whose convex hull is the person's outline (figure 3).
+
+        Args:
+            camera: of the image.
+            xy_m: (..., 2) floor positions [m].
+        Returns:
+            (..., 4 * CIRCLE_POINTS, 2) float64 [px]; NaN for points behind the camera.
+        """
+        xy = np.asarray(xy_m, dtype=np.float64)
+        points = np.broadcast_to(self.circles(), (*xy.shape[:-1], 4 * CIRCLE_POINTS, 3)).copy()
+        points[..., :2] += xy[..., None, :]
+        return camera.project(points)
+
+    def hulls(self, camera: GroundCamera, xy_m: ArrayLike) -> F64:
+        """Convex hulls of people at many positions.
+
+        Args:
+            camera: of the image.
+            xy_m: (..., 2) floor positions [m].
+        Returns:
+            (..., HULL_POINTS, 2) float64 [px], a convex polygon in order of angle (vertices may repeat);
+            all NaN where a part of the person is behind the camera.
+        """
+        points = self.outline_points(camera, xy_m)
+        bad: Bool = np.asarray(~np.isfinite(points).all(axis=(-2, -1)))
+        pick = np.argmax(_whitened(np.where(bad[..., None, None], 0.0, points)) @ _directions().T, axis=-2)
+        hulls = np.take_along_axis(points, pick[..., None], axis=-2)
+        hulls[bad] = np.nan
+        return hulls
+
+    def hull(self, camera: GroundCamera, x_m: float, y_m: float) -> F64:
+        """(HULL_POINTS, 2) float64 [px]: the convex hull of one person (see ``hulls``)."""
+        return self.hulls(camera, (x_m, y_m))
+
+    def head(self, camera: GroundCamera, xy_m: ArrayLike) -> F64:
+        """(..., 2) float64 [px]: the top of the head's centre, for (..., 2) floor positions [m]."""
+        return camera.project(_at_height(xy_m, self.height_m))
+
+    def foot(self, camera: GroundCamera, xy_m: ArrayLike) -> F64:
+        """(..., 2) float64 [px]: the middle between the feet, for (..., 2) floor positions [m]."""
+        return camera.project(_at_height(xy_m, 0.0))
+
+    def boxes(self, camera: GroundCamera, xy_m: ArrayLike) -> F64:
+        """(..., 4) float64 left, top, width, height [px] of the outline, for (..., 2) floor positions [m]."""
+        points = self.outline_points(camera, xy_m)
+        low, high = points.min(axis=-2), points.max(axis=-2)
+        return np.concatenate([low, high - low], axis=-1)
+
+
+def _directions() -> F64:
+    angle = 2.0 * np.pi * np.arange(HULL_POINTS) / HULL_POINTS
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def _whitened(points: F64) -> F64:
+    """Points stretched to equal spread along both axes: an affine map keeps the hull and evens out its corners."""
+    centred = points - points.mean(axis=-2, keepdims=True)
+    xx, yy, xy = ((centred[..., i] * centred[..., j]).mean(axis=-1) for i, j in ((0, 0), (1, 1), (0, 1)))
+    sx = np.sqrt(np.maximum(xx, 1e-12))
+    sy = np.sqrt(np.maximum(yy - (xy / sx) ** 2, 1e-12))
+    x = centred[..., 0] / sx[..., None]
+    return np.stack([x, (centred[..., 1] - (xy / sx)[..., None] * x) / sy[..., None]], axis=-1)
+
+
+def _at_height(xy_m: ArrayLike, height_m: float) -> F64:
+    xy = np.asarray(xy_m, dtype=np.float64)
+    return np.concatenate([xy, np.full((*xy.shape[:-1], 1), height_m)], axis=-1)
+
+
+FOCAL, HEIGHT, TILT, ROLL, GIRTH, STATURE = range(6)
+"""Order of the shared unknowns: log focal length, log camera height, tilt, roll, log of people's width and of their
+mean height over the model's; two per person, its place, follow."""
+N_SHARED = 6
+N_CAMERA = 4
+"""The first so many of them are the camera's."""
+FIELDS_DEG: dict[str, tuple[float, float]] = {
+    "pinhole": (20.0, 90.0),
+    "normal": (20.0, 90.0),
+    "normal-wide": (60.0, 120.0),
+    "fisheye": (120.0, 150.0),
+    "black-corner-fisheye": (150.0, 170.0),
+}
+"""Horizontal field of view per lens class: table 2, with the ends it leaves open closed by us. The paper's pinhole
+(below 30 degrees, or synthetic video of any) is given the range of a normal lens, and both up to 90 degrees in place of
+60: many webcams are as wide with hardly any distortion."""
+KNOWN_FOCAL_STD = 0.02
+"""Relative deviation of a focal length that was told: data sheets and EXIF round (our choice)."""
+KNOWN_HEIGHT_STD = 0.02
+"""Relative deviation of a camera height that was measured (our choice)."""
+KNOWN_PERSON_STD = 0.01
+"""Relative deviation of a body height that was told, with shoes (our choice)."""
+STATURE_STD = 0.025
+"""Relative deviation of the mean height of some people from the model's (our choice: 1.76 m with shoes lies between
+women and men of most countries)."""
+PERSON_STD = 0.045
+"""Relative deviation of one adult's height from the mean (our choice: women and men together, 8 cm)."""
+WIDTH_STD = 0.12
+"""Relative deviation of the width of one person's box from the mean (our choice: arms, strides, turned sideways)."""
+LEAN_M = 0.04
+"""Deviation of the head from above the middle between the feet along each floor axis [m] (our choice: gait)."""
+
+
+@dataclass(frozen=True)
+class KnownValues:
+    """Values known beside the samples; None where not known.
+
+    Attributes:
+        focal_px: focal length [px of the samples' image].
+        field_deg: horizontal field of view [deg], in place of the focal length.
+        height_m: camera height above the floor [m].
+        person_height_m: mean height of the people [m]; a sample may have its own (``HumanSample.height_m``).
+    Raises:
+        ValueError: a value out of range, or both focal length and field of view.
+    """
+
+    focal_px: float | None = None
+    field_deg: float | None = None
+    height_m: float | None = None
+    person_height_m: float | None = None
+
+    def __post_init__(self) -> None:
+        ranges = {"focal_px": (10, 1e5), "field_deg": (2, 175), "height_m": (0.3, 200), "person_height_m": (0.5, 2.5)}
+        for name, (low, high) in ranges.items():
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                raise ValueError(f"expected {name} within {low:g} to {high:g}, found {value:g}")
+        if self.focal_px is not None and self.field_deg is not None:
+            raise ValueError("expected focal_px or field_deg, found both")
+
+    def focal(self, width: int, k: float) -> float | None:
+        """Focal length [px] of an image ``width`` wide whose lens has the distortion ``k`` [1/px]; None if unknown."""
+        if self.field_deg is None:
+            return self.focal_px
+        # Half the width is where the distorted ray ends: r' = r + k r^2, its smaller root.
+        edge = width / 2
+        root = 1.0 + 4.0 * k * edge
+        return 2.0 * edge / (1.0 + math.sqrt(max(root, 0.0))) / math.tan(math.radians(self.field_deg) / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class CameraPrior:
+    """Mean and deviation of every shared unknown, and how well points are marked.
+
+    Attributes:
+        mean, std: (N_SHARED,) float64.
+        boxes_only: heads and feet are but the middles of the boxes' edges.
+        level_ends: boxes end at the marked heads and feet, and not where the outline does.
+    """
+
+    mean: F64
+    std: F64
+    boxes_only: bool
+    level_ends: bool
+
+
+def usual_focal_px(lens: str, width: int) -> float:
+    """Middle of the focal lengths of a lens class [px], in equal ratios."""
+    narrow, wide = (0.5 * width / math.tan(math.radians(field) / 2) for field in FIELDS_DEG[lens])
+    return math.sqrt(narrow * wide)
+
+
+def prior_of(camera: GroundCamera, known: KnownValues, boxes_only: bool, level_ends: bool) -> CameraPrior:
+    """The prior of a lens class and of the known values.
+
+    Boxes take in arms and strides, so the width of people is free in them; where head and foot are marked and from
+    straight above only the model's own width, which the paper fixes, tells height from focal length, so it is trusted.
+    Roll: Zhang 2008, section 2, assumption 3, no significant one. All our choice.
+
+    Args:
+        camera: any camera of the lens and image size.
+        known: values given.
+        boxes_only: samples without heads and feet of their own.
+        level_ends: samples whose boxes end at head and foot.
+    """
+    mean, std = np.zeros(N_SHARED), np.full(N_SHARED, np.inf)
+    mean[FOCAL] = math.log(usual_focal_px(camera.lens, camera.width))
+    # Deviation of the log of a class's focal lengths, were they uniform; at least 0.3, since classes overlap.
+    narrow, wide = (math.tan(math.radians(field) / 2) for field in FIELDS_DEG[camera.lens])
+    std[FOCAL] = max(0.3, math.log(wide / narrow) / math.sqrt(12.0))
+    std[ROLL] = math.radians(2.0)
+    std[GIRTH] = 0.5 if boxes_only else 0.05
+    std[STATURE] = STATURE_STD if known.person_height_m is None else KNOWN_PERSON_STD
+    focal = known.focal(camera.width, camera.distortion_k)
+    if focal is not None:
+        mean[FOCAL], std[FOCAL] = math.log(focal), KNOWN_FOCAL_STD
+    if known.height_m is not None:
+        mean[HEIGHT], std[HEIGHT] = math.log(known.height_m), KNOWN_HEIGHT_STD
+    return CameraPrior(mean, std, boxes_only, level_ends)
+
+
+def people_of(samples: Sequence[HumanSample], model: HumanModel, independent: int | None = None) -> People:
+    """Samples as arrays, with what is expected of each person's height, and how many are worth one."""
+    told = np.array([s.height_m is not None for s in samples], dtype=np.bool_)
+    scale = np.array([1.0 if s.height_m is None else s.height_m / model.height_m for s in samples])
+    deviation = np.where(told, KNOWN_PERSON_STD, PERSON_STD)
+    repeats = max(1.0, len(samples) / max(1, independent or len(samples)))
+    return People(np.stack([s.row() for s in samples]), scale, deviation, told, repeats)
+
+
+def scaled_model(model: HumanModel, known: KnownValues) -> HumanModel:
+    """The model at the height known of the people."""
+    return model if known.person_height_m is None else model.scaled(known.person_height_m)

@@ -1,0 +1,415 @@
+"""Generalised least squares on head, foot and box after the search, and several solutions as one camera; ours.
+
+The paper's error sums distances, and a box as a ratio of areas; its minimum scatters two to three times as much as
+least squares on the same pixels. People differ in height and lean; both move head, foot and box together, so that the
+residuals of a person are whitened by their covariance. How flat the minimum is tells how well the camera is known.
+
+How strongly people lean towards the image's edges goes with the square of the focal length, so that a short one seems
+better known than it is: its distribution is skewed, and is followed over a row of focal lengths that are held.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from calib.ground_camera import GroundCamera
+from calib.people.model import (
+    FOCAL,
+    GIRTH,
+    HEIGHT,
+    LEAN_M,
+    N_CAMERA,
+    N_SHARED,
+    ROLL,
+    STATURE,
+    TILT,
+    WIDTH_STD,
+    CameraPrior,
+    HumanModel,
+)
+from calib.people.samples import People
+from calib.types import F64, Bool
+
+POINT_PX = 2.0
+"""Deviation of a point or edge marked by hand [px] (our choice: what people reach on a screen)."""
+BODY_SHARE = 0.02
+"""Arms and steps move the edges of a box by this share of its diagonal [1]: some 4 cm of 1.8 m (our choice)."""
+ROBUST_FROM = 2.0
+"""Residuals beyond this many deviations count by their size instead of its square (our choice)."""
+MAX_EVALUATIONS = (12, 40)
+"""Evaluations in the first and in the second round of ``refine``; where the variation of people is given, there is but
+the first."""
+VARIATIONS = (1.0, 0.5, 0.25)
+"""People are tried as varying so much as expected, and less [1]: one person who walks upright varies little. Each step
+down must raise the log-likelihood by 2 (our choice)."""
+FAR = 1e4
+"""Residual of what is behind a camera."""
+
+
+@dataclass(frozen=True, eq=False)
+class GroundCameraFit:
+    """Result of ``refine``.
+
+    Attributes:
+        camera: at the minimum.
+        prior: what it was fitted with.
+        log_evidence: of the samples under this lens and prior (Laplace's approximation), up to a constant.
+        covariance: (N_SHARED, N_SHARED) of the shared unknowns, larger where people fit worse than expected; inf when
+            undetermined.
+        girth, stature: width and mean height of the people against the model's [1].
+        places_m: (n, 2) where the people stand.
+        variation: how much people vary, over what is expected [1].
+        deviations: (n,) root mean square of the whitened residuals of every person; 1 is expected.
+    """
+
+    camera: GroundCamera
+    prior: CameraPrior
+    log_evidence: float
+    covariance: F64
+    girth: float
+    stature: float
+    places_m: F64
+    variation: float
+    deviations: F64
+
+
+def refine(
+    camera: GroundCamera, people: People, model: HumanModel, prior: CameraPrior, variation: float | None = None
+) -> GroundCameraFit:
+    """Move camera, people and their common width and height to the least squares of all edges and points.
+
+    Args:
+        camera: from the search.
+        people: the samples.
+        model: the person; its height is what gives the scale.
+        prior: of the shared unknowns.
+        variation: how much people vary, over what is expected [1]; None finds it.
+    """
+    shared = np.zeros(N_SHARED)
+    shared[[FOCAL, HEIGHT, TILT, ROLL]] = (
+        math.log(camera.focal_px), math.log(camera.height_m), camera.tilt_rad, camera.roll_rad,
+    )  # fmt: skip
+    values = np.append(shared, _stand(camera, people.rows, model))
+    scale = 1.0 if variation is None else variation
+    for evaluations in MAX_EVALUATIONS if variation is None else MAX_EVALUATIONS[:1]:
+        # What people vary by moves head, foot and box together; how much depends on where the camera is.
+        residuals = Residuals(camera, people, model, prior, values, scale)
+        found = least_squares(
+            residuals, values, residuals.jacobian, loss=residuals.loss, x_scale="jac", ftol=1e-5, max_nfev=evaluations
+        )
+        values = found.x
+        if variation is None:
+            scale = max(VARIATIONS, key=lambda q: _likelihood(Residuals(camera, people, model, prior, values, q)))
+    covariance = _covariance(found.jac)
+    volume = np.linalg.slogdet(covariance)[1] if np.isfinite(covariance).all() else 0.0
+    # The prior's own normalisation: a wide prior promises less.
+    known = np.isfinite(prior.std)
+    evidence = -found.cost - residuals.log_spread + 0.5 * volume - float(np.log(prior.std[known]).sum())
+    shared = values[:N_SHARED]
+    squares = residuals.of_samples(values).reshape(-1, 8) ** 2
+    deviations = np.sqrt(squares.sum(axis=1) * people.repeats / 6.0)
+    return GroundCameraFit(
+        shared_camera(shared, camera),
+        prior,
+        float(evidence),
+        covariance * max(1.0, float(np.median(deviations))) ** 2,
+        math.exp(shared[GIRTH]),
+        math.exp(shared[STATURE]),
+        values[N_SHARED:].reshape(-1, 2),
+        residuals.variation,
+        deviations,
+    )
+
+
+class Residuals:
+    """Residuals of the samples, 8 per person, and then those of the prior; in deviations [1]."""
+
+    def __init__(
+        self,
+        camera: GroundCamera,
+        people: People,
+        model: HumanModel,
+        prior: CameraPrior,
+        values: F64,
+        variation: float = 1.0,
+    ) -> None:
+        """Args as of ``refine``.
+
+        ``values`` are the unknowns at which the covariances of people are taken, ``variation`` scales what people vary
+        by [1].
+        """
+        self.camera, self.people, self.prior, self.values, self.variation = camera, people, prior, values, variation
+        self.body = body_points(model)
+        shared, places = values[:N_SHARED], values[N_SHARED:].reshape(-1, 2)
+        covariance = people.repeats * person_covariance(shared, places, people, self._predicted, variation)
+        self.whiten = np.linalg.inv(np.linalg.cholesky(covariance))
+        self.log_spread = 0.5 * float(np.linalg.slogdet(covariance)[1].sum())
+
+    def __call__(self, values: F64) -> F64:
+        return np.append(self.of_samples(values), (values[:N_SHARED] - self.prior.mean) / self.prior.std)
+
+    def jacobian(self, values: F64, step: float = 1e-7) -> F64:
+        """(8 n + N_SHARED, N_SHARED + 2 n) derivatives; a person's place moves only that person's rows."""
+        n, here = len(self.people), self.of_samples(values)
+        jacobian = np.zeros((8 * n + N_SHARED, len(values)))
+        for k in range(N_SHARED):
+            jacobian[: 8 * n, k] = self._slope(values, here, np.arange(len(values)) == k, step).ravel()
+        numbers = np.arange(n)
+        blocks = jacobian[: 8 * n].reshape(n, 8, len(values))
+        for k in range(2):
+            moved = np.arange(len(values)) >= N_SHARED
+            moved[N_SHARED + 1 - k :: 2] = False
+            blocks[numbers, :, N_SHARED + 2 * numbers + k] = self._slope(values, here, moved, step)
+        jacobian[8 * n :, :N_SHARED] = np.diag(1.0 / self.prior.std)
+        return jacobian
+
+    def loss(self, squares: F64) -> F64:
+        """(3, m) robust loss of squared residuals and its two derivatives: soft L1 for samples, none for the prior.
+
+        The prior of people's width has Cauchy's tails: marked as hulls they have the model's width, and as boxes around
+        arms and strides, any.
+        """
+        loss = np.stack([squares, np.ones_like(squares), np.zeros_like(squares)])
+        n, scale = 8 * len(self.people), ROBUST_FROM**2
+        root = np.sqrt(1.0 + squares[:n] / scale)
+        # Without its second derivative the step is that of reweighted least squares, which far residuals keep definite.
+        loss[0, :n], loss[1, :n] = 2.0 * scale * (root - 1.0), 1.0 / root
+        width = n + GIRTH
+        loss[0, width], loss[1, width] = math.log1p(squares[width]), 1.0 / (1.0 + squares[width])
+        return loss
+
+    def of_samples(self, values: F64) -> F64:
+        """(8 n,) whitened residuals of the samples."""
+        shared, places = values[:N_SHARED], values[N_SHARED:].reshape(-1, 2)
+        if not (abs(shared[TILT]) < math.pi / 2 - 1e-3 and abs(shared[ROLL]) < 0.5 and np.abs(shared).max() < 12.0):
+            return np.full(8 * len(self.people), FAR)
+        off = self._predicted(shared, places, np.zeros((len(places), 4))) - self.people.rows
+        off = np.clip(np.nan_to_num(off, nan=FAR, posinf=FAR, neginf=-FAR), -FAR, FAR)
+        return np.asarray((self.whiten @ off[..., None]).ravel())
+
+    def _predicted(self, shared: F64, places: F64, odd: F64) -> F64:
+        stature = np.where(self.people.told, 0.0, shared[STATURE])
+        size = self.people.scale * np.exp(stature + odd[:, 0])
+        width = np.exp(shared[GIRTH] + odd[:, 3])
+        return predict(shared, places, odd[:, 1:3], size, width, self.camera, self.body, self.prior)
+
+    def _slope(self, values: F64, here: F64, moved: Bool, step: float) -> F64:
+        """(n, 8) derivative by all the unknowns marked in ``moved`` at once."""
+        return ((self.of_samples(values + step * moved) - here) / step).reshape(-1, 8)
+
+
+def _likelihood(residuals: Residuals) -> float:
+    """Robust log-likelihood of the samples where the residuals' covariances were taken."""
+    squares = residuals(residuals.values) ** 2
+    cost = 0.5 * float(residuals.loss(squares)[0, : 8 * len(residuals.people)].sum())
+    return -cost - residuals.log_spread + 2.0 * math.log2(residuals.variation)
+
+
+Predict = Callable[[F64, F64, F64], F64]
+"""Rows (n, 8) from the shared unknowns, places (n, 2) and peculiarities (n, 4): log height, lean along x and y [m], log
+width."""
+
+
+def person_covariance(shared: F64, places: F64, people: People, predicted: Predict, variation: float) -> F64:
+    """(n, 8, 8) covariance of every person's row: marking, arms and steps, height, lean and width."""
+    rows = people.rows
+    diagonal = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])[:, None]
+    sigma = np.hypot(POINT_PX, BODY_SHARE * diagonal) * np.ones((1, 8))
+    sigma[:, 4:] = POINT_PX
+    covariance = sigma[:, :, None] ** 2 * np.eye(8)
+    deviation = np.column_stack([people.scale_std, np.full((len(rows), 3), (LEAN_M, LEAN_M, WIDTH_STD))])
+    for k in range(4):
+        odd = np.zeros((len(rows), 4))
+        odd[:, k] = 1e-4
+        slope = (predicted(shared, places, odd) - predicted(shared, places, -odd)) / 2e-4
+        slope = np.nan_to_num(slope) * variation * deviation[:, k, None]
+        covariance += slope[:, :, None] * slope[:, None, :]
+    return covariance
+
+
+def body_points(model: HumanModel) -> F64:
+    """(m, 3) points of a person at the origin [m]: the circles', the top of the head, the middle of the feet."""
+    return np.concatenate([model.circles(), [[0.0, 0.0, model.height_m], [0.0, 0.0, 0.0]]])
+
+
+def predict(
+    shared: F64, places: F64, lean: F64, size: F64, width: F64, like: GroundCamera, body: F64, prior: CameraPrior
+) -> F64:
+    """(n, 8) rows that the camera would give of people.
+
+    Args:
+        shared: (N_SHARED,) unknowns.
+        places: (n, 2) floor positions [m].
+        lean: (n, 2) from the foot's place to below the head [m].
+        size: (n,) height of each person over the model's [1].
+        width: (n,) width of each over that of a model of its height [1].
+        like: a camera of the same image and lens.
+        body: of the average person (see ``body_points``).
+        prior: how boxes and marks hang together.
+    """
+    camera = shared_camera(shared, like)
+    points = body * size[:, None, None]
+    points[..., :2] *= width[:, None, None]
+    points[..., :2] += places[:, None] + lean[:, None] * (body[:, 2:] / body[-2, 2])
+    pixels = camera.project(points)
+    low, high = pixels[:, :-2].min(axis=1), pixels[:, :-2].max(axis=1)
+    if prior.boxes_only:
+        middle = 0.5 * (low[:, 0] + high[:, 0])
+        return np.column_stack([low, high, middle, low[:, 1], middle, high[:, 1]])
+    if prior.level_ends:
+        low[:, 1], high[:, 1] = pixels[:, -2:, 1].min(axis=1), pixels[:, -2:, 1].max(axis=1)
+    return np.concatenate([low, high, pixels[:, -2], pixels[:, -1]], axis=1)
+
+
+def shared_camera(shared: F64, like: GroundCamera) -> GroundCamera:
+    """The camera of the (N_SHARED,) unknowns, with the image and lens of another."""
+    focal, height = (float(v) for v in np.exp(shared[[FOCAL, HEIGHT]]))
+    return replace(like, focal_px=focal, height_m=height, tilt_rad=float(shared[TILT]), roll_rad=float(shared[ROLL]))
+
+
+def _stand(camera: GroundCamera, rows: F64, model: HumanModel) -> F64:
+    """(n, 2) where the people stand by their feet, or by their heads where the foot is above the horizon."""
+    feet = camera.back_project(rows[:, 6:])
+    heads = camera.back_project(rows[:, 4:6], model.height_m)
+    return np.nan_to_num(np.where(np.isfinite(feet), feet, heads))
+
+
+def _covariance(jacobian: F64) -> F64:
+    """(N_SHARED, N_SHARED) from the robustly weighted Jacobian at the minimum; inf when undetermined."""
+    scale = np.sqrt(np.maximum((jacobian**2).sum(axis=0), 1e-30))
+    _, singular, axes = np.linalg.svd(jacobian / scale, full_matrices=False)
+    if not np.isfinite(singular).all() or singular[-1] < 1e-7 * singular[0]:
+        return np.full((N_SHARED, N_SHARED), np.inf)
+    half = (axes.T / singular)[:N_SHARED] / scale[:N_SHARED, None]
+    return np.asarray(half @ half.T)
+
+
+MIN_PROBABILITY = 0.01
+"""Cameras less probable are left out [1] (our choice)."""
+HELD_STD = 1e-3
+"""Deviation at which a focal length is held [1]."""
+PROFILE = (-0.55, -0.3, -0.13, 0.13, 0.3, 0.55)
+"""Logs of the focal lengths that are held, over the best one (our choice: half to twice)."""
+OUTLINE_PX = 2.0
+"""By so much the ends of outlines err alike [px] (our choice: as much as a hand errs at each)."""
+MIN_PROFILED_STD = 0.06
+"""A focal length known better is as good as normally distributed [1] (our choice)."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraPosterior:
+    """What is known of a camera.
+
+    Attributes:
+        fit: the camera at the mean focal length, with the covariance about it of all alternatives together.
+        alternatives: cameras that explain the samples too; with covariances of their own.
+        weights: (n,) their probabilities, which sum to 1.
+    """
+
+    fit: GroundCameraFit
+    alternatives: Sequence[GroundCameraFit]
+    weights: F64
+
+
+def posterior_of(fits: Sequence[GroundCameraFit], people: People, model: HumanModel) -> CameraPosterior:
+    """The posterior of several fits (lenses, readings of the samples), the best of them first."""
+    best = fits[0]
+    nodes = _profile(best, people, model)
+    others = list(fits[1:])
+    weights = np.array([*(n.log_evidence for n in nodes), *(o.log_evidence for o in others)])
+    weights = np.exp(weights - weights.max())
+    # The nodes share the probability of the best fit.
+    share = np.exp(np.array([best.log_evidence, *(o.log_evidence for o in others)]) - best.log_evidence)
+    share = np.minimum(share, 1.0) / np.minimum(share, 1.0).sum()
+    weights = np.append(share[0] * weights[: len(nodes)] / weights[: len(nodes)].sum(), share[1:])
+    every = [*nodes, *others]
+    kept = [i for i, fit in enumerate(every) if weights[i] >= MIN_PROBABILITY and np.isfinite(fit.covariance).all()]
+    if not kept:
+        return CameraPosterior(best, (best,), np.ones(1))
+    alternatives, weights = [every[i] for i in kept], weights[kept] / weights[kept].sum()
+    mean = best if len(alternatives) == 1 else _at_mean(best, alternatives, weights, people, model)
+    off = np.stack([shared_of(fit) - shared_of(mean) for fit in alternatives])
+    # Width and stature are not of interest beyond the best fit.
+    off[:, N_CAMERA:] = 0.0
+    covariance = np.einsum("i,ijk->jk", weights, np.stack([f.covariance for f in alternatives]))
+    return CameraPosterior(replace(mean, covariance=covariance + (weights * off.T) @ off), alternatives, weights)
+
+
+def with_outline_errors(posterior: CameraPosterior, people: People, model: HumanModel) -> CameraPosterior:
+    """The posterior of samples that are outlines of foreground, whose ends err alike.
+
+    Shadows, blur and compression end all feet, or all heads, a little too high or too low; far people are smaller, so
+    that this looks like another tilt and focal length, and no number of people averages it out. What the camera moves
+    by when all of them are moved is added to its covariance.
+    """
+    fit = posterior.fit
+    still = shared_of(_refitted(fit, people, model))
+    axis = people.rows[:, 6:] - people.rows[:, 4:6]
+    along = axis / np.maximum(np.hypot(*axis.T), 1e-9)[:, None]
+    moves = []
+    number, upright = np.arange(len(people)), along[:, 1] >= 0
+    for point, edge in ((slice(4, 6), np.where(upright, 1, 3)), (slice(6, 8), np.where(upright, 3, 1))):
+        rows = people.rows.copy()
+        rows[:, point] += OUTLINE_PX * along
+        rows[number, edge] += OUTLINE_PX * along[:, 1]
+        moves.append(shared_of(_refitted(fit, replace(people, rows=rows), model)) - still)
+    moved = np.stack(moves)
+    moved[:, N_CAMERA:] = 0.0
+    more = moved.T @ moved
+    alternatives = [replace(other, covariance=other.covariance + more) for other in posterior.alternatives]
+    return replace(posterior, fit=replace(fit, covariance=fit.covariance + more), alternatives=alternatives)
+
+
+def _refitted(fit: GroundCameraFit, people: People, model: HumanModel) -> GroundCameraFit:
+    return refine(fit.camera, people, model, fit.prior, fit.variation)
+
+
+def shared_of(fit: GroundCameraFit) -> F64:
+    """(N_SHARED,) shared unknowns of a fit."""
+    values, camera = np.zeros(N_SHARED), fit.camera
+    values[[FOCAL, HEIGHT]] = math.log(camera.focal_px), math.log(camera.height_m)
+    values[[TILT, ROLL]] = camera.tilt_rad, camera.roll_rad
+    values[N_CAMERA:] = math.log(fit.girth), math.log(fit.stature)
+    return values
+
+
+def _profile(best: GroundCameraFit, people: People, model: HumanModel) -> list[GroundCameraFit]:
+    """The best camera at focal lengths beside its own; their evidences are those of the nodes of an integral."""
+    if not MIN_PROFILED_STD < math.sqrt(best.covariance[FOCAL, FOCAL]) < math.inf:
+        return [best]
+    focal, prior = math.log(best.camera.focal_px), best.prior
+    steps = np.array([*PROFILE[: len(PROFILE) // 2], 0.0, *PROFILE[len(PROFILE) // 2 :]])
+    nodes = []
+    for step, width in zip(steps, np.gradient(steps), strict=True):
+        fit = _held(best, focal + step, people, model)
+        pull = (focal + step - prior.mean[FOCAL]) / prior.std[FOCAL]
+        evidence = fit.log_evidence - 0.5 * pull**2 + math.log(width)
+        nodes.append(replace(fit, log_evidence=evidence))
+    return nodes
+
+
+def _held(fit: GroundCameraFit, log_focal: float, people: People, model: HumanModel) -> GroundCameraFit:
+    """The best camera of a focal length."""
+    mean, std = fit.prior.mean.copy(), fit.prior.std.copy()
+    mean[FOCAL], std[FOCAL] = log_focal, HELD_STD
+    started = replace(fit.camera, focal_px=math.exp(log_focal))
+    held = refine(started, people, model, replace(fit.prior, mean=mean, std=std), fit.variation)
+    return replace(held, prior=fit.prior)
+
+
+def _at_mean(
+    best: GroundCameraFit, alternatives: Sequence[GroundCameraFit], weights: F64, people: People, model: HumanModel
+) -> GroundCameraFit:
+    """The best fit at the mean focal length of the alternatives of its lens."""
+    alike = [(math.log(f.camera.focal_px), w) for f, w in zip(alternatives, weights, strict=True) if _same(f, best)]
+    logs, shares = np.array(alike).T
+    return _held(best, float(logs @ shares / shares.sum()), people, model)
+
+
+def _same(one: GroundCameraFit, other: GroundCameraFit) -> bool:
+    return one.camera.lens == other.camera.lens

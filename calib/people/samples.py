@@ -1,0 +1,304 @@
+"""Samples of standing people (Zhang et al. 2008, section 3.3, figure 5), and the choice of those to calibrate from."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.io import read_text, write_whole
+from calib.types import F64, I64, Bool
+
+COLUMNS = (
+    "left_px", "top_px", "width_px", "height_px", "head_x_px", "head_y_px", "foot_x_px", "foot_y_px",
+)  # fmt: skip
+"""Columns of a CSV of samples, beside an optional ``frame`` and ``height_m`` (the person's); the suffix ``_px`` may be
+left out."""
+MIN_SAMPLES = 3
+"""The paper asks for a person at 3 or more positions."""
+MAX_BYTES = 10_000_000
+
+
+@dataclass(frozen=True)
+class HumanSample:
+    """One standing person.
+
+    Attributes:
+        box_px: left, top, width, height [px].
+        head_px: top of the head (u, v) [px].
+        foot_px: middle between the feet (u, v) [px].
+        frame: index in the video it was taken from, -1 when unknown.
+        height_m: of this person, with shoes [m]; None when unknown.
+    Raises:
+        ValueError: values that are not finite, an empty box, a head or foot far outside the box, or no body height.
+    """
+
+    box_px: tuple[float, float, float, float]
+    head_px: tuple[float, float]
+    foot_px: tuple[float, float]
+    frame: int = -1
+    height_m: float | None = None
+
+    def __post_init__(self) -> None:
+        values = (*self.box_px, *self.head_px, *self.foot_px)
+        if not all(math.isfinite(v) for v in values):
+            raise ValueError(f"expected finite pixels, got {values}")
+        if self.height_m is not None and not 0.5 <= self.height_m <= 2.5:
+            raise ValueError(f"expected a person of 0.5 to 2.5 m, got {self.height_m:g}")
+        left, top, width, height = self.box_px
+        if width <= 0 or height <= 0:
+            raise ValueError(f"expected a box of positive width and height, got {width:g}x{height:g}")
+        for name, (u, v) in (("head", self.head_px), ("foot", self.foot_px)):
+            # A point marked by hand may miss the box by some pixels, not by a quarter of the person.
+            slack = 8.0 + 0.25 * max(width, height)
+            inside = left - slack <= u <= left + width + slack and top - slack <= v <= top + height + slack
+            if not inside:
+                raise ValueError(f"expected the {name} within its box {self.box_px}, got ({u:g}, {v:g})")
+
+    @property
+    def diagonal_px(self) -> float:
+        """Diagonal of the box."""
+        return math.hypot(self.box_px[2], self.box_px[3])
+
+    def row(self) -> F64:
+        """(8,) left, top, right, bottom, head u, v, foot u, v [px]."""
+        left, top, width, height = self.box_px
+        return np.array([left, top, left + width, top + height, *self.head_px, *self.foot_px])
+
+
+@dataclass(frozen=True, eq=False)
+class People:
+    """Samples as arrays.
+
+    Attributes:
+        rows: (n, 8) float64 (see ``HumanSample.row``).
+        scale: (n,) float64 height that is expected of each over the model's [1]; scale_std: its deviation.
+        told: (n,) bool whose height was told; the others' follows the people's mean.
+        repeats: so many samples are worth one independent one [1].
+    """
+
+    rows: F64
+    scale: F64
+    scale_std: F64
+    told: Bool
+    repeats: float = 1.0
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+
+def check_samples(samples: Sequence[HumanSample], size: tuple[int, int], name: str) -> None:
+    """Refuse samples from which no camera can be told.
+
+    Args:
+        samples: to check.
+        size: (width, height) of the image [px].
+        name: of their source, for the message.
+    Raises:
+        InputError: fewer than 3, boxes outside the image, or all at one place.
+    """
+    if len(samples) < MIN_SAMPLES:
+        raise InputError(f"{name}: expected at least {MIN_SAMPLES} samples at different places, found {len(samples)}")
+    width, height = size
+    for i, sample in enumerate(samples, 1):
+        left, top, w, h = sample.box_px
+        slack = 3.0 + 0.02 * max(w, h)
+        if left < -slack or top < -slack or left + w > width + slack or top + h > height + slack:
+            raise InputError(
+                f"{name}: expected boxes inside the image of {width}x{height}, found sample {i} at "
+                f"({left:g}, {top:g}) of {w:g}x{h:g} (wrong image size?)"
+            )
+    feet = np.array([s.foot_px for s in samples])
+    spread = float(np.hypot(*np.ptp(feet, axis=0)))
+    typical = float(np.median([s.diagonal_px for s in samples]))
+    if spread < 0.5 * typical:
+        raise InputError(
+            f"{name}: expected samples spread over the image, found all feet within {spread:.0f} px where people are "
+            f"{typical:.0f} px large: from one place camera height and focal length cannot be told apart"
+        )
+
+
+def only_boxes(rows: F64) -> bool:
+    """Whether heads and feet of (n, 8) rows are but the middles of the boxes' edges, so that they add nothing.
+
+    Taken at their word they would say that people never lean outwards in the image, which is an infinite focal length.
+    """
+    middle = (rows[:, 0] + rows[:, 2]) / 2
+    ends = np.stack([middle, rows[:, 1], middle, rows[:, 3]], axis=1)
+    return bool((np.abs(rows[:, 4:] - ends) <= 1.0).all())
+
+
+def level_ends(rows: F64) -> bool:
+    """Whether the boxes of (n, 8) rows end at the marked heads and feet, where an outline reaches beyond them."""
+    ends = np.sort(rows[:, [5, 7]], axis=1)
+    return bool((np.abs(ends - rows[:, [1, 3]]) <= 1.0).all())
+
+
+def read_samples(path: Path) -> tuple[HumanSample, ...]:
+    """Read samples from CSV (columns ``COLUMNS``) or JSON.
+
+    JSON is a list of objects, or an object with such a list under "samples"; each has "box" [left, top, width,
+    height], "head" [u, v], "foot" [u, v] and optionally "frame" and the person's "height_m", or the columns of the CSV
+    as keys.
+
+    Raises:
+        InputError: unreadable, columns missing, or values that cannot be a person's.
+    """
+    text = _text(path)
+    rows = _json_rows(text, path) if text.lstrip()[:1] in ("[", "{") else _csv_rows(text, path)
+    samples = []
+    for i, row in enumerate(rows, 1):
+        try:
+            samples.append(_sample(row))
+        except KeyError as error:
+            raise InputError(
+                f"{path}: expected the columns {', '.join(COLUMNS)} (or box, head, foot in JSON), "
+                f"found no {error} in sample {i}"
+            ) from error
+        except (ValueError, TypeError, OverflowError) as error:
+            raise InputError(f"{path}: expected a standing person in sample {i}, found: {error}") from error
+    return tuple(samples)
+
+
+def read_image_size(path: Path) -> tuple[int, int] | None:
+    """(width, height) [px] of the image that the samples of a JSON were taken in; None where it does not say.
+
+    Raises:
+        InputError: unreadable, or an "image_size" that is not two positive whole numbers.
+    """
+    text = _text(path)
+    data = _json(text, path) if text.lstrip()[:1] == "{" else {}
+    size = data.get("image_size") if isinstance(data, dict) else None
+    if size is None:
+        return None
+    match size:
+        case [int(width), int(height)] if width > 0 and height > 0:
+            return width, height
+    raise InputError(f'{path}: expected "image_size" as [width, height] in pixels, found {size!r}')
+
+
+def write_samples(samples: Sequence[HumanSample], path: Path, image_size: tuple[int, int] | None = None) -> None:
+    """Write samples as JSON with the (width, height) of their image, or as CSV when the name ends so."""
+    if path.suffix.lower() == ".csv":
+        told = any(s.height_m is not None for s in samples)
+        lines = [",".join(("frame", *COLUMNS, *(["height_m"] if told else [])))]
+        for s in samples:
+            cells = [str(s.frame), *(repr(float(v)) for v in (*s.box_px, *s.head_px, *s.foot_px))]
+            body = "" if s.height_m is None else repr(float(s.height_m))
+            lines.append(",".join([*cells, *([body] if told else [])]))
+        write_whole(path, "\n".join(lines) + "\n")
+        return
+    rows = [
+        {"frame": s.frame, "box": list(s.box_px), "head": list(s.head_px), "foot": list(s.foot_px)}
+        | ({} if s.height_m is None else {"height_m": s.height_m})
+        for s in samples
+    ]
+    size = {} if image_size is None else {"image_size": list(image_size)}
+    write_whole(path, json.dumps({**size, "samples": rows}, indent=1) + "\n")
+
+
+def _text(path: Path) -> str:
+    return read_text(path, "a CSV or JSON file of samples", MAX_BYTES)
+
+
+def _csv_rows(text: str, path: Path) -> list[dict[str, Any]]:
+    try:
+        return [dict(row) for row in csv.DictReader(text.splitlines(), skipinitialspace=True)]
+    except csv.Error as error:
+        raise InputError(f"{path}: expected a CSV of samples, found {error}") from error
+
+
+def _json(text: str, path: Path) -> Any:
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: expected JSON, found {error}") from error
+
+
+def _json_rows(text: str, path: Path) -> list[Mapping[str, Any]]:
+    data = _json(text, path)
+    rows = data.get("samples") if isinstance(data, dict) else data
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise InputError(f"{path}: expected a list of samples with box, head and foot, found something else")
+    return rows
+
+
+def _sample(row: Mapping[str, Any]) -> HumanSample:
+    frame = int(float(row.get("frame") or 0)) if row.get("frame") not in (None, "") else -1
+    if "box" in row:
+        left, top, width, height = (_number(v) for v in row["box"])
+        (head_u, head_v), (foot_u, foot_v) = ([_number(v) for v in row[name]] for name in ("head", "foot"))
+    else:
+        left, top, width, height, head_u, head_v, foot_u, foot_v = (_number(_cell(row, name)) for name in COLUMNS)
+    body = row.get("height_m")
+    body_m = None if body is None or body == "" else _number(body)
+    return HumanSample((left, top, width, height), (head_u, head_v), (foot_u, foot_v), frame, body_m)
+
+
+def _cell(row: Mapping[str, Any], name: str) -> Any:
+    short = name.removesuffix("_px")
+    if name not in row and short not in row:
+        raise KeyError(name)
+    return row[name] if name in row else row[short]
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or value is None:
+        raise ValueError(f"expected a number, got {value!r}")
+    return float(value)
+
+
+def choose_spread(samples: Sequence[HumanSample], count: int) -> tuple[HumanSample, ...]:
+    """Samples that cover the places where people were observed.
+
+    The feet are divided into ``count`` areas (k-means from farthest-point seeds). Of each area the sample is taken
+    whose box is the median in height among those near the area's centre: a stoop, a stride or half a person differ
+    from the median, so no odd one is taken.
+
+    Args:
+        samples: all there are.
+        count: how many to take at most.
+    Returns:
+        At most ``count`` samples, in the order given.
+    """
+    if len(samples) <= count:
+        return tuple(samples)
+    feet = np.array([s.foot_px for s in samples])
+    area = _areas(feet, count)
+    heights = np.array([s.box_px[3] for s in samples])
+    chosen = []
+    for k in np.unique(area):
+        members = np.flatnonzero(area == k)
+        distance = np.hypot(*(feet[members] - feet[members].mean(axis=0)).T)
+        near = members[np.argsort(distance, kind="stable")[: max(3, len(members) // 2)]]
+        # Height follows the foot's row; what is left over is the person.
+        left_over = heights[near] - _line(feet[near, 1], heights[near])
+        chosen.append(int(near[np.argsort(left_over, kind="stable")[len(near) // 2]]))
+    return tuple(samples[i] for i in sorted(chosen))
+
+
+def _areas(feet: F64, count: int) -> I64:
+    """(n,) number of the area of every foot."""
+    centres = [feet[int(np.argmin(feet[:, 1]))]]
+    for _ in range(count - 1):
+        distance = np.min([np.hypot(*(feet - c).T) for c in centres], axis=0)
+        centres.append(feet[int(np.argmax(distance))])
+    means = np.array(centres)
+    area = np.zeros(len(feet), dtype=np.int64)
+    for _ in range(20):
+        area = np.argmin(np.linalg.norm(feet[:, None] - means[None], axis=2), axis=1)
+        means = np.array([feet[area == k].mean(axis=0) if (area == k).any() else means[k] for k in range(count)])
+    return np.asarray(area, dtype=np.int64)
+
+
+def _line(x: F64, y: F64) -> F64:
+    spread = float(np.var(x))
+    slope = float(np.mean((x - x.mean()) * (y - y.mean()))) / spread if spread > 0 else 0.0
+    return np.asarray(y.mean() + slope * (x - x.mean()))

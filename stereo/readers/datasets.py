@@ -1,0 +1,388 @@
+"""Published data sets in their own layout: EuRoC, KITTI, Middlebury and TUM RGB-D.
+
+TUM RGB-D: Sturm et al. 2012, A Benchmark for the Evaluation of RGB-D SLAM Systems, and its page on file formats:
+rgb.txt and depth.txt with ``timestamp filename``, depth of 16 bits with 5000 values per metre, registered to the
+images.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator, Sequence
+from decimal import Decimal
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.camera import Camera
+from calib.errors import InputError
+from calib.formats import load_rig
+from calib.formats.base import read_source
+from calib.formats.rgbd import find_rgbd, load_rgbd
+from calib.io import read_text, reason
+from calib.rig import RgbdRig, StereoRig
+from calib.types import I64
+from stereo.readers.base import OpenOptions, Reader, Stream, both, rate_of
+from stereo.readers.images import ImageFiles, Size, bits_note, bits_of, frame_number, image_files
+from stereo.readers.pairing import MAX_APART_S, depth_note, nearest_mates
+from stereo.readers.rgbd import DepthFiles, RgbdLayout, rgbd_pairs
+from stereo.readers.stereo_layout import StereoLayout, TimedFiles, clock_of, pixel_text, rig_in, same_size, timed_layout
+from stereo.readers.times import NS, read_stamps, stamp_list
+
+MAX_ROWS = 10_000_000
+"""More rows than a day of 100 Hz are no list of images."""
+
+
+def _euroc_fits(path: Path) -> bool:
+    root = _euroc_root(path)
+    return all((root / camera / "data").is_dir() for camera in ("cam0", "cam1"))
+
+
+def _euroc_find(path: Path, options: OpenOptions) -> StereoLayout:
+    root = _euroc_root(path)
+    first, second = (_euroc_camera(root / name) for name in ("cam0", "cam1"))
+    calibration = options.calibration or root
+    if options.calibration is None and _euroc_swapped(root):
+        note = "cam0 is the right camera by its calibration, and cam1 the left one: taken so"
+        return timed_layout(path, second, first, options, lambda size: load_rig(root, size, swap=True), (note,))
+
+    def rig(size: Size) -> StereoRig:
+        return load_rig(calibration, size)
+
+    return timed_layout(path, first, second, options, rig)
+
+
+def _euroc_swapped(root: Path) -> bool:
+    try:
+        load_rig(root)
+    except InputError as error:
+        return "left and right are swapped" in str(error)
+    return False
+
+
+def _euroc_root(path: Path) -> Path:
+    return path / "mav0" if (path / "mav0").is_dir() else path
+
+
+def _euroc_camera(folder: Path) -> TimedFiles:
+    data = folder / "data"
+    listed = folder / "data.csv"
+    if listed.is_file():
+        rows = _euroc_rows(listed)
+        names = [Path(row[1].strip()).name for row in rows]
+        texts, files = [row[0] for row in rows], [data / name for name in names]
+    else:
+        files = image_files(data)
+        texts = [file.stem for file in files]
+    try:
+        # The format gives nanoseconds; converted recordings hold seconds under the same name.
+        return TimedFiles(data, files, read_stamps(texts).ns)
+    except ValueError as error:
+        raise InputError(f"{listed if listed.is_file() else data}: {error}") from error
+
+
+def _euroc_rows(path: Path) -> list[list[str]]:
+    rows: list[list[str]] = []
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            for row in csv.reader(file):
+                if not row or row[0].lstrip().startswith("#") or not row[0].strip():
+                    continue
+                if len(row) < 2 or len(rows) >= MAX_ROWS:
+                    raise InputError(f"{path}: expected rows of timestamp,filename, found {','.join(row)[:60]!r}")
+                rows.append(row)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: expected rows of timestamp,filename, found {reason(error)}") from error
+    return rows
+
+
+EUROC = Reader(
+    "euroc", "an EuRoC ASL folder", "mav0/cam0 and mav0/cam1 with data.csv (EuRoC)", _euroc_fits, _euroc_find
+)
+
+
+KITTI_PAIRS = (("image_02", "image_03"), ("image_00", "image_01"))
+"""The colour and the grey pair."""
+KITTI_SEQUENCE_PAIRS = (("image_2", "image_3"), ("image_0", "image_1"))
+"""The same of an odometry sequence."""
+
+
+def _kitti_fits(path: Path) -> bool:
+    return path.is_dir() and any(_kitti_pair(drive) for drive in _kitti_drives(path))
+
+
+def _kitti_find(path: Path, options: OpenOptions) -> StereoLayout:
+    drives = [drive for drive in _kitti_drives(path) if _kitti_pair(drive)]
+    if len(drives) > 1:
+        names = ", ".join(drive.name for drive in drives[:6])
+        raise InputError(f"{path}: expected one drive, found {len(drives)} ({names}): name the drive's folder")
+    drive = drives[0]
+    pair = _kitti_pair(drive) or KITTI_PAIRS[0]
+    left, right = (_kitti_camera(drive / name) for name in pair)
+    calibration = options.calibration or _kitti_calibration(drive)
+
+    def rig(size: Size) -> StereoRig:
+        # Drives that end with _sync are rectified, those that end with _extract are not (KITTI raw data, readme.txt).
+        rectified = True if drive.name.endswith("_sync") else False if drive.name.endswith("_extract") else None
+        first, second = (name[-2:] for name in pair)
+        cameras = (first, second) if calibration.name == "calib_cam_to_cam.txt" else None
+        return load_rig(calibration, size, cameras=cameras, rectified=rectified)
+
+    note = (
+        ()
+        if pair == KITTI_PAIRS[0] or not any((drive / name).is_dir() for name in KITTI_PAIRS[0])
+        else ("the grey cameras are taken: a colour one lacks images",)
+    )
+    return timed_layout(path, left, right, options, rig, note)
+
+
+def _kitti_sequence_fits(path: Path) -> bool:
+    return (path / "times.txt").is_file() and _kitti_sequence_pair(path) is not None
+
+
+def _kitti_sequence_find(path: Path, options: OpenOptions) -> StereoLayout:
+    pair = _kitti_sequence_pair(path) or KITTI_SEQUENCE_PAIRS[0]
+    left, right = (_listed_camera(path / name, path / "times.txt") for name in pair)
+
+    def rig(size: Size) -> StereoRig:
+        own = options.calibration is None
+        cameras = (pair[0][-1], pair[1][-1]) if own else None
+        return load_rig(options.calibration or path / "calib.txt", size, cameras=cameras, rectified=own or None)
+
+    return timed_layout(path, left, right, options, rig, ())
+
+
+def _kitti_sequence_pair(path: Path) -> tuple[str, str] | None:
+    for pair in KITTI_SEQUENCE_PAIRS:
+        if all((path / name).is_dir() and image_files(path / name) for name in pair):
+            return pair
+    return None
+
+
+def _listed_camera(folder: Path, times: Path) -> TimedFiles:
+    """Image number n has the time of line n, in seconds with an exponent."""
+    texts = [f"{_seconds(times, text):.9f}" for text in read_text(times, "times", 10_000_000).split()]
+    return _kitti_timed(folder, image_files(folder), times, texts)
+
+
+def _seconds(times: Path, text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not abs(seconds) < 1e9:
+        raise InputError(f"{times}: expected times in seconds, found {text[:40]!r}")
+    return seconds
+
+
+def _kitti_drives(path: Path) -> Iterator[Path]:
+    """The folder itself, its drives, and those of its days."""
+    if _kitti_pair(path):
+        yield path
+        return
+    for folder in (f for f in sorted(path.iterdir()) if f.is_dir()):
+        if _kitti_pair(folder):
+            yield folder
+        elif folder.name.count("_") == 2:
+            yield from (f for f in sorted(folder.iterdir()) if f.is_dir() and "_drive_" in f.name)
+
+
+def _kitti_pair(drive: Path) -> tuple[str, str] | None:
+    for pair in KITTI_PAIRS:
+        if all((drive / name / "data").is_dir() and image_files(drive / name / "data") for name in pair):
+            return pair
+    return None
+
+
+def _kitti_camera(folder: Path) -> TimedFiles:
+    """Image number n has the time of line n, counted from 0; numbers may be missing."""
+    files = image_files(folder / "data")
+    listed = stamp_list(folder)
+    if listed is None:
+        raise InputError(f"{folder / 'timestamps.txt'}: expected the times of the images, found no such file")
+    return _kitti_timed(folder, files, listed.path, listed.texts)
+
+
+def _kitti_timed(folder: Path, files: Sequence[Path], times: Path, texts: Sequence[str]) -> TimedFiles:
+    """Images with the times of their numbers."""
+    try:
+        ns = read_stamps(texts).ns
+    except ValueError as error:
+        raise InputError(f"{times}: {error}") from error
+    numbers = [frame_number(file) for file in files]
+    if any(number is None or number >= len(ns) for number in numbers):
+        raise InputError(f"{times}: expected a time for each of {len(files)} images, found {len(ns)}")
+    return TimedFiles(folder, files, np.asarray(ns[np.array(numbers)], dtype=np.int64))
+
+
+def _kitti_calibration(drive: Path) -> Path:
+    places = [folder / "calib_cam_to_cam.txt" for folder in (drive, drive.parent)]
+    return next((place for place in places if place.is_file()), drive)
+
+
+KITTI = Reader(
+    "kitti",
+    "a KITTI raw drive",
+    "image_00 and image_01 with timestamps.txt (KITTI)",
+    _kitti_fits,
+    _kitti_find,
+)
+KITTI_SEQUENCE = Reader(
+    "kitti-sequence",
+    "a KITTI odometry sequence",
+    "image_0 and image_1 with times.txt (KITTI odometry)",
+    _kitti_sequence_fits,
+    _kitti_sequence_find,
+)
+
+
+MIDDLEBURY_NAMES = (("im0", "im1"), ("view1", "view5"), ("im2", "im6"))
+"""Left and right of each year's data sets (vision.middlebury.edu/stereo/data)."""
+
+
+def _middlebury_fits(path: Path) -> bool:
+    return path.is_dir() and _middlebury_pair(path) is not None
+
+
+def _middlebury_find(path: Path, options: OpenOptions) -> StereoLayout:
+    left, right = _middlebury_pair(path) or (path, path)
+    bits = bits_of([left], [right])
+    a, b = ImageFiles([left], bits), ImageFiles([right], bits)
+    size, clock = same_size(a, b, left, right), clock_of(path, options, math.nan)
+    streams = tuple(
+        Stream(name, size, 1, None, pixel_text(source.is_grey, bits))
+        for name, source in (("left", a), ("right", b))
+    )  # fmt: skip
+    return StereoLayout(
+        path, path, size, partial(both, a, b), streams, 1, clock.fps, clock.times_s, rig_in(path, options, size),
+        bits_note(bits),
+    )  # fmt: skip
+
+
+def _middlebury_pair(path: Path) -> tuple[Path, Path] | None:
+    by_stem = {file.stem: file for file in image_files(path)}
+    for left, right in MIDDLEBURY_NAMES:
+        if {left, right} <= by_stem.keys():
+            return by_stem[left], by_stem[right]
+    return None
+
+
+MIDDLEBURY = Reader(
+    "middlebury", "a Middlebury pair", "im0 and im1 with calib.txt (Middlebury)", _middlebury_fits, _middlebury_find
+)
+
+
+TUM_UNITS_PER_M = 5000.0
+TUM_MAX_S = 2**62 // 10**9
+"""Larger numbers are no seconds of a clock: the year 2116."""
+TUM_CAMERA = Camera(640, 480, 525.0, 525.0, 319.5, 239.5)
+"""What the benchmark recommends where a sequence is not calibrated (Kinect's nominal values)."""
+_ASSOCIATIONS = ("associations.txt", "association.txt", "associate.txt", "assoc.txt", "associated.txt")
+
+
+class Listed(NamedTuple):
+    """The images of one list.
+
+    Attributes:
+        ns: (n,) int64 [ns], increasing.
+        names: (n,) file names as listed.
+        notes: lines that were skipped.
+    """
+
+    ns: I64
+    names: list[str]
+    notes: tuple[str, ...]
+
+
+def _tum_fits(path: Path) -> bool:
+    return (path / "rgb.txt").is_file() and (path / "depth.txt").is_file()
+
+
+def _tum_find(path: Path, options: OpenOptions) -> RgbdLayout:
+    images, depths = _tum_listed(path / "rgb.txt"), _tum_listed(path / "depth.txt")
+    associated = next((path / name for name in _ASSOCIATIONS if (path / name).is_file()), None)
+    mates = _tum_associated(associated, images, depths) if associated else nearest_mates(images.ns, depths.ns)
+    if not (mates >= 0).any():
+        raise InputError(f"{path}: expected images and depth of the same times, found none within {MAX_APART_S:g} s")
+    image_files = ImageFiles([_inside(path, name) for name in images.names])
+    depth_files = DepthFiles([_inside(path, depths.names[i]) if i >= 0 else None for i in mates], TUM_UNITS_PER_M)
+    times = (images.ns - images.ns[0]) / 1e9 if options.fps is None else np.arange(len(images.ns)) / options.fps
+    return RgbdLayout(
+        path, path, partial(rgbd_pairs, image_files, depth_files),
+        (Stream("image", image_files.size, len(images.ns), (images.ns - images.ns[0]) / 1e9),
+         Stream("depth", depth_files.size, len(depths.ns), (depths.ns - images.ns[0]) / 1e9)),
+        len(images.ns), rate_of(times), np.asarray(times, dtype=np.float64),
+        partial(_tum_rig, path, options.calibration, image_files.size, depth_files.size),
+        (*images.notes, *depths.notes, *_tum_notes(mates, associated, path)),
+    )  # fmt: skip
+
+
+def _tum_notes(mates: I64, associated: Path | None, path: Path) -> tuple[str, ...]:
+    notes = depth_note(mates, f"in {associated.name}" if associated else "")
+    if find_rgbd(path) is None:
+        notes.append("no calibration: the nominal Kinect camera is taken (fx = fy = 525 at 640x480)")
+    return tuple(notes)
+
+
+def _tum_rig(path: Path, calibration: Path | None, size: tuple[int, int], depth_size: tuple[int, int]) -> RgbdRig:
+    """The calibration that was named or lies in the folder, else the benchmark's own."""
+    if calibration is None and find_rgbd(path) is None:
+        return RgbdRig(TUM_CAMERA, source="nominal Kinect camera").scaled(size, depth_size)
+    return load_rgbd(calibration or path, size, depth_size)
+
+
+def _tum_associated(file: Path, images: Listed, depths: Listed) -> I64:
+    """Mates as a file of associations lists them: time, image, time, depth, either first."""
+    at = {name: i for i, name in enumerate(images.names)}
+    depth_at = {name: i for i, name in enumerate(depths.names)}
+    mates = np.full(len(images.names), -1)
+    for _, words in _tum_rows(file):
+        names = [word for word in words if word in at or word in depth_at]
+        image = next((at[name] for name in names if name in at), None)
+        depth = next((depth_at[name] for name in names if name in depth_at), None)
+        if image is None or depth is None:
+            raise InputError(f"{file}: expected images of rgb.txt and depth.txt, found {' '.join(words)[:80]!r}")
+        mates[image] = depth
+    return mates
+
+
+def _tum_listed(file: Path) -> Listed:
+    rows = []
+    for line, words in _tum_rows(file):
+        try:
+            seconds, name = Decimal(words[0]), words[1]
+            if not -TUM_MAX_S < seconds < TUM_MAX_S:
+                raise ValueError
+        except (ArithmeticError, IndexError, ValueError):
+            found = " ".join(words)[:80]
+            raise InputError(f"{file}: expected timestamp and file name in line {line}, found {found!r}") from None
+        rows.append((int(seconds * NS["s"]), name, line))
+    if not rows:
+        raise InputError(f"{file}: expected lines of timestamp and file name, found none")
+    rows.sort()
+    again = [(one, other) for one, other in pairwise(rows) if one[0] == other[0]]  # of one time, the first by name
+    notes = [f"line {other[2]} of {file.name} has the time of line {one[2]}, skipped" for one, other in again[:1]]
+    notes += [f"{len(again) - 1} more lines of {file.name} with the time of another, skipped"] * (len(again) > 1)
+    times, names = list(dict.fromkeys(ns for ns, *_ in rows)), {ns: name for ns, name, _ in reversed(rows)}
+    return Listed(np.array(times, dtype=np.int64), [names[ns] for ns in times], tuple(notes))
+
+
+def _tum_rows(file: Path) -> list[tuple[int, list[str]]]:
+    """Line number, from 1, and words of every line that holds any."""
+    lines = enumerate((line.strip() for line in read_source(file).text.splitlines()), 1)
+    return [(n, line.replace(",", " ").split()) for n, line in lines if line and not line.startswith("#")]
+
+
+def _inside(folder: Path, name: str) -> Path:
+    """The file of a list, which must lie inside the recording."""
+    path = folder / name
+    if Path(name).is_absolute() or ".." in Path(name).parts:
+        raise InputError(f"{folder}: expected file names inside the recording, found {name[:80]!r}")
+    return path
+
+
+TUM_RGBD = Reader("tum-rgbd", "TUM RGB-D", "rgb.txt and depth.txt", _tum_fits, _tum_find)

@@ -1,0 +1,151 @@
+"""A recording of several rigs in one world: their frames side by side in time."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from calib.errors import InputError
+from calib.world import RigEntry, load_rigs
+from stereo.readers.background import prefetch
+from stereo.readers.base import AnyRecording, StereoRecording
+from stereo.readers.open import open_any, rigs_file
+from stereo.recording import RgbdFrame, Skipped, StereoFrame
+
+AnyFrame = StereoFrame | RgbdFrame
+
+TOGETHER = 0.6
+"""Frames taken within this share of the slowest head's period are of one moment. Half of it would let heads that run
+half a period apart flicker between together and apart (our choice)."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeadsFrame:
+    """The frames of one moment.
+
+    Attributes:
+        index: moments counted from 0.
+        timestamp_s: mean time of the frames on the common clock, seconds since the first frame of the earliest head.
+        frames: one per head, None for a head without a frame at that time.
+    """
+
+    index: int
+    timestamp_s: float
+    frames: tuple[AnyFrame | None, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Head:
+    """One head of a recording.
+
+    Attributes:
+        name: its folder.
+        recording: its frames, on its own clock.
+        start_s: of its first frame on the common clock [s].
+    """
+
+    name: str
+    recording: AnyRecording
+    start_s: float
+
+
+class HeadsRecording:
+    """Several stereo recordings of one place; iterate it for its ``HeadsFrame``.
+
+    Attributes:
+        path: the folder with ``rigs.toml``.
+        heads: in the order of ``rigs.toml``; their ``world_SE3_left`` is that of the common world.
+        n_frames, fps, skipped: see ``stereo.recording.Recording``; moments at the rate of the slowest head.
+    """
+
+    def __init__(self, path: Path, heads: Sequence[Head]) -> None:
+        self.path, self.heads = path, tuple(heads)
+        self.fps = min(head.recording.fps for head in heads)
+        first = min(head.start_s for head in heads)
+        ends = [head.start_s - first + head.recording.n_frames / head.recording.fps for head in heads]
+        self.n_frames = max(1, round(max(ends) * self.fps))
+
+    @property
+    def skipped(self) -> list[Skipped]:
+        """Frames that one of the heads passed over; indices are those of the head."""
+        return [
+            Skipped(skipped.index, f"{head.name}: {skipped.why}")
+            for head in self.heads
+            for skipped in head.recording.skipped
+        ]
+
+    def __iter__(self) -> Iterator[HeadsFrame]:
+        with ExitStack() as stack:
+            first = min(head.start_s for head in self.heads)
+            streams = [
+                _Stream(stack.enter_context(closing(_ahead(h.recording))), h.start_s - first, 1 / h.recording.fps)
+                for h in self.heads
+            ]
+            yield from moments(streams, 1 / self.fps)
+
+
+class _Stream:
+    """A head's frames with one looked at ahead."""
+
+    def __init__(self, frames: Generator[AnyFrame, None, None], start_s: float, period_s: float) -> None:
+        self._frames, self._start_s = frames, start_s
+        self.period_s = period_s
+        self.next: AnyFrame | None = next(frames, None)
+
+    @property
+    def time_s(self) -> float:
+        """Of the next frame on the common clock; infinite after the last."""
+        return float("inf") if self.next is None else self.next.timestamp_s + self._start_s
+
+    def take(self, period_s: float) -> AnyFrame | None:
+        """The next frame; those after it that come too soon for the common period are passed over."""
+        frame, soonest = self.next, self.time_s + period_s - self.period_s / 2
+        self.next = next(self._frames, None)
+        while self.next is not None and self.time_s < soonest:
+            self.next = next(self._frames, None)
+        return frame
+
+
+def moments(streams: Sequence[_Stream], period_s: float) -> Iterator[HeadsFrame]:
+    """Frames by time: the earliest that waits, and those of other heads taken within ``TOGETHER`` of the period."""
+    index = 0
+    while any(stream.next is not None for stream in streams):
+        until = min(stream.time_s for stream in streams) + TOGETHER * period_s
+        times = [stream.time_s for stream in streams if stream.time_s <= until]
+        frames = tuple(stream.take(period_s) if stream.time_s <= until else None for stream in streams)
+        yield HeadsFrame(index, sum(times) / len(times), frames)
+        index += 1
+
+
+def _ahead(recording: AnyRecording) -> Generator[AnyFrame, None, None]:
+    frames: Iterable[AnyFrame] = recording
+    return prefetch(frames)
+
+
+def open_heads(path: Path) -> HeadsRecording:
+    """Open every head that ``rigs.toml`` lists.
+
+    Raises:
+        InputError: no or a wrong rigs.toml, or a head that cannot be opened.
+    """
+    file = rigs_file(path)
+    return heads_in(file.parent, load_rigs(file))
+
+
+def heads_in(folder: Path, entries: Sequence[RigEntry]) -> HeadsRecording:
+    """Open heads whose folders lie in one folder (same errors as ``open_heads``)."""
+    return HeadsRecording(folder, [_opened(folder, entry) for entry in entries])
+
+
+def _opened(folder: Path, entry: RigEntry) -> Head:
+    path = folder / entry.folder
+    if not path.exists():
+        raise InputError(f"{folder}: expected a recording in {entry.folder!r}, found nothing there")
+    recording = open_any(path)
+    if isinstance(recording, StereoRecording):
+        recording.world_SE3_left = entry.world_SE3_left
+    else:
+        recording.world_SE3_camera = entry.world_SE3_left
+    return Head(entry.folder, recording, entry.start_s)

@@ -1,0 +1,234 @@
+"""Find out how a recording is laid out, and open it."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from pathlib import Path
+
+from calib.errors import InputError
+from calib.io import reason
+from calib.world import RIGS_FILE, load_rigs
+from stereo.readers.background import prefetch
+from stereo.readers.bags.layout import READER as BAG
+from stereo.readers.base import (
+    AnyRecording,
+    FrameSource,
+    Layout,
+    OpenOptions,
+    Reader,
+    StereoRecording,
+    time_at,
+)
+from stereo.readers.datasets import EUROC, KITTI, KITTI_SEQUENCE, MIDDLEBURY, TUM_RGBD
+from stereo.readers.folders import READER as FOLDERS
+from stereo.readers.images import ImageFiles, bits_note, bits_of, image_files
+from stereo.readers.live import READER as LIVE
+from stereo.readers.rgbd import READER as RGBD_FOLDERS
+from stereo.readers.side_by_side import READER as SIDE_BY_SIDE
+from stereo.readers.stereo_layout import FrameClock, clock_of
+from stereo.readers.video import READER as VIDEO_PAIR
+from stereo.readers.video import VideoFile, video_files
+from stereo.recording import Skipped, VideoFrame
+
+_POINTER = re.compile(rb"\Aversion https://git-lfs\.github\.com/spec/v1\noid [^\n]+\nsize (\d+)")
+_NAMED = {
+    ".svo": "a ZED recording, which only the ZED SDK reads: its SVO export (ZED_SVO_Export, or ZED_Explorer) gives "
+    "side-by-side video or images",
+    ".oni": "an OpenNI recording, which only OpenNI reads: export its images and depth",
+    ".klg": "a Kintinuous log: export its images and depth",
+    ".bag": "a file of that name that is no ROS 1 bag",
+    ".mcap": "a file of that name that is no MCAP file",
+    ".db3": "a file of that name that is no SQLite database",
+}
+_NAMED[".svo2"] = _NAMED[".svo"]
+_ARCHIVES = frozenset({".zip", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".7z", ".rar", ".zst"})
+
+
+def content_text(path: Path) -> str:
+    """What there is instead of a recording, for a message."""
+    if path.is_dir():
+        return ", ".join(sorted(f.name for f in path.iterdir())[:6]) or "an empty folder"
+    return "another file" if path.is_file() else "neither a file nor a folder"
+
+
+def foreign_text(path: Path) -> str | None:
+    """What a file is that is known to be no recording, or none that can be read here, and the way out."""
+    if not path.is_file():
+        return None
+    try:
+        with path.open("rb") as file:
+            head = file.read(256)
+    except OSError as error:
+        return f"a file that cannot be read ({reason(error)})"
+    if pointer := _POINTER.match(head):
+        return f"a git-lfs pointer instead of the file of {int(pointer[1])} bytes: git lfs pull fetches it"
+    suffix = path.suffix.lower()
+    if suffix in _ARCHIVES:
+        return "an archive: unpack it"
+    return _NAMED.get(suffix, None if head else "an empty file")
+
+
+def rigs_file(path: Path) -> Path:
+    """The ``rigs.toml`` that a path names: itself, or the one in the folder."""
+    return path if path.name == RIGS_FILE else path / RIGS_FILE
+
+
+def is_heads(path: Path) -> bool:
+    """Whether a path is a recording of several heads: a folder with ``rigs.toml``, or that file."""
+    return rigs_file(path).is_file()
+
+
+def _refuse_several(path: Path, _options: OpenOptions) -> Layout:
+    file = rigs_file(path)
+    folders = ", ".join(str(file.parent / entry.folder) for entry in load_rigs(file))
+    raise InputError(
+        f"{path}: expected one stereo pair, found a recording of several heads, which planview run tracks whole: "
+        f"give one of {folders}"
+    )
+
+
+MULTI_RIG = Reader("heads", "several heads", "rigs.toml beside the folders of several heads", is_heads, _refuse_several)
+
+
+class SingleRecording:
+    """Frames of one camera, decoded ahead in the background; what cannot be decoded is noted in ``skipped``."""
+
+    def __init__(self, path: Path, source: FrameSource, clock: FrameClock, notes: Sequence[str] = ()) -> None:
+        self.path = path
+        self.n_frames = source.n_frames
+        self.size = source.size
+        self.skipped: list[Skipped] = []
+        self.notes = [*clock.notes, *notes]
+        self.fps = clock.fps
+        self._source, self._clock = source, clock
+
+    def __iter__(self) -> Iterator[VideoFrame]:
+        self.skipped = skipped = []
+        last = -1
+        with closing(prefetch(self._source)) as frames:
+            for frame in frames:
+                last = frame.index
+                if frame.image is None:
+                    skipped.append(Skipped(frame.index, frame.why))
+                    continue
+                yield VideoFrame(frame.index, self._time(frame.index, frame.timestamp_s), frame.image)
+        skipped += [Skipped(i, "recording ends before this frame") for i in range(last + 1, self.n_frames)]
+
+    def at(self, indices: Sequence[int]) -> list[VideoFrame]:
+        """The usable ones of these frames, whose indices ascend; ``skipped`` is not touched."""
+        return [
+            VideoFrame(frame.index, self._time(frame.index, frame.timestamp_s), frame.image)
+            for frame in self._source.at(indices)
+            if frame.image is not None
+        ]
+
+    def _time(self, index: int, file_time_s: float | None) -> float:
+        if self._clock.times_s is not None:
+            return time_at(self._clock.times_s, index, self.fps)
+        return index / self.fps if file_time_s is None or self._clock.even else file_time_s
+
+
+READERS: tuple[Reader, ...] = (
+    MULTI_RIG,
+    BAG,
+    EUROC,
+    KITTI,
+    KITTI_SEQUENCE,
+    TUM_RGBD,
+    MIDDLEBURY,
+    FOLDERS,
+    RGBD_FOLDERS,
+    VIDEO_PAIR,
+    SIDE_BY_SIDE,
+    LIVE,
+)
+"""In the order in which they are asked: the first that a path fits opens it."""
+
+
+def find_reader(path: Path) -> Reader:
+    """The reader whose layout a path has.
+
+    Raises:
+        InputError: nothing there, or no layout that is known.
+    """
+    for reader in READERS:
+        if reader.fits(path):
+            return reader
+    if not path.exists():
+        raise InputError(f"{path}: expected a recording (folder or file), found nothing there")
+    if foreign := foreign_text(path):
+        raise InputError(f"{path}: expected a recording, found {foreign}")
+    looked_for = "; ".join(reader.looks_for for reader in READERS)
+    raise InputError(f"{path}: expected a recording ({looked_for}), found {content_text(path)}")
+
+
+def holds_pair(path: Path) -> bool:
+    """Whether a path holds images of two cameras, or images with depth; one video counts as one camera's."""
+    reader = next((reader for reader in READERS if reader.fits(path)), None)
+    return reader is not None and reader.key not in ("side-by-side", "live")
+
+
+def find_layout(path: Path, options: OpenOptions | None = None) -> tuple[Reader, Layout]:
+    """What is at a path; no calibration is needed yet.
+
+    Raises:
+        InputError: no recording there, unreadable, or sides that differ in size.
+    """
+    reader, options = find_reader(path), options or OpenOptions()
+    if options.topics and reader is not BAG:
+        raise InputError(f"--topics: expected a bag, found {path}: {reader.name}")
+    return reader, reader.find(path, options)
+
+
+def open_any(path: Path, options: OpenOptions | None = None) -> AnyRecording:
+    """Open a recording of any kind, with its calibration (same errors as ``open_recording``)."""
+    return find_layout(path, options)[1].open()
+
+
+def open_recording(path: Path, options: OpenOptions | None = None) -> StereoRecording:
+    """Open a recorded stereo pair; nothing is decoded but the first frame of each side.
+
+    Videos of different lengths are cut to the shorter one and the missing frames are reported in ``skipped``: a video
+    that ends early is a recorder that was stopped, and its frames still pair by position. Image folders whose names do
+    not pair are refused (see ``pair_files``): there, any pairing would be a guess. A calibration for another resolution
+    of the same aspect is scaled, which ``rig.source`` then notes.
+
+    Raises:
+        InputError: no recording there, unreadable, sides that differ in size, or a calibration for another image.
+    """
+    recording = open_any(path, options)
+    if not isinstance(recording, StereoRecording):
+        raise InputError(f"{path}: expected a stereo pair, found images with depth")
+    return recording
+
+
+def open_video(path: Path, options: OpenOptions | None = None) -> SingleRecording:
+    """Open a single-camera recording: a video file, or a folder of images (and timestamps.csv).
+
+    Args:
+        options: the rate that replaces the recording's own times.
+    Raises:
+        InputError: nothing there, not a video or images, or options that only recordings with depth have.
+    """
+    options = options or OpenOptions()
+    if not path.exists():
+        raise InputError(f"{path}: expected a video or a folder of images, found nothing there")
+    if options.topics:
+        raise InputError(f"--topics: expected a bag, found {path}: one camera")
+    if options.calibration is not None:
+        raise InputError(f"--calibration: expected a stereo pair or images with depth, found {path}: one camera")
+    if path.is_file():
+        source = VideoFile(path)
+        return SingleRecording(path, source, FrameClock(options.fps or source.fps, None, even=options.fps is not None))
+    if files := image_files(path):
+        bits = bits_of(files)
+        clock = clock_of(path, options, math.nan)
+        return SingleRecording(path, ImageFiles(files, bits), clock, bits_note(bits))
+    found = video_files(path)
+    if len(found) == 1:
+        source = VideoFile(found[0])
+        return SingleRecording(path, source, clock_of(path, options, source.fps))
+    raise InputError(f"{path}: expected images or one video, found {len(found)} videos and no image")

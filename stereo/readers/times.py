@@ -1,0 +1,283 @@
+"""Times of frames as recorders write them: numbers, dates, names of files, tables and lists; and the rate they tell."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from decimal import Decimal
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.io import reason
+from calib.types import F64, I64
+from stereo.readers.pairing import JUMP_S, pair_stamps
+
+NS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
+"""Nanoseconds of a unit."""
+_EPOCH_S = 9.0e8, 4.2e9
+"""Seconds since 1970 of the years 1998 to 2103: what a clock that was set shows."""
+_MAX_STEP = {"s": 2, "ms": 2_000, "us": 2_000_000}
+"""Steps between frames up to 2 s tell the unit of a clock that counts from the start of the machine: two units differ
+by a factor of 1000, the periods of cameras (1 to 250 Hz) by 250 (our choice)."""
+_NUMBER = re.compile(r"[+-]?\d{1,20}(\.\d{0,30})?([eE][+-]?\d{1,2})?")
+_DATE = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?\d*(?:Z|\+00:?00)?")
+_MAX_NS = 2**62
+_NAME = re.compile(r"(?<![\d.])(\d{7,20}(?:\.\d{1,9}|_\d{6,9})?|\d{1,6}\.\d{2,9})(?![\d.])")
+
+
+class Stamps(NamedTuple):
+    """Times of one camera's frames in the order of the recording.
+
+    Attributes:
+        ns: (n,) int64 [ns] by the recorder's clock.
+        unit: in which they were written: "ns", "us", "ms", "s" or "date".
+    """
+
+    ns: I64
+    unit: str
+
+
+def read_stamps(texts: Sequence[str], unit: str | None = None) -> Stamps:
+    """Times from text, exactly.
+
+    Args:
+        texts: all numbers, or all dates as ISO 8601 writes them (UTC).
+        unit: of the numbers, when the file names it; else it is recognised from their magnitude and steps.
+    Raises:
+        ValueError: neither, or out of range.
+    """
+    dates = [_DATE.fullmatch(text.strip()) for text in texts]
+    if texts and all(dates):
+        unit, values = "date", [_date_ns(match) for match in dates if match]
+    else:
+        numbers = [_number(text) for text in texts]
+        unit = unit or unit_of(numbers)
+        values = [int(number * NS[unit]) for number in numbers]
+    if values and max(map(abs, values)) > _MAX_NS:
+        raise ValueError(f"expected times, found {texts[int(np.argmax([abs(v) for v in values]))][:40]!r} ({unit})")
+    return Stamps(np.array(values, dtype=np.int64), unit)
+
+
+def unit_of(numbers: Sequence[Decimal]) -> str:
+    """The unit of times: of a clock that was set by their magnitude, else by their median step."""
+    largest = max((abs(number) for number in numbers), default=Decimal(0))
+    for unit, ns in NS.items():
+        if _EPOCH_S[0] <= float(largest) * ns / 1e9 <= _EPOCH_S[1]:
+            return unit
+    steps = np.abs(np.diff(np.array([float(number) for number in numbers])))
+    steps = steps[steps > 0]
+    if not steps.size:
+        return "s"
+    step = float(np.median(steps))
+    return next((unit for unit, most in _MAX_STEP.items() if step <= most), "ns")
+
+
+def stamps_in_names(stems: Sequence[str]) -> Stamps | None:
+    """Times that the names of files hold: one number each, with a decimal part or as large as only a clock counts.
+
+    Returns:
+        None where the names number the frames instead, or hold no number.
+    """
+    found = [_NAME.findall(stem) for stem in stems]
+    if len(stems) < 2 or any(len(numbers) != 1 for numbers in found):
+        return None
+    texts = [numbers[0].replace("_", ".") for numbers in found]
+    if any(text.startswith("00") for text in texts):
+        return None  # a counter with leading zeros
+    numbers = [Decimal(text) for text in texts]
+    steps = {b - a for a, b in zip(sorted(numbers), sorted(numbers)[1:], strict=False)}
+    if steps == {Decimal(1)} or max(numbers) == min(numbers):
+        return None
+    try:
+        return read_stamps(texts)
+    except ValueError:
+        return None  # larger than any clock counts
+
+
+def _number(text: str) -> Decimal:
+    text = text.strip()
+    if not _NUMBER.fullmatch(text):
+        raise ValueError(f"expected a time, found {text[:40]!r}")
+    number = Decimal(text)
+    if abs(number) > 10**19:
+        raise ValueError(f"expected a time, found {text[:40]!r}")
+    return number
+
+
+def _date_ns(match: re.Match[str]) -> int:
+    seconds = datetime.fromisoformat(match[1]).replace(tzinfo=UTC).timestamp()
+    return round(seconds) * NS["s"] + int((match[2] or "0").ljust(9, "0"))
+
+
+LISTS = ("timestamps.txt", "times.txt", "timestamp.txt")
+"""Names of lists with one time a line."""
+MAX_BYTES = 1 << 26
+"""Larger tables are none of frames."""
+_FRAME = ("frame", "frame_id", "index", "id")
+_TIME = re.compile(r"#?\s*(timestamp|time|stamp|t)s?(?:[ _]?[\[(]?(ns|us|ms|s|sec|nsec|usec|msec)[\])]?)?")
+_UNITS = {"sec": "s", "nsec": "ns", "usec": "us", "msec": "ms"}
+
+
+class StampList(NamedTuple):
+    """One time a line, as text."""
+
+    path: Path
+    texts: Sequence[str]
+
+
+class TimeTable(NamedTuple):
+    """Times by frame index, and what was found on the way.
+
+    Attributes:
+        times_s: (last frame + 1,) float64 [s] since the first row; NaN for frames without a row.
+    """
+
+    times_s: F64
+    notes: tuple[str, ...]
+
+
+def load_timestamps(path: Path) -> TimeTable:
+    """Times by frame index.
+
+    The unit is recognised from magnitude and steps (``unit_of``), whatever the column is called; a clock that
+    jumps ahead runs on at the nominal rate.
+
+    Args:
+        path: CSV with the columns ``frame,timestamp_s`` (also time, timestamp_ns and the like); frames count from 0.
+    Raises:
+        InputError: unreadable, columns missing, not a number, or times that do not increase with the frame.
+    """
+    rows, unit = _rows(path)
+    try:
+        stamps = read_stamps([text for _, text in rows], unit)
+    except ValueError as error:
+        raise InputError(f"{path}: expected the columns frame,timestamp_s with numbers, found {error}") from error
+    frames = [frame for frame, _ in rows]
+    in_seconds = np.array([float(text) for _, text in rows]) if stamps.unit == "s" else stamps.ns / 1e9
+    seconds = in_seconds - in_seconds[0]
+    for i in np.flatnonzero((np.diff(stamps.ns) <= 0) | (np.diff(frames) == 0)):
+        raise InputError(
+            f"{path}: expected times that increase, found frame {frames[i]} at {seconds[i]:g} s "
+            f"and frame {frames[i + 1]} at {seconds[i + 1]:g} s"
+        )
+    if frames[-1] > 100 * len(rows) + 1000:
+        raise InputError(f"{path}: expected frames counted from 0, found frame {frames[-1]} in {len(rows)} rows")
+    paired = pair_stamps(stamps.ns, stamps.ns)
+    times = np.full(frames[-1] + 1, np.nan)
+    times[frames] = paired.times_s if paired.notes else seconds
+    note = () if stamps.unit == "s" else (f"times of {path.name} are taken as {_unit_text(stamps.unit)}",)
+    return TimeTable(times, (*note, *paired.notes))
+
+
+def stamp_list(folder: Path) -> StampList | None:
+    """The list of times in a folder; None without one.
+
+    Raises:
+        InputError: there is one that cannot be read.
+    """
+    path = next((folder / name for name in LISTS if (folder / name).is_file()), None)
+    if path is None:
+        return None
+    return StampList(path, [_first_field(line) for line in _text(path).splitlines() if line.strip(" \t#") and
+                            not line.lstrip().startswith("#")])  # fmt: skip
+
+
+def _first_field(line: str) -> str:
+    """The time of a line: a date with its blank, or what comes before the first blank or comma."""
+    line = line.strip()
+    return line if re.match(r"\d{4}-\d\d-\d\d ", line) else re.split(r"[\s,;]", line)[0]
+
+
+def _rows(path: Path) -> tuple[list[tuple[int, str]], str | None]:
+    """Frame and time of every row, and the unit that the column names; a column of seconds may hold anything."""
+    try:
+        reader = csv.DictReader(_text(path).splitlines())
+        columns = _columns(path, reader.fieldnames or ())
+        rows = [_row(path, row, columns, n) for n, row in enumerate(reader)]
+    except csv.Error as error:
+        raise InputError(f"{path}: expected the columns frame,timestamp_s, found {error}") from error
+    if not rows:
+        raise InputError(f"{path}: expected rows of frame,timestamp_s, found none")
+    match = _TIME.fullmatch(columns[1].strip().lower())
+    unit = match[2] if match else None
+    return sorted(rows, key=lambda row: row[0]), None if unit in (None, "s", "sec") else _UNITS.get(unit, unit)
+
+
+def _columns(path: Path, names: Sequence[str]) -> tuple[str | None, str]:
+    frame = next((name for name in names if name.strip().lower() in _FRAME), None)
+    time = next((name for name in names if _TIME.fullmatch(name.strip().lower())), None)
+    if time is None or (frame is None and len(names) > 2):
+        raise InputError(f"{path}: expected the columns frame,timestamp_s with numbers, found {','.join(names)[:80]}")
+    return frame, time
+
+
+def _row(path: Path, row: dict[str, str], columns: tuple[str | None, str], position: int) -> tuple[int, str]:
+    frame, time = columns
+    text = row[frame] if frame is not None else str(position)
+    if text is None or not re.fullmatch(r"\s*\d{1,12}\s*", text) or not row[time]:
+        raise InputError(f"{path}: expected the columns frame,timestamp_s with numbers, found {row}")
+    return int(text), row[time]
+
+
+def _text(path: Path) -> str:
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{path}: expected a table of times of at most 64 MB, found {path.stat().st_size} bytes")
+        return path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: expected a table of times, found {reason(error)}") from error
+
+
+def _unit_text(unit: str) -> str:
+    return "dates" if unit == "date" else unit
+
+
+GAP = 1.5
+"""A step of more than this many frame periods is a gap (our choice)."""
+
+
+@dataclass(frozen=True)
+class Rate:
+    """How evenly frames come.
+
+    Attributes:
+        fps: frames per second, of the median step.
+        jitter_ms: standard deviation of the steps that are no gaps [ms].
+        duration_s: from the first frame to the last, without jumps of the clock [s].
+        gaps: steps longer than ``GAP`` frame periods.
+        dropped: frames that would have fallen into them.
+        longest_gap_s: the longest of them [s]; 0 without any.
+    """
+
+    fps: float
+    jitter_ms: float
+    duration_s: float
+    gaps: int
+    dropped: int
+    longest_gap_s: float
+
+
+def rate_of_times(times_s: F64) -> Rate | None:
+    """Rate and gaps.
+
+    Args:
+        times_s: (n,) float64 [s], in any order.
+    Returns:
+        None of fewer than two different times.
+    """
+    steps = np.diff(np.sort(times_s[np.isfinite(times_s)]))
+    steps = steps[(steps > 0) & (steps < JUMP_S)]
+    if not steps.size:
+        return None
+    period = float(np.median(steps))
+    wide = steps > GAP * period
+    dropped = int(np.sum(np.round(steps[wide] / period) - 1))
+    longest = float(steps[wide].max()) if wide.any() else 0.0
+    jitter = float(np.std(steps[~wide])) * 1e3
+    return Rate(1.0 / period, jitter, float(steps.sum()), int(wide.sum()), dropped, longest)

@@ -1,0 +1,152 @@
+"""Frames from a video file, and two videos as the two cameras of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from calib.errors import InputError
+from calib.images import as_grey
+from calib.types import U8
+from stereo.readers.base import Decoded, OpenOptions, Reader, both, is_grey
+from stereo.readers.pairing import split_sides
+from stereo.readers.stereo_layout import StereoLayout, clock_of, rig_in, same_size, stream
+
+SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg"})
+MAX_BROKEN_RUN = 25
+"""Failing reads in a row after which a video counts as ended: about a second, more than a lost key frame costs."""
+
+
+MIN_FRAME_BYTES = 200
+"""Videos hold more than this for a frame, or so little that counting their frames costs nothing [bytes]."""
+SEEK_BEYOND = 250
+"""Frames to read on rather than seek: the usual distance of key frames, from which a seek would decode anyway."""
+
+
+class VideoFile:
+    """One camera's frames from a video; broken frames inside it are yielded without an image.
+
+    Raises:
+        InputError: not a video that can be opened, or its first frame cannot be decoded.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        capture = _open(path)
+        try:
+            found, first = capture.read()
+            self._start_ms = float(capture.get(cv2.CAP_PROP_POS_MSEC))
+            self.n_frames = _announced(capture, path)
+            fps = capture.get(cv2.CAP_PROP_FPS)
+        finally:
+            capture.release()
+        if not found or first is None:
+            raise InputError(f"{path}: expected a video, found no frame that can be decoded")
+        self.size = first.shape[1], first.shape[0]
+        self.fps = float(fps) if np.isfinite(fps) and 0 < fps <= 1000 else 30.0
+        self._grey = is_grey(np.asarray(first, dtype=np.uint8))
+
+    def __iter__(self) -> Iterator[Decoded]:
+        """Frames up to the last that can be decoded; a tail that cannot is left out."""
+        capture = _open(self._path)
+        index, broken = 0, 0
+        try:
+            while broken < MAX_BROKEN_RUN and (broken == 0 or index + broken < self.n_frames):
+                found, image = capture.read()
+                if not found or image is None:
+                    broken += 1
+                    continue
+                for lost in range(index, index + broken):
+                    yield Decoded(lost, None, None, f"{self._path.name} cannot be decoded here")
+                index, broken = index + broken, 0
+                yield Decoded(index, self._time(capture, index), self._as_stored(image))
+                index += 1
+        finally:
+            capture.release()
+
+    def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
+        """Only these frames, ascending; near ones are reached by reading on, since a seek decodes from a key frame."""
+        capture = _open(self._path)
+        position = 0
+        try:
+            for index in indices:
+                if index - position > SEEK_BEYOND and not capture.set(cv2.CAP_PROP_POS_FRAMES, index):
+                    return
+                position = index if index - position > SEEK_BEYOND else position
+                while position < index and capture.grab():
+                    position += 1
+                found, image = capture.read() if position == index else (False, None)
+                if not found or image is None:
+                    return
+                position += 1
+                yield Decoded(index, self._time(capture, index), self._as_stored(image))
+        finally:
+            capture.release()
+
+    def _time(self, capture: cv2.VideoCapture, index: int) -> float:
+        seconds = (float(capture.get(cv2.CAP_PROP_POS_MSEC)) - self._start_ms) / 1000.0
+        return seconds if seconds > 0.0 else index / self.fps  # some containers hold no times
+
+    def _as_stored(self, image: object) -> U8:
+        pixels = np.asarray(image, dtype=np.uint8)
+        return as_grey(pixels) if self._grey else pixels
+
+
+def _announced(capture: cv2.VideoCapture, path: Path) -> int:
+    """Frames that the header announces; of a file too small for so many they are counted instead."""
+    announced = capture.get(cv2.CAP_PROP_FRAME_COUNT)
+    if not np.isfinite(announced) or announced < 0:
+        return 0
+    if announced <= path.stat().st_size / MIN_FRAME_BYTES:
+        return int(announced)
+    count = 1
+    while count < announced and capture.grab():
+        count += 1
+    return count
+
+
+def video_files(folder: Path) -> list[Path]:
+    """The videos of a folder, sorted by name."""
+    return sorted(f for f in folder.iterdir() if f.suffix.lower() in SUFFIXES and f.is_file())
+
+
+def _open(path: Path) -> cv2.VideoCapture:
+    if not path.is_file():
+        raise InputError(f"{path}: expected a video file, found none")
+    capture = cv2.VideoCapture(str(path))
+    if not capture.isOpened():
+        raise InputError(f"{path}: expected a video, found a file that cannot be opened as one")
+    return capture
+
+
+def _fits(path: Path) -> bool:
+    return path.is_dir() and _sides(path) is not None
+
+
+def _find(path: Path, options: OpenOptions) -> StereoLayout:
+    left, right = _sides(path) or (path, path)
+    a, b = VideoFile(left), VideoFile(right)
+    size, n_frames = same_size(a, b, left, right), max(a.n_frames, b.n_frames)
+    clock = clock_of(path, options, a.fps)
+    return StereoLayout(
+        path, path, size, partial(both, a, b), (stream("left", a), stream("right", b)), n_frames, clock.fps,
+        clock.times_s, rig_in(path, options, size), clock.notes, clock.even,
+    )  # fmt: skip
+
+
+def _sides(folder: Path) -> tuple[Path, Path] | None:
+    videos = video_files(folder)
+    by_name = {video.stem.lower(): video for video in videos}
+    if {"left", "right"} <= by_name.keys():
+        return by_name["left"], by_name["right"]
+    sided = split_sides([video.stem for video in videos])
+    if sided is None or len(sided.left) != 1 or len(sided.right) != 1:
+        return None
+    return videos[sided.left[0]], videos[sided.right[0]]
+
+
+READER = Reader("videos", "a pair of videos", "two videos named left.* and right.* or alike", _fits, _find)

@@ -1,0 +1,88 @@
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from toy_stereo import toy_rig
+
+from calib.errors import InputError
+from calib.rig import save_rig
+from calib.types import U8
+from stereo.readers import open_recording
+from stereo.readers.side_by_side import Packing, common, find_packing, rectified_rig, tell_order
+
+SIDE_BY_SIDE, STACKED = Packing(False, False), Packing(True, False)
+W, H, DISPARITY, ROWS = 320, 240, 12, 9
+
+
+def view(shift: int = 0, rows: int = 0) -> U8:
+    """A textured plane, shifted to the left and down."""
+    rng = np.random.default_rng(3)
+    texture = cv2.resize(
+        rng.integers(0, 255, (50, 60), dtype=np.uint8), (W + 80, H + 40), interpolation=cv2.INTER_CUBIC
+    )
+    return np.ascontiguousarray(texture[20 - rows : 20 - rows + H, 20 + shift : 20 + shift + W])
+
+
+LEFT, RIGHT = view(), view(DISPARITY)
+
+
+@pytest.mark.parametrize(
+    ("picture", "aspect", "packing"),
+    [
+        (np.hstack([LEFT, RIGHT]), None, SIDE_BY_SIDE),
+        (np.vstack([LEFT, RIGHT]), None, STACKED),
+        (cv2.resize(np.hstack([LEFT, RIGHT]), (W, H)), W / H, Packing(False, True)),
+        (cv2.resize(np.vstack([LEFT, RIGHT]), (W, H)), W / H, Packing(True, True)),
+    ],
+)
+def test_packing_is_told_from_what_the_views_share(picture: U8, aspect: float | None, packing: Packing) -> None:
+    found, shared = find_packing([picture], aspect)
+    assert found == packing and shared.fraction > 0.3
+    assert found.size((picture.shape[1], picture.shape[0])) == (W, H)
+
+
+def test_picture_of_one_camera_is_no_packing() -> None:
+    found, shared = find_packing([view()], None)
+    assert found is None and shared.fraction < 0.05
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_order_is_told_by_which_corners_lie_nearer_than_infinity(swapped: bool) -> None:
+    picture = np.hstack([RIGHT, LEFT] if swapped else [LEFT, RIGHT])
+    rig = toy_rig((W, H))
+    order = tell_order(common([picture], SIDE_BY_SIDE.split).matches, rig, rig)
+    assert order is not None and order.swapped == swapped and not order.rectified
+
+
+def test_images_whose_rows_agree_already_are_rectified() -> None:
+    turned = toy_rig((W, H), rotation_deg=(3.0, 0.0, 0.0))
+    rectified, assumed = rectified_rig(lambda: turned, turned)
+    order = tell_order(common([np.hstack([LEFT, RIGHT])], SIDE_BY_SIDE.split).matches, turned, rectified)
+    assert order is not None and order.rectified and not order.swapped
+    assert "alpha 0" in assumed and rectified.baseline_m == pytest.approx(turned.baseline_m)
+
+
+def write(path: Path, picture: U8) -> None:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (picture.shape[1], picture.shape[0]))
+    for _ in range(3):
+        writer.write(picture if picture.ndim == 3 else cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR))
+    writer.release()
+
+
+def test_swapped_video_is_mended_and_told(tmp_path: Path) -> None:
+    write(tmp_path / "pair.avi", np.hstack([RIGHT, LEFT]))
+    save_rig(toy_rig((W, H)), tmp_path / "rig.toml")
+    recording = open_recording(tmp_path)
+    frame = next(iter(recording))
+    assert np.abs(frame.left.astype(int) - LEFT).mean() < 10 < np.abs(frame.right.astype(int) - LEFT).mean()
+    assert "left and right are exchanged" in recording.notes[0]
+
+
+def test_depth_beside_its_image_is_refused(tmp_path: Path) -> None:
+    colour = cv2.applyColorMap(view(), cv2.COLORMAP_JET)
+    rng = np.random.default_rng(5)
+    depth = cv2.resize(rng.integers(0, 255, (30, 40), dtype=np.uint8), (W, H), interpolation=cv2.INTER_NEAREST)
+    write(tmp_path / "pair.avi", np.hstack([cv2.cvtColor(depth, cv2.COLOR_GRAY2BGR), colour]))
+    with pytest.raises(InputError, match=r"grey and a coloured half .* depth beside its colour image"):
+        open_recording(tmp_path / "pair.avi")
