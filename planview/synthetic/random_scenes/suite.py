@@ -6,6 +6,7 @@ one of the list; everything else is taken as it is.
 
 from __future__ import annotations
 
+import itertools
 import zlib
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
@@ -68,7 +69,7 @@ def varied(scene: Scene, seed: int) -> Scene:
 
 
 def implausible(scene: Scene, stage: Stage) -> str:
-    """Why a scene cannot be; empty when it can."""
+    """Why a scene cannot be, or shows too little of what its challenge covers; empty when it is good."""
     furniture = {f.name: f for f in scene.furniture if f.name}
     scripted = [scripted_motion(p, furniture, scene.duration_s) for p in scene.people]
     times = np.arange(0.0, scene.duration_s, STEP_S)
@@ -78,34 +79,36 @@ def implausible(scene: Scene, stage: Stage) -> str:
     if walks and not reason:
         places = [m.places(times) for m in wander(scene, scripted)]
         reason = _gaps(places, scene, wandering=False)
-    late = _cut_off([m.script_end_s for m in scripted], scene)
-    return reason or late or _through_things(places, scene) or _out_of_view(places, stage) or _apart(places, stage)
-
-
-def _cut_off(ends_s: list[float], scene: Scene) -> str:
-    """Things are put down and taken within the recording."""
-    for i, (person, end_s) in enumerate(zip(scene.people, ends_s, strict=True)):
-        if any(s.carry or s.push for s in person.steps) and end_s > scene.duration_s + LEAVE_S:
+    if reason:
+        return reason
+    # Things are put down and taken within the recording.
+    for i, (person, motion) in enumerate(zip(scene.people, scripted, strict=True)):
+        handles = any(s.carry or s.push for s in person.steps)
+        if handles and motion.script_end_s > scene.duration_s + LEAVE_S:
             return f"person {i + 1} is not done with a thing at the end"
-    return ""
-
-
-def _apart(places: list[F64], stage: Stage) -> str:
-    """Whether people hide each other too seldom for what the challenge covers."""
+    # Seats and handled things are meant to be near.
+    touched = {s.on or s.push or s.carry for p in scene.people for s in p.steps}
+    obstacles = Obstacles(scene.room, [f for f in scene.furniture if f.name not in touched])
+    for i, place in enumerate(places):
+        known = place[np.isfinite(place[:, 0])]
+        if len(known) and obstacles.distance(known).min() < 0.2:
+            return f"person {i + 1} walks through a wall or furniture"
+    in_view = np.array([stage.in_view(np.nan_to_num(p, nan=-1e3)) for p in places])
+    if in_view.any(axis=0).mean() < MIN_IN_VIEW:
+        return "no person is in view for half of the time"
+    if not in_view.any(axis=1).all():
+        return f"person {int(np.argmin(in_view.any(axis=1))) + 1} is never in view"
     if "occlusion by people" not in stage.challenge.covers:
         return ""
-    n = sum(_times_hidden(a, b, stage) for i, a in enumerate(places) for b in places[:i])
+    n = 0
+    for i, j in itertools.combinations(range(len(places)), 2):
+        both = in_view[i] & in_view[j]
+        a, b = places[j][both] - stage.camera_xy, places[i][both] - stage.camera_xy
+        far = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
+        hidden = np.zeros(len(both), np.bool_)
+        hidden[both] = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / far < HIDDEN_M
+        n += int((hidden[1:] & ~hidden[:-1]).sum()) + int(hidden[0])
     return "" if n >= MIN_HIDDEN else f"people hide each other {n} times only"
-
-
-def _times_hidden(one: F64, other: F64, stage: Stage) -> int:
-    """How many times two people in view, (T, 2) each, come into one line of sight."""
-    in_view = stage.in_view(np.nan_to_num(one, nan=-1e3)) & stage.in_view(np.nan_to_num(other, nan=-1e3))
-    a, b = one[in_view] - stage.camera_xy, other[in_view] - stage.camera_xy
-    aside = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / np.maximum(*(np.linalg.norm(v, axis=1) for v in (a, b)))
-    hidden = np.zeros(len(one), np.bool_)
-    hidden[in_view] = aside < HIDDEN_M
-    return int((hidden[1:] & ~hidden[:-1]).sum()) + int(hidden[0])
 
 
 def _gaps(places: list[F64], scene: Scene, *, wandering: bool) -> str:
@@ -117,26 +120,6 @@ def _gaps(places: list[F64], scene: Scene, *, wandering: bool) -> str:
             if (gap < GAP_M).any():
                 return f"people {j + 1} and {i + 1} walk through each other"
     return ""
-
-
-def _through_things(places: list[F64], scene: Scene) -> str:
-    """Seats and handled things are meant to be near."""
-    touched = {s.on or s.push or s.carry for p in scene.people for s in p.steps}
-    solid = [f for f in scene.furniture if f.name not in touched]
-    obstacles = Obstacles(scene.room, solid)
-    for i, place in enumerate(places):
-        known = place[np.isfinite(place[:, 0])]
-        if len(known) and obstacles.distance(known).min() < 0.2:
-            return f"person {i + 1} walks through a wall or furniture"
-    return ""
-
-
-def _out_of_view(places: list[F64], stage: Stage) -> str:
-    in_view = np.array([stage.in_view(np.nan_to_num(p, nan=-1e3)) for p in places])
-    if in_view.any(axis=0).mean() < MIN_IN_VIEW:
-        return "no person is in view for half of the time"
-    alone = in_view.any(axis=1)
-    return "" if alone.all() else f"person {int(np.argmin(alone)) + 1} is never in view"
 
 
 def random_scene(table: Mapping[str, Any], seed: int, name: str) -> Scene:
