@@ -1,5 +1,6 @@
-"""Compiled semi-global matching at every n-th row and column: costs of matches, path costs, the best disparity, its
-tests and its fraction; tests/reference/sampled_matching.py defines it.
+"""Compiled semi-global matching at every n-th row and column; tests/reference/sampled_matching.py defines it.
+
+Costs of matches, path costs, the best disparity, its tests and its fraction.
 
 An image lies in step x step planes, plane (y mod step, x mod step) holding the pixels of one phase, so that every loop
 runs along memory: what is n pixels away is a fixed number of places away in one of the planes. Each plane has a guard
@@ -28,7 +29,7 @@ RAW, RAW_LOW, RAW_HIGH, SLOPE, SLOPE_LOW, SLOPE_HIGH = range(6)
 N_PLANES = 6
 
 
-class Layout(NamedTuple):
+class SampleLayout(NamedTuple):
     """Where the samples of a window lie.
 
     Attributes:
@@ -58,7 +59,7 @@ class Layout(NamedTuple):
         return self.plane_rows * self.pitch + 2 * self.guard
 
 
-def layout(height: int, width: int, step: int, block_px: int) -> Layout:
+def layout(height: int, width: int, step: int, block_px: int) -> SampleLayout:
     """For a window of a size [px]; blocks reach beyond it, and interpolation and slope a pixel more each."""
     half = block_px // 2
     after = -(-(half + 2) // step)
@@ -67,7 +68,7 @@ def layout(height: int, width: int, step: int, block_px: int) -> Layout:
     pitch = before + columns + after
     guard = (after + 1) * pitch + before
     shift = next(bits for bits in range(8) if block_px * block_px * (MAX_COST >> bits) <= MAX_BLOCK_COST)
-    return Layout(step, rows, columns, half, after, before, rows + 2 * after, pitch, guard, shift)
+    return SampleLayout(step, rows, columns, half, after, before, rows + 2 * after, pitch, guard, shift)
 
 
 @njit(cache=True, nogil=True)
@@ -87,7 +88,7 @@ def excess(a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def spread(image: U8, left: int, at: Layout, raw: U8) -> None:
+def spread(image: U8, left: int, at: SampleLayout, raw: U8) -> None:
     """Lay an image out whose column ``left`` is that of the first sample."""
     height, width = image.shape
     for py in range(at.step):
@@ -109,7 +110,7 @@ def spread(image: U8, left: int, at: Layout, raw: U8) -> None:
 
 
 @njit(cache=True, nogil=True)
-def shifted(planes: AnyArray, dy: int, dx: int, at: Layout) -> AnyArray:
+def shifted(planes: AnyArray, dy: int, dx: int, at: SampleLayout) -> AnyArray:
     """The places of the pixels that are (dx, dy) pixels from the samples."""
     plane = planes[dy % at.step * at.step + dx % at.step]
     by = dy // at.step * at.pitch + dx // at.step
@@ -140,7 +141,7 @@ def halfway(a: U8, b: U8, c: U8, low: U8, high: U8) -> None:
 
 
 @njit(cache=True, nogil=True)
-def prepare(image: U8, left: int, at: Layout, planes: U8) -> None:
+def prepare(image: U8, left: int, at: SampleLayout, planes: U8) -> None:
     """Grey levels and slopes of an image, with the range of each within half a pixel: planes (6, step^2, places)."""
     spread(image, left, at, planes[RAW])
     raw = planes[RAW]
@@ -173,7 +174,7 @@ def unlike(a: U8, b: U8, c: U8, x: U8, y: U8, z: U8, d: U8, e: U8, f: U8, u: U8,
 
 
 @njit(cache=True, nogil=True)
-def pixel_costs(left: U8, right: U8, disparity: int, at: Layout, out: U8) -> None:
+def pixel_costs(left: U8, right: U8, disparity: int, at: SampleLayout, out: U8) -> None:
     """Of all pixels at one disparity, counted from that for which the right image is laid out."""
     for py in range(at.step):
         for px in range(at.step):
@@ -215,7 +216,7 @@ def add_two(a: AnyArray, b: AnyArray, out: I16) -> None:
 
 
 @njit(cache=True, nogil=True)
-def block_costs(pixels: U8, at: Layout, lines: I16, out: I16) -> None:
+def block_costs(pixels: U8, at: SampleLayout, lines: I16, out: I16) -> None:
     """Sums over the blocks around the samples: along the rows first, then of the rows."""
     for py in range(at.step):
         line = lines[py, at.guard : lines.shape[1] - at.guard]
@@ -233,13 +234,13 @@ def block_costs(pixels: U8, at: Layout, lines: I16, out: I16) -> None:
 
 
 @njit(cache=True, nogil=True)
-def line_at(lines: I16, dy: int, at: Layout) -> I16:
+def line_at(lines: I16, dy: int, at: SampleLayout) -> I16:
     by = dy // at.step * at.pitch
     return lines[dy % at.step, at.guard + by : lines.shape[1] - at.guard + by]
 
 
 @njit(cache=True, nogil=True)
-def add_rows(lines: I16, at: Layout, out: I16) -> None:
+def add_rows(lines: I16, at: SampleLayout, out: I16) -> None:
     """The second half of ``block_costs``."""
     total = out[at.guard : out.size - at.guard]
     if at.half == 0:
@@ -254,7 +255,7 @@ def add_rows(lines: I16, at: Layout, out: I16) -> None:
 
 @njit(cache=True, nogil=True)
 def costs(
-    left: U8, right: U8, offset: int, first: int, at: Layout, planes: U8, lines: I16, by_row: I16, by_column: I16
+    left: U8, right: U8, offset: int, first: int, at: SampleLayout, planes: U8, lines: I16, by_row: I16, by_column: I16
 ) -> None:
     """Block costs of a window, by rows (rows, count, columns) and by columns (columns, count + 1, rows).
 
@@ -291,7 +292,7 @@ NONE = np.int16(-16)
 """Instead of a disparity."""
 
 
-class Choice(NamedTuple):
+class PathParams(NamedTuple):
     """How disparities are chosen.
 
     Attributes:
@@ -386,7 +387,7 @@ def step_on(cost: I16, paths: Paths, n: int, p1: Any, p2: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def along_rows(by_column: I16, choice: Choice, paths: Paths, sums: I16, out: I16) -> None:
+def along_rows(by_column: I16, choice: PathParams, paths: Paths, sums: I16, out: I16) -> None:
     """Sum of the paths from the left and from the right: (columns, count, rows) to (rows, count, columns).
 
     The samples of a column are as many paths side by side. ``by_column`` and ``sums``, which is to work in, have one
@@ -445,7 +446,7 @@ def fraction(total: I16, n: int, i: int, d: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def decide(total: I16, shift: I64, n: int, choice: Choice, lines: I16, out: I16) -> None:
+def decide(total: I16, shift: I64, n: int, choice: PathParams, lines: I16, out: I16) -> None:
     """Disparities of a row of samples in sixteenths above the lowest; NONE where a test fails.
 
     Args:
@@ -482,7 +483,9 @@ def decide(total: I16, shift: I64, n: int, choice: Choice, lines: I16, out: I16)
 
 
 @njit(cache=True, nogil=True)
-def along_columns(by_row: I16, rows_sum: I16, choice: Choice, step: int, paths: Paths, lines: I16, out: I16) -> None:
+def along_columns(
+    by_row: I16, rows_sum: I16, choice: PathParams, step: int, paths: Paths, lines: I16, out: I16
+) -> None:
     """Add the path from above, and decide row by row: (rows, count, columns) costs and sums to (rows, columns)."""
     rows, count, columns = by_row.shape
     p1, p2 = np.int16(choice.p1), np.int16(choice.p2)
@@ -495,7 +498,7 @@ def along_columns(by_row: I16, rows_sum: I16, choice: Choice, step: int, paths: 
 
 
 @njit(cache=True, nogil=True)
-def extremes(planes: U8, at: Layout, darkest: U8, brightest: U8) -> None:
+def extremes(planes: U8, at: SampleLayout, darkest: U8, brightest: U8) -> None:
     """Range of the grey levels of a sample and the pixels up to the next one."""
     start = at.guard + at.above * at.pitch + at.before
     for plane in range(planes.shape[0]):
@@ -521,8 +524,8 @@ def match_samples(
     offset: int,
     first: int,
     count: int,
-    at: Layout,
-    choice: Choice,
+    at: SampleLayout,
+    choice: PathParams,
     planes: U8,
     work: I16,
     out: I16,
@@ -553,7 +556,7 @@ def match_samples(
     along_columns(by_row, both, choice, at.step, paths_of(columns, count, rest), lines, out)
 
 
-def room(at: Layout, count: int) -> tuple[tuple[int, int, int], int]:
+def room(at: SampleLayout, count: int) -> tuple[tuple[int, int, int], int]:
     """Shape of ``planes`` and size of ``work`` for ``match_samples``."""
     side = max(at.rows, at.columns)
     lines = max((at.step + 1) * at.places, (3 * count + 2) * side + 6 * (side + count + 2))

@@ -1,5 +1,4 @@
-"""Images with depth, made ready as a rectified pair is: depth registered to the image, one pinhole without distortion,
-and an equivalent disparity.
+"""Images with depth, made ready as a rectified pair is: registered, without distortion, and as disparity.
 
 Every stage after matching works in disparity, d = f b / z, whose noise does not depend on depth where depth is
 triangulated. The depth of a sensor is taken there by the baseline that a pair with the sensor's own noise would have:

@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.types import F32, I16, U8
 from stereo._kernels import disparity_from_fixed
-from stereo._sampled_sgm_kernels import NONE, Choice, Layout, layout, match_samples, room
+from stereo._sampled_sgm_kernels import NONE, PathParams, SampleLayout, layout, match_samples, room
 from stereo.depth import RectifiedGeometry
 from stereo.gating import MatchingWork, Window
 from stereo.matcher import STEP, TEXTURE_PX, DisparityRange, SgbmParams, right_of, speckle_px, valid_mask
@@ -59,7 +59,7 @@ class _Room(local):
         self.planes: U8 = np.empty(0, np.uint8)
         self.work: I16 = np.empty(0, np.int16)
 
-    def of(self, at: Layout, count: int) -> tuple[U8, I16]:
+    def of(self, at: SampleLayout, count: int) -> tuple[U8, I16]:
         """Arrays for ``match_samples``."""
         shape, n = room(at, count)
         n_planes = shape[0] * shape[1] * shape[2]
@@ -107,7 +107,7 @@ class SampledMatcher:
         at = layout(height, width, self.step, self.params.block_px)
         per_px = self.params.block_px**2 / self.step / (1 << at.shift)
         p1, p2 = (min(round(p * per_px), MAX_P2) for p in (self.params.p1, self.params.p2))
-        choice = Choice(p1, max(p2, p1 + 1), self.params.uniqueness_percent, self.params.left_right_px)
+        choice = PathParams(p1, max(p2, p1 + 1), self.params.uniqueness_percent, self.params.left_right_px)
         fixed = np.empty((at.rows, at.columns), np.int16)
         darkest, brightest = np.empty((2, at.rows, at.columns), np.uint8)
         offset = window.left - right_of(window, disparities).left

@@ -1,5 +1,7 @@
-"""ROS camera_info, a YAML file per camera as camera_calibration writes it or as the message is printed, and Kalibr
-camchain, a table per camera with poses as nested rows or as 16 values in a row.
+"""ROS camera_info and Kalibr camchain.
+
+camera_info is a YAML file per camera, as camera_calibration writes it or as the message is printed; camchain a table
+per camera, with poses as nested rows or as 16 values in a row.
 """
 
 from __future__ import annotations

@@ -144,6 +144,10 @@ class RosBag:
                 self.topics = sorted_topics(
                     [Topic(c.topic, c.msgtype, kind_of(c.msgtype), c.msgcount) for c in reader.connections]
                 )
+            for file in sorted(path.glob("*.mcap")):  # the parts of a folder
+                with file.open("rb") as content:
+                    summary = require("mcap.reader", path).SeekingReader(content).get_summary()
+                    _check_chunks(content, summary.chunk_indexes if summary else ())
         except Exception as error:  # libraries raise whatever a damaged file provokes
             raise InputError(f"{path}: {_damage(error, ros1)}") from error
 

@@ -360,3 +360,12 @@ def test_message_that_unpacks_without_end_is_refused(tmp_path: Path, monkeypatch
     monkeypatch.setattr(storage, "MAX_UNPACKED_BYTES", 100)
     with pytest.raises(InputError, match="compressed data of more than"):
         find_layout(tmp_path / "a")
+
+
+def test_chunk_of_a_folder_of_mcap_files_that_unpacks_without_end_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = stereo_bag(tmp_path / "a", False, "mcap")
+    monkeypatch.setattr(storage, "MAX_UNPACKED_BYTES", 100)
+    with pytest.raises(InputError, match="compressed data of more than"):
+        find_layout(path)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from reference import sampled_matching as reference
 
-from stereo._sampled_sgm_kernels import Choice, layout, match_samples, room
+from stereo._sampled_sgm_kernels import PathParams, layout, match_samples, room
 from stereo.depth import RectifiedGeometry
 from stereo.gating import Window
 from stereo.matcher import DisparityRange, SgbmMatcher, SgbmParams, right_of
@@ -30,7 +30,7 @@ def test_sampled_match_equals_its_numpy_twin(step: int, block: int) -> None:
     found = np.empty((at.rows, at.columns), np.int16)
     extremes = np.empty((2, at.rows, at.columns), np.uint8)
     area = block * block
-    choice = Choice(8 * area, 28 * area, 8, 1)
+    choice = PathParams(8 * area, 28 * area, 8, 1)
     planes, work = np.full(shape, 77, np.uint8), np.full(n, 77, np.int16)
     match_samples(left, right, offset, first, count, at, choice, planes, work, found, *extremes)
     costs = reference.costs(left, right, offset, first, count, step, block)
