@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.board_views import board_views, random_rig
+from benchmarks.calibration import board_views, random_rig
 from calib.board.complete import complete_charuco, find_counts, larger_counts
 from calib.board.detect import Detector, same_order
 from calib.board.model import Corners
