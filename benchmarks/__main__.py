@@ -11,6 +11,7 @@ from planview.cli import main
 BENCHMARKS = {
     "suite": "Render challenges drawn from a seed, track and score them.",
     "ablation": "Switch parts of the engine off and compare the variants.",
+    "real": "Score every real recording with truth, beside the baseline of height peaks.",
     "speed": "Time the engine side by side with plain OpenCV.",
     "accuracy": "Render every committed scene, track it and score it.",
     "counting": "Score counts and occupancy on rendered and real recordings.",
