@@ -17,7 +17,7 @@ from rich.table import Table
 
 from benchmarks.options import BenchOptions, number, scene_files
 from benchmarks.passes import PEER, Pass, in_processes, provenance, run_pass
-from benchmarks.suite import SUITE, Way, chosen_files, refined_tracks, suite_recording
+from benchmarks.suite import SUITE, Way, chosen_files, drawn_scene, judged_truth, refined_tracks, suite_recording
 from calib.errors import InputError
 from calib.files import write_whole
 from calib.types import F64, I64
@@ -26,7 +26,7 @@ from planview.engine.config import Config, load_config
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
 from planview.output.script import run
-from planview.trajectories.table import read_tracks, read_truth
+from planview.trajectories.table import Trajectories, read_tracks, read_truth
 
 RESAMPLES = 2000
 """Bootstrap samples: the ends of a 95 % interval then rest on 50 samples each."""
@@ -112,6 +112,11 @@ class AblationRecording:
             raise InputError(f"{folder}: expected a recording with truth.csv, found none in it")
         return folder
 
+    def truth(self) -> Trajectories:
+        """The truth of the recording, of a challenge as the suite judges it."""
+        truth = read_truth(self.folder() / "truth.csv")
+        return truth if self.seed is None else judged_truth(truth, drawn_scene(self.path, self.seed))
+
 
 @dataclass(frozen=True)
 class Trial:
@@ -183,7 +188,7 @@ def run_trial(trial: Trial) -> tuple[Trial, Evaluation]:
             tracks = run(run_pass(job) / "maps.h5", config=config)
         else:
             tracks = read_tracks(run_pass(Pass(folder, trial.recording.cache, config)) / "tracks.csv")
-    return trial, evaluate_tracks(tracks, read_truth(folder / "truth.csv"))
+    return trial, evaluate_tracks(tracks, trial.recording.truth())
 
 
 def run_trials(trials: Sequence[Trial], at_once: int) -> Iterator[tuple[Trial, Evaluation]]:

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from benchmarks.options import number
 from planview.evaluation.result import KINDS, Evaluation
+from planview.evaluation.significant import poisson_upper
 
 
 @dataclass(frozen=True)
@@ -56,17 +57,21 @@ class Totals:
         minutes: length of the recordings.
         truth_rows: that count.
         significant: significant errors by kind and in total.
+        events: moments that these come from (``grouped_events``).
         strict: lost, missed and false tracks as significant ones, and every change of identity (CLEAR).
-        significant_per_10_min, strict_per_10_min: the same for ten minutes.
+        significant_per_10_min, events_per_10_min, strict_per_10_min: the same in ten minutes, and the largest mean that
+            is not refuted by so few at 95 % (Poisson); NaN for no recordings.
         position_error_m, position_std_m, height_error_m: means and deviation over matches; NaN without one.
     """
 
     minutes: float
     truth_rows: int
     significant: dict[str, int]
+    events: int
     strict: int
-    significant_per_10_min: float
-    strict_per_10_min: float
+    significant_per_10_min: tuple[float, float]
+    events_per_10_min: tuple[float, float]
+    strict_per_10_min: tuple[float, float]
     mota: float
     idf1: float
     switches: int
@@ -75,7 +80,11 @@ class Totals:
     height_error_m: float
 
     def to_json(self) -> dict[str, Any]:
-        return {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in asdict(self).items()}
+        figures = asdict(self)
+        for name in ("significant", "events", "strict"):
+            rate = f"{name}_per_10_min"
+            figures[rate], figures[f"{rate}_upper"] = figures[rate]
+        return {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in figures.items()}
 
 
 def totals(scores: Sequence[SceneScore]) -> Totals:
@@ -89,14 +98,20 @@ def totals(scores: Sequence[SceneScore]) -> Totals:
     height = np.concatenate([e.height_error_m for e in every] or [np.empty(0)])
     kinds = [error.kind for e in every for error in e.significant]
     switches = sum(e.clear.switches for e in every)
-    strict = len(kinds) - kinds.count("swapped") + switches
+    events, strict = sum(e.events for e in every), len(kinds) - kinds.count("swapped") + switches
+
+    def per_10_min(count: int) -> tuple[float, float]:
+        return (10 * count / minutes, 10 * poisson_upper(count) / minutes) if minutes else (math.nan, math.nan)
+
     return Totals(
         minutes=minutes,
         truth_rows=rows,
         significant={"total": len(kinds), **{kind: kinds.count(kind) for kind in KINDS}},
+        events=events,
         strict=strict,
-        significant_per_10_min=10 * len(kinds) / minutes if minutes else math.nan,
-        strict_per_10_min=10 * strict / minutes if minutes else math.nan,
+        significant_per_10_min=per_10_min(len(kinds)),
+        events_per_10_min=per_10_min(events),
+        strict_per_10_min=per_10_min(strict),
         mota=1 - wrong / rows if rows else math.nan,
         idf1=2 * sum(e.identity.idtp for e in every) / both if both else math.nan,
         switches=switches,
@@ -112,29 +127,31 @@ def scores_json(scores: Sequence[SceneScore]) -> dict[str, Any]:
 
 
 def print_scores(what: str, scores: Sequence[SceneScore], console: Console) -> None:
-    """A row per recording and one of all together (errors of position and height in cm), then every error."""
-    table = Table(what, "seed", "rows", "significant", "MOTA", "IDF1", "switch", "position", "height")
+    """A row per recording and one of all together, then every error."""
+    table = Table(what, "seed", "rows", "significant", "events", "MOTA", "IDF1", "switch", "pos cm", "height")
     for column in (*table.columns[1:3], *table.columns[4:]):
         column.justify = "right"
-    for name, group in [(score.name, [score]) for score in scores] + [("all", list(scores))]:
-        t, seed = totals(group), str(group[0].seed) if name != "all" else ""
-        if name == "all":
+    for name, seed, group in [(s.name, str(s.seed), [s]) for s in scores] + [("all", "", list(scores))]:
+        t = totals(group)
+        if not seed:
             table.add_section()
-            name = f"all, {t.minutes:.1f} min"
         kinds = ", ".join(f"{kind} {n}" for kind, n in t.significant.items() if n and kind != "total") or "none"
-        place = f"{number(t.position_error_m, 100, 1)} ± {number(t.position_std_m, 100, 1)}"
         table.add_row(
-            name, seed, str(t.truth_rows), kinds, number(t.mota), number(t.idf1), str(t.switches), place,
+            name if seed else f"all, {t.minutes:.1f} min", seed, str(t.truth_rows), kinds, str(t.events),
+            number(t.mota), number(t.idf1), str(t.switches), number(t.position_error_m, 100, 1),
             number(t.height_error_m, 100, 1),
         )  # fmt: skip
     console.print(table)
     t = totals(scores)
-    console.print(
-        f"per 10 minutes: {t.significant_per_10_min:.1f} significant errors, {t.strict_per_10_min:.1f} with every "
-        "change of identity"
+    rates = (
+        (t.significant_per_10_min, "significant errors"),
+        (t.events_per_10_min, "events"),
+        (t.strict_per_10_min, "with every change of identity"),
     )
+    text = ", ".join(f"{rate:.1f} (at most {upper:.1f}) {what}" for (rate, upper), what in rates)
+    console.print(f"in 10 minutes, with the 95 % bound of so few: {text}", highlight=False, soft_wrap=True)
     for score in scores:
         for error in score.evaluation.significant:
             where = f"{what}: {score.name} ({score.seed}) frame {error.frame}"
             who = f"person {error.truth_id}, track {error.track_id}"
-            console.print(f"{where}: {error.kind}, {who}: {error.note}", highlight=False)
+            console.print(f"{where}: {error.kind}, {who}: {error.note}", highlight=False, soft_wrap=True)

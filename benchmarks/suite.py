@@ -8,7 +8,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -28,15 +28,21 @@ from calib.text import parse_toml, read_text
 from planview.engine.config import Config
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.output.refine import refine_run
+from planview.synthetic.actors import Cast
 from planview.synthetic.committed import SCENES
+from planview.synthetic.motion import TURNS
+from planview.synthetic.placing import mount_pose, rectified_world, stereo_rig
 from planview.synthetic.ranges import draw
 from planview.synthetic.scene import Scene
+from planview.synthetic.texture import Palette
 from planview.trajectories.table import Trajectories, read_tracks, read_truth
 
 SUITE = SCENES / "suite"
 """The committed challenges."""
 Way = Literal["online", "refined", "peer"]
 """Tracks as they came, those refined afterwards, and those of the naive engine."""
+TURNING = 0.02
+"""A cartwheel is turned from this share of a turn on: before, the head is still above the hips."""
 JUDGING_SEED = 100
 """Seeds below are worked on; seeds from here on judge, each once."""
 
@@ -135,6 +141,21 @@ def _has_end(path: Path) -> bool:
         return file.read() == b"\xff\xd9"
 
 
+def judged_truth(truth: Trajectories, scene: Scene) -> Trajectories:
+    """The truth of a scene with the hips of those who turn a cartwheel in place of their heads, which swing by a body's
+    length about the place where a person is."""
+    if scene.rig is None or not any(step.cartwheel for person in scene.people for step in person.steps):
+        return truth
+    motions = Cast(scene, Palette()).motions
+    _, world_SE3_room = rectified_world(stereo_rig(scene.rig), mount_pose(scene.rig))
+    x_m, y_m = truth.x_m.copy(), truth.y_m.copy()
+    for row, (frame, person) in enumerate(zip(truth.frame, truth.track_id, strict=True)):
+        hips, *_, actions = motions[person - 1].at(frame / scene.fps)
+        if TURNING < actions[TURNS] % 1.0 < 1.0 - TURNING:
+            x_m[row], y_m[row], _ = world_SE3_room @ np.array([*hips, 0.0])
+    return replace(truth, x_m=x_m, y_m=y_m)
+
+
 def run_job(job: SuiteJob) -> dict[Way, SceneScore]:
     """Render, track (both once, from the cache when they are there) and score one scene in every way asked for."""
     recording, scene = suite_recording(job.path, job.seed, job.cache)
@@ -148,7 +169,7 @@ def run_job(job: SuiteJob) -> dict[Way, SceneScore]:
         tracks["refined"] = refined_tracks(kept)
     if job.peer:
         tracks["peer"] = read_tracks(kept / PEER)
-    truth = read_truth(recording / "truth.csv")
+    truth = judged_truth(read_truth(recording / "truth.csv"), scene)
     return {
         way: SceneScore(
             job.path.stem, job.seed, evaluate_tracks(t, truth), recording, scene.n_frames, scene.duration_s, kept

@@ -16,12 +16,15 @@ from benchmarks.suite import (
     dealt_files,
     drawn_scene,
     is_whole,
+    judged_truth,
     run_job,
     suite,
     suite_recording,
 )
 from calib.errors import InputError
 from planview.engine.config import Config, load_config
+from planview.evaluation.significant import poisson_upper
+from planview.trajectories.table import positions_table
 
 CHALLENGE = """description = "one crosses"
 covers = ["320x240"]
@@ -92,8 +95,10 @@ def test_job_scores_its_scene_and_totals_count_per_ten_minutes(challenge, record
     whole = totals([result, result])
     assert whole.minutes == pytest.approx(16 / 60)
     assert whole.truth_rows == 2 * result.evaluation.truth_rows > 0
-    assert whole.significant_per_10_min == pytest.approx(37.5 * whole.significant["total"])
-    assert whole.strict >= whole.significant["total"] - whole.significant["swapped"]
+    n = whole.significant["total"]
+    assert whole.significant_per_10_min == pytest.approx((37.5 * n, 37.5 * poisson_upper(n)))
+    assert whole.strict >= n - whole.significant["swapped"]
+    assert whole.to_json()["events_per_10_min"] == 37.5 * whole.events
 
 
 def test_pass_is_kept_and_gives_refined_and_peer_tracks_of_the_same_scene(challenge, recording, monkeypatch):
@@ -123,6 +128,26 @@ def test_challenge_with_a_value_out_of_range_is_refused_naming_file_and_key(chal
     path.write_text(CHALLENGE.replace("lens_deg = 70", "lens_deg = 170"))
     with pytest.raises(InputError, match=r"dark\.toml: camera\.lens_deg: .* found 170"):
         drawn_scene(path, 1)
+
+
+def test_heads_of_a_cartwheel_are_judged_at_the_hips_which_go_straight():
+    scene = drawn_scene(SUITE / "cartwheel.toml", 1)
+    person = next(i for i, p in enumerate(scene.people, 1) if any(step.cartwheel for step in p.steps))
+    frames = np.arange(scene.n_frames)
+    heads = positions_table(frames, np.full(len(frames), person), np.full((len(frames), 2), 99.0))
+    judged = judged_truth(heads, scene)
+    turning = judged.x_m != 99.0
+    assert 0.5 < turning.sum() / scene.fps < 6.0
+    first = np.split(np.flatnonzero(turning), np.flatnonzero(np.diff(np.flatnonzero(turning)) > 1) + 1)[0]
+    way = np.column_stack([judged.x_m, judged.y_m])[first]
+    along = (way[-1] - way[0]) / np.linalg.norm(way[-1] - way[0])
+    assert np.abs((way - way[0]) @ [-along[1], along[0]]).max() < 0.05
+
+
+def test_truth_of_upright_people_is_judged_as_it_is(recording):
+    _, _, scene = recording
+    truth = positions_table(np.arange(3), np.ones(3, dtype=np.int64), np.zeros((3, 2)))
+    assert judged_truth(truth, scene) is truth
 
 
 def test_command_reports_scenes_and_seeds_as_json(challenge, recording, tmp_path, capsys):
