@@ -1,1 +1,1 @@
-"""Measurements behind ``python -m benchmarks``, one module per subject."""
+"""Measurements behind ``python -m benchmarks``, one module per benchmark."""

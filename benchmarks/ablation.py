@@ -2,30 +2,85 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+from cyclopts import Parameter
+from planview.engine.ablations import ABLATIONS
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
 
-from benchmarks.accuracy import tracked
-from benchmarks.passes import PEER, Pass, in_processes, run_pass
-from benchmarks.suite import refined_tracks, suite_recording
-from benchmarks.variants import CONFIGURED, Variant
+from benchmarks.options import BenchOptions, number, scene_files
+from benchmarks.passes import PEER, Pass, in_processes, provenance, run_pass
+from benchmarks.suite import SUITE, Way, chosen_files, drawn_scene, judged_truth, refined_tracks, suite_recording
 from calib.errors import InputError
+from calib.io import write_whole
 from calib.types import F64, I64
 from planview.engine.config import Config, load_config
-from planview.engine.factory import floor_tracker
-from planview.engine.maps_pipeline import MapsPipeline
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
-from planview.maps.recording import MapsRecording
-from planview.trajectories.table import read_tracks, read_truth
+from planview.output.script import run
+from planview.trajectories.table import Trajectories, read_tracks, read_truth
 
 RESAMPLES = 2000
 """Bootstrap samples: the ends of a 95 % interval then rest on 50 samples each."""
+DECIDES_POINTS = ("foreground", "feedback")
+"""Tables whose parameters decide which foreground points there are: recorded ones do not serve."""
+TABLE_WIDTH = 144
+"""Columns of text that the table needs."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One row of the table; the settings are those that ``planview run --set`` takes.
+
+    Attributes:
+        name: of the row.
+        settings: overrides of the configuration like "template.joint=false".
+        meaning: what the part that is switched off does.
+        way: which tracks of the run are scored.
+        paper: significant errors of Harville 2002, section 5, in about ten minutes; None where it has no such figure.
+    """
+
+    name: str
+    settings: tuple[str, ...] = ()
+    meaning: str = ""
+    way: Way = "online"
+    paper: int | None = None
+
+    @property
+    def tracker_only(self) -> bool:
+        """Whether recorded foreground points serve: nothing that decides which points there are differs."""
+        return not any(setting.split(".")[0] in DECIDES_POINTS for setting in self.settings)
+
+
+CONFIGURED = Variant("as configured", paper=1)
+"""What every other variant is compared with."""
+LADDER = (
+    *(Variant(a.name, a.settings, a.meaning, paper=a.paper) for a in ABLATIONS.values()),
+    Variant("refinement on", (), "online tracks; refined ones know the future", way="refined"),
+    Variant("naive engine", (), "everything after disparity: MOG2, blobs, Hungarian method, Kalman filter", way="peer"),
+)
+"""Parts of the engine, each switched off alone; refinement on; and the naive engine."""
+
+
+def chosen_variants(names: Sequence[str]) -> tuple[Variant, ...]:
+    """``CONFIGURED``, then the variants named; all when none is.
+
+    Raises:
+        InputError: no such variant.
+    """
+    known = {variant.name: variant for variant in LADDER}
+    for name in names:
+        if name not in known:
+            raise InputError(f"--variant: expected one of {', '.join(known)}, found {name!r}")
+    return CONFIGURED, *(known[name] for name in names or known)
 
 
 @dataclass(frozen=True)
@@ -57,26 +112,19 @@ class AblationRecording:
             raise InputError(f"{folder}: expected a recording with truth.csv, found none in it")
         return folder
 
+    def truth(self) -> Trajectories:
+        """The truth of the recording, of a challenge as the suite judges it."""
+        truth = read_truth(self.folder() / "truth.csv")
+        return truth if self.seed is None else judged_truth(truth, drawn_scene(self.path, self.seed))
+
 
 @dataclass(frozen=True)
 class Trial:
-    """One variant on one recording.
-
-    Attributes:
-        config: the configuration that the variant changes.
-    """
+    """One variant on one recording, and the configuration that it changes."""
 
     recording: AblationRecording
     variant: Variant
     config: Config
-
-
-@dataclass(frozen=True)
-class TrialScore:
-    """The scores of a trial."""
-
-    trial: Trial
-    evaluation: Evaluation
 
 
 class Interval(NamedTuple):
@@ -119,7 +167,7 @@ class AblationRow:
         }  # fmt: skip
 
 
-def run_trial(trial: Trial) -> TrialScore:
+def run_trial(trial: Trial) -> tuple[Trial, Evaluation]:
     """Track and score one variant on one recording.
 
     The engine as configured runs in full, once (``passes.run_pass``), and records its plan-view points; variants of the
@@ -137,14 +185,13 @@ def run_trial(trial: Trial) -> TrialScore:
     else:
         config = load_config(None, variant.settings, trial.config)
         if variant.tracker_only:
-            maps = MapsRecording(run_pass(job) / "maps.h5")
-            tracks = tracked(MapsPipeline(maps, floor_tracker("template", config), config), None, "template")
+            tracks = run(run_pass(job) / "maps.h5", config=config)
         else:
             tracks = read_tracks(run_pass(Pass(folder, trial.recording.cache, config)) / "tracks.csv")
-    return TrialScore(trial, evaluate_tracks(tracks, read_truth(folder / "truth.csv")))
+    return trial, evaluate_tracks(tracks, trial.recording.truth())
 
 
-def run_trials(trials: Sequence[Trial], at_once: int) -> Iterator[TrialScore]:
+def run_trials(trials: Sequence[Trial], at_once: int) -> Iterator[tuple[Trial, Evaluation]]:
     """Scores in the order in which they are done; the engine as configured first, since others need its points."""
     first = [trial for trial in trials if trial.variant == CONFIGURED]
     yield from in_processes(run_trial, first, at_once)
@@ -163,7 +210,7 @@ def ablation_rows(
     """
     n = len(scores[CONFIGURED])
     samples = np.random.default_rng(seed).integers(0, n, (resamples, n))
-    base = _counts(scores[CONFIGURED], _n_significant)
+    base = _counts(scores[CONFIGURED], lambda e: len(e.significant))
     # One length for all: the span that a variant's tracks cover differs from variant to variant.
     minutes = _counts(scores[CONFIGURED], lambda e: e.duration_s / 600)
     return [_row(variant, parts, base, minutes, samples) for variant, parts in scores.items()]
@@ -171,24 +218,23 @@ def ablation_rows(
 
 def _row(variant: Variant, parts: Sequence[Evaluation], base: F64, minutes: F64, samples: I64) -> AblationRow:
     rows = _counts(parts, lambda e: e.truth_rows)
-    errors = _counts(parts, _n_significant)
+    errors = _counts(parts, lambda e: len(e.significant))
     kinds = Counter(error.kind for error in pooled(parts).significant)
-
-    def figure(numerator: F64, denominator: F64) -> Interval:
-        return bootstrap(numerator, denominator, samples)
-
+    distances = _counts(parts, lambda e: float(e.position_error_m.sum()))
     return AblationRow(
         variant,
         {"total": int(errors.sum()), **{kind: kinds[kind] for kind in KINDS}},
-        figure(errors, minutes),
-        figure(errors - base, minutes),
-        figure(_counts(parts, lambda e: e.strict_identity_changes), minutes),
-        figure(_counts(parts, lambda e: e.clear.misses), rows),
-        figure(_counts(parts, lambda e: e.clear.false_positives), rows),
-        figure(
-            _counts(parts, lambda e: float(e.position_error_m.sum())), _counts(parts, lambda e: len(e.position_error_m))
-        ),
+        bootstrap(errors, minutes, samples),
+        bootstrap(errors - base, minutes, samples),
+        bootstrap(_counts(parts, lambda e: e.strict_identity_changes), minutes, samples),
+        bootstrap(_counts(parts, lambda e: e.clear.misses), rows, samples),
+        bootstrap(_counts(parts, lambda e: e.clear.false_positives), rows, samples),
+        bootstrap(distances, _counts(parts, lambda e: len(e.position_error_m)), samples),
     )
+
+
+def _counts(parts: Sequence[Evaluation], of: Callable[[Evaluation], float]) -> F64:
+    return np.array([of(part) for part in parts], dtype=np.float64)
 
 
 def bootstrap(numerator: F64, denominator: F64, samples: I64) -> Interval:
@@ -208,9 +254,103 @@ def bootstrap(numerator: F64, denominator: F64, samples: I64) -> Interval:
     return Interval(value, float(low), float(high))
 
 
-def _counts(parts: Sequence[Evaluation], of: Callable[[Evaluation], float]) -> F64:
-    return np.array([of(part) for part in parts], dtype=np.float64)
+@Parameter(name="*")
+@dataclass(frozen=True)
+class AblationOptions(BenchOptions):
+    """Which variants are compared, and on what."""
+
+    variant: Annotated[Sequence[str], Parameter(negative="")] = ()
+    """Only these variants, by name."""
+    seed: Annotated[Sequence[int], Parameter(negative="")] = ()
+    """Seeds of the challenges; 1 by default, and none where --recording is given."""
+    minutes: float = 10.0
+    """Length of the challenges of each seed together [min]."""
+    scene: Annotated[Sequence[str], Parameter(negative="")] = ()
+    """Only these challenges, by name."""
+    recording: Annotated[Sequence[Path], Parameter(negative="")] = ()
+    """A recording folder with truth.csv; may be given several times."""
+    jobs: int = 1
+    """Trials at the same time, each in a process of its own."""
+    scenes: Path = SUITE
+    """Folder with challenges."""
+    out: Path | None = None
+    """JSON file that gets the table; none by default."""
 
 
-def _n_significant(evaluation: Evaluation) -> int:
-    return len(evaluation.significant)
+def ablation(*, options: AblationOptions | None = None) -> None:
+    """Switch parts of the engine off, one at a time, and compare all variants on the same recordings.
+
+    One table: significant errors, identity changes, misses, false positives and mean position error of every variant,
+    with 95 % bootstrap intervals over recordings, beside the paper's figures (Harville 2002, section 5: 1 significant
+    error, 17 without occupancy, 25 without height). Variants of the tracker track the recorded plan-view points of the
+    engine as configured; those of foreground and feedback run in full.
+
+    Example: python -m benchmarks ablation --scene trio --scene crossing --jobs 2
+    """
+    o = options or AblationOptions()
+    if o.jobs < 1 or not 0 < o.minutes <= 1000 or any(s < 0 for s in o.seed):
+        raise InputError(
+            f"expected --jobs from 1, --minutes above 0, --seed from 0, found {o.jobs}, {o.minutes:g}, {o.seed}"
+        )
+    base, variants = o.settings(), chosen_variants(o.variant)
+    recordings = [AblationRecording(path, None, o.cache_folder) for path in o.recording]
+    for recording in recordings:
+        recording.folder()
+    if o.seed or o.scene or not recordings:
+        files = scene_files(o.scene, o.scenes)
+        recordings += [
+            AblationRecording(path, s, o.cache_folder)
+            for s in dict.fromkeys(o.seed or [1])
+            for path in chosen_files(files, s, o.minutes)
+        ]
+    rows = ablation_rows(_watched([Trial(r, v, base) for v in variants for r in recordings], variants, o.jobs))
+    names = {"recordings": [r.name for r in recordings], **provenance()}
+    text = json.dumps(names | {"variants": [row.to_json() for row in rows]}, indent=2) + "\n"
+    if o.out is not None:
+        o.out.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(o.out, text)
+    if o.json_output:
+        print(text, end="")
+    else:
+        print_ablation(rows, Console(markup=False, width=TABLE_WIDTH))
+
+
+def _watched(trials: Sequence[Trial], variants: Sequence[Variant], jobs: int) -> dict[Variant, list[Evaluation]]:
+    """Scores of every variant in the order of the recordings, with a bar while it lasts."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    done: dict[Trial, Evaluation] = {}
+    with Progress(*columns, console=Console(stderr=True, markup=False)) as progress:
+        task = progress.add_task("the engine as configured", total=len(trials))
+        for trial, evaluation in run_trials(trials, jobs):
+            done[trial] = evaluation
+            progress.update(task, advance=1, description=f"{trial.variant.name}: {trial.recording.name} done")
+    return {v: [done[trial] for trial in trials if trial.variant == v] for v in variants}
+
+
+def print_ablation(rows: Sequence[AblationRow], console: Console) -> None:
+    """A row per variant, below every figure its interval; then what each variant switches off."""
+    table = Table(
+        "variant", "lost, missed,\nswapped, false", "significant\nper 10 min", "change", "paper",
+        "identity\nper 10 min", "misses\n%", "false\npositives %", "position\ncm",
+    )  # fmt: skip
+    for column in table.columns:
+        column.no_wrap = True
+    for row in rows:
+        v = row.variant
+        table.add_row(
+            v.name, ", ".join(str(row.significant[kind]) for kind in KINDS), _figure(row.per_10_min),
+            "" if v == CONFIGURED else _figure(row.change_per_10_min), "" if v.paper is None else str(v.paper),
+            _figure(row.strict_per_10_min), _figure(row.misses, 100), _figure(row.false_positives, 100),
+            _figure(row.position_error_m, 100),
+        )  # fmt: skip
+    console.print(table)
+    for row in rows:
+        if row.variant.meaning:
+            console.print(f"{row.variant.name}: {row.variant.meaning}", highlight=False)
+
+
+def _figure(value: Interval, factor: float = 1.0) -> str:
+    if np.isnan(value.value):
+        return "-"
+    middle, low, high = (number(x, factor, 1) for x in value)
+    return f"{middle}\n[{low}, {high}]"

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
+from cyclopts import Parameter
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
 
-from benchmarks.accuracy import RenderOptions, Tell, rendered
-from benchmarks.views import drawn_view
+from benchmarks.options import BenchOptions, Progress, RenderOptions, rendered, scene_files
+from benchmarks.views import VIEWS, drawn_view
+from calib.errors import InputError
 from calib.types import I32, Bool
 from planview.engine.config import Config
 from planview.engine.factory import open_engine
@@ -50,9 +57,6 @@ class ForegroundScore:
     missed: float
     false: float
 
-    def to_json(self) -> dict[str, Any]:
-        return asdict(self)
-
 
 class Tally:
     """Pixels of one method: add frame by frame."""
@@ -76,15 +80,15 @@ class Tally:
 
 
 def score_foreground(
-    name: str, seed: int, condition: str, options: RenderOptions, config: Config, tell: Tell
+    path: Path, seed: int, condition: str, rendering: RenderOptions, config: Config, progress: Progress
 ) -> list[ForegroundScore]:
     """The engine's own foreground (with the ellipse-particle tracker's feedback), MOG2 and KNN on one condition.
 
     OpenCV's own have their defaults, a median of 3x3 pixels as the engine's has, and shadows removed.
     """
-    view = drawn_view(name, seed, CONDITIONS[condition])
-    recording = rendered(view.scene, f"view-{name}-{seed}", options, tell)
-    tell(f"{name} of seed {seed}, {condition}")
+    view, name = drawn_view(path, seed, CONDITIONS[condition]), path.stem
+    recording = rendered(view.scene, f"view-{name}-{seed}", rendering, progress)
+    progress(f"{name} of seed {seed}, {condition}")
     engine = open_engine(recording, "ellipse-particle", config)
     others = {"MOG2": cv2.createBackgroundSubtractorMOG2(), "KNN": cv2.createBackgroundSubtractorKNN()}
     tallies = {method: Tally() for method in ("planview", *others)}
@@ -106,3 +110,52 @@ def pooled(scores: Sequence[ForegroundScore], condition: str, method: str) -> tu
     mine = [(s.wrong, s.missed, s.false) for s in scores if s.condition == condition and s.method == method]
     wrong, missed, false = np.mean(mine, axis=0)
     return float(wrong), float(missed), float(false)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class ForegroundOptions(BenchOptions):
+    """Which views are drawn, and how much of them."""
+
+    scene: Annotated[Sequence[str], Parameter(negative="")] = ("lobby",)
+    """Views of data/synthetic/views, by name."""
+    seeds: Annotated[Sequence[int], Parameter(negative="")] = (0,)
+    """Seeds of the views. Seeds 0 to 9 are worked on, others judge."""
+    frames: int = 150
+    """Only the first frames of every view."""
+
+
+def foreground(*, options: ForegroundOptions | None = None) -> None:
+    """Share of wrong pixels of one camera's foreground beside OpenCV's MOG2 and KNN, by condition, with exact masks.
+
+    Each view is drawn once per condition (dark, blurred, compressed, a polished floor...); the first three seconds do
+    not count.
+
+    Example: python -m benchmarks foreground --scene lobby --seeds 0
+    """
+    o = options or ForegroundOptions()
+    if o.frames < 1:
+        raise InputError(f"--frames: expected at least 1, found {o.frames}")
+    if not o.seeds or min(o.seeds) < 0:
+        raise InputError("--seeds: expected numbers from 0")
+    settings, rendering = o.settings(), RenderOptions(o.cache_folder, frames=o.frames)
+    with Console(stderr=True, markup=False).status("...") as status:
+        scores = [
+            score
+            for seed in o.seeds
+            for path in scene_files(o.scene, VIEWS)
+            for condition in CONDITIONS
+            for score in score_foreground(path, seed, condition, rendering, settings, status.update)
+        ]
+    if o.json_output:
+        print(json.dumps([asdict(score) for score in scores], indent=2))
+        return
+    methods = list(dict.fromkeys(score.method for score in scores))
+    shown = Table("condition", *methods, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for condition in CONDITIONS:
+        cells = [pooled(scores, condition, method) for method in methods]
+        texts = [f"{100 * wrong:.2f} ({100 * missed:.0f}, {100 * false:.2f})" for wrong, missed, false in cells]
+        shown.add_row(condition, *texts)
+    console = Console(markup=False)
+    console.print(shown)
+    console.print("wrong pixels %; in brackets people's pixels missed %, and the room's that are foreground %")

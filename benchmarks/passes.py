@@ -4,26 +4,28 @@ from __future__ import annotations
 
 import hashlib
 import shutil
-import tempfile
+import subprocess
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Any, TypeVar, cast
 
 import cv2
+from joblib import Parallel, delayed, parallel_config
 
 import calib
 import planview
 import stereo
-from benchmarks import peer
-from benchmarks.peer import Peer, PeerLog
-from calib.errors import InputError, WorkError
-from calib.io import reason
+from benchmarks import peaks, peer
+from benchmarks.options import new_folder
+from benchmarks.peaks import PeakTracker
+from benchmarks.peer import PeerLog
+from calib.errors import InputError
 from planview.engine.config import Config
 from planview.engine.engine import Engine
 from planview.engine.factory import open_engine
-from planview.engine.pipeline import Pipeline
 from planview.maps.recording import MapsRecording
 from planview.output.folder import finished_run
 from planview.output.log import RunLog
@@ -31,18 +33,16 @@ from planview.output.maps_log import MapsLog
 from planview.output.run import RunOptions, run
 from planview.trajectories.table import read_tracks
 
-BenchTracker = Literal["template", "ellipse-particle", "peer"]
-"""Trackers of stereo recordings, and the naive engine."""
 PEER = "peer.csv"
 """Tracks of the naive engine, tracked in the same pass."""
 Job = TypeVar("Job")
 Result = TypeVar("Result")
-_ROOMS = ("foreground", "maps", "pipeline", "tracking", "trajectories")
+_ROOMS = ("checks", "engine", "foreground", "maps", "tracking", "trajectories")
 
 
-def bench_engine(recording: Path, tracker: BenchTracker, config: Config) -> Engine:
-    """An engine of a stereo recording (errors as of ``open_engine``)."""
-    return Peer.open(recording, config) if tracker == "peer" else open_engine(recording, tracker, config)
+def bench_engine(recording: Path, tracker: str, config: Config | None) -> Engine:
+    """An engine of a recording with a tracker of planview, or the baseline "peaks" (errors as of ``open_engine``)."""
+    return open_engine(recording, cast(Any, PeakTracker() if tracker == "peaks" else tracker), config)
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Pass:
     recording: Path
     cache: Path
     config: Config
-    tracker: BenchTracker = "template"
+    tracker: str = "template"
     recorded: bool = False
 
     @property
@@ -75,7 +75,9 @@ def code_key() -> str:
     """A hash of the source of everything that decides tracks: another version of it does not find older runs."""
     roots = [Path(package.__path__[0]) for package in (calib, stereo)]
     roots += [Path(planview.__path__[0]) / room for room in _ROOMS]
-    files = [path for root in roots for path in sorted(root.rglob("*.py"))] + [Path(peer.__file__)]
+    files = [path for root in roots for path in sorted(root.rglob("*.py"))] + [
+        Path(module.__file__ or "") for module in (peaks, peer)
+    ]
     return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
 
 
@@ -90,15 +92,11 @@ def run_pass(job: Pass) -> Path:
     if _is_whole(job):
         return job.folder
     shutil.rmtree(job.folder, ignore_errors=True)
-    try:
-        job.folder.parent.mkdir(parents=True, exist_ok=True)
-        part = Path(tempfile.mkdtemp(prefix=f".{job.folder.name}-", dir=job.folder.parent))
-    except OSError as error:
-        raise WorkError(f"{job.cache}: the cache cannot be written: {reason(error)}") from error
+    part = new_folder(job.folder.parent, job.folder.name)
     try:
         engine = bench_engine(job.recording, job.tracker, job.config)
         logs: list[RunLog] = []
-        if job.recorded and isinstance(engine, Pipeline):
+        if job.recorded:
             logs = [MapsLog(engine, part / "maps.h5"), PeerLog(engine, part / PEER)]
         run(engine, part, RunOptions(tracker=job.tracker, debug=True), logs)
         part.rename(job.folder)
@@ -113,7 +111,7 @@ def _is_whole(job: Pass) -> bool:
         whole = finished_run(job.folder) is not None
         for name in ("tracks.csv", PEER) if job.recorded else ("tracks.csv",):
             read_tracks(job.folder / name)
-        if job.recorded and job.tracker == "template":
+        if job.recorded:
             MapsRecording(job.folder / "maps.h5")
     except InputError:
         return False
@@ -125,8 +123,6 @@ def in_processes(work: Callable[[Job], Result], jobs: Sequence[Job], at_once: in
     if at_once == 1:
         yield from map(work, jobs)
         return
-    from joblib import Parallel, delayed, parallel_config
-
     # Processes are spawned, not forked: open3d and numba hold threads.
     with parallel_config("loky", inner_max_num_threads=1):
         yield from Parallel(n_jobs=at_once, return_as="generator_unordered")(delayed(_alone)(work, j) for j in jobs)
@@ -135,3 +131,18 @@ def in_processes(work: Callable[[Job], Result], jobs: Sequence[Job], at_once: in
 def _alone(work: Callable[[Job], Result], job: Job) -> Result:
     cv2.setNumThreads(1)
     return work(job)
+
+
+def provenance() -> dict[str, str]:
+    """Commit of the sources ("unknown" outside of a git repository), marked where they differ from it, and date."""
+    folder = str(Path(planview.__path__[0]))
+
+    def git(*arguments: str) -> str:
+        done = subprocess.run(["git", "-C", folder, *arguments], capture_output=True, text=True, check=True)
+        return done.stdout.strip()
+
+    try:
+        commit = git("rev-parse", "--short", "HEAD") + (" with changes" if git("status", "-s", "-uno", ".") else "")
+    except (OSError, subprocess.CalledProcessError):
+        commit = "unknown"
+    return {"commit": commit, "date": datetime.now(UTC).date().isoformat()}

@@ -17,24 +17,17 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from calib.io import write_whole
-from calib.types import U8
-from planview.engine.config import Config, ungated
-from planview.engine.engine import FrameResult, StageClock
-from planview.engine.frames import MatchedFrame, Separated
-from planview.engine.pipeline import Pipeline
-from planview.engine.setup import AnySetup, set_up_any
-from planview.foreground.masks import FOREGROUND
-from planview.maps.builder import PlanViewMaps
+from planview.engine.engine import Engine, FrameResult
+from planview.maps.builder import MapBuilder, PlanViewMaps
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.kalman import FloorKalman
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import TrajectoryCollector, write_table
-from stereo.readers import open_any
-from stereo.recording import Recording, RgbdRecording
-from stereo.sampled_sgm import SampledDisparity
 
 HISTORY = 5000
 """Frames of MOG2's memory. OpenCV's default of 500 takes a person who stands for 4 s for background."""
+FOREGROUND = 255
+"""MOG2's mark of foreground; it marks shadows with 127."""
 OPENED = np.ones((3, 3), np.uint8)
 """Foreground narrower than this [px] is noise."""
 OCCUPIED = 0.5
@@ -63,21 +56,6 @@ class Blob(NamedTuple):
     height_m: float
 
 
-@dataclass
-class _Person:
-    track_id: int
-    kalman: FloorKalman
-    height_m: float
-    frames: int = 1
-    since_s: float = 0.0
-
-    def state(self, now_s: float) -> TrackState:
-        confirmed = self.frames >= CONFIRM_FRAMES
-        state = "tentative" if not confirmed else "confirmed" if now_s == self.since_s else "lost"
-        k = self.kalman
-        return TrackState(self.track_id, state, k.x_m, k.y_m, k.vx_mps, k.vy_mps, self.height_m)  # type: ignore[arg-type]
-
-
 def blobs(maps: PlanViewMaps) -> list[Blob]:
     """People of one frame: connected cells with enough surface that are tall enough."""
     n, labels = cv2.connectedComponents((maps.occupancy > OCCUPIED * maps.grid.cell_m**2).astype(np.uint8))
@@ -94,6 +72,21 @@ def blobs(maps: PlanViewMaps) -> list[Blob]:
         if height >= TALL_M:
             found.append(Blob(float(x), float(y), height))
     return found
+
+
+@dataclass
+class _Person:
+    track_id: int
+    kalman: FloorKalman
+    height_m: float
+    frames: int = 1
+    since_s: float = 0.0
+
+    def state(self, now_s: float) -> TrackState:
+        confirmed = self.frames >= CONFIRM_FRAMES
+        state = "tentative" if not confirmed else "confirmed" if now_s == self.since_s else "lost"
+        k = self.kalman
+        return TrackState(self.track_id, state, k.x_m, k.y_m, k.vx_mps, k.vy_mps, self.height_m)  # type: ignore[arg-type]
 
 
 @dataclass
@@ -119,18 +112,17 @@ class BlobTracker:
             person.kalman = person.kalman.updated(blob.x_m, blob.y_m, POSITION_STD_M)
             person.height_m += 0.1 * (blob.height_m - person.height_m)
             person.frames, person.since_s = person.frames + 1, now_s
-        self._drop(now_s)
+        # Newcomers without a blob are forgotten at once, others after a while.
+        self._people = [
+            p
+            for p in self._people
+            if p.since_s == now_s or (p.frames >= CONFIRM_FRAMES and now_s - p.since_s <= DROP_S)
+        ]
         for j in set(range(len(found))) - {j for _, j in pairs}:
             kalman = FloorKalman.at(found[j].x_m, found[j].y_m, POSITION_STD_M, SPEED_STD_MPS)
             self._people.append(_Person(self._next_id, kalman, found[j].height_m, since_s=now_s))
             self._next_id += 1
         return tuple(p.state(now_s) for p in self._people)
-
-    def _drop(self, now_s: float) -> None:
-        """Forget people without a blob: newcomers at once, others after a while."""
-        for p in list(self._people):
-            if now_s > p.since_s and (p.frames < CONFIRM_FRAMES or now_s - p.since_s > DROP_S):
-                self._people.remove(p)
 
     def debug(self) -> TrackerDebug:
         """Nothing to show."""
@@ -141,62 +133,36 @@ class BlobTracker:
         self._people, self._last_s, self._next_id = [], 0.0, 1
 
 
-class Peer(Pipeline):
-    """The naive engine: the engine's rectification, disparity and floor, and all of its own after these."""
-
-    def __init__(self, recording: Recording | RgbdRecording, setup: AnySetup, config: Config) -> None:
-        super().__init__(recording, setup, ungated(config), BlobTracker())
-
-    @staticmethod
-    def open(path: Path, config: Config) -> Peer:
-        """Open a recording (errors as of ``Pipeline.from_recording``)."""
-        recording = open_any(path)
-        return Peer(recording, set_up_any(recording, config), config)
-
-    def reset(self) -> None:
-        """Forget people and background."""
-        super().reset()
-        self._mog2 = cv2.createBackgroundSubtractorMOG2(history=HISTORY, detectShadows=True)
-
-    def separate(self, matched: MatchedFrame, clock: StageClock) -> Separated:
-        """See ``Pipeline``: MOG2, which marks shadows with 127."""
-        step = self.stereo.reduction
-        image = matched.image
-        marked = np.asarray(self._mog2.apply(image))
-        mask: U8 = np.where(marked == FOREGROUND, marked, 0).astype(np.uint8)
-        mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, OPENED), dtype=np.uint8)
-        clock.record("foreground")
-        assert matched.disparity is not None
-        points = self.maps.points(np.ascontiguousarray(matched.disparity[::step, ::step]), mask)
-        return Separated(image, mask, points, SampledDisparity(matched.disparity))
-
-
 class PeerLog:
     """The naive engine over the frames of a run of the engine: nothing is read or matched again.
 
     Args:
-        engine: whose frames will come.
+        engine: of a stereo pair, whose frames will come.
         path: ``tracks.csv`` of the naive engine, to be written.
     """
 
-    def __init__(self, engine: Pipeline, path: Path) -> None:
-        self._peer, self._path, self._tracks = (
-            Peer(engine.recording, engine.setup, engine.config),
-            path,
-            TrajectoryCollector(),
-        )
-        self._peer.reset()
+    def __init__(self, engine: Engine, path: Path) -> None:
+        view = engine.stereo
+        if view is None:
+            raise ValueError("expected an engine of a stereo pair")
+        self._path, self._step = path, view.reduction
+        self._maps = MapBuilder(view.geometry, view.floor.world_SE3_left, engine.config.maps, view.reduction)
+        self._mog2 = cv2.createBackgroundSubtractorMOG2(history=HISTORY, detectShadows=True)
+        self._tracker, self._tracks = BlobTracker(), TrajectoryCollector()
 
     def frame(self, result: FrameResult) -> None:
         """Track a frame."""
         image, disparity = result.observation.image, result.disparity
         if image is None or disparity is None:
             raise ValueError("expected frames with image and disparity")
-        matched = MatchedFrame(result.frame, result.timestamp_s, image, disparity, {})
-        self._tracks.add(result.frame, result.timestamp_s, self._peer.track(matched).tracks)
+        mask = np.where(np.asarray(self._mog2.apply(image)) == FOREGROUND, FOREGROUND, 0).astype(np.uint8)
+        mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, OPENED), dtype=np.uint8)
+        maps = self._maps(np.ascontiguousarray(disparity[:: self._step, :: self._step]), mask)
+        tracks = self._tracker.update(Observation(result.frame, result.timestamp_s, maps=maps))
+        self._tracks.add(result.frame, result.timestamp_s, tracks)
 
     def mark(self) -> dict[str, int]:
-        """See ``RunLog``; a bench is not resumed."""
+        """See ``RunLog``; a benchmark is not resumed."""
         return {}
 
     def finish(self) -> None:

@@ -1,33 +1,61 @@
-"""The single-camera trackers on PETS S2-L1 view 1, in both protocols."""
+"""The single-camera trackers on PETS S2-L1 view 1, with boxes and on the floor."""
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from itertools import islice
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from cyclopts import Parameter
+from rich.console import Console
+from rich.table import Table
 
-from benchmarks.tracking_errors import TrackingErrors, tracking_errors
+from benchmarks.options import JsonFlag, number
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera, save_ground_camera
 from planview.engine.config import Config
-from planview.engine.factory import TrackerName, open_engine
+from planview.evaluation.clear import clear_scores
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import Evaluation
+from planview.evaluation.sequence import Similarity, box_similarity, build_sequence
+from planview.output.script import run
 from planview.trajectories.formats import load_truth
-from planview.trajectories.table import Trajectories, TrajectoryCollector
+from planview.trajectories.table import Trajectories, rows_by_id
 
+SingleTracker = Literal["human-model", "ellipse-particle"]
 FPS = 7.0
 """Nominal frame rate of the sequence."""
+GAP_FRAMES = 7
+"""A person without a match for longer than this many frames is lost: one second."""
 CAMERA_TILT_DEG, CAMERA_SHARE = 0.5, 0.03
 """How far nearby cameras are off [deg], [1]: what calibrations of one view from different people differ by."""
 FLOOR_GATE_M = 1.0
 """Gate of the floor protocol; box protocol: IoU 0.5."""
+
+
+@dataclass(frozen=True)
+class TrackingErrors:
+    """Events over a whole sequence (del-Blanco et al. 2012, table II, counts "tracking errors" without saying how).
+
+    Attributes:
+        false_tracks: confirmed tracks that lie on no person in more than half of their frames.
+        losses: times that a person goes without a match for more than ``GAP_FRAMES`` consecutive frames of the truth,
+            before, between or after the matches; never being found is one loss.
+        switches: matches of a person with another track than at its last match (CLEAR).
+    """
+
+    false_tracks: int
+    losses: int
+    switches: int
+
+    @property
+    def total(self) -> int:
+        return self.false_tracks + self.losses + self.switches
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,82 +63,100 @@ class PetsScores:
     """Scores of one tracker.
 
     Attributes:
-        tracker: its name.
         frames: how many were tracked.
         boxes: with boxes at IoU 0.5.
         floor: on the floor with a gate of 1 m, after the rigid motion between the two world frames; None for tracks
             without floor positions.
         errors: false tracks, losses and switches of the boxes.
-        spread: of MOTA and errors over seeds; None when one seed was run.
-        cameras: of MOTA over cameras; None when one was used.
+        others: MOTA and number of errors with other seeds of the ellipse-particle tracker, or other cameras of the
+            human-model tracker.
     """
 
-    tracker: TrackerName
+    tracker: SingleTracker
     frames: int
     boxes: Evaluation
     floor: Evaluation | None
     errors: TrackingErrors
-    spread: SeedSpread | None = None
-    cameras: CameraSpread | None = None
+    others: tuple[tuple[float, int], ...] = ()
 
+    @property
+    def mota(self) -> float:
+        """MOTA of the boxes."""
+        return math.nan if self.boxes.clear.mota is None else self.boxes.clear.mota
 
-@dataclass(frozen=True)
-class CameraSpread:
-    """MOTA of the boxes under cameras that differ a little, the given one first."""
-
-    mota: tuple[float, ...]
-
-    def to_json(self) -> dict[str, Any]:
-        """Every score, and their range."""
-        return {"mota": self.mota, "mota_range": max(self.mota) - min(self.mota)}
-
-
-@dataclass(frozen=True)
-class SeedSpread:
-    """Scores of one clip under many seeds, in order of the seeds."""
-
-    mota: tuple[float, ...]
-    errors: tuple[int, ...]
-
-    def to_json(self) -> dict[str, Any]:
-        """Every score, standard deviation and range of MOTA, mean number of errors."""
+    def spread(self) -> dict[str, Any] | None:
+        """Every MOTA and number of errors, and their spread; None for one alone."""
+        if not self.others:
+            return None
+        mota, errors = zip((self.mota, self.errors.total), *self.others, strict=True)
         return {
-            "mota": self.mota,
-            "errors": self.errors,
-            "mota_deviation": float(np.std(self.mota)),
-            "mota_range": max(self.mota) - min(self.mota),
-            "errors_mean": float(np.mean(self.errors)),
+            "mota": mota,
+            "errors": errors,
+            "mota_deviation": float(np.std(mota)),
+            "mota_range": max(mota) - min(mota),
+            "errors_mean": float(np.mean(errors)),
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "frames": self.frames,
+            "boxes": self.boxes.to_json(),
+            "floor": self.floor.to_json() if self.floor is not None else None,
+            "tracking_errors": {**asdict(self.errors), "total": self.errors.total},
+            "spread": self.spread(),
         }
 
 
-def human_model_on_pets(
+def tracking_errors(
+    truth: Trajectories, tracks: Trajectories, similarity: Similarity = box_similarity, gap_frames: int = GAP_FRAMES
+) -> TrackingErrors:
+    """Count false tracks, losses and switches.
+
+    Args:
+        truth, tracks: sorted by frame, one row per frame and id; only confirmed rows of the tracks count.
+        similarity: image boxes at IoU 0.5, or ``floor_similarity(gate)``.
+        gap_frames: see ``TrackingErrors.losses``.
+    """
+    tracks = tracks.where(tracks.state == "confirmed")
+    scores = clear_scores(build_sequence(truth, tracks, similarity))
+    on_somebody, found = np.zeros(len(tracks), dtype=np.bool_), np.zeros(len(truth), dtype=np.bool_)
+    found[scores.matches[:, 0]] = on_somebody[scores.matches[:, 1]] = True
+    false_tracks = sum(bool(on_somebody[rows].mean() < 0.5) for _, rows in rows_by_id(tracks.track_id))
+    losses = 0
+    for _, rows in rows_by_id(truth.track_id):
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], found[rows], [True]]).astype(np.int8)))
+        losses += int(np.count_nonzero(np.diff(edges)[::2] > gap_frames))
+    return TrackingErrors(false_tracks, losses, scores.switches)
+
+
+def score_pets(
+    tracker: SingleTracker,
     folder: Path,
-    camera: Path,
+    camera: Path | None,
     frames: int | None = None,
-    done: Callable[[int], None] = lambda frame: None,
+    seeds: int = 1,
     cameras: int = 1,
 ) -> PetsScores:
-    """Score the human-model tracker.
+    """Score a tracker; without a camera only boxes are scored.
 
     Args:
         folder: with view001.mp4 and gt.txt.
         camera: camera.toml, from ``planview calibrate human``.
         frames: at most so many.
-        done: called after each frame.
-        cameras: the tracker is run with so many, the given one and others near it (``nearby_camera``).
+        seeds: seeds 0 to ``seeds - 1`` are run; the scores are those of seed 0.
+        cameras: so many are used, the given one, whose scores they are, and others near it (``nearby_camera``).
     Raises:
         InputError: files that are missing or do not fit.
     """
-    first = _score("human-model", folder, camera, frames, done)
-    if cameras == 1:
-        return first
-    given, scores = load_ground_camera(camera), [first]
-    with TemporaryDirectory() as place:
-        for number in range(1, cameras):
-            path = Path(place) / f"camera{number}.toml"
-            save_ground_camera(nearby_camera(given, number), path)
-            scores.append(_score("human-model", folder, path, frames, done))
-    return replace(first, cameras=CameraSpread(tuple(_mota(s) for s in scores)))
+    first = _score(tracker, folder, camera, frames, 0)
+    others = [_score(tracker, folder, camera, frames, seed) for seed in range(1, seeds)]
+    if cameras > 1 and camera is not None:
+        with TemporaryDirectory() as place:
+            for seed in range(1, cameras):
+                path = Path(place) / f"camera{seed}.toml"
+                save_ground_camera(nearby_camera(load_ground_camera(camera), seed), path)
+                others.append(_score(tracker, folder, path, frames, 0))
+    return replace(first, others=tuple((s.mota, s.errors.total) for s in others))
 
 
 def nearby_camera(camera: GroundCamera, seed: int) -> GroundCamera:
@@ -124,62 +170,103 @@ def nearby_camera(camera: GroundCamera, seed: int) -> GroundCamera:
     )
 
 
-def _mota(scores: PetsScores) -> float:
-    return math.nan if scores.boxes.clear.mota is None else scores.boxes.clear.mota
-
-
-def ellipse_particle_on_pets(
-    folder: Path,
-    camera: Path | None,
-    frames: int | None = None,
-    done: Callable[[int], None] = lambda frame: None,
-    seeds: int = 1,
-) -> PetsScores:
-    """Score the ellipse-particle tracker; without a camera only boxes are scored (see ``human_model_on_pets``).
-
-    Args:
-        seeds: seeds 0 to ``seeds - 1`` are run; the scores are those of seed 0.
-    """
-    first = _score("ellipse-particle", folder, camera, frames, done)
-    if seeds == 1:
-        return first
-    rest = [_score("ellipse-particle", folder, camera, frames, done, seed) for seed in range(1, seeds)]
-    scores = [first, *rest]
-    return replace(first, spread=SeedSpread(tuple(_mota(s) for s in scores), tuple(s.errors.total for s in scores)))
-
-
-def _score(
-    tracker: TrackerName,
-    folder: Path,
-    camera: Path | None,
-    frames: int | None,
-    done: Callable[[int], None],
-    seed: int = 0,
-) -> PetsScores:
-    truth = load_truth(_file(folder, "gt.txt"))
-    tracks, n = _track(tracker, _file(folder, "view001.mp4"), camera, frames, done, seed)
+def _score(tracker: SingleTracker, folder: Path, camera: Path | None, frames: int | None, seed: int) -> PetsScores:
+    for name in ("gt.txt", "view001.mp4"):
+        if not (folder / name).is_file():
+            raise InputError(f"{folder}: expected a folder with {name} (PETS S2-L1 view 1), found none")
+    truth = load_truth(folder / "gt.txt")
+    tracked: list[int] = []
+    tracks = run(
+        folder / "view001.mp4", tracker=tracker, config=Config(seed=seed), camera=camera, frames=frames or 0,
+        watch=lambda result: tracked.append(result.frame),
+    )  # fmt: skip
+    n = len(tracked)
+    boxes = EvaluationParams.model_validate({"match_on": "boxes", "fps": FPS})
+    floor = EvaluationParams.model_validate({"gate_m": FLOOR_GATE_M, "align": True, "fps": FPS})
     span = (0, n - 1)
-    boxes = evaluate_tracks(tracks, truth, EvaluationParams.model_validate({"match_on": "boxes", "fps": FPS}), span)
-    errors = tracking_errors(truth.where(truth.frame < n), tracks)
-    if camera is None:
-        return PetsScores(tracker, n, boxes, None, errors)
-    on_floor = EvaluationParams.model_validate({"gate_m": FLOOR_GATE_M, "align": True, "fps": FPS})
-    return PetsScores(tracker, n, boxes, evaluate_tracks(tracks, truth, on_floor, span), errors)
+    return PetsScores(
+        tracker,
+        n,
+        evaluate_tracks(tracks, truth, boxes, span),
+        None if camera is None else evaluate_tracks(tracks, truth, floor, span),
+        tracking_errors(truth.where(truth.frame < n), tracks),
+    )
 
 
-def _file(folder: Path, name: str) -> Path:
-    path = folder / name
-    if not path.is_file():
-        raise InputError(f"{folder}: expected a folder with {name} (PETS S2-L1 view 1), found none")
-    return path
+@Parameter(name="*")
+@dataclass(frozen=True)
+class PetsOptions:
+    """Which trackers are scored, and on how much."""
+
+    camera: Path | None = None
+    """camera.toml, e.g. from planview calibrate human with tests/data/pets_people.json; the ellipse-particle tracker
+    needs none, but is scored on the floor with one."""
+    tracker: Literal["both", "human-model", "ellipse-particle"] = "both"
+    """Which tracker to score."""
+    frames: int | None = None
+    """At most so many frames."""
+    seeds: int = 1
+    """Run the ellipse-particle tracker with so many seeds, and give the spread of its scores."""
+    cameras: int = 1
+    """Run the human-model tracker with so many cameras within 0.5 degrees and 3 % of the given one, and give the range
+    of its scores."""
+    json_output: JsonFlag = False
+    """Print one JSON object on stdout."""
 
 
-def _track(
-    tracker: TrackerName, video: Path, camera: Path | None, frames: int | None, done: Callable[[int], None], seed: int
-) -> tuple[Trajectories, int]:
-    """Tracks of the video as ``planview run`` would write them, and the number of frames."""
-    tracks, n = TrajectoryCollector(), 0
-    for n, result in enumerate(islice(open_engine(video, tracker, Config(seed=seed), camera), frames), 1):
-        tracks.add(result.frame, result.timestamp_s, result.tracks)
-        done(n)
-    return tracks.trajectories(), n
+def pets(folder: Path, *, options: PetsOptions | None = None) -> None:
+    """Score the single-camera trackers on PETS S2-L1 view 1.
+
+    Example: python -m benchmarks pets ../shared/data/pets09-s2l1-view001 --camera camera.toml
+
+    Example: python -m benchmarks pets ../shared/data/pets09-s2l1-view001 --tracker ellipse-particle --seeds 20
+
+    Parameters
+    ----------
+    folder
+        Folder with view001.mp4 and gt.txt.
+    """
+    o = options or PetsOptions()
+    if o.frames is not None and o.frames < 1:
+        raise InputError(f"--frames: expected at least 1, found {o.frames}")
+    if not 1 <= o.seeds <= 1000:
+        raise InputError(f"--seeds: expected 1 to 1000, found {o.seeds}")
+    if not 1 <= o.cameras <= 100:
+        raise InputError(f"--cameras: expected 1 to 100, found {o.cameras}")
+    if o.camera is None and o.tracker != "ellipse-particle":
+        raise InputError("--camera: the human-model tracker needs a camera.toml (see planview calibrate human)")
+    console = Console(stderr=True)
+    scores = []
+    with console.status(f"tracking {folder}"):
+        if o.tracker != "ellipse-particle":
+            scores.append(score_pets("human-model", folder, o.camera, o.frames, cameras=o.cameras))
+        if o.tracker != "human-model":
+            scores.append(score_pets("ellipse-particle", folder, o.camera, o.frames, seeds=o.seeds))
+    if o.json_output:
+        print(json.dumps({s.tracker: s.to_json() for s in scores}))
+    else:
+        print_pets(scores, Console(markup=False))
+
+
+def print_pets(scores: Sequence[PetsScores], console: Console) -> None:
+    """A row per tracker and protocol; tracking errors, and their spread, in a sentence."""
+    table = Table("tracker", "protocol", "truth rows", "MOTA", "IDF1", "HOTA", "switches", "misses", "false")
+    for score in scores:
+        for name, result in (("boxes, IoU 0.5", score.boxes), ("floor, 1 m", score.floor)):
+            if result is not None:
+                row = result.to_json()
+                counts = [str(row[key]) for key in ("switches", "misses", "false_positives")]
+                figures = [number(row[key]) for key in ("mota", "idf1", "hota")]
+                table.add_row(score.tracker, name, str(row["truth_rows"]), *figures, *counts)
+    console.print(table)
+    for score in scores:
+        e, s = score.errors, score.spread()
+        text = f"{e.total} tracking errors ({e.false_tracks} false tracks, {e.losses} losses, {e.switches} switches)"
+        if s is not None:
+            what = "cameras" if score.tracker == "human-model" else "seeds"
+            text += (
+                f"; over {len(s['mota'])} {what} MOTA has a deviation of {s['mota_deviation']:.3f} and a range of "
+                f"{s['mota_range']:.3f}, and there are {s['errors_mean']:.1f} errors ({min(s['errors'])} to "
+                f"{max(s['errors'])})"
+            )
+        console.print(f"{score.tracker}: {text}", highlight=False)

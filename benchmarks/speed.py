@@ -1,54 +1,58 @@
-"""How fast the engine is beside plain OpenCV on the same frames, in one run.
+"""Speed of the engine beside plain OpenCV on the same frames, in one run.
 
-Both sides take turns, frame by frame, so that whatever else the machine does slows both. Every ratio is a function of
-its own; ``measure`` collects them.
+Both sides take turns, frame by frame, so that whatever else the machine does slows both.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import nullcontext
-from dataclasses import dataclass, field
-from functools import cached_property
+import json
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import asdict, dataclass, field
+from itertools import islice
 from pathlib import Path
+from typing import Annotated, Literal, NamedTuple, get_args
 
 import cv2
 import numpy as np
+from cyclopts import Parameter
+from rich.console import Console
+from rich.table import Table
 
-from benchmarks.clip import Clip
-from benchmarks.curves import CURVES, Progress, engine_curve, people_curve
-from benchmarks.curves import FRAMES as CURVE_FRAMES
-from benchmarks.near_people import FRAMES as NEAR_FRAMES
-from benchmarks.near_people import near_recording
-from benchmarks.one_core import one_core
-from benchmarks.side_by_side import (
-    PEOPLE,
-    SETTLED,
-    Figure,
-    Turns,
-    counted,
-    people_in,
-    rivals_of,
-    seconds,
-    take_turns,
-)
-from benchmarks.single_trackers import single_trackers
-from benchmarks.start import start_to_first_frame
-from benchmarks.yardstick import Yardstick
-from calib.types import F64
-from planview.engine.engine import STAGES
+from benchmarks.options import JsonFlag, Progress
+from calib.errors import InputError, WorkError
+from calib.images import as_grey
+from calib.rig import StereoRig
+from calib.types import F64, I64, U8, AnyArray, Bool
+from planview.engine.config import Config, load_config
+from planview.engine.engine import STAGES, FrameResult
+from planview.engine.pipeline import Pipeline
+from planview.engine.setup import set_up
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
 from planview.synthetic.assets import DEMO, real_recordings
 from stereo.gating import SAMPLE
+from stereo.readers import open_recording
+from stereo.recording import StereoFrame
 
-PARTS = ("engine", "foreground", "after-disparity", "single", "start", "worst-case", "full-resolution", *CURVES)
-"""What is measured, in order."""
-USUAL = tuple(part for part in PARTS if part not in CURVES)
-"""What is measured when nothing is named: the curves take some minutes more."""
+Part = Literal["engine", "foreground", "after-disparity", "full-resolution"]
+BLOCK_PX = 5
+"""Side of the yardstick's matched block [px]."""
+WIDE_PX = 640
+"""The yardstick searches images up to this width over 64 disparities, wider ones over 128."""
+SETTLED = 100
+"""Frames before anything is timed: the background is learned, buffers are warm, kernels compiled."""
+TURN = 4
+"""Frames of the engine between two turns of OpenCV, which takes longer."""
+PEOPLE = 4
+"""People in the frames that count."""
+ENOUGH = 10
+"""Fewer frames with so many people are too few: then all frames with people count."""
 OVERHEAD_FRAMES = 200
 """Of the real overhead pair, after SETTLED: a person walks through the view in the second half."""
-FULL = ("rectify.working_px=0", "analysis.width_px=1280")
+FULL_RESOLUTION = ("rectify.working_px=0", "analysis.width_px=1280")
 LIMITS = {
     "engine_to_yardstick_grey": 0.5,
     "engine_to_yardstick_colour": 0.5,
@@ -56,17 +60,82 @@ LIMITS = {
     "foreground_to_mog2": 0.7,
     "after_disparity_to_sgbm": 0.3,
     "one_more_person": 0.04,
-    "human_model_to_mog2": 4.0,
-    "ellipse_particle_to_mog2": 4.0,
-    "human_model_eight_ms": 15.0,
-    "human_model_thirty_ms": 100.0,
-    "ellipse_particle_thirty_ms": 100.0,
-    "start_second": 0.4,
-    "worst_case": 1.05,
     "full_resolution": 0.35,
-    "fifty_over_four_people": 3.0,
 }
-"""What each ratio and time must not exceed; those of the engine for four people at 640x480."""
+"""What each ratio must not exceed; those of the engine for four people at 640x480."""
+
+
+class Yardstick:
+    """OpenCV's remap of both cameras and its StereoSGBM (three-way, block 5), without any setting of the engine.
+
+    Args:
+        rig: calibration at the recorded size.
+        grey: convert the recorded images to grey first; else both are remapped and matched in the recording's colours.
+    """
+
+    def __init__(self, rig: StereoRig, grey: bool) -> None:
+        left, right, size = rig.left, rig.right, rig.left.size
+        right_SE3_left = rig.right_SE3_left
+        r1, r2, p1, p2 = cv2.stereoRectify(
+            left.matrix, left.coefficients, right.matrix, right.coefficients, size,
+            right_SE3_left.rotation, right_SE3_left.translation.reshape(3, 1), alpha=0.0,
+        )[:4]  # fmt: skip
+        self._grey = grey
+        self._maps = [
+            cv2.initUndistortRectifyMap(camera.matrix, camera.coefficients, turn, matrix, size, cv2.CV_16SC2)
+            for camera, turn, matrix in ((left, r1, p1), (right, r2, p2))
+        ]
+        self.disparities = 64 if size[0] <= WIDE_PX else 128
+        area = BLOCK_PX * BLOCK_PX * (1 if grey else 3)  # OpenCV's recommendation: 8 and 32 times channels and block
+        self._sgbm = cv2.StereoSGBM.create(
+            0, self.disparities, BLOCK_PX, 8 * area, 32 * area, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY
+        )
+
+    def remap(self, left: U8, right: U8) -> list[AnyArray]:
+        """Both images rectified."""
+        images = (as_grey(left), as_grey(right)) if self._grey else (left, right)
+        return [cv2.remap(image, *maps, cv2.INTER_LINEAR) for image, maps in zip(images, self._maps, strict=True)]
+
+    def match(self, rectified: list[AnyArray]) -> AnyArray:
+        """(H, W) int16 disparity [1/16 px]."""
+        return self._sgbm.compute(*rectified)
+
+    def __call__(self, left: U8, right: U8) -> AnyArray:
+        """(H, W) int16 disparity [1/16 px] of a recorded pair."""
+        return self.match(self.remap(left, right))
+
+
+class Clip:
+    """The first frames of a recording, decoded, and the engine on it."""
+
+    def __init__(
+        self,
+        path: Path | None,
+        n_frames: int,
+        width_px: int = 640,
+        frames: Sequence[StereoFrame] | None = None,
+        overrides: Sequence[str] = (),
+    ) -> None:
+        """Open a recording (the committed clip when None) and set the engine up for ``width_px``.
+
+        Args:
+            frames: its decoded frames where another clip has them already.
+            overrides: parameters like ``analysis.width_px=1280``.
+        Raises:
+            InputError: no such recording.
+            WorkError: too few frames.
+        """
+        path = path or DEMO
+        if not path.exists():
+            raise InputError(f"{path}: expected a recording, found nothing; name one with --recording")
+        recording = open_recording(path)
+        sized = {"rectify": {"working_px": width_px}, "analysis": {"width_px": min(width_px, 400)}}
+        config = load_config(overrides=overrides, base=Config.model_validate(sized))
+        self.rig = recording.rig
+        self.engine = Pipeline(recording, set_up(recording, config), config)
+        self.frames: Sequence[StereoFrame] = frames or list(islice(recording, n_frames))
+        if len(self.frames) < 2:
+            raise WorkError(f"{path}: expected at least 2 frames, found {len(self.frames)}")
 
 
 @dataclass
@@ -76,136 +145,97 @@ class Speed:
     Attributes:
         stages_ms: median time per stage of the frames that count, on one core.
         ratios: ours over OpenCV's, by name: medians.
-        times_ms: of one frame of the trackers of one camera, by name: medians of processor time.
-        quartiles: of those ratios and times that are measured frame by frame.
+        quartiles: of those ratios that are measured frame by frame.
         details: the times behind the ratios [ms] and what was measured on.
     """
 
     stages_ms: dict[str, float] = field(default_factory=dict)
     ratios: dict[str, float] = field(default_factory=dict)
-    times_ms: dict[str, float] = field(default_factory=dict)
     quartiles: dict[str, tuple[float, float]] = field(default_factory=dict)
     details: dict[str, float | str] = field(default_factory=dict)
 
-    def add(self, name: str, values: F64, time: bool = False) -> None:
-        """A ratio, or a time [ms], measured frame by frame."""
-        figure = Figure.of(values)
-        (self.times_ms if time else self.ratios)[name] = figure.median
-        self.quartiles[name] = figure.low, figure.high
+    def add(self, name: str, values: F64) -> None:
+        """A ratio, measured frame by frame."""
+        low, median, high = (round(float(q), 4) for q in np.quantile(values, (0.25, 0.5, 0.75)))
+        self.ratios[name], self.quartiles[name] = median, (low, high)
 
 
-class Bench:
-    """One measurement: what is measured on, and the figures so far.
+class Turns(NamedTuple):
+    """What was timed: frames of the engine, and after every TURN of them one of each rival.
 
     Attributes:
-        speed: the figures.
-        clip: the recording and the engine on it, made when a part first needs it.
+        engine_ms: (N,) float64, time of each frame.
+        people: (N,) int64 people in view.
+        rivals_ms: by name (N,) float64, the turn beside each frame.
+        stages_ms: of each frame.
+        matched: (N,) float64, share of the pixels that were matched.
     """
 
-    def __init__(
-        self, recording: Path | None, n_frames: int, progress: Progress, needed: int, overrides: Sequence[str]
-    ) -> None:
-        self._recording, self.n_frames, self.progress = recording, n_frames, progress
-        self._needed, self._overrides = needed, overrides
-        self.speed = Speed(details={"recording": str(recording or DEMO)})
+    engine_ms: F64
+    people: I64
+    rivals_ms: dict[str, F64]
+    stages_ms: list[dict[str, float]]
+    matched: F64
 
-    @cached_property
-    def clip(self) -> Clip:
-        """See the class."""
-        self.progress("opening the recording")
-        clip = Clip(self._recording, self._needed, overrides=self._overrides)
-        self.speed.details["image"] = "{}x{}".format(*clip.recording.rig.left.size)
-        return clip
-
-    def engine(self) -> None:
-        """Whole engine."""
-        for cores in ("one_core", "all_cores"):
-            self.progress(f"whole engine beside remap and SGBM on {cores.replace('_', ' ')}")
-            engine_to_yardstick(self.clip, cores, self.speed)
-
-    def foreground(self) -> None:
-        """Foreground alone."""
-        self.progress("foreground beside MOG2")
-        foreground_to_mog2(self.clip, self.speed)
-
-    def after_disparity(self) -> None:
-        """What comes after the disparity."""
-        self.progress("everything after disparity at 320x240 beside SGBM")
-        small = Clip(self._recording, 0, width_px=320, frames=self.clip.frames)
-        after_disparity_to_sgbm(small, self.speed)
-
-    def single(self) -> None:
-        """Trackers of one camera."""
-        for name, times in single_trackers(self.n_frames, self.progress):
-            self.speed.add(f"{name}_to_mog2", times.ratios)
-            self.speed.add(f"{name}_ms", times.engine_ms, time=True)
-            details = {"longest_ms": times.engine_ms.max(), "mog2_ms": _median(times.mog2_ms)}
-            details["people"] = _median(times.people)
-            self.speed.details |= {f"{name}_{key}": round(float(value), 3) for key, value in details.items()}
-
-    def start(self) -> None:
-        """Start of a run."""
-        clip = self.clip
-        self.progress("start of planview run to its first frame beside 100 frames of the yardstick")
-        for kind, values in start_to_first_frame(clip.recording, clip.frames).items():
-            self.speed.add(f"start_{kind}", values)
-
-    def worst_case(self) -> None:
-        """A view full of people."""
-        self.progress("eight people near the camera beside the yardstick")
-        worst_case(self.speed, self.progress)
-
-    def full_resolution(self) -> None:
-        """A large image at half and at full size."""
-        full_resolution(self.speed, self.progress)
-
-    def curve(self, name: str) -> None:
-        """One curve."""
-        points = people_curve(self.progress) if name == "people" else engine_curve(name, self.clip, self.progress)
-        for point, values in points:
-            self.speed.add(point, values)
-        if name == "people":
-            ratios = self.speed.ratios
-            ratios["fifty_over_four_people"] = round(ratios["people_50"] / ratios["people_4"], 3)
+    def ratios(self, name: str) -> F64:
+        """(M,) float64 the engine's time over a rival's, in the frames that count."""
+        return np.asarray((self.engine_ms / self.rivals_ms[name])[counted(self.people)], dtype=np.float64)
 
 
 def measure(
     recording: Path | None,
     n_frames: int,
     progress: Progress = lambda _: None,
-    parts: Sequence[str] = USUAL,
+    parts: Sequence[Part] = get_args(Part),
     overrides: Sequence[str] = (),
 ) -> Speed:
-    """Measure everything on one recording.
+    """Measure on one recording.
 
     Args:
         recording: the committed clip when None.
         n_frames: medians over so many frames, after SETTLED.
         progress: told what is being measured.
-        parts: of PARTS.
         overrides: parameters of the engine, as of ``--set``.
     Raises:
         InputError: no such recording.
     """
-    needed = max(SETTLED + n_frames, CURVE_FRAMES if set(CURVES) & set(parts) else 0)
-    bench = Bench(recording, n_frames, progress, needed, overrides)
-    for part in PARTS:
-        if part in parts and part in CURVES:
-            bench.curve(part)
-        elif part in parts:
-            getattr(bench, part.replace("-", "_"))()
-    return bench.speed
+    speed = Speed(details={"recording": str(recording or DEMO)})
+    if set(parts) - {"full-resolution"}:
+        progress("opening the recording")
+        clip = Clip(recording, SETTLED + n_frames, overrides=overrides)
+        speed.details["image"] = "{}x{}".format(*clip.rig.left.size)
+    if "engine" in parts:
+        for one, suffix in ((True, ""), (False, "_all_cores")):
+            progress(f"whole engine beside remap and SGBM on {'one core' if one else 'all cores'}")
+            with one_core() if one else nullcontext():
+                turns = take_turns(clip, {name: Yardstick(clip.rig, name == "grey") for name in ("grey", "colour")})
+            _add_engine(turns, suffix, speed)
+    if "foreground" in parts:
+        progress("foreground beside MOG2")
+        foreground_to_mog2(clip, speed)
+    if "after-disparity" in parts:
+        progress("everything after disparity at 320x240 beside SGBM")
+        after_disparity_to_sgbm(Clip(recording, 0, width_px=320, frames=clip.frames), speed)
+    if "full-resolution" in parts:
+        full_resolution(speed, progress)
+    return speed
 
 
-def worst_case(speed: Speed, progress: Progress) -> None:
-    """Engine over the yardstick in grey on one core, with eight people who fill the view (a rendered scene)."""
-    clip = Clip(near_recording(progress), NEAR_FRAMES)
-    with one_core():
-        turns = take_turns(clip, {"yardstick": Yardstick(clip.recording.rig, grey=True)}, NEAR_FRAMES - 60)
-    ratios, near = turns.engine_ms / turns.rivals_ms["yardstick"], turns.people >= np.quantile(turns.people, 0.5)
-    speed.add("worst_case", np.asarray(ratios[near]))
-    speed.details["worst_case_people"] = _median(turns.people[near])
-    speed.details["worst_case_matched_share"] = _median(turns.matched[near])
+def _add_engine(turns: Turns, suffix: str, speed: Speed) -> None:
+    """Engine from decoded frames to tracks over the yardstick; on one core also times by stage and by people."""
+    chosen = counted(turns.people)
+    for name, rival_ms in turns.rivals_ms.items():
+        speed.add(f"engine_to_yardstick_{name}{suffix}", turns.ratios(name))
+        speed.details[f"yardstick_{name}_ms{suffix}"] = _median(rival_ms)
+    speed.details[f"engine_ms{suffix}"] = _median(turns.engine_ms[chosen])
+    if suffix:
+        return
+    stages = [stages for stages, counts in zip(turns.stages_ms, chosen, strict=True) if counts]
+    speed.stages_ms = {name: _median([s[name] for s in stages]) for name in STAGES if name in stages[0]}
+    speed.stages_ms["total"] = _median(turns.engine_ms[chosen])
+    speed.details |= {"matched_share": _median(turns.matched[chosen]), "frames_counted": float(chosen.sum())}
+    for count in np.unique(turns.people):
+        speed.details[f"engine_ms_{count}_people"] = _median(turns.engine_ms[turns.people == count])
 
 
 def full_resolution(speed: Speed, progress: Progress) -> None:
@@ -214,41 +244,16 @@ def full_resolution(speed: Speed, progress: Progress) -> None:
     if not recording.is_dir():
         progress(f"{recording}: not there, so that full resolution is not measured (set PLANVIEW_TEST_DATA)")
         return
-    for name, overrides in (("overhead", ()), ("full_resolution", FULL)):
+    for name, overrides in (("overhead", ()), ("full_resolution", FULL_RESOLUTION)):
         progress(f"real overhead pair: {name.replace('_', ' ')}")
         clip = Clip(recording, SETTLED + OVERHEAD_FRAMES, overrides=overrides)
         with one_core():
-            turns = take_turns(clip, {"yardstick": Yardstick(clip.recording.rig, grey=True)})
-        speed.add(name, turns.ratios("yardstick"))
-
-
-def engine_to_yardstick(clip: Clip, cores: str, speed: Speed) -> None:
-    """Engine from decoded frames to tracks beside the yardstick, and beside OpenCV over the engine's disparities."""
-    with one_core() if cores == "one_core" else nullcontext():
-        turns = take_turns(clip, rivals_of(clip))
-    suffix = "" if cores == "one_core" else "_all_cores"
-    for name in turns.rivals_ms:
-        speed.add(f"engine_to_{name}{suffix}", turns.ratios(name))
-        speed.details[f"{name}_ms{suffix}"] = _median(turns.rivals_ms[name])
-    speed.details[f"engine_ms{suffix}"] = _median(turns.engine_ms[turns.counted])
-    if not suffix:
-        _describe(turns, speed)
-
-
-def _describe(turns: Turns, speed: Speed) -> None:
-    """Times by stage and by people."""
-    chosen = [stages for stages, counts in zip(turns.stages_ms, turns.counted, strict=True) if counts]
-    speed.stages_ms = {name: _median([s[name] for s in chosen]) for name in STAGES if name in chosen[0]}
-    speed.stages_ms["total"] = _median(turns.engine_ms[turns.counted])
-    speed.details["matched_share"] = _median(turns.matched[turns.counted])
-    speed.details["frames_counted"] = float(turns.counted.sum())
-    for count in np.unique(turns.people):
-        speed.details[f"engine_ms_{count}_people"] = _median(turns.engine_ms[turns.people == count])
+            speed.add(name, take_turns(clip, {"grey": Yardstick(clip.rig, grey=True)}).ratios("grey"))
 
 
 def foreground_to_mog2(clip: Clip, speed: Speed) -> None:
     """Foreground beside OpenCV's MOG2 on the images that it gets, frame by frame, gated as in the engine."""
-    engine = clip.pipeline
+    engine = clip.engine
     engine.reset()
     mog2 = cv2.createBackgroundSubtractorMOG2()
     ours = Foreground(ForegroundParams(), engine.maps.shape, engine.stereo.geometry.disparity_std_per_px2)
@@ -273,28 +278,143 @@ def foreground_to_mog2(clip: Clip, speed: Speed) -> None:
 
 def after_disparity_to_sgbm(clip: Clip, speed: Speed) -> None:
     """Foreground, maps and tracker at 320x240 beside the yardstick's SGBM, and what one more person adds."""
-    rig, pipeline = clip.recording.rig, clip.pipeline
-    size = 320, round(320 * rig.left.size[1] / rig.left.size[0])
-    plain = Yardstick(rig.scaled(*size), grey=True)
-    pipeline.reset()
-    people, spent, sgbm = [], [], []
+    size = 320, round(320 * clip.rig.left.size[1] / clip.rig.left.size[0])
+    plain = Yardstick(clip.rig.scaled(*size), grey=True)
+    clip.engine.reset()
+    people, spent, track, sgbm = [], [], [], []
     for frame in clip.frames:
         left, right = (np.asarray(cv2.resize(image, size), np.uint8) for image in (frame.left, frame.right))
         sgbm.append(seconds(plain.match, plain.remap(left, right)))
-        result = pipeline.step(frame)
+        result = clip.engine.step(frame)
         spent.append(1e-3 * sum(result.stages_ms[stage] for stage in ("foreground", "maps", "track")))
+        track.append(result.stages_ms["track"])
         people.append(people_in(result))
     start = min(SETTLED, len(people) // 2)
     n, after, match = (np.array(values[start:]) for values in (people, spent, sgbm))
     chosen = counted(n)
     speed.details |= {"sgbm_320_ms": _median(1e3 * match), "after_disparity_ms": _median(1e3 * after[chosen])}
+    speed.details["tracker_320_ms"] = _median(np.array(track[start:])[chosen])
     speed.add("after_disparity_to_sgbm", after[chosen] / match[chosen])
-    medians = [(k, float(np.median(after[n == k]))) for k in np.unique(n) if (n == k).sum() >= 10]
+    medians = [(k, float(np.median(after[n == k]))) for k in np.unique(n) if (n == k).sum() >= ENOUGH]
     if len(medians) > 1:
         counts, times = np.array(medians).T
         speed.ratios["one_more_person"] = round(float(np.polyfit(counts, times, 1)[0] / np.median(after[chosen])), 4)
-        speed.details["people"] = float(PEOPLE)
+
+
+def take_turns(clip: Clip, rivals: Mapping[str, Callable[..., object]]) -> Turns:
+    """The engine over a clip's decoded frames, and after SETTLED of them the rivals on every TURN-th."""
+    clip.engine.reset()
+    # A clip that short is timed in its second half.
+    settled = SETTLED if len(clip.frames) > SETTLED else len(clip.frames) // 2
+    spent: list[float] = []
+    results: list[tuple[int, dict[str, float], float]] = []
+    theirs: dict[str, list[float]] = {name: [] for name in rivals}
+    for n, frame in enumerate(clip.frames):
+        start = time.perf_counter()
+        result = clip.engine.step(frame)
+        spent.append(1e3 * (time.perf_counter() - start))
+        results.append((people_in(result), result.stages_ms, result.matched_share))
+        for name, rival in rivals.items():
+            if n >= settled and (n % TURN == 0 or not theirs[name]):
+                theirs[name].append(seconds(rival, frame.left, frame.right) * 1e3)
+            elif theirs[name]:
+                theirs[name].append(theirs[name][-1])
+    timed = len(clip.frames) - settled
+    people, stages, matched = zip(*results[-timed:], strict=True)
+    rival_ms = {name: np.array(times) for name, times in theirs.items()}
+    return Turns(np.array(spent[-timed:]), np.array(people), rival_ms, list(stages), np.array(matched))
+
+
+def counted(people: I64) -> Bool:
+    """Of (N,) people, (N,) bool: the frames that count, with four people; with anyone where those are too few."""
+    four, anyone = people == PEOPLE, people > 0
+    return four if four.sum() >= ENOUGH else anyone if anyone.sum() >= ENOUGH else people >= 0
+
+
+def people_in(result: FrameResult) -> int:
+    """Confirmed people."""
+    return sum(track.state == "confirmed" for track in result.tracks)
+
+
+def seconds(run: Callable[..., object], *args: object) -> float:
+    """Time that a call takes [s]."""
+    start = time.perf_counter()
+    run(*args)
+    return time.perf_counter() - start
+
+
+@contextmanager
+def one_core() -> Iterator[None]:
+    """Keep OpenCV, and where the system allows it this thread and those it starts, to one core."""
+    threads = cv2.getNumThreads()
+    cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
+    try:
+        cv2.setNumThreads(1)
+        if cores:
+            os.sched_setaffinity(0, {max(cores)})
+        yield
+    finally:
+        cv2.setNumThreads(threads)
+        if cores:
+            os.sched_setaffinity(0, cores)
 
 
 def _median(values: Sequence[float] | F64) -> float:
     return round(float(np.median(values)), 3)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class SpeedOptions:
+    """What is timed, and what becomes of the figures."""
+
+    recording: Path | None = None
+    """A stereo recording; the committed clip by default. Its first frames should show no person."""
+    frames: int = 200
+    """Medians over so many frames, after 100 in which the background is learned."""
+    part: Annotated[Sequence[Part], Parameter(negative="", show_default=False)] = ()
+    """Measure only this; repeat for more: engine, foreground, after-disparity (at 320x240), full-resolution (the real
+    overhead pair of the shared recordings). All by default."""
+    set_: Annotated[Sequence[str], Parameter(name="--set", negative="", show_default=False)] = ()
+    """Set one parameter of the engine, like analysis.width_px=1280; repeat for more."""
+    json_output: JsonFlag = False
+    """Print one JSON object."""
+
+
+def speed(*, options: SpeedOptions | None = None) -> None:
+    """Time the engine side by side with plain OpenCV on the same frames.
+
+    The yardstick is OpenCV's remap and StereoSGBM of both cameras at the recorded size, with no setting of the engine:
+    three-way, block 5, 64 disparities up to 640 px, 128 beyond.
+
+    Example: python -m benchmarks speed --json
+
+    Example of an overhead camera at full resolution: python -m benchmarks speed --recording my_recording --frames 100
+    --part engine --set rectify.working_px=0 --set analysis.width_px=1280
+    """
+    o = options or SpeedOptions()
+    if o.frames < 10:
+        raise InputError(f"--frames: expected at least 10, found {o.frames}")
+    console = Console(stderr=True, markup=False, highlight=False)
+    found = measure(o.recording, o.frames, console.print, o.part or get_args(Part), o.set_)
+    if o.json_output:
+        print(json.dumps(asdict(found), indent=2))
+    else:
+        print_speed(found, Console(markup=False))
+
+
+def print_speed(speed: Speed, console: Console) -> None:
+    """The times of the stages, and the ratios beside what they must keep."""
+    if speed.stages_ms:
+        stages = Table("stage", "ms", title=f"{speed.details['recording']}, {speed.details.get('image', '')}: medians")
+        for name, value in speed.stages_ms.items():
+            stages.add_row(name, f"{value:.2f}")
+        console.print(stages)
+    table = Table("ratio", "median", "quartiles", "at most", title="ours / OpenCV, same frames, same run")
+    for name, value in speed.ratios.items():
+        spread = " to ".join(f"{quartile:.3f}" for quartile in speed.quartiles.get(name, ())) or "-"
+        table.add_row(name.replace("_", " "), f"{value:.3f}", spread, f"{LIMITS[name]:g}" if name in LIMITS else "-")
+    console.print(table)
+    for name, detail in speed.details.items():
+        if isinstance(detail, float):
+            console.print(f"{name.replace('_', ' ')}: {detail:g}", highlight=False)

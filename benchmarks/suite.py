@@ -2,34 +2,46 @@
 
 from __future__ import annotations
 
+import json
+import os
 import shutil
 import tempfile
-import tomllib
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from cyclopts import Parameter
 from pydantic import ValidationError
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from benchmarks.accuracy import RenderOptions, SceneScore, rendered, totals
-from benchmarks.passes import PEER, BenchTracker, Pass, run_pass
+from benchmarks.options import BenchOptions, Flag, RenderOptions, rendered, scene_files
+from benchmarks.passes import PEER, Pass, in_processes, provenance, run_pass
+from benchmarks.scores import SceneScore, print_scores, scores_json
 from calib.errors import InputError
-from calib.io import reason
+from calib.io import parse_toml, read_text, write_whole
+from calib.params import first_problem
 from planview.engine.config import Config
 from planview.evaluation.evaluate import evaluate_tracks
-from planview.evaluation.result import KINDS
 from planview.output.refine import refine_run
 from planview.synthetic.assets import SCENES
+from planview.synthetic.camera import mount_pose, rectified_world, stereo_rig
+from planview.synthetic.motion import TURNS
+from planview.synthetic.people import Cast
 from planview.synthetic.random_scenes.suite import random_scene
 from planview.synthetic.scene import Scene
+from planview.synthetic.texture import Palette
 from planview.trajectories.table import Trajectories, read_tracks, read_truth
 
 SUITE = SCENES / "suite"
 """The committed challenges."""
 Way = Literal["online", "refined", "peer"]
 """Tracks as they came, those refined afterwards, and those of the naive engine."""
+TURNING = 0.02
+"""A cartwheel is turned from this share of a turn on: before, the head is still above the hips."""
 JUDGING_SEED = 100
 """Seeds below are worked on; seeds from here on judge, each once."""
 
@@ -49,60 +61,9 @@ class SuiteJob:
     cache: Path
     out: Path | None
     config: Config
-    tracker: BenchTracker = "template"
+    tracker: str = "template"
     refine: bool = False
     peer: bool = False
-
-    @property
-    def name(self) -> str:
-        return f"{self.path.stem}-{self.seed}"
-
-
-@dataclass(frozen=True)
-class SuiteScore:
-    """The scores of one way of tracking a scene.
-
-    Attributes:
-        recording: folder of the scene.
-        frames, duration_s: its length, in frames and [s].
-    """
-
-    way: Way
-    score: SceneScore
-    recording: Path
-    frames: int
-    duration_s: float
-
-    def to_json(self) -> dict[str, Any]:
-        of_scene = {"recording": str(self.recording), "frames": self.frames, "duration_s": self.duration_s}
-        return self.score.to_json() | of_scene
-
-
-@dataclass(frozen=True)
-class SuiteTotals:
-    """All scenes together.
-
-    Attributes:
-        minutes: length of the recordings.
-        significant: significant errors by kind and in total.
-        strict: lost, missed and false tracks as significant ones, and every change of identity (CLEAR).
-        significant_per_10_min, strict_per_10_min: the same for ten minutes.
-        mota, idf1: pooled over rows.
-        position_error_m, position_std_m, height_error_m: pooled means and deviation over matches; NaN without one.
-    """
-
-    minutes: float
-    truth_rows: int
-    significant: dict[str, int]
-    strict: int
-    significant_per_10_min: float
-    strict_per_10_min: float
-    mota: float
-    idf1: float
-    switches: int
-    position_error_m: float
-    position_std_m: float
-    height_error_m: float
 
 
 def load_challenge(path: Path) -> dict[str, Any]:
@@ -111,10 +72,7 @@ def load_challenge(path: Path) -> dict[str, Any]:
     Raises:
         InputError: unreadable or not TOML.
     """
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: expected a challenge scene in TOML, found {reason(error)}") from error
+    return parse_toml(read_text(path, "a challenge scene in TOML"))
 
 
 def drawn_scene(path: Path, seed: int) -> Scene:
@@ -127,9 +85,7 @@ def drawn_scene(path: Path, seed: int) -> Scene:
     try:
         return random_scene(load_challenge(path), seed, path.stem)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(p) for p in first["loc"]) or "the challenge"
-        raise InputError(f"{path}: {where}: {first['msg']}, found {first['input']!r}") from error
+        raise InputError(f"{path}: {first_problem(error)}") from error
 
 
 def chosen_files(files: Sequence[Path], seed: int, minutes: float) -> list[Path]:
@@ -138,10 +94,9 @@ def chosen_files(files: Sequence[Path], seed: int, minutes: float) -> list[Path]
     Scenes keep their length, so that a recording rendered for few minutes serves for many.
     """
     lengths = {path: float(load_challenge(path).get("duration_s", 30.0)) for path in files}
-    order = [files[k] for k in np.random.default_rng([seed, 10]).permutation(len(files))]
     chosen: list[Path] = []
     left = 60.0 * minutes
-    for path in order:
+    for path in (files[k] for k in np.random.default_rng([seed, 10]).permutation(len(files))):
         if not chosen or lengths[path] <= left + 10.0:
             chosen.append(path)
             left -= lengths[path]
@@ -156,9 +111,8 @@ def dealt_files(files: Sequence[Path], seeds: Sequence[int]) -> list[tuple[int, 
 def suite_recording(path: Path, seed: int, cache: Path) -> tuple[Path, Scene]:
     """The recording of a seed, from the cache when it is whole there; one that was cut off is rendered again."""
     scene = drawn_scene(path, seed)
-    name, options = f"suite-{path.stem}-{seed}", RenderOptions(cache)
     for _ in range(2):
-        folder = rendered(scene, name, options, lambda _: None)
+        folder = rendered(scene, f"suite-{path.stem}-{seed}", RenderOptions(cache), lambda _: None)
         if is_whole(folder, scene.n_frames):
             break
         shutil.rmtree(folder, ignore_errors=True)
@@ -186,21 +140,41 @@ def _has_end(path: Path) -> bool:
         return file.read() == b"\xff\xd9"
 
 
-def run_job(job: SuiteJob) -> list[SuiteScore]:
-    """Render, track (both once, from the cache when they are there) and score one scene."""
+def judged_truth(truth: Trajectories, scene: Scene) -> Trajectories:
+    """The truth of a scene with the hips of those who turn a cartwheel in place of their heads, which swing by a body's
+    length about the place where a person is."""
+    if scene.rig is None or not any(step.cartwheel for person in scene.people for step in person.steps):
+        return truth
+    motions = Cast(scene, Palette()).motions
+    _, world_SE3_room = rectified_world(stereo_rig(scene.rig), mount_pose(scene.rig))
+    x_m, y_m = truth.x_m.copy(), truth.y_m.copy()
+    for row, (frame, person) in enumerate(zip(truth.frame, truth.track_id, strict=True)):
+        hips, *_, actions = motions[person - 1].at(frame / scene.fps)
+        if TURNING < actions[TURNS] % 1.0 < 1.0 - TURNING:
+            x_m[row], y_m[row], _ = world_SE3_room @ np.array([*hips, 0.0])
+    return replace(truth, x_m=x_m, y_m=y_m)
+
+
+def run_job(job: SuiteJob) -> dict[Way, SceneScore]:
+    """Render, track (both once, from the cache when they are there) and score one scene in every way asked for."""
     recording, scene = suite_recording(job.path, job.seed, job.cache)
-    # One pass serves all ways, the ablation and later tables.
-    kept = run_pass(Pass(recording, job.cache, job.config, job.tracker, recorded=job.tracker == "template"))
+    # One pass serves all ways and the ablation.
+    recorded = job.peer or job.tracker == "template"
+    kept = run_pass(Pass(recording, job.cache, job.config, job.tracker, recorded))
     if job.out is not None:
-        kept = Path(shutil.copytree(kept, job.out / job.name, dirs_exist_ok=True))
+        kept = Path(shutil.copytree(kept, job.out / f"{job.path.stem}-{job.seed}", dirs_exist_ok=True))
     tracks: dict[Way, Trajectories] = {"online": read_tracks(kept / "tracks.csv")}
     if job.refine:
         tracks["refined"] = refined_tracks(kept)
-    if job.peer and job.tracker == "template":
+    if job.peer:
         tracks["peer"] = read_tracks(kept / PEER)
-    truth = read_truth(recording / "truth.csv")
-    scores = {way: SceneScore(job.path.stem, job.seed, evaluate_tracks(t, truth), kept) for way, t in tracks.items()}
-    return [SuiteScore(way, score, recording, scene.n_frames, scene.duration_s) for way, score in scores.items()]
+    truth = judged_truth(read_truth(recording / "truth.csv"), scene)
+    return {
+        way: SceneScore(
+            job.path.stem, job.seed, evaluate_tracks(t, truth), recording, scene.n_frames, scene.duration_s, kept
+        )
+        for way, t in tracks.items()
+    }
 
 
 def refined_tracks(folder: Path) -> Trajectories:
@@ -211,25 +185,83 @@ def refined_tracks(folder: Path) -> Trajectories:
         return read_tracks(copy / "tracks.csv")
 
 
-def suite_totals(scores: Sequence[SuiteScore]) -> SuiteTotals:
-    """All scenes together."""
-    pooled, every = totals([s.score for s in scores]), [s.score.evaluation for s in scores]
-    minutes = sum(s.duration_s for s in scores) / 60
-    switches = sum(e.clear.switches for e in every)
-    significant = {"total": pooled.significant["total"]} | {k: pooled.significant.get(k, 0) for k in KINDS}
-    strict = significant["total"] - significant["swapped"] + switches
-    rows = sum(e.truth_rows + e.track_rows for e in every)
-    return SuiteTotals(
-        minutes=minutes,
-        truth_rows=pooled.truth_rows,
-        significant=significant,
-        strict=strict,
-        significant_per_10_min=10 * significant["total"] / minutes,
-        strict_per_10_min=10 * strict / minutes,
-        mota=pooled.mota,
-        idf1=2 * sum(e.identity.idtp for e in every) / rows if rows else float("nan"),
-        switches=switches,
-        position_error_m=pooled.position_error_m,
-        position_std_m=pooled.position_std_m,
-        height_error_m=pooled.height_error_m,
-    )
+@Parameter(name="*")
+@dataclass(frozen=True)
+class SuiteOptions(BenchOptions):
+    """Which challenges are drawn, and how they are tracked."""
+
+    seed: Annotated[Sequence[int], Parameter(negative="")] = ()
+    """Seeds to draw; a new one from the clock by default, so that no work was done on it."""
+    minutes: float = 10.0
+    """Length of the scenes of each seed together [min]; the seed decides which scenes. The whole suite is longer than
+    ten minutes."""
+    scene: Annotated[Sequence[str], Parameter(negative="")] = ()
+    """Only these scenes, by name."""
+    deal: Flag = False
+    """Deal all scenes out to the seeds in turn, instead of drawing every scene with every seed."""
+    jobs: int = 1
+    """Scenes worked on at the same time, each in a process of its own."""
+    tracker: str = "template"
+    """Tracker that follows people: one of planview run, or peaks, the baseline of height peaks."""
+    refine: Flag = False
+    """Score the refined tracks, too."""
+    peer: Flag = False
+    """Score the naive engine, too: its tracks come from the same pass."""
+    scenes: Path = SUITE
+    """Folder with challenges."""
+    out: Path | None = None
+    """Folder that keeps the runs (tracks.csv, run.json) and suite.json; nothing is kept by default."""
+
+
+def suite(*, options: SuiteOptions | None = None) -> None:
+    """Render challenges that a seed draws, track them and score them.
+
+    Every seed is another recording of every scene: other rooms, rigs, lenses, light, people, clothes and ways. Seeds 0
+    to 99 are for working on the engine; seeds from 100 on are for judging it, each once.
+
+    Rendered recordings, and runs of the present code over them, are kept in the cache: what was interrupted goes on
+    where it was.
+
+    Example: python -m benchmarks suite --seed 1 --minutes 3 --jobs 2 --refine --peer
+    """
+    o = options or SuiteOptions()
+    if o.jobs < 1 or not 0 < o.minutes <= 1000 or any(s < 0 for s in o.seed):
+        raise InputError(
+            f"expected --jobs from 1, --minutes above 0, --seed from 0, found {o.jobs}, {o.minutes:g}, {o.seed}"
+        )
+    console = Console(stderr=True, markup=False)
+    # A judging seed from the clock has most likely never been drawn.
+    new = JUDGING_SEED + (time.time_ns() // 1_000_000 ^ os.getpid()) % 1_000_000_000
+    seeds = list(dict.fromkeys(o.seed)) or [new]
+    console.print("seeds: " + ", ".join(f"{s} ({'judging' if s >= JUDGING_SEED else 'worked on'})" for s in seeds))
+    settings, files = o.settings(), scene_files(o.scene, o.scenes)
+    drawn = [(s, path) for s in seeds for path in chosen_files(files, s, o.minutes)]
+    chosen = dealt_files(files, seeds) if o.deal else drawn
+    work = [SuiteJob(p, s, o.cache_folder, o.out, settings, o.tracker, o.refine, o.peer) for s, p in chosen]
+    ways = _watched(work, o.jobs, console)
+    result = {"seeds": seeds, **provenance()} | {way: scores_json(scores) for way, scores in ways.items()}
+    if o.out is not None:
+        o.out.mkdir(parents=True, exist_ok=True)
+        write_whole(o.out / "suite.json", json.dumps(result, indent=2) + "\n")
+    if o.json_output:
+        print(json.dumps(result, indent=2))
+        return
+    for way, scores in ways.items():
+        print_scores(f"scene, {way}", scores, Console(markup=False))
+
+
+def _watched(work: Sequence[SuiteJob], jobs: int, console: Console) -> dict[Way, list[SceneScore]]:
+    """Scores of every way in the order of the work, with a bar while it lasts."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    done: dict[tuple[int, str], dict[Way, SceneScore]] = {}
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task("rendering and tracking", total=len(work))
+        for scores in in_processes(run_job, work, jobs):
+            first = scores["online"]
+            done[first.seed, first.name] = scores
+            progress.update(task, advance=1, description=f"{first.name}-{first.seed} done")
+    ways: dict[Way, list[SceneScore]] = {}
+    for job in work:
+        for way, score in done[job.seed, job.path.stem].items():
+            ways.setdefault(way, []).append(score)
+    return ways

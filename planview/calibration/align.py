@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from calib.world import RigEntry
 from pydantic import Field
 from scipy.optimize import least_squares
 
@@ -21,6 +20,7 @@ from calib.errors import InputError, WorkError
 from calib.params import Params
 from calib.pose import SE3
 from calib.types import F64
+from calib.world import RigEntry
 from planview.calibration.paths import TICK_S, RigRecord, WalkedPath, by_time, paths_of
 from planview.evaluation.align import floor_rotation
 

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from stereo.readers.video import SUFFIXES as VIDEO_SUFFIXES
 
 from calib.board.detect import (
     Board,
@@ -30,6 +29,7 @@ from calib.formats.base import side_of
 from calib.images import as_grey
 from calib.types import U8
 from stereo.readers.images import frame_number, image_files, read_image
+from stereo.readers.video import SUFFIXES as VIDEO_SUFFIXES
 from stereo.readers.video import VideoFile
 
 MAX_FRAMES = 240

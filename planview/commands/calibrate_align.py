@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from calib.world import save_rigs
 from cyclopts import Parameter
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from calib.errors import InputError
+from calib.world import save_rigs
 from planview.calibration.align import AlignParams, RigAlignment, align_records, check_inside, rig_entries
 from planview.calibration.paths import RigRecord, record_rig
 from planview.commands.options import JsonFlag

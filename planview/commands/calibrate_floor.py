@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-from calib.world import load_world, save_world
 from cyclopts import Parameter
 from rich.console import Console
 
@@ -19,6 +18,7 @@ from calib.floor.find import parse_points
 from calib.images import write_image
 from calib.io import reason
 from calib.rig import Floor
+from calib.world import load_world, save_world
 from planview.calibration.floor import AXIS, GRID, FloorDepths, floor_from_tracks, given_floor, view_floor
 from planview.commands.options import Flag, JsonFlag
 from planview.drawing.colours import as_bgr

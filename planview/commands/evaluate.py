@@ -158,7 +158,9 @@ def _figures_table(values: dict[str, Any], title: str) -> Table:
     table.add_row("significant errors", f"{counts['total']}")
     for kind in KINDS:
         table.add_row(f"  {kind}", f"{counts[kind]}")
-    for name in ("significant_errors_per_10_min", "strict_identity_changes", "strict_per_10_min"):
+    for name in ("significant_errors_per_10_min", "events_per_10_min"):
+        table.add_row(f"{name} (at most, 95 %)", f"{_figure(values[name])} ({_figure(values[f'{name}_upper'])})")
+    for name in ("strict_identity_changes", "strict_per_10_min"):
         table.add_row(name, _figure(values[name]))
     return table
 

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Literal, Protocol
 
 import numpy as np
-from calib.world import load_world
 
 from calib.errors import InputError
 from calib.formats import load_rig
 from calib.types import F64
+from calib.world import load_world
 from planview.trajectories.file import within_ring
 from stereo.depth import StereoFloorCamera
 from stereo.rectify import RectifyParams, common_geometry

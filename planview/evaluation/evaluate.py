@@ -21,8 +21,10 @@ from planview.evaluation.significant import (
     PREDICTED,
     UNMATCHED,
     PersonHistory,
+    PredictionHistory,
     SignificantParams,
     TrackHistory,
+    grouped_events,
     significant_errors,
     strict_identity_changes,
 )
@@ -58,7 +60,7 @@ def evaluate_tracks(
 
     Confirmed rows count. Tentative rows are not yet claimed and never count; lost rows are predictions: they
     match nothing and are no false positives, but a prediction within the gate keeps a hidden person from being a
-    significant loss.
+    significant loss, and one that strays from its person for long is a significant error.
 
     Args:
         tracks, truth: as read from their files.
@@ -112,8 +114,13 @@ def _score(
     clear = clear_scores(sequence)
     persons = _person_histories(truth, tracks, clear.matches, _near_prediction(truth, predicted, similarity))
     histories = _track_histories(claimed, excused, clear.matches)
+    on_floor = params.match_on == "floor"
+    predictions = (
+        _prediction_histories(predicted, people, tracks, truth, clear.matches, params.gate_m) if on_floor else []
+    )
+    significant = significant_errors(persons, histories, time.frame_s, params.significant, predictions)
     t, k = clear.matches.T
-    in_one_frame = params.match_on == "floor" or alignment is not None
+    in_one_frame = on_floor or alignment is not None
     heights = np.abs(tracks.height_m[k] - truth.height_m[t])
     return Evaluation(
         sequence=sequence,
@@ -121,7 +128,8 @@ def _score(
         rows=_truth_rows(truth, tracks, clear.matches, in_one_frame),
         ignored_rows=int(ignored.sum()),
         height_error_m=heights[np.isfinite(heights)],
-        significant=significant_errors(persons, histories, time.frame_s, params.significant),
+        significant=significant,
+        events=len(grouped_events(significant, params.significant.event_s / time.frame_s)),
         strict_identity_changes=strict_identity_changes(persons, time.frame_s, params.significant),
         duration_s=time.n_frames * time.frame_s,
         alignment=alignment,
@@ -162,6 +170,41 @@ def _person_histories(truth: Trajectories, tracks: Trajectories, matches: I64, n
     holder = np.where(near, PREDICTED, UNMATCHED)
     holder[matches[:, 0]] = tracks.track_id[matches[:, 1]]
     return [PersonHistory(i, truth.frame[rows], holder[rows]) for i, rows in rows_by_id(truth.track_id)]
+
+
+def _prediction_histories(
+    predicted: Trajectories,
+    people: Trajectories,
+    tracks: Trajectories,
+    truth: Trajectories,
+    matches: I64,
+    gate_m: float,
+) -> list[PredictionHistory]:
+    """Of all tracks that matched somebody before they were lost.
+
+    Args:
+        people: of the truth, hidden ones too.
+        tracks, truth: the rows that ``matches`` are of.
+    """
+    ids = np.unique(people.track_id)
+    place = people.frame * len(ids) + np.searchsorted(ids, people.track_id)
+    order = np.argsort(place)
+    t, k = matches.T
+    matched = dict(rows_by_id(tracks.track_id[k]))
+    histories = []
+    for track, rows in rows_by_id(predicted.track_id):
+        if track not in matched:
+            continue
+        then = np.searchsorted(tracks.frame[k[matched[track]]], predicted.frame[rows]) - 1
+        rows, then = rows[then >= 0], then[then >= 0]
+        person = truth.track_id[t[matched[track]]][then]
+        wanted = predicted.frame[rows] * len(ids) + np.searchsorted(ids, person)
+        at = order[np.searchsorted(place, wanted, sorter=order).clip(max=len(order) - 1)]
+        away = np.hypot(predicted.x_m[rows] - people.x_m[at], predicted.y_m[rows] - people.y_m[at])
+        histories.append(
+            PredictionHistory(track, predicted.frame[rows], person, (place[at] == wanted) & (away > gate_m))
+        )
+    return histories
 
 
 def _near_prediction(truth: Trajectories, predicted: Trajectories, similarity: Similarity) -> Bool:

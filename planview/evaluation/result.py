@@ -18,7 +18,7 @@ from planview.evaluation.clear import ClearScores, clear_scores
 from planview.evaluation.hota import HotaScores, hota_scores
 from planview.evaluation.identity import IdentityScores, identity_scores
 from planview.evaluation.sequence import Sequence
-from planview.evaluation.significant import ErrorKind, SignificantError
+from planview.evaluation.significant import ErrorKind, SignificantError, poisson_upper
 
 KINDS: tuple[ErrorKind, ...] = ("lost", "missed", "swapped", "false_track")
 
@@ -35,6 +35,7 @@ class Evaluation:
         ignored_rows: truth rows that are too little visible.
         height_error_m: (K,) absolute height difference of every match whose heights are known.
         significant: errors in the order of frames.
+        events: number of moments that they come from (``grouped_events``).
         strict_identity_changes: every persistent change of an identity, also after coming back.
         duration_s: time scored [s].
         alignment: the motion applied, if asked for.
@@ -46,6 +47,7 @@ class Evaluation:
     ignored_rows: int
     height_error_m: F64
     significant: list[SignificantError]
+    events: int
     strict_identity_changes: int
     duration_s: float
     alignment: FloorAlignment | None
@@ -112,12 +114,16 @@ class Evaluation:
         return {
             "significant_errors": {"total": len(self.significant), **{kind: by_kind[kind] for kind in KINDS}},
             "significant_errors_per_10_min": self._per(600.0, len(self.significant)),
+            "significant_errors_per_10_min_upper": self._per(600.0, poisson_upper(len(self.significant))),
+            "events": self.events,
+            "events_per_10_min": self._per(600.0, self.events),
+            "events_per_10_min_upper": self._per(600.0, poisson_upper(self.events)),
             "strict_identity_changes": self.strict_identity_changes,
             "strict_per_10_min": self._per(600.0, self.strict_identity_changes),
             "significant_error_list": [asdict(error) for error in self.significant],
         }
 
-    def _per(self, seconds: float, count: int) -> float | None:
+    def _per(self, seconds: float, count: float) -> float | None:
         return count * seconds / self.duration_s if self.duration_s > 0 else None
 
 
@@ -131,6 +137,7 @@ def pooled(parts: Items[Evaluation]) -> Evaluation:
         ignored_rows=sum(part.ignored_rows for part in parts),
         height_error_m=np.concatenate([part.height_error_m for part in parts]),
         significant=[error for part in parts for error in part.significant],
+        events=sum(part.events for part in parts),
         strict_identity_changes=sum(part.strict_identity_changes for part in parts),
         duration_s=sum(part.duration_s for part in parts),
         alignment=None,

@@ -1,12 +1,13 @@
 """The four significant errors of Harville 2002, section 5: lost, missed, swapped, tracking a non-person.
 
 The paper names them without numbers. The durations here are our choice, argued at each parameter; all are on frames in
-which the person counts (visible enough), so that being hidden is no loss.
+which the person counts (visible enough), so that being hidden is no loss. ``grouped_events`` and ``poisson_upper`` say
+what so few errors are worth.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -36,6 +37,9 @@ class SignificantParams(Params):
     false_track_s: float = Field(1.0, gt=0, le=60)
     """A confirmed track that matches no person for this long in all, between matches of persist_s, tracks a non-person
     [s]. Our choice: one second of doubt is what the real overhead recording is allowed, too."""
+    predicted_s: float = Field(1.0, gt=0, le=60)
+    """A lost track predicted beyond the gate from the person whom it followed for longer, at a stretch, is a false
+    track [s]: the paper reports predictions, too. Our choice, equal to false_track_s."""
     persist_s: float = Field(0.5, gt=0, le=60)
     """An identity held for less is a flicker between people that touch: it neither makes nor ends an error [s]. Our
     choice: longer than two people need to pass within arm's length, shorter than any use made of an identity."""
@@ -44,6 +48,9 @@ class SignificantParams(Params):
     longer are gone."""
     exchange_s: float = Field(4.0, gt=0, le=60)
     """Two people taking each other's identities within this time are one swap [s]. Our choice, equal to gone_s."""
+    event_s: float = Field(2.0, gt=0, le=60)
+    """Errors that begin within this time of an event's first one, and concern its people or tracks, belong to it [s].
+    Our choice: one bad moment of people in contact costs several errors and is over by then."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +89,27 @@ class TrackHistory:
     stray: Bool
 
 
+@dataclass(frozen=True, eq=False)
+class PredictionHistory:
+    """The predicted (lost) rows of one track.
+
+    Attributes:
+        truth_id: (N,) whom the track followed before.
+        off: (N,) bool, whether that person is in the truth, beyond the gate.
+    """
+
+    track_id: int
+    frame: I64
+    truth_id: I64
+    off: Bool
+
+
 def significant_errors(
-    people: list[PersonHistory], tracks: list[TrackHistory], frame_s: float, params: SignificantParams
+    people: list[PersonHistory],
+    tracks: list[TrackHistory],
+    frame_s: float,
+    params: SignificantParams,
+    predictions: Sequence[PredictionHistory] = (),
 ) -> list[SignificantError]:
     """All significant errors by frame.
 
@@ -91,12 +117,46 @@ def significant_errors(
         people: one per person of the truth.
         tracks: one per track that was ever confirmed.
         frame_s: time from frame to frame [s].
+        predictions: one per track that was ever lost; a track is false once, for its confirmed or its predicted rows.
     """
     visits = [visit for person in people for visit in split_visits(person, frame_s, params.gone_s)]
     errors = [error for visit in visits for error in _visit_errors(visit, frame_s, params)]
     errors += _identity_errors(visits, frame_s, params)
-    errors += [error for track in tracks for error in _stray_errors(track, frame_s, params)]
-    return sorted(errors, key=lambda e: (e.frame, e.kind, e.truth_id or 0, e.track_id or 0))
+    false = [error for track in tracks for error in _stray_errors(track, frame_s, params)]
+    known = {error.track_id for error in false}
+    false += [e for p in predictions if p.track_id not in known for e in _prediction_errors(p, frame_s, params)]
+    return sorted(errors + false, key=lambda e: (e.frame, e.kind, e.truth_id or 0, e.track_id or 0))
+
+
+def grouped_events(errors: Sequence[SignificantError], within_frames: float) -> list[list[SignificantError]]:
+    """Errors that belong together: those that begin within some frames of an event's first error and concern a person
+    or a track of it.
+
+    Args:
+        errors: by frame.
+    """
+    events: list[list[SignificantError]] = []
+    for error in errors:
+        for event in reversed(events):
+            if error.frame - event[0].frame <= within_frames and any(_concerns(e) & _concerns(error) for e in event):
+                event.append(error)
+                break
+        else:
+            events.append([error])
+    return events
+
+
+def _concerns(error: SignificantError) -> set[tuple[str, int]]:
+    named = (("person", error.truth_id), ("track", error.track_id))
+    return {(kind, number) for kind, number in named if number is not None}
+
+
+def poisson_upper(count: int, confidence: float = 0.95) -> float:
+    """The largest mean of a Poisson distribution that gives at most so many events with a probability of at least
+    1 - confidence: chi2.ppf(confidence, 2 count + 2) / 2 (Garwood 1936, one-sided)."""
+    from scipy.special import gammaincinv  # only where something is scored
+
+    return float(gammaincinv(count + 1, confidence))
 
 
 def split_visits(person: PersonHistory, frame_s: float, gone_s: float) -> list[PersonHistory]:
@@ -226,6 +286,20 @@ def _stray_errors(track: TrackHistory, frame_s: float, params: SignificantParams
         within = f" of {(stop - start) * frame_s:.1f} s" if n_stray < stop - start else ""
         note = f"on no person for {stray_s:.1f} s{within}"
         yield SignificantError("false_track", int(track.frame[start]), None, track.track_id, stray_s, note)
+
+
+def _prediction_errors(
+    predicted: PredictionHistory, frame_s: float, params: SignificantParams
+) -> Iterator[SignificantError]:
+    """The longest stretch of frames in which a track is predicted where its person is not."""
+    rows = np.flatnonzero(predicted.off)
+    stretches = np.split(rows, np.flatnonzero(np.diff(predicted.frame[rows]) > 1) + 1)
+    longest = max(stretches, key=len)
+    off_s = len(longest) * frame_s
+    if off_s > params.predicted_s:
+        frame, person = int(predicted.frame[longest[0]]), int(predicted.truth_id[longest[0]])
+        note = f"predicted away from person {person} for {off_s:.1f} s"
+        yield SignificantError("false_track", frame, person, predicted.track_id, off_s, note)
 
 
 def runs(mask: Bool) -> list[tuple[int, int]]:

@@ -12,13 +12,12 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple
 
-from calib.world import load_rigs
-
 import calib
 import planview
 import stereo
 from calib.errors import InputError
 from calib.io import reason
+from calib.world import load_rigs
 from planview.engine.config import Config, load_config
 from planview.engine.factory import TrackerName, base_config, is_stereo
 from planview.engine.maps_pipeline import FIXED_MAP_PARAMETERS, FIXED_TABLES

@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import IO, Any, Literal
 
 import cv2
-from calib.world import save_world
-from calib.world import RIGS_FILE, RigEntry, save_rigs
 from pydantic import Field, ValidationError
 
 from calib.errors import InputError, WorkError
@@ -20,6 +18,7 @@ from calib.io import load_toml, reason
 from calib.params import Params, first_problem
 from calib.rig import Floor, save_rig
 from calib.types import U8
+from calib.world import RIGS_FILE, RigEntry, save_rigs, save_world
 from planview.synthetic.render import SceneRenderer
 from planview.synthetic.scene import Rig, Scene
 from planview.synthetic.truth import TruthRow

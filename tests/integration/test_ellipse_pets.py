@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.tracking_errors import TrackingErrors, tracking_errors
+from benchmarks.pets import TrackingErrors, tracking_errors
 from planview.engine.factory import open_engine
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.trajectories.formats import load_truth

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.pets import human_model_on_pets
+from benchmarks.pets import score_pets
 from calib.ground_camera import save_ground_camera
 from calib.people.calibration import calibrate_from_people
 from calib.people.samples import read_image_size, read_samples
@@ -22,7 +22,7 @@ def camera(tmp_path: Path) -> Path:
 
 
 def test_pets_boxes_reach_what_is_asked(shared_data: Path, camera: Path) -> None:
-    scores = human_model_on_pets(shared_data / "pets09-s2l1-view001", camera)
+    scores = score_pets("human-model", shared_data / "pets09-s2l1-view001", camera)
     assert scores.frames == 400
     assert scores.boxes.truth_rows == 2396
     assert scores.boxes.clear.mota >= 0.80

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from calib.world import save_world
 
 from calib.errors import InputError, WorkError
 from calib.floor.find import floor_from_points
@@ -21,6 +20,7 @@ from calib.people.model import KnownValues
 from calib.people.samples import MIN_SAMPLES, HumanSample, write_samples
 from calib.rig import Floor
 from calib.types import F64, Bool
+from calib.world import save_world
 from planview.calibration.floor import FloorDepths
 from planview.calibration.page.marks import Point
 

@@ -6,11 +6,20 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from benchmarks.ablation import AblationRow, Interval, bootstrap
-from benchmarks.commands.bench_ablation import TABLE_WIDTH, AblationOptions, bench_ablation, print_ablation
+from benchmarks.ablation import (
+    CONFIGURED,
+    LADDER,
+    TABLE_WIDTH,
+    AblationOptions,
+    AblationRow,
+    Interval,
+    ablation,
+    bootstrap,
+    chosen_variants,
+    print_ablation,
+)
 from benchmarks.one_statistic import NOMINAL_HEIGHT_M, reduced
 from benchmarks.suite import suite_recording
-from benchmarks.variants import CONFIGURED, LADDER, RULES, chosen_variants
 from calib.errors import InputError
 from planview.engine.config import Config, load_config
 from planview.maps.builder import CameraViewpoint, FloorPoints, PlanViewMaps
@@ -50,7 +59,7 @@ def maps():
     return PlanViewMaps(grid, height, occupancy, height, occupancy, 0.0, points, view)
 
 
-@pytest.mark.parametrize("variant", LADDER + RULES, ids=lambda v: v.name)
+@pytest.mark.parametrize("variant", LADDER, ids=lambda v: v.name)
 def test_variant_changes_the_configuration_by_known_parameters(variant):
     changed = load_config(None, variant.settings) != Config()
     assert changed or variant.way != "online"
@@ -59,7 +68,6 @@ def test_variant_changes_the_configuration_by_known_parameters(variant):
 def test_variants_of_foreground_and_feedback_run_in_full_and_others_from_recorded_points():
     full = {v.name for v in LADDER if not v.tracker_only}
     assert full == {"feedback off", "activity off", "deepest surface off", "foreground in colour"}
-    assert all(v.tracker_only for v in RULES)
 
 
 def test_maps_without_occupancy_count_cells_and_keep_their_highest_point(maps):
@@ -94,7 +102,7 @@ def test_interval_of_equal_recordings_is_their_figure():
 
 def test_unknown_variant_is_refused_with_the_known_ones():
     with pytest.raises(InputError, match="joint search off"):
-        chosen_variants(LADDER, ["joint"])
+        chosen_variants(["joint"])
 
 
 def test_command_compares_variants_with_the_engine_as_configured(tmp_path, capsys):
@@ -102,7 +110,7 @@ def test_command_compares_variants_with_the_engine_as_configured(tmp_path, capsy
     folder, _ = suite_recording(tmp_path / "tiny.toml", 3, tmp_path / "cache")
     variants = ["identity layer off", "Gaussian person model", "naive engine"]
     out = tmp_path / "ablation.json"
-    bench_ablation(options=AblationOptions(recording=[folder], variant=variants, cache=tmp_path, out=out))
+    ablation(options=AblationOptions(recording=[folder], variant=variants, cache=tmp_path, out=out))
     assert "naive engine" in capsys.readouterr().out
     result = json.loads(out.read_text())
     assert result["recordings"] == [folder.name]
@@ -115,7 +123,7 @@ def test_command_compares_variants_with_the_engine_as_configured(tmp_path, capsy
 
 def test_command_refuses_a_recording_without_truth(tmp_path):
     with pytest.raises(InputError, match=r"truth\.csv"):
-        bench_ablation(options=AblationOptions(recording=[tmp_path], cache=tmp_path))
+        ablation(options=AblationOptions(recording=[tmp_path], cache=tmp_path))
 
 
 def test_table_has_every_figure_with_its_interval_and_the_papers_count(capsys):

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.board_views import board_views, random_rig
+from benchmarks.calibration import board_views, random_rig
 from calib.board.detect import (
     Board,
     Corners,

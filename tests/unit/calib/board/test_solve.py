@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.board_views import board_views, random_rig
-from benchmarks.calibration_board import calibration_errors
+from benchmarks.calibration import board_views, calibration_errors, random_rig
 from calib.board.detect import Board, BoardView
 from calib.board.fit import fit_rig
 from calib.board.solve import LENSES, RejectedView, choose_lens, folds_back, solve_board

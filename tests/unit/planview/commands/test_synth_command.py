@@ -4,11 +4,10 @@ import csv
 import json
 
 import cv2
-import numpy as np
 import pytest
 
 from benchmarks.__main__ import main_benchmarks
-from benchmarks.accuracy import RenderOptions, rendered, scene_files, totals
+from benchmarks.options import RenderOptions, rendered, scene_files
 from calib.formats import load_rig
 from calib.ground_camera import load_ground_camera
 from calib.world import load_world
@@ -113,7 +112,3 @@ def test_accuracy_knows_its_scenes(capsys):
     with pytest.raises(SystemExit, match="2"):
         main_benchmarks(["accuracy", "--scene", "nothing"])
     assert "crossing" in capsys.readouterr().err
-
-
-def test_totals_of_nothing_are_unknown():
-    assert np.isnan(totals([]).mota)

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from calib.world import save_world
 
 from calib.camera import Camera
 from calib.errors import InputError
 from calib.pose import SE3
 from calib.rig import Floor, StereoRig, save_rig
+from calib.world import save_world
 from planview.counting.geometry import stereo_plane
 from planview.counting.rules import parse_rules
 from stereo.depth import RectifiedGeometry, StereoFloorCamera

@@ -17,6 +17,7 @@ KEYS = (
     "truth_rows", "mota", "motp_m", "idf1", "hota", "switches", "misses", "false_positives", "position_error_mean_m",
     "position_error_std_m", "height_error_mean_m", "significant_errors", "mostly_tracked", "mostly_lost",
     "fragmentations", "switches_per_minute", "ass_a", "det_a", "significant_errors_per_10_min",
+    "significant_errors_per_10_min_upper", "events", "events_per_10_min", "events_per_10_min_upper",
     "strict_identity_changes", "strict_per_10_min", "by_distance", "by_visibility", "by_people",
 )  # fmt: skip
 
@@ -46,6 +47,8 @@ def test_rates_are_over_the_time_scored() -> None:
     assert result["switches_per_minute"] == pytest.approx(6.0)
     assert (result["significant_errors"]["lost"], result["strict_identity_changes"]) == (1, 1)
     assert result["significant_errors_per_10_min"] == result["strict_per_10_min"] == pytest.approx(60.0)
+    assert (result["events"], result["events_per_10_min"]) == (1, pytest.approx(60.0))
+    assert result["events_per_10_min_upper"] == pytest.approx(60 * 4.744, rel=1e-3)
 
 
 def test_breakdown_groups_rows_by_distance_visibility_and_people() -> None:
@@ -78,6 +81,28 @@ def test_prediction_saves_a_person_from_being_lost_but_not_from_misses() -> None
     assert (held.clear.misses, held.significant) == (45, [])
     gone = evaluate_tracks(tracks.where(state == "confirmed"), walk())
     assert [(error.kind, error.frame) for error in gone.significant] == [("lost", 30)]
+
+
+def test_prediction_that_strays_from_its_person_is_a_false_track() -> None:
+    # Lost from frame 30 on, predicted 0.6 m beside the person, who walks on under another id.
+    tracks = walk()
+    strays = replace(
+        tracks, state=np.where(tracks.frame < 30, "confirmed", "lost"), x_m=np.where(tracks.frame < 30, 0, 0.6)
+    )
+    other = walk(70, track_id=2, start=30)
+    result = evaluate_tracks(concatenated([strays, other]), walk())
+    assert [(e.kind, e.frame, e.track_id) for e in result.significant] == [("false_track", 30, 1), ("lost", 30, 1)]
+    assert result.events == 1
+    near = replace(strays, x_m=np.where(tracks.frame < 30, 0, 0.4))
+    assert [e.kind for e in evaluate_tracks(concatenated([near, other]), walk()).significant] == ["lost"]
+
+
+def test_prediction_of_a_person_who_is_not_in_the_truth_is_not_judged() -> None:
+    tracks = walk()
+    strays = replace(
+        tracks, state=np.where(tracks.frame < 30, "confirmed", "lost"), x_m=np.where(tracks.frame < 30, 0, 3.0)
+    )
+    assert evaluate_tracks(strays, walk(30)).significant == []
 
 
 def test_hidden_person_is_neither_missed_nor_a_reason_for_false_positives() -> None:

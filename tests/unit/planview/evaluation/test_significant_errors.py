@@ -7,9 +7,12 @@ from planview.evaluation.significant import (
     PREDICTED,
     UNMATCHED,
     PersonHistory,
+    PredictionHistory,
     SignificantError,
     SignificantParams,
     TrackHistory,
+    grouped_events,
+    poisson_upper,
     runs,
     significant_errors,
     split_visits,
@@ -150,6 +153,57 @@ def test_moment_near_a_person_does_not_excuse_a_false_track() -> None:
 def test_track_beside_a_person_most_of_the_time_is_not_false() -> None:
     stray = np.array([True, False, False, False] * 9)
     assert kinds([], [TrackHistory(9, np.arange(36), stray)]) == []
+
+
+def predicted(n: int, off: slice, track_id: int = 5) -> PredictionHistory:
+    """Predictions of person 1 in n frames from frame 100 on, some of them off."""
+    strays = np.zeros(n, dtype=bool)
+    strays[off] = True
+    return PredictionHistory(track_id, 100 + np.arange(n), np.ones(n, dtype=np.int64), strays)
+
+
+def of_predictions(*predictions: PredictionHistory, tracks: list[TrackHistory] | None = None) -> list[SignificantError]:
+    return significant_errors([], tracks or [], FRAME_S, SignificantParams(), predictions)
+
+
+def test_prediction_off_its_person_for_over_a_second_is_a_false_track() -> None:
+    (error,) = of_predictions(predicted(20, slice(5, 16)))
+    assert (error.kind, error.frame, error.truth_id, error.track_id) == ("false_track", 105, 1, 5)
+    assert (error.duration_s, error.note) == (pytest.approx(1.1), "predicted away from person 1 for 1.1 s")
+    assert of_predictions(predicted(20, slice(5, 15))) == []
+
+
+def test_prediction_off_its_person_now_and_then_is_no_error() -> None:
+    assert of_predictions(predicted(40, slice(None, None, 2))) == []
+
+
+def test_track_is_false_once_for_confirmed_and_predicted_rows() -> None:
+    stray = TrackHistory(5, np.arange(20), np.ones(20, dtype=bool))
+    assert [error.frame for error in of_predictions(predicted(20, slice(0, 20)), tracks=[stray])] == [0]
+    assert len(of_predictions(predicted(20, slice(0, 20), track_id=6), tracks=[stray])) == 2
+
+
+def error(frame: int, truth_id: int | None, track_id: int | None) -> SignificantError:
+    return SignificantError("lost", frame, truth_id, track_id, None, "")
+
+
+def test_errors_of_one_person_or_track_within_two_seconds_are_one_event() -> None:
+    # Person 1 and track 5; then track 5 of person 2; then person 2 again, 20 frames after the first.
+    one = [error(10, 1, 5), error(20, 2, 5), error(30, 2, 7)]
+    assert grouped_events(one, 20) == [one]
+    # 21 frames after the first error, and another person and track.
+    assert [len(event) for event in grouped_events([*one, error(31, 2, 7), error(31, 3, 8)], 20)] == [3, 1, 1]
+
+
+def test_errors_without_a_common_person_or_track_are_events_of_their_own() -> None:
+    assert len(grouped_events([error(10, 1, None), error(10, None, 1), error(10, None, None)], 20)) == 3
+
+
+def test_upper_bound_of_a_poisson_count() -> None:
+    # P(0; m) = exp(-m) = 5 % at m = ln 20; P(0 or 1; m) = (1 + m) exp(-m) = 5 % at 4.744.
+    assert poisson_upper(0) == pytest.approx(np.log(20))
+    assert poisson_upper(1) == pytest.approx(4.744, abs=1e-3)
+    assert 10 * poisson_upper(1) / 12.8 == pytest.approx(3.7, abs=0.01)
 
 
 def test_errors_come_in_the_order_of_frames() -> None:

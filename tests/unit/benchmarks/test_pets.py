@@ -1,12 +1,13 @@
 """The benchmark on PETS, with tracks in place of the sequence."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from benchmarks import pets
-from benchmarks.pets import CameraSpread, SeedSpread, ellipse_particle_on_pets, nearby_camera
+from benchmarks.pets import nearby_camera, score_pets
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from planview.trajectories.table import Trajectories, read_tracks
@@ -20,39 +21,37 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "gt.txt").write_text("".join(f"{i + 1},1,10,10,20,50,1,0,0,0\n" for i in range(10)))
     (tmp_path / "view001.mp4").write_bytes(b"")
 
-    def track(_tracker, _video, _camera, _frames, _done, seed: int) -> tuple[Trajectories, int]:
-        path = tmp_path / f"tracks{seed}.csv"
-        path.write_text(ROWS + "".join(f"{i},{i / 7:.3f},5,,,9,9,20,50,confirmed\n" for i in range(10 - seed)))
-        return read_tracks(path), 10
+    def run(_video, *, config, watch, **_options) -> Trajectories:
+        for frame in range(10):
+            watch(SimpleNamespace(frame=frame))
+        path = tmp_path / f"tracks{config.seed}.csv"
+        path.write_text(ROWS + "".join(f"{i},{i / 7:.3f},5,,,9,9,20,50,confirmed\n" for i in range(10 - config.seed)))
+        return read_tracks(path)
 
-    monkeypatch.setattr(pets, "_track", track)
+    monkeypatch.setattr(pets, "run", run)
     return tmp_path
 
 
 def test_scores_of_one_seed_have_no_spread(folder):
-    scores = ellipse_particle_on_pets(folder, None)
-    assert scores.spread is None
+    scores = score_pets("ellipse-particle", folder, None)
+    assert scores.spread() is None
     assert scores.boxes.clear.mota == 1.0
     assert scores.errors.total == 0
 
 
 def test_spread_holds_the_scores_of_every_seed_in_order(folder):
-    scores = ellipse_particle_on_pets(folder, None, seeds=3)
-    assert scores.boxes.clear.mota == 1.0
-    assert scores.spread is not None
-    np.testing.assert_allclose(scores.spread.mota, [1.0, 0.9, 0.8])
-
-
-def test_spread_gives_range_deviation_and_mean():
-    spread = SeedSpread((0.8, 0.7, 0.75), (20, 30, 25)).to_json()
-    assert spread["mota_range"] == pytest.approx(0.1)
-    assert spread["mota_deviation"] == pytest.approx(0.05 * (2 / 3) ** 0.5)
-    assert spread["errors_mean"] == 25
+    scores = score_pets("ellipse-particle", folder, None, seeds=3)
+    assert scores.mota == 1.0
+    spread = scores.spread()
+    assert spread is not None
+    np.testing.assert_allclose(spread["mota"], [1.0, 0.9, 0.8])
+    assert spread["mota_range"] == pytest.approx(0.2)
+    assert spread["mota_deviation"] == pytest.approx(0.1 * (2 / 3) ** 0.5)
 
 
 def test_folder_without_the_sequence_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"gt\.txt"):
-        ellipse_particle_on_pets(tmp_path, None)
+        score_pets("ellipse-particle", tmp_path, None)
 
 
 def test_nearby_cameras_are_near_and_differ():
@@ -63,8 +62,3 @@ def test_nearby_cameras_are_near_and_differ():
         assert abs(other.tilt_rad - camera.tilt_rad) <= np.radians(0.5)
         assert other.focal_px == pytest.approx(camera.focal_px, rel=0.03)
         assert other.height_m == pytest.approx(camera.height_m, rel=0.03)
-
-
-def test_spread_over_cameras_gives_its_range():
-    spread = CameraSpread((0.8, 0.75, 0.78)).to_json()
-    assert spread["mota_range"] == pytest.approx(0.05)

@@ -1,0 +1,389 @@
+"""Board, floor and human calibration, and the alignment of two rigs by people, against known truth."""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+from planview.calibration.paths import record_rig
+from planview.synthetic.random_scenes.rigs import random_rigs
+from planview.synthetic.write import write_rigs
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.options import JsonFlag, Progress
+from calib.board.detect import Board, BoardView
+from calib.board.solve import solve_board
+from calib.camera import Camera, LensModel
+from calib.errors import WorkError
+from calib.formats.tsai import load_tsai
+from calib.ground_camera import GroundCamera
+from calib.people.calibration import calibrate_from_people
+from calib.people.model import HumanModel
+from calib.people.samples import HumanSample, choose_spread
+from calib.pose import SE3
+from calib.rig import Floor, StereoRig
+from calib.types import F64
+from calib.world import RIGS_FILE, RigEntry, load_rigs
+from planview.calibration.align import align_records, rig_entries
+from planview.calibration.board import BoardRequest, calibrate_images
+from planview.engine.config import Config
+from planview.synthetic.assets import SCENES, real_recordings
+from planview.synthetic.render import SceneRenderer
+from planview.synthetic.scene import Scene, load_scene
+from stereo.floor import FloorEstimator, setup_frames
+from stereo.readers.open import open_recording
+from stereo.recording import StereoFrame
+from stereo.rectify import aligned_rectifier
+
+Family = Literal["board", "floor", "human", "rigs"]
+BOARD_SIZE = 1280, 800
+BOARD_RIGS, BOARD_VIEWS, BOARD_NOISE_PX = 3, 30, 0.2
+FOCAL_LIMIT, BASELINE_LIMIT, ROTATION_LIMIT_DEG = 0.2, 0.3, 0.05
+TELE_ROTATION_LIMIT_DEG = 0.075
+"""The principal point, and with it the direction of the optical axis, is open the more the longer the lens."""
+LENSES: dict[str, tuple[float, LensModel, tuple[float, ...]]] = {
+    "plain": (900.0, "brown", ()),
+    "brown": (900.0, "brown", (-0.3, 0.1, 5e-4, -3e-4)),
+    "tele": (2000.0, "brown", (-0.1, 0.05, 0.0, 0.0)),
+    "fisheye": (420.0, "fisheye", (0.05, -0.02, 0.005, -0.001)),
+    "rational": (600.0, "rational", (0.3, 0.05, 2e-4, -1e-4, 0.001, 0.65, 0.1, 0.01)),
+}
+"""Focal length [px], model and coefficients."""
+OPENCV_BASELINE_SQUARES = 3.3427
+"""Of the reference extrinsics.yml that comes with OpenCV's pairs."""
+TILTS_DEG, FLOOR_FRAMES = (0, 15, 30, 45, 60, 75), 6
+FLOOR_SCENE = SCENES / "demo.toml"
+HIGH_M, LOW_M = (3.5, 2.0, 2.9), (3.5, 0.2, 2.6)
+"""Where the cameras hang: steep ones above the middle of the room, flat ones at its wall."""
+HEIGHT_LIMIT_CM, ANGLE_LIMIT_DEG = 2.0, 0.3
+REAL_HEIGHT_M, REAL_LIMIT_CM = 2.74, 5.0
+"""The overhead pair of the shared recordings, by its disparity (see its README)."""
+CAMERAS = {
+    "overhead": GroundCamera(640, 480, 400.0, 3.5, math.radians(5), "normal"),
+    "oblique": GroundCamera(640, 480, 500.0, 4.0, math.radians(45), "normal-wide"),
+    "near-horizontal": GroundCamera(640, 480, 600.0, 4.0, math.radians(68), "normal"),
+}
+PEOPLE, PEOPLE_SEEDS, CLICK_NOISE_PX = 8, 10, 2.0
+PEOPLE_LIMITS = {"height": 5.0, "tilt": 2.0, "focal": 6.0}
+SEARCH_LIMIT_S = 2.0
+PETS_PEOPLE, PETS_LIMIT_M = 12, 0.5
+PETS_SIZE, TSAI_WIDTH = (480, 360), 768
+RIG_SEEDS = (101, 102, 103)
+RIG_LIMITS = {"place": ("cm", 5.0), "heading": ("deg", 0.5), "clock": ("ms", 30.0)}
+
+
+class Row(NamedTuple):
+    """A figure measured against known truth, which is only reported where the limit is NaN."""
+
+    name: str
+    value: float
+    unit: str
+    limit: float = math.nan
+
+    @property
+    def ok(self) -> bool:
+        """Whether it keeps the limit."""
+        return not self.value > self.limit
+
+
+def random_rig(lens: str, rng: np.random.Generator) -> StereoRig:
+    """A rig such as is built: lenses (of LENSES) and mounts of one kind scatter by a per cent and a degree."""
+    focal, model, coefficients = LENSES[lens]
+
+    def camera() -> Camera:
+        fx, fy = focal * (1 + 0.01 * rng.normal(size=2))
+        cx, cy = np.array(BOARD_SIZE) / 2 + 8 * rng.normal(size=2)
+        distortion = tuple(float(k * (1 + 0.02 * rng.normal())) for k in coefficients)
+        return Camera(*BOARD_SIZE, float(fx), float(fy), float(cx), float(cy), model, distortion)
+
+    shift = np.array([-rng.uniform(0.06, 0.25), 0.0, 0.0]) + 0.002 * rng.normal(size=3)
+    return StereoRig(camera(), camera(), SE3.from_rotvec(0.02 * rng.normal(size=3), shift), f"random {lens} rig")
+
+
+def board_views(
+    rig: StereoRig, board: Board, n: int, noise_px: float, rng: np.random.Generator, tilt_rad: float = 0.45
+) -> list[BoardView]:
+    """Pairs in which both images show the whole board, at places and tilts all over the left image.
+
+    Args:
+        noise_px: standard deviation of each corner coordinate.
+        tilt_rad: standard deviation of the board's tilts.
+    """
+    points, extent = board.points, float(board.points.max())
+    near = 1.5 * extent * rig.left.fx / rig.left.width
+    ids = np.arange(len(points))
+    views: list[BoardView] = []
+    while len(views) < n:
+        turn = SE3.from_rotvec(rng.normal(size=3) * [tilt_rad, tilt_rad, 0.3])
+        middle = rig.left.unproject([rng.uniform(0.12, 0.88, 2) * rig.left.size])[0] * rng.uniform(near, 2.5 * near)
+        left_SE3_board = SE3(turn.rotation, middle - turn.rotation @ points.mean(axis=0))
+        left = rig.left.project(left_SE3_board @ points)
+        right = rig.right.project(rig.right_SE3_left @ (left_SE3_board @ points))
+        if all(((p > 0) & (p < np.array(rig.left.size) - 1)).all() for p in (left, right)):
+            noise = noise_px * rng.normal(size=(2, *left.shape))
+            views.append(BoardView(f"view {len(views):02d}", ids, left + noise[0], right + noise[1]))
+    return views
+
+
+def calibration_errors(truth: StereoRig, found: StereoRig) -> tuple[float, float, float]:
+    """Worst focal length error [%], baseline error [%] and rotation error [deg]."""
+    focal = max(
+        abs(getattr(getattr(found, side), key) / getattr(getattr(truth, side), key) - 1)
+        for side in ("left", "right")
+        for key in ("fx", "fy")
+    )
+    baseline = abs(found.baseline_m / truth.baseline_m - 1)
+    turn = (found.right_SE3_left @ truth.right_SE3_left.inverse()).rotvec
+    return 100 * focal, 100 * baseline, math.degrees(float(np.linalg.norm(turn)))
+
+
+def board_rows(progress: Progress) -> list[Row]:
+    """Worst errors over the random rigs of every lens; and OpenCV's pairs where they are at hand."""
+    rows, board = [], Board(9, 6, 0.03)
+    for lens in LENSES:
+        progress(f"boards, {lens} lens")
+        errors = []
+        for seed in range(BOARD_RIGS):
+            rng = np.random.default_rng(seed)
+            truth = random_rig(lens, rng)
+            views = board_views(truth, board, BOARD_VIEWS, BOARD_NOISE_PX, rng)
+            errors.append(calibration_errors(truth, solve_board(views, board, truth.left.size).rig))
+        focal, baseline, rotation = (float(worst) for worst in np.max(errors, axis=0))
+        name, turn = f"boards, {lens} lens, worst of {BOARD_RIGS} rigs", TELE_ROTATION_LIMIT_DEG
+        rows += [
+            Row(f"{name}: focal length", focal, "%", FOCAL_LIMIT),
+            Row(f"{name}: baseline", baseline, "%", BASELINE_LIMIT),
+            Row(f"{name}: rotation", rotation, "deg", turn if lens == "tele" else ROTATION_LIMIT_DEG),
+        ]
+    pairs, square_m = real_recordings() / "opencv-stereo-chessboard", 0.025
+    if pairs.is_dir():
+        progress("OpenCV's pairs")
+        result = calibrate_images(pairs, BoardRequest(None, square_m))
+        off = 100 * abs(result.rig.baseline_m / square_m / OPENCV_BASELINE_SQUARES - 1)
+        rows += [
+            Row("boards, OpenCV pairs: stereo rms", result.fit.rms_px, "px", 0.25),
+            Row("boards, OpenCV pairs: pairs not used", len(result.rejected), ""),
+            Row("boards, OpenCV pairs: baseline against reference", off, "%", 1.0),
+        ]
+    return rows
+
+
+def floor_rows(progress: Progress) -> list[Row]:
+    """The committed lobby rendered from cameras at several tilts, and the real overhead pair where it is at hand."""
+    rows, description = [], load_scene(FLOOR_SCENE)
+    for tilt_deg in TILTS_DEG:
+        progress(f"floor at {tilt_deg} degrees")
+        rows += _floor_at(description, tilt_deg)
+    real = real_recordings() / "overhead-stereo"
+    if real.is_dir():
+        progress("floor of the real overhead pair")
+        recording = open_recording(real)
+        off = 100 * abs(_floor_found(recording.rig, setup_frames(recording)).height_m - REAL_HEIGHT_M)
+        rows.append(Row("floor, real overhead pair: height", off, "cm", REAL_LIMIT_CM))
+    return rows
+
+
+def _floor_at(description: Scene, tilt_deg: float) -> list[Row]:
+    place = HIGH_M if tilt_deg < 50 else LOW_M
+    mount = description.mount.model_copy(update={"tilt_deg": float(tilt_deg), "at_m": place})
+    renderer = SceneRenderer(description.model_copy(update={"rig": mount}))
+    frames = []
+    for index in np.linspace(0, renderer.n_frames - 1, FLOOR_FRAMES).astype(int):
+        frame = renderer.frame(int(index))
+        assert frame.right is not None  # the scene has a rig
+        frames.append(StereoFrame(int(index), frame.timestamp_s, frame.left, frame.right))
+    assert renderer.rig is not None and renderer.world_SE3_left is not None
+    truth, name = Floor(renderer.world_SE3_left), f"floor, rendered at {tilt_deg:g} degrees"
+    try:
+        found = _floor_found(renderer.rig, frames)
+    except WorkError:
+        return [Row(f"{name}: height", math.inf, "cm", HEIGHT_LIMIT_CM)]
+    tilt, roll = (math.degrees(abs(getattr(found, key) - getattr(truth, key))) for key in ("tilt_rad", "roll_rad"))
+    return [
+        Row(f"{name}: height", 100 * abs(found.height_m - truth.height_m), "cm", HEIGHT_LIMIT_CM),
+        Row(f"{name}: tilt", tilt, "deg", ANGLE_LIMIT_DEG),
+        Row(f"{name}: roll", roll, "deg", ANGLE_LIMIT_DEG),
+    ]
+
+
+def _floor_found(rig: StereoRig, frames: list[StereoFrame]) -> Floor:
+    rectifier, _ = aligned_rectifier(rig, frames)
+    return FloorEstimator(rectifier)(frames)
+
+
+def human_rows(progress: Progress) -> list[Row]:
+    """Errors over seeds for several cameras, with noise on every point and edge; then PETS, where it is at hand."""
+    rows = []
+    for name, truth in CAMERAS.items():
+        progress(f"people, {name} camera")
+        found = [
+            calibrate_from_people(noisy_people(truth, seed), truth.size, truth.lens) for seed in range(PEOPLE_SEEDS)
+        ]
+        errors = {
+            "height": [100 * abs(f.camera.height_m / truth.height_m - 1) for f in found],
+            "tilt": [math.degrees(abs(f.camera.tilt_rad - truth.tilt_rad)) for f in found],
+            "focal": [100 * abs(f.camera.focal_px / truth.focal_px - 1) for f in found],
+        }
+        for key, values in errors.items():
+            unit, what = "deg" if key == "tilt" else "%", f"people, {name}: {key}"
+            rows.append(Row(f"{what}, median of {PEOPLE_SEEDS}", float(np.median(values)), unit))
+            rows.append(Row(f"{what}, worst of {PEOPLE_SEEDS}", max(values), unit, PEOPLE_LIMITS[key]))
+        rows.append(Row(f"people, {name}: search", max(f.search_s for f in found), "s", SEARCH_LIMIT_S))
+    pets = real_recordings() / "pets09-s2l1-view001"
+    for marked in (True, False) if pets.is_dir() else ():
+        progress(f"people, PETS view 1, {'heads and feet' if marked else 'boxes'}")
+        rows += _pets_rows(pets, marked)
+    return rows
+
+
+def noisy_people(camera: GroundCamera, seed: int) -> list[HumanSample]:
+    """People of the model's size in different areas of the image, every edge and point off by Gaussian noise."""
+    rng, model = np.random.default_rng(seed), HumanModel()
+    feet = camera.back_project(rng.uniform((0, 0), (camera.width, camera.height), (1500, 2)))
+    feet = feet[np.isfinite(feet).all(axis=1) & (np.hypot(feet[:, 0], feet[:, 1]) < 25.0)]
+    boxes = model.boxes(camera, feet)
+    whole = (boxes[:, :2] > 0).all(axis=1) & (boxes[:, :2] + boxes[:, 2:] < np.array(camera.size)).all(axis=1)
+    samples = []
+    for xy in feet[whole & (boxes[:, 3] > 40.0)]:
+        left, top, width, height = model.boxes(camera, xy)
+        ends = np.array([left, top, left + width, top + height, *model.head(camera, xy), *model.foot(camera, xy)])
+        samples.append(_sample(ends + rng.normal(0.0, CLICK_NOISE_PX, 8)))
+    return list(choose_spread(samples, PEOPLE))
+
+
+def _sample(row: F64) -> HumanSample:
+    """Of left, top, right, bottom, head u, v, foot u, v."""
+    left, top, right, bottom, head_u, head_v, foot_u, foot_v = (float(v) for v in row)
+    return HumanSample((left, top, right - left, bottom - top), (head_u, head_v), (foot_u, foot_v))
+
+
+def _pets_rows(folder: Path, marked: bool) -> list[Row]:
+    """Cameras from 12 people of PETS at random, clicked with noise, by their floor positions of all annotated people.
+
+    Args:
+        marked: heads and feet are clicked where the Tsai camera shows a person of the model's height; else they are the
+            middles of the boxes' edges.
+    """
+    table, tsai = np.loadtxt(folder / "gt.txt", delimiter=","), load_tsai(folder / "View_001.xml")
+    scale = TSAI_WIDTH / PETS_SIZE[0]
+    low, size, middle = table[:, 2:4], table[:, 4:6], table[:, 2] + table[:, 4] / 2
+    head, foot = np.column_stack([middle, low[:, 1]]), np.column_stack([middle, low[:, 1] + size[:, 1]])
+    truth = tsai.back_project((foot + 0.5) * scale - 0.5)
+    ends = np.column_stack([low, low + size, head, foot])
+    if marked:
+        for at, height_m in ((4, HumanModel().height_m), (6, 0.0)):
+            shown = tsai.project(np.column_stack([table[:, 7:9], np.full(len(table), height_m)]))
+            ends[:, at : at + 2] = (shown + 0.5) / scale - 0.5
+    inside = (low > 2).all(axis=1) & (low + size < np.array(PETS_SIZE) - 2).all(axis=1)
+    alone = [i for i in np.flatnonzero(inside) if not _touched(table, int(i))]
+    errors, trusted = [], []
+    for seed in range(PEOPLE_SEEDS):
+        rng = np.random.default_rng(seed)
+        rows = ends[rng.choice(alone, PETS_PEOPLE, replace=False)]
+        try:
+            found = calibrate_from_people(
+                [_sample(row) for row in rows + rng.normal(0.0, CLICK_NOISE_PX, rows.shape)], PETS_SIZE, "pinhole"
+            )
+        except WorkError:
+            continue
+        errors.append(_aligned_error(found.camera.back_project(foot), truth))
+        if found.assessment.enough:
+            trusted.append(errors[-1])
+    name = f"people, PETS view 1, 12 scripted clicks, {'heads and feet' if marked else 'boxes'}"
+    return [
+        Row(f"{name}: median floor error", float(np.median(errors)) if errors else math.nan, "m", PETS_LIMIT_M),
+        Row(f"{name}: worst of those called enough", max(trusted, default=math.nan), "m", 2 * PETS_LIMIT_M),
+        Row(f"{name}: called enough, of {PEOPLE_SEEDS}", len(trusted), ""),
+    ]
+
+
+def _touched(table: F64, row: int) -> bool:
+    """Whether a box touches another one of its frame."""
+    others = table[(table[:, 0] == table[row, 0]) & (np.arange(len(table)) != row)]
+    low, high = table[row, 2:4], table[row, 2:4] + table[row, 4:6]
+    return bool(((others[:, 2:4] < high) & (others[:, 2:4] + others[:, 4:6] > low)).all(axis=1).any())
+
+
+def _aligned_error(ours: F64, truth: F64) -> float:
+    """Median distance after the rotation and shift that fit best without the farthest tenth."""
+    known = np.isfinite(ours).all(axis=1) & np.isfinite(truth).all(axis=1)
+    ours, truth = ours[known], truth[known]
+    used = np.ones(len(ours), dtype=np.bool_)
+    for _ in range(5):
+        a, b = ours[used].mean(axis=0), truth[used].mean(axis=0)
+        u, _, vt = np.linalg.svd((ours[used] - a).T @ (truth[used] - b))
+        turn = vt.T @ np.diag([1.0, np.sign(np.linalg.det(vt.T @ u.T))]) @ u.T
+        errors = np.hypot(*((ours - a) @ turn.T + b - truth).T)
+        used = errors <= np.quantile(errors, 0.9)
+    return float(np.median(errors))
+
+
+def rig_rows(progress: Progress) -> list[Row]:
+    """Two rigs in one room, drawn from seeds, whose clocks begin apart: aligned by the people whom both track."""
+    rows = []
+    for seed in RIG_SEEDS:
+        progress(f"two rigs, seed {seed}")
+        with tempfile.TemporaryDirectory() as place:
+            folder = Path(place) / "rigs"
+            folder.mkdir()
+            write_rigs(random_rigs(seed), folder, storage="jpg")
+            true = load_rigs(folder / RIGS_FILE)
+            records = [record_rig(folder / entry.folder, Config()) for entry in true]
+            try:
+                errors = alignment_error(rig_entries(records, align_records(records), folder), true)
+            except WorkError:  # refused
+                errors = (math.inf,) * 3
+        named = zip(RIG_LIMITS.items(), errors, strict=True)
+        rows += [Row(f"rigs, seed {seed}: {key}", value, *limit) for (key, limit), value in named]
+    return rows
+
+
+def alignment_error(found: Sequence[RigEntry], true: Sequence[RigEntry]) -> tuple[float, float, float]:
+    """Of the second rig beside the first: place [cm], heading [deg] and clock [ms]."""
+    (angle, place), (true_angle, true_place) = (
+        (math.atan2(*pose.rotation[1::-1, 0]), pose.translation[:2])
+        for pose in (found[1].world_SE3_left, true[1].world_SE3_left)
+    )
+    heading = math.remainder(angle - true_angle, 2 * math.pi)
+    clock_s = found[1].start_s - true[1].start_s
+    return 100 * float(np.hypot(*(place - true_place))), abs(math.degrees(heading)), 1000 * abs(clock_s)
+
+
+FAMILIES: dict[Family, Callable[[Progress], list[Row]]] = {
+    "board": board_rows, "floor": floor_rows, "human": human_rows, "rigs": rig_rows,
+}  # fmt: skip
+
+
+def calibration(*, only: Family | None = None, json_output: JsonFlag = False) -> None:
+    """Score board, floor and human calibration, and the alignment of rigs, against known truth.
+
+    Example: python -m benchmarks calibration --only board
+
+    Parameters
+    ----------
+    only
+        One family: board, floor, human or rigs.
+    json_output
+        Print one JSON object on stdout.
+    """
+    with Console(stderr=True, markup=False).status("...") as status:
+        rows = [row for name, measure in FAMILIES.items() if only in (None, name) for row in measure(status.update)]
+    if json_output:
+        listed = [
+            {key: value if value == value and value != math.inf else None for key, value in row._asdict().items()}
+            | {"ok": row.ok}
+            for row in rows
+        ]
+        print(json.dumps({"ok": all(row.ok for row in rows), "rows": listed}))
+        return
+    table = Table("measured", "value", "limit", "")
+    for row in rows:
+        limit = f"{row.limit:g} {row.unit}" if math.isfinite(row.limit) else ""
+        table.add_row(row.name, f"{row.value:.4g} {row.unit}", limit, "ok" if row.ok else "no")
+    Console().print(table)

@@ -1,1 +1,0 @@
-"""``python -m benchmarks``: one module per command."""

@@ -1,0 +1,191 @@
+"""Real plan-view recordings with truth: how often the right number of people is found, and who is who."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from cyclopts import Parameter
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.options import JsonFlag, number
+from benchmarks.passes import bench_engine
+from calib.errors import InputError
+from planview.engine.config import load_config
+from planview.engine.factory import base_config
+from planview.evaluation.evaluate import evaluate_tracks
+from planview.evaluation.result import Evaluation
+from planview.output.script import run
+from planview.synthetic.assets import real_recordings
+from planview.trajectories.table import Trajectories, positions_table, read_truth
+
+BASELINE = "peaks"
+"""The row to beat, which is printed beside every tracker."""
+TABLE_WIDTH = 120
+"""Columns of text that the table needs."""
+WALKER_PATH = "walker_path_from_depth.csv"
+WALKER_VISIBLE_FRAMES, BESIDE_WALKER_M = 30, 0.3
+"""The walker's path comes without ids: later the walker stands cut by the image's border, and so does a second person
+to the right [m] (README of the recording). Its frames without a row are not judged."""
+
+
+@dataclass(frozen=True)
+class RealScore:
+    """One tracker on one recording.
+
+    Attributes:
+        frames: that are judged.
+        count_accuracy: share of frames with the right number of confirmed people: at least those who show, and at most
+            those and the doubtful ones (``visible`` 0 in the truth), whom nobody need find.
+        exact_count: share of frames with exactly the number of those who show.
+        ids, people: confirmed ids, and people who show at any time.
+    """
+
+    recording: str
+    tracker: str
+    frames: int
+    count_accuracy: float
+    exact_count: float
+    ids: int
+    people: int
+    evaluation: Evaluation
+
+    def to_json(self) -> dict[str, Any]:
+        of_counts = {name: value for name, value in vars(self).items() if name != "evaluation"}
+        return of_counts | self.evaluation.to_json()
+
+
+def recordings_with_truth(data: Path, names: Sequence[str] = ()) -> list[Path]:
+    """Folders of recordings with truth on the floor, by name.
+
+    Raises:
+        InputError: there is none, or none of a name.
+    """
+    known = {p.name: p for p in sorted(data.glob("*")) if (p / "truth.csv").is_file() or (p / WALKER_PATH).is_file()}
+    for name in names:
+        if name not in known:
+            raise InputError(f"--recording: expected one of {', '.join(known) or 'none'} in {data}, found {name!r}")
+    if not known:
+        raise InputError(f"{data}: expected folders of recordings with truth.csv, found none")
+    return [known[name] for name in names or known]
+
+
+def truth_of(folder: Path) -> Trajectories:
+    """People of a recording on the floor."""
+    if (folder / "truth.csv").is_file():
+        return read_truth(folder / "truth.csv")
+    with (folder / WALKER_PATH).open(encoding="utf-8") as file:
+        rows = np.array(
+            [[float(row[key]) for key in ("frame", "x_m", "z_m", "height_m")] for row in csv.DictReader(file)]
+        )
+    frame = rows[:, 0].astype(np.int64)
+    is_second = (frame >= WALKER_VISIBLE_FRAMES) & (rows[:, 1] > BESIDE_WALKER_M)
+    ids = 1 + is_second.astype(np.int64)
+    order = np.lexsort((ids, frame))
+    visible = (frame < WALKER_VISIBLE_FRAMES).astype(np.float64)
+    return positions_table(frame[order], ids[order], rows[order, 1:3], rows[order, 3], visible=visible[order])
+
+
+def score_real(
+    recording: str, tracker: str, tracks: Trajectories, truth: Trajectories, frames: np.ndarray
+) -> RealScore:
+    """Score tracks of a recording.
+
+    Args:
+        frames: (F,) those that are judged.
+    """
+    tracks = tracks.where(np.isin(tracks.frame, frames))
+    confirmed = tracks.where(tracks.state == "confirmed")
+    shown = truth.where(~(truth.visible <= 0))
+    n = int(frames.max()) + 1
+    found, least, most = (np.bincount(t.frame, minlength=n)[frames] for t in (confirmed, shown, truth))
+    return RealScore(
+        recording,
+        tracker,
+        len(frames),
+        float(((found >= least) & (found <= most)).mean()),
+        float((found == least).mean()),
+        len(np.unique(confirmed.track_id)),
+        len(np.unique(shown.track_id)),
+        evaluate_tracks(tracks, truth),
+    )
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class RealOptions:
+    """Which recordings are tracked, and by what."""
+
+    data: Path | None = None
+    """Folder with recordings; $PLANVIEW_TEST_DATA, else ../shared/data of the repository, by default."""
+    recording: Annotated[Sequence[str], Parameter(negative="")] = ()
+    """Only these recordings, by the names of their folders."""
+    tracker: Annotated[Sequence[str], Parameter(negative="")] = ("template",)
+    """Trackers, as of planview run; the baseline of height peaks is always added."""
+    set_: Annotated[Sequence[str], Parameter(name="--set", negative="", show_default=False)] = ()
+    """One parameter of the engine."""
+    json_output: JsonFlag = False
+    """Print one JSON object."""
+
+
+def real(*, options: RealOptions | None = None) -> None:
+    """Score every real plan-view recording with truth, beside the baseline of height peaks.
+
+    A recording is a folder with truth.csv (frame, id, x_m, y_m, height_m, visible); people with visible 0 are doubtful:
+    finding them is neither asked for nor wrong.
+
+    Example: python -m benchmarks real --data ../shared/data --recording rgbd-six-people
+    """
+    o = options or RealOptions()
+    folders = recordings_with_truth(o.data or real_recordings(), o.recording)
+    scores = []
+    with Console(stderr=True, markup=False).status("...") as status:
+        for folder in folders:
+            truth = truth_of(folder)
+            for tracker in dict.fromkeys((*o.tracker, BASELINE)):
+                status.update(f"{folder.name}: {tracker}")
+                engine = bench_engine(folder, tracker, load_config(None, o.set_, base_config(folder)))
+                tracks = run(engine)
+                judged = np.unique(truth.frame)
+                if (folder / "truth.csv").is_file():  # frames without a row are empty
+                    judged = np.arange(max(engine.recording.n_frames, int(judged.max()) + 1))
+                scores.append(score_real(folder.name, tracker, tracks, truth, judged))
+    if o.json_output:
+        print(json.dumps({"scores": [score.to_json() for score in scores]}, indent=2))
+    else:
+        print_real(scores, Console(markup=False, width=TABLE_WIDTH))
+
+
+def print_real(scores: Sequence[RealScore], console: Console) -> None:
+    """A row per recording and tracker."""
+    table = Table(
+        "recording",
+        "tracker",
+        "right\nnumber %",
+        "exact\n%",
+        "MOTA",
+        "IDF1",
+        "ids/\npeople",
+        "position\ncm",
+        "misses",
+        "false\npositives",
+    )
+    for column in table.columns[2:]:
+        column.justify = "right"
+    for s in scores:
+        e = s.evaluation.to_json()
+        table.add_row(
+            s.recording, s.tracker, number(s.count_accuracy, 100, 1), number(s.exact_count, 100, 1), number(e["mota"]),
+            number(e["idf1"]), f"{s.ids}/{s.people}", number(e["position_error_mean_m"], 100, 1), str(e["misses"]),
+            str(e["false_positives"]),
+        )  # fmt: skip
+    console.print(table)
+    console.print(
+        "right number: as many confirmed people as show, or some of the doubtful ones more; exact: as many as show"
+    )

@@ -1,0 +1,159 @@
+"""Counts and occupancy: committed scenes, drawn rooms and views, the pavement clip, and frames with a wrong number."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from benchmarks.__main__ import main_benchmarks as main
+from benchmarks.counting import (
+    RULES,
+    SINGLE,
+    CountingTable,
+    FrameCounts,
+    OccupancyRow,
+    ViewScore,
+    all_rooms,
+    count_frames,
+    passages,
+    pavement_truth,
+    print_counting,
+    table_of,
+)
+from benchmarks.options import scene_files
+from benchmarks.views import VIEWS, drawn_view, full_truth, rules_of
+from calib.errors import InputError
+from planview.counting.geometry import RulePlane
+from planview.counting.rules import parse_rules
+from planview.counting.scoring import CountScores, OccupancyGroup, crossing_scores
+from planview.synthetic.camera import ground_camera
+from planview.trajectories.table import positions_table, read_tracks, read_truth
+
+
+def test_every_scene_with_rules_is_scored_unless_named() -> None:
+    names = {path.name for path in scene_files((), SINGLE, RULES)}
+    assert {"door_oblique.rules.toml", "conference.rules.toml"} <= names
+    assert scene_files(["corridor"], SINGLE, RULES) == [SINGLE / "corridor.rules.toml"]
+    with pytest.raises(InputError, match="found 'attic'"):
+        scene_files(["attic"], SINGLE, RULES)
+
+
+def test_tables_show_accuracy_and_occupancy_with_verdicts() -> None:
+    truth = pavement_truth()
+    scores = CountScores(
+        {"y = 200": crossing_scores(truth, truth[:-1], 1.0)},
+        {"room": [OccupancyGroup("0", 10, 90.0, 0.1, 0.1), OccupancyGroup("10+", 0, None, None, None)]},
+    )
+    table = table_of("pavement", scores)
+    assert [row.ok for row in table.crossings] == [False]
+    assert len(table.occupancy) == 1
+    output = io.StringIO()
+    print_counting(table, Console(file=output, width=100, markup=False))
+    assert "1+8" in output.getvalue()
+    assert "88.9" in output.getvalue()
+    assert "short" in output.getvalue()
+    assert table.to_json()["occupancy"][0]["right_percent"] == 90.0
+
+
+def test_pavement_truth_is_eight_up_and_one_down() -> None:
+    ways = [event.direction for event in pavement_truth()]
+    assert (ways.count("right_to_left"), ways.count("left_to_right")) == (8, 1)
+
+
+def test_passages_are_found_where_the_line_is_last_passed() -> None:
+    y = np.array([2.0, 1.0, -0.1, 0.1, -1.0])
+    frame = np.arange(5)
+    there = positions_table(frame, np.ones(5, dtype=np.int64), np.column_stack([y, y]), timestamp_s=frame / 10)
+    (event,) = passages(there)
+    assert (event.frame, event.direction) == (4, "left_to_right")
+    back = positions_table(frame, np.ones(5, dtype=np.int64), np.column_stack([y, np.abs(y)]), timestamp_s=frame / 10)
+    assert passages(back) == []
+
+
+def test_bad_number_of_frames_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["counting", "--frames", "0"])
+    assert "--frames: expected at least 1" in capsys.readouterr().err
+
+
+def _table(name: str, frames: int, right: float) -> CountingTable:
+    return CountingTable((), (OccupancyRow(name, "room", OccupancyGroup("3-5", frames, right, 0.1, 0.1), 97.0),))
+
+
+def test_ranges_of_all_rooms_weigh_frames_alike() -> None:
+    *rooms, together = all_rooms([_table("a", 100, 100.0), _table("b", 300, 96.0)]).occupancy
+    assert [row.recording for row in rooms] == ["a", "b"]
+    assert (together.group.frames, together.group.right_percent) == (400, pytest.approx(97.0))
+    assert together.ok
+
+
+def test_one_room_has_no_row_for_all_rooms() -> None:
+    assert len(all_rooms([_table("a", 100, 100.0)]).occupancy) == 1
+
+
+def test_negative_seeds_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["counting", "--rooms", "-1"])
+    assert "--rooms: expected numbers from 0" in capsys.readouterr().err
+
+
+def score(true, found):
+    return ViewScore("mall", 0, "ellipse-particle", crossing_scores(true, found, 2.0), 0, 0, 0.0, 1.0)
+
+
+def test_view_that_nobody_crosses_is_right_when_nobody_is_counted():
+    assert score([], []).strict == 1.0
+
+
+def test_unknown_view_is_refused_by_name():
+    with pytest.raises(InputError, match="found 'moon'"):
+        scene_files(["moon"], VIEWS)
+
+
+def test_every_view_is_found_and_drawn():
+    assert VIEWS / "bus_door.toml" in scene_files((), VIEWS)
+    assert drawn_view(VIEWS / "bus_door.toml", 3).scene.people
+
+
+def test_zone_of_a_nearly_horizontal_view_is_floor():
+    view = drawn_view(VIEWS / "lobby.toml", 1)
+    camera = ground_camera(view.scene.camera)
+    (zone,) = parse_rules(rules_of(view, camera.size), RulePlane(camera), "line").zones
+    assert zone.plane == "floor"
+
+
+def test_truth_has_the_boxes_of_whole_silhouettes(tmp_path: Path):
+    header = "frame,id,x_m,y_m,height_m,visible,left_px,top_px,width_px,height_px,full_left_px,full_top_px"
+    path = tmp_path / "truth.csv"
+    path.write_text(f"{header},full_width_px,full_height_px\n0,1,0,0,1.7,0.5,10,10,5,5,8,6,9,20\n")
+    assert full_truth(path).box_px.tolist() == [[8, 6, 9, 20]]
+
+
+TRUTH = "frame,timestamp_s,id,x_m,y_m,height_m,visible\n0,0,1,,,,1\n1,0.1,1,,,,1\n1,0.1,2,,,,0.1\n2,0.2,1,,,,1\n"
+TRACKS = "frame,timestamp_s,id,x_m,y_m,state\n0,0,7,,,tentative\n1,0.1,7,,,confirmed\n2,0.2,7,,,confirmed\n"
+
+
+def files(tmp_path, tracks=TRACKS):
+    (tmp_path / "truth.csv").write_text(TRUTH)
+    (tmp_path / "tracks.csv").write_text(tracks)
+    return read_tracks(tmp_path / "tracks.csv"), read_truth(tmp_path / "truth.csv")
+
+
+def test_frames_with_too_few_confirmed_tracks_are_wrong(tmp_path):
+    assert count_frames("a", *files(tmp_path), 4) == FrameCounts("a", 4, 1, 1)
+
+
+def test_frames_with_too_many_tracks_are_wrong_but_not_too_few(tmp_path):
+    counts = count_frames("a", *files(tmp_path, TRACKS + "2,0.2,8,,,confirmed\n"), 4)
+    assert (counts.wrong, counts.too_few) == (2, 1)
+    assert counts.error == pytest.approx(0.5)
+
+
+def test_frames_after_the_end_are_not_counted(tmp_path):
+    assert count_frames("a", *files(tmp_path), 1) == FrameCounts("a", 1, 1, 1)
+
+
+def test_no_frames_have_no_error():
+    assert FrameCounts("a", 0, 0, 0).error == 0.0
