@@ -11,11 +11,11 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from cyclopts import Parameter
-from planview.engine.ablations import ABLATIONS
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from benchmarks.one_statistic import OneStatistic, Statistic
 from benchmarks.options import BenchOptions, number, scene_files
 from benchmarks.passes import PEER, Pass, in_processes, provenance, run_pass
 from benchmarks.suite import SUITE, Way, chosen_files, drawn_scene, judged_truth, refined_tracks, suite_recording
@@ -26,6 +26,7 @@ from planview.engine.config import Config, load_config
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
 from planview.output.script import run
+from planview.tracking.harville import HarvilleTracker
 from planview.trajectories.table import Trajectories, read_tracks, read_truth
 
 RESAMPLES = 2000
@@ -45,6 +46,7 @@ class Variant:
         settings: overrides of the configuration like "template.joint=false".
         meaning: what the part that is switched off does.
         way: which tracks of the run are scored.
+        harville: the paper's tracker with these statistics; None for the template tracker.
         paper: significant errors of Harville 2002, section 5, in about ten minutes; None where it has no such figure.
     """
 
@@ -53,6 +55,7 @@ class Variant:
     meaning: str = ""
     way: Way = "online"
     paper: int | None = None
+    harville: Statistic | None = None
 
     @property
     def tracker_only(self) -> bool:
@@ -60,14 +63,26 @@ class Variant:
         return not any(setting.split(".")[0] in DECIDES_POINTS for setting in self.settings)
 
 
-CONFIGURED = Variant("as configured", paper=1)
+CONFIGURED = Variant("as configured")
 """What every other variant is compared with."""
 LADDER = (
-    *(Variant(a.name, a.settings, a.meaning, paper=a.paper) for a in ABLATIONS.values()),
+    Variant("harville", (), "the paper's tracker on height and occupancy", paper=1, harville="both"),
+    Variant(
+        "height only", ("maps.occupancy_min=0", "harville.occupancy_weight=0"),
+        "the paper's tracker without occupancy, which prunes heights, finds newcomers and is matched",
+        paper=17, harville="height",
+    ),
+    Variant(
+        "occupancy only", ("harville.height_weight=0",), "the paper's tracker with every height the same",
+        paper=25, harville="occupancy",
+    ),
+    Variant("without colours", ("template.colour_weight=0",), "clothes tell people apart, in and after contact"),
+    Variant("feedback off", ("feedback.enabled=false",), "people are not learned as background"),
+    Variant("colour only foreground", ("foreground.depth=false",), "depth tells shadows and like colours apart"),
     Variant("refinement on", (), "online tracks; refined ones know the future", way="refined"),
     Variant("naive engine", (), "everything after disparity: MOG2, blobs, Hungarian method, Kalman filter", way="peer"),
-)
-"""Parts of the engine, each switched off alone; refinement on; and the naive engine."""
+)  # fmt: skip
+"""The paper's tracker and its halves, parts of the engine switched off alone, refinement, and the naive engine."""
 
 
 def chosen_variants(names: Sequence[str]) -> tuple[Variant, ...]:
@@ -180,11 +195,14 @@ def run_trial(trial: Trial) -> tuple[Trial, Evaluation]:
         tracks = refined_tracks(run_pass(job))
     elif variant.way == "peer":
         tracks = read_tracks(run_pass(job) / PEER)
-    elif not variant.settings:
+    elif not variant.settings and variant.harville is None:
         tracks = read_tracks(run_pass(job) / "tracks.csv")
     else:
         config = load_config(None, variant.settings, trial.config)
-        if variant.tracker_only:
+        if variant.harville is not None:
+            paper = OneStatistic(HarvilleTracker(config.harville, config.maps.height_max_m), variant.harville)
+            tracks = run(run_pass(job) / "maps.h5", tracker=paper, config=config)
+        elif variant.tracker_only:
             tracks = run(run_pass(job) / "maps.h5", config=config)
         else:
             tracks = read_tracks(run_pass(Pass(folder, trial.recording.cache, config)) / "tracks.csv")

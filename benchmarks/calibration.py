@@ -10,9 +10,6 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
-from planview.calibration.paths import record_rig
-from planview.synthetic.random_scenes.rigs import random_rigs
-from planview.synthetic.write import write_rigs
 from rich.console import Console
 from rich.table import Table
 
@@ -32,10 +29,13 @@ from calib.types import F64
 from calib.world import RIGS_FILE, RigEntry, load_rigs
 from planview.calibration.align import align_records, rig_entries
 from planview.calibration.board import BoardRequest, calibrate_images
+from planview.calibration.paths import record_rig
 from planview.engine.config import Config
 from planview.synthetic.assets import SCENES, real_recordings
+from planview.synthetic.random_scenes.rigs import random_rigs
 from planview.synthetic.render import SceneRenderer
 from planview.synthetic.scene import Scene, load_scene
+from planview.synthetic.write import write_rigs
 from stereo.floor import FloorEstimator, setup_frames
 from stereo.readers.open import open_recording
 from stereo.recording import StereoFrame

@@ -3,14 +3,43 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
-from planview.maps.builder import FloorPoints, PlanViewMaps, Statistic
+from planview.maps.builder import FloorPoints, PlanViewMaps
 from planview.maps.grid import Grid
+from planview.tracking.base import Decision, Observation, Tracker, TrackerDebug
+from planview.trajectories.state import TrackState
 
+Statistic = Literal["both", "height", "occupancy"]
 NOMINAL_HEIGHT_M = 1.7
 """Height of everything where height is not measured [m]: an adult, so that no test of height refuses it."""
+
+
+class OneStatistic:
+    """A tracker of plan-view maps that is given one statistic alone."""
+
+    def __init__(self, tracker: Tracker, statistic: Statistic) -> None:
+        self._tracker, self._statistic = tracker, statistic
+
+    @property
+    def decisions(self) -> tuple[Decision, ...]:
+        """See ``Tracker``."""
+        return self._tracker.decisions
+
+    def update(self, observation: Observation) -> tuple[TrackState, ...]:
+        """See ``Tracker``."""
+        assert observation.maps is not None
+        return self._tracker.update(replace(observation, maps=reduced(observation.maps, self._statistic)))
+
+    def debug(self) -> TrackerDebug:
+        """See ``Tracker``."""
+        return self._tracker.debug()
+
+    def reset(self) -> None:
+        """See ``Tracker``."""
+        self._tracker.reset()
 
 
 def reduced(maps: PlanViewMaps, statistic: Statistic) -> PlanViewMaps:
