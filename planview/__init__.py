@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from planview.output.script import run
     from planview.tracking.base import Decision, Observation, Tracker, TrackerDebug
     from planview.tracking.ellipse_particle.make import floor_ellipse_tracker, image_ellipse_tracker
+    from planview.tracking.harville import HarvilleTracker as TemplateTracker
     from planview.tracking.human_model.tracker import HumanModelTracker
-    from planview.tracking.harville import TemplateTracker
     from planview.trajectories.state import TrackState
     from planview.trajectories.table import Trajectories, TrajectoryCollector, read_tracks, read_truth
     from stereo.matcher import Matcher, SgbmMatcher
@@ -54,14 +54,13 @@ _HOMES = {
     "planview.engine.config": ("Config", "load_config"),
     "planview.engine.engine": ("Engine", "FrameResult"),
     "planview.engine.factory": ("open_engine",),
-    "planview.engine.pipeline": ("Pipeline",),
+    "planview.engine.pipeline": ("Pipeline", "TemplateTracker"),
     "planview.engine.single_camera_pipeline": ("SingleCameraPipeline",),
     "planview.engine.setup": ("set_up",),
     "planview.output.script": ("run",),
     "planview.tracking.base": ("Decision", "Observation", "Tracker", "TrackerDebug"),
     "planview.tracking.ellipse_particle.make": ("floor_ellipse_tracker", "image_ellipse_tracker"),
     "planview.tracking.human_model.tracker": ("HumanModelTracker",),
-    "planview.tracking.harville": ("TemplateTracker",),
     "planview.trajectories.state": ("TrackState",),
     "planview.trajectories.table": ("Trajectories", "TrajectoryCollector", "read_tracks", "read_truth"),
     "stereo.matcher": ("Matcher", "SgbmMatcher"),

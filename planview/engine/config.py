@@ -17,8 +17,8 @@ from planview.engine.single_camera import SingleCameraParams
 from planview.foreground.params import ForegroundParams
 from planview.maps.builder import MapParams
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
+from planview.tracking.harville import HarvilleParams as TemplateTrackerParams
 from planview.tracking.human_model.params import HumanModelParams
-from planview.tracking.harville import TemplateTrackerParams
 from stereo.floor import SETUP_FRAMES
 from stereo.gate import MatchingParams
 from stereo.matcher import RangeParams, SgbmParams

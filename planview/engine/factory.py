@@ -16,7 +16,7 @@ from planview.engine.pipeline import Pipeline
 from planview.engine.single_camera_pipeline import SingleCameraPipeline
 from planview.maps.recording import MapsRecording, is_maps
 from planview.tracking.base import ImageTracker, Tracker
-from planview.tracking.harville import TemplateTracker
+from planview.tracking.harville import HarvilleTracker as TemplateTracker
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, holds_pair, open_video
 from stereo.readers.several import is_heads

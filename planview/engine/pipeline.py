@@ -26,7 +26,7 @@ from planview.maps.builder import MapBuilder
 from planview.maps.one_statistic import reduced
 from planview.maps.view import StereoView
 from planview.tracking.base import Observation, Tracker
-from planview.tracking.harville import TemplateTracker
+from planview.tracking.harville import HarvilleTracker as TemplateTracker
 from planview.trajectories.state import TrackState
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, open_any

@@ -17,8 +17,7 @@ from planview.engine.pipeline import Pipeline
 from planview.foreground.mixture import Foreground
 from planview.maps.builder import FloorPoints
 from planview.tracking.base import Observation
-from planview.tracking.harville import TemplateTracker
-from planview.tracking.harville._kernels import occupancy_peak
+from planview.tracking.harville import HarvilleTracker as TemplateTracker
 from stereo.gate import SAMPLE
 
 N_FRAMES, FRAME_S = 24, 0.1
@@ -83,7 +82,6 @@ def _follow(engine: Pipeline) -> None:
         feedback(points, tracks, engine.maps.shape)
         for track in tracks:
             boxes(track)
-    occupancy_peak(maps.occupancy, 0, 0, 1, np.zeros((1, 2)), 0)
 
 
 def _body(rng: np.random.Generator, x_m: float, y_m: float) -> F32:

@@ -15,7 +15,7 @@ from planview.maps.recording import MapsRecording
 from planview.output.info import read_run_info
 from planview.output.maps_log import MapsLog
 from planview.output.run import RunOptions, run
-from planview.tracking.harville import TemplateTracker
+from planview.tracking.harville import HarvilleTracker as TemplateTracker
 
 PRODUCTS = ("tracks.csv", "decisions.csv")
 

@@ -19,11 +19,11 @@ from planview.output.checkpoint.decode import decode
 from planview.output.checkpoint.encode import Encoded, encode
 from planview.output.maps_log import MapsLog
 from planview.tracking.ellipse_particle import floor_ellipse_tracker, image_ellipse_tracker
+from planview.tracking.harville import HarvilleTracker as TemplateTracker
 from planview.tracking.human_model import HumanModelParams, HumanModelTracker
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
 from planview.tracking.human_model.params import NewTargetParams
 from planview.tracking.human_model.scene import ModelScene
-from planview.tracking.harville import TemplateTracker
 from stereo.recording import Skipped, VideoFrame
 
 CAMERA = GroundCamera(160, 120, 120.0, 4.0, math.radians(62))

@@ -1,6 +1,6 @@
 """Adaptive plan-view templates with Kalman prediction and re-centering (Harville 2002, section 4)."""
 
-from planview.tracking.harville.params import TemplateTrackerParams
-from planview.tracking.harville.tracker import TemplateTracker
+from planview.tracking.harville.params import HarvilleParams
+from planview.tracking.harville.tracker import HarvilleTracker
 
-__all__ = ["TemplateTracker", "TemplateTrackerParams"]
+__all__ = ["HarvilleParams", "HarvilleTracker"]

@@ -19,7 +19,8 @@ from planview.output.debug.again import changed_memory, track_again
 from planview.output.debug.difference import difference_text
 from planview.output.run import RunOptions, run
 from planview.output.scene.results import read_results
-from planview.tracking.harville import TemplateTracker, TemplateTrackerParams
+from planview.tracking.harville import HarvilleParams as TemplateTrackerParams
+from planview.tracking.harville import HarvilleTracker as TemplateTracker
 
 TRACKER = "ellipse-particle"
 
@@ -75,7 +76,7 @@ def test_recording_that_is_gone_is_named(ellipses: Path) -> None:
 def test_memory_of_a_checkpoint_takes_the_changed_parameter() -> None:
     changed = load_config(None, ["template.lost_s=9.5"])
     memory = changed_memory(encode({"tracker": TemplateTracker(TemplateTrackerParams())}), Config(), changed)
-    values = [node[2] for node in memory.nodes if node[0] == "params" and "TemplateTrackerParams" in node[1]]
+    values = [node[2] for node in memory.nodes if node[0] == "params" and "HarvilleParams" in node[1]]
     assert [value["lost_s"] for value in values] == [9.5]
 
 
