@@ -68,12 +68,12 @@ CONFIGURED = Variant("as configured")
 LADDER = (
     Variant("harville", (), "the paper's tracker on height and occupancy", paper=1, harville="both"),
     Variant(
-        "height only", ("maps.occupancy_min=0", "harville.occupancy_weight=0"),
+        "height only", ("maps.occupancy_min=0", "harville.occupancy_weight=0", "harville.score_max=0.6"),
         "the paper's tracker without occupancy, which prunes heights, finds newcomers and is matched",
         paper=17, harville="height",
     ),
     Variant(
-        "occupancy only", ("harville.height_weight=0",), "the paper's tracker with every height the same",
+        "occupancy only", ("harville.height_weight=0", "harville.score_max=0.6"), "the paper's tracker with every height the same",
         paper=25, harville="occupancy",
     ),
     Variant("without colours", ("template.colour_weight=0",), "clothes tell people apart, in and after contact"),

@@ -1,52 +1,123 @@
-"""The tracker: predict, match, locate, adapt, judge identities, detect, prune."""
+"""Tracking and adapting templates of plan-view statistics (Harville 2002, section 4).
+
+The paper's method and nothing else; where it leaves something open, the line says what was chosen.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
-from planview.maps.builder import PlanViewMaps, Viewpoint
-from planview.maps.grid import Grid
-from planview.tracking.base import Decision, Observation, TrackerDebug
-from planview.tracking.body_axis import AxisMeasurement, BodyAxis
-from planview.tracking.detection import PersonCandidate, PersonDetector, inseparable
-from planview.tracking.harville.drawing import draw
-from planview.tracking.harville.identities import HEAD_ROOM_M, Identities
-from planview.tracking.harville.matching import JointMatcher
-from planview.tracking.harville.params import TemplateTrackerParams
-from planview.tracking.harville.separate import Separate, small_beside
-from planview.tracking.harville.state import TemplateFrame, TemplatePerson
-from planview.tracking.harville.templates import blend, nearest_peak, renew, slipped
+from calib.types import F32
+from planview.maps.builder import PlanViewMaps
+from planview.tracking.base import NO_TERMS, Decision, Drawing, Observation, ScoreTerms, TrackerDebug
+from planview.tracking.harville._kernels import search
+from planview.tracking.harville.params import HarvilleParams
 from planview.tracking.kalman import FloorKalman
-from planview.tracking.lifecycle import LifeCycle
+from planview.tracking.lifecycle import Existence, LifeCycle
 from planview.trajectories.state import TrackState
 
-UNLIKELY_MAX = 4.6
-"""Negative log-likelihood from which on a newcomer is not a lost person: one in a hundred."""
+SEARCH_SIGMA = 3.0
+"""Half side of the search zone in deviations of the predicted position (the paper: from the Kalman uncertainty)."""
+SPEED_STD_MPS = 1.0
+"""Deviation of the unknown velocity of a newcomer [m/s]: walking pace."""
+
+Place = tuple[float, float]
+"""Floor position (x, y) [m]."""
 
 
-class TemplateTracker:
-    """Tracks people in plan-view maps of height and occupancy.
+@dataclass(eq=False)
+class Person:
+    """The paper's state <x, v, T_H, T_O> of a tracked person.
 
-    Each frame: predict all people; match (eq. 4), people in contact jointly, and clear the maps under those found;
-    locate heads and body axes; adapt templates and re-center slipped ones; mend exchanged identities; look for
-    newcomers in what is left, who may be lost people; prune who is gone.
+    Attributes:
+        existence: id, state and times of life.
+        kalman: position and velocity on the floor.
+        template_height, template_occupancy: T_H [m] and T_O [m^2], (n, n) float32.
+        measured_m: where it was last found [m].
+        predicted_m: where it was expected in this frame [m].
+        reach_m: half side of the zone searched in this frame [m].
+        score: of the best match in this frame.
     """
 
-    def __init__(self, params: TemplateTrackerParams | None = None, height_max_m: float = 2.4) -> None:
-        self.params = params or TemplateTrackerParams()
+    existence: Existence
+    kalman: FloorKalman
+    template_height: F32
+    template_occupancy: F32
+    measured_m: Place
+    predicted_m: Place
+    reach_m: float = 0.0
+    score: float = math.nan
+
+    @property
+    def at_m(self) -> Place:
+        """Filtered position, or the predicted one while nothing matches [m]."""
+        return self.kalman.x_m, self.kalman.y_m
+
+
+class FreeMaps:
+    """H_masked and O_sm without the people tracked so far in this frame.
+
+    Attributes:
+        maps: as observed.
+        n: side of a template, 2 W_avg, odd so that it has a central cell [cells].
+        height, occupancy: padded by half a template, so that one centred on grid cell (row, col) covers the padded
+            maps from (row, col) on.
+    """
+
+    def __init__(self, maps: PlanViewMaps, width_m: float) -> None:
+        self.maps = maps
+        half = max(1, round(width_m / maps.grid.cell_m))
+        self.n = 2 * half + 1
+        self.height: F32 = np.pad(maps.height, half)
+        self.occupancy: F32 = np.pad(maps.occupancy, half)
+
+    def window(self, at_m: Place) -> tuple[slice, slice]:
+        """Cells of the padded maps under a template at a place, of which the grid's nearest cell is the centre."""
+        grid = self.maps.grid
+        row, col = (round(i) for i in grid.index_of(*at_m))
+        row, col = min(max(row, 0), grid.n_rows - 1), min(max(col, 0), grid.n_cols - 1)
+        return slice(row, row + self.n), slice(col, col + self.n)
+
+    def clear(self, at_m: Place) -> None:
+        """Remove what lies under a template at a place."""
+        window = self.window(at_m)
+        self.height[window] = self.occupancy[window] = 0.0
+
+    def occupancy_peak(self, at_m: Place) -> Place | None:
+        """The largest occupancy within the square of side 2 W_avg around a place; None where there is none [m]."""
+        rows, cols = self.window(at_m)
+        part = self.occupancy[rows, cols]
+        row, col = divmod(int(np.argmax(part)), self.n)
+        half = self.n // 2
+        return self.maps.grid.centre_of(rows.start + row - half, cols.start + col - half) if part.max() > 0 else None
+
+
+class HarvilleTracker:
+    """Tracks people by adaptive templates of height and occupancy.
+
+    Each frame, for one person after the other, the most certain first: predict; find where the maps match the
+    templates best (eq. 4); update filter and templates; re-center; clear the maps there. Then look for newcomers in
+    what is left, who may be lost people, and forget who was lost for too long.
+
+    Args:
+        params: see HarvilleParams.
+        height_max_m: H_max [m].
+    """
+
+    def __init__(self, params: HarvilleParams | None = None, height_max_m: float = 2.4) -> None:
+        self.params = params or HarvilleParams()
         self._height_max_m = height_max_m
         self._life = LifeCycle()
-        self._identities = Identities(self.params, self._life)
         self.reset()
 
     def reset(self) -> None:
         """Forget all people; ids start again at 1."""
-        self._people: list[TemplatePerson] = []
-        self._grid: Grid | None = None
+        self._people: list[Person] = []
         self._life.reset()
-        self._identities.reset()
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
@@ -68,220 +139,177 @@ class TemplateTracker:
         if dt < 0:
             raise ValueError(f"expected time to advance, got {observation.timestamp_s} s after {before_s} s")
         self._life.begin(observation.timestamp_s)
-        self._grid = maps.grid
-        frame = TemplateFrame(maps, self._template_size(maps.grid) // 2)
-        axis = BodyAxis(maps.view, self._height_max_m, self.params.axis)
-        self._predict(dt)
-        self._match(frame)
-        self._locate(maps, axis, dt)
-        self._adapt(frame, dt)
-        self._confirm(frame)
-        self._detect(frame, axis)
-        self._identities.update(maps, self._people)
-        self._prune()
-        return tuple(_state(person) for person in self._people)
+        free = FreeMaps(maps, self.params.width_m)
 
-    def _predict(self, dt: float) -> None:
-        p = self.params
         for person in self._people:
-            kalman, axis = person.kalman, person.axis
-            if person.lost:
-                kalman, axis = kalman.slowed(dt, p.slow_down_s), axis.slowed(dt, p.slow_down_s)
-            person.kalman = kalman.predicted(dt, p.acceleration_std_mps2)
-            person.axis = axis.predicted(dt, p.acceleration_std_mps2)
+            person.kalman = person.kalman.predicted(dt, self.params.acceleration_std_mps2)
+            person.predicted_m = person.at_m
+        placed: list[Place] = []
+        for person in sorted(self._people, key=lambda q: (q.kalman.position_std_m, q.existence.track_id)):
+            found_m, terms = self._search(person, free, placed)
+            if found_m is None:
+                reason = f"nothing like the templates within {person.reach_m:.2f} m, score {person.score:.2f}"
+                self._life.miss(person.existence, reason, person.score, terms)
+                continue
+            self._life.observe(person.existence, f"score {person.score:.2f}", person.score, terms)
+            self._measure(person, found_m, free, dt)
+            self._recentre(person, free)
+            free.clear(person.measured_m)
+            placed.append(person.measured_m)
+        self._confirm_and_forget()
+        self._find_newcomers(free)
+        return tuple(_state(person, maps.grid.cell_m, self.params.width_m) for person in self._people)
 
-    def _match(self, frame: TemplateFrame) -> None:
-        searched = [person for person in self._people if not self._has_left(person, frame.maps.view)]
-        found = JointMatcher(frame, searched, self.params, self._height_max_m)()
-        for person in self._people:
-            score = f"score {person.score:.2f}"
-            if person in found:
-                why = f"matched where predicted, {score}" if person.lost else score
-                self._life.observe(person.existence, why, person.score, person.terms)
-            elif not person.lost:
-                why = f"nothing like the templates within {person.reach_cells} cells, {score}"
-                self._life.miss(person.existence, why, person.score, person.terms)
+    def _search(self, person: Person, free: FreeMaps, placed: list[Place]) -> tuple[Place | None, ScoreTerms]:
+        """Where the match score M (eq. 4) is smallest around the prediction; None where it exceeds theta_track."""
+        p, grid = self.params, free.maps.grid
+        reach = max(1, math.ceil(SEARCH_SIGMA * person.kalman.position_std_m / grid.cell_m))
+        # The distance term alone is above theta_track farther away.
+        if p.distance_weight > 0:
+            reach = min(reach, math.ceil(p.score_max / p.distance_weight * p.width_m / grid.cell_m))
+        person.reach_m = reach * grid.cell_m
+        one_sided = self._height_max_m / 3
+        body = person.template_occupancy[person.template_height > 0]
+        if body.size == 0:  # an empty template is like any empty floor
+            person.score = math.inf
+            return None, NO_TERMS
+        typical = max(float(body.mean()), free.maps.occupancy_min, 1e-9)
+        others = np.array([grid.index_of(*place) for place in placed], dtype=np.float64).reshape(-1, 2)
+        best = np.empty(7)
+        search(
+            person.template_height, person.template_occupancy, free.height, free.occupancy,
+            *grid.index_of(*person.predicted_m), reach, one_sided,
+            p.height_weight / one_sided, p.occupancy_weight / typical, p.distance_weight * grid.cell_m / p.width_m,
+            # The paper's variance of W_avg has no unit of area; a deviation of W_avg / 2 was chosen.
+            p.separation_weight, p.width_m / 2 / grid.cell_m, others, best,
+        )  # fmt: skip
+        person.score, row, col, *terms = best.tolist()
+        return grid.centre_of(row, col) if person.score <= p.score_max else None, ScoreTerms(*terms)
 
-    def _locate(self, maps: PlanViewMaps, axis: BodyAxis, dt: float) -> None:
-        """Measure heads and update the filters.
+    def _measure(self, person: Person, found_m: Place, free: FreeMaps, dt: float) -> None:
+        """Update position, velocity and templates with what lies at the best match.
 
-        The position measured is that of the head's visible surface where it is where the template says, else the
-        template's: in a group, templates slip between bodies before heads do.
+        The velocity is not measured apart: in the filter the change in position carries it.
         """
-        found = [person for person in self._people if person.observed]
-        where = np.array([person.at_m for person in found]).reshape(-1, 2)
-        for person, measured in zip(found, axis(maps.points, where, self.params.reach_m), strict=True):
-            person.head = self._trusted(person, measured)
-            if person.head:
-                person.at_m = measured.visible_m
-                person.offset_m = (measured.x_m - measured.visible_m[0], measured.y_m - measured.visible_m[1])
-            self._update(person, measured, maps.view, dt)
-            person.too_low = measured.height_m < self.params.detection.height_min_m - 0.1
+        # The search measures whole cells.
+        person.kalman = person.kalman.updated(*found_m, free.maps.grid.cell_m)
+        person.measured_m = found_m
+        self._adapt(person, free, 1.0 - math.exp(-dt / self.params.template_s))
 
-    def _trusted(self, person: TemplatePerson, measured: AxisMeasurement) -> bool:
-        if not measured.from_head:
-            return False
-        apart = math.hypot(measured.visible_m[0] - person.at_m[0], measured.visible_m[1] - person.at_m[1])
-        grown = measured.height_m > person.tallest_m + self.params.grow_max_m
-        return apart <= self.params.head_reach_m and not grown
+    def _adapt(self, person: Person, free: FreeMaps, gain: float) -> None:
+        """Blend the maps into the templates; a gain of 1 extracts new ones."""
+        window = free.window(person.measured_m)
+        height, occupancy = free.height[window], free.occupancy[window]
+        t_height, t_occupancy = person.template_height, person.template_occupancy
+        t_occupancy += np.float32(gain) * (occupancy - t_occupancy)
+        # A height is blended with a height: none is not a height of zero. It goes with its occupancy, as in the maps.
+        both = (t_height > 0) & (height > 0)
+        blended = np.where(both, t_height + np.float32(gain) * (height - t_height), np.maximum(t_height, height))
+        t_height[:] = np.where(t_occupancy >= np.float32(free.maps.occupancy_min), blended, 0.0)
 
-    def _update(self, person: TemplatePerson, measured: AxisMeasurement, view: Viewpoint, dt: float) -> None:
-        p, (x, y) = self.params, person.at_m
-        std = p.position_std_m * max(1.0, 2 * person.score / p.match.score_max) ** 2
-        person.kalman = person.kalman.updated(x, y, std)
-        person.axis = person.axis.updated(x + person.offset_m[0], y + person.offset_m[1], std)
-        if not math.isnan(measured.height_m) and view.sees(x, y, measured.height_m + HEAD_ROOM_M):
-            person.head_in_view = True
-            # What hides a head makes a person look lower, hardly ever taller.
-            rising = measured.height_m > person.height_m
-            keep = math.exp(-dt / (p.height_time_s / 3 if rising else p.height_time_s))
-            person.height_m = keep * person.height_m + (1 - keep) * measured.height_m
-            person.tallest_m = max(person.tallest_m, person.height_m)
+    def _recentre(self, person: Person, free: FreeMaps) -> None:
+        """Move a template that has slipped off its person to the occupancy maximum; velocity and covariance stay.
 
-    def _adapt(self, frame: TemplateFrame, dt: float) -> None:
-        """Blend templates of all people found, then re-center the slipped ones; velocity and covariance stay."""
-        found = [person for person in self._people if person.observed]
-        people = frame.padded_cells([person.at_m for person in found])
-        gain = 1.0 - math.exp(-dt / self.params.template_time_s)
-        for i, person in enumerate(found):
-            why = slipped(*blend(frame, person, people, i, gain), self.params)
-            peak = nearest_peak(frame, person, people, i) if why else None
-            if peak is None:
-                continue
-            moved = math.hypot(peak[0] - person.at_m[0], peak[1] - person.at_m[1])
-            if moved < frame.maps.grid.cell_m:
-                continue
-            person.kalman, person.at_m = person.kalman.moved_to(*peak), peak
-            people[i] = frame.padded_cells([peak])[0]
-            blend(frame, person, people, i, 1.0)
-            self._life.log(person.existence, "recentred", f"by {moved:.2f} m: {why}", moved)
+        The paper does so after all people are tracked. Here it is done before the person is cleared, so that people
+        tracked earlier are no maximum to move to.
+        """
+        p, n = self.params, len(person.template_height)
+        rows, cols = np.nonzero(person.template_height)
+        filled = len(rows) / n**2
+        why = f"template {filled:.0%} filled" if filled < p.recentre_filled else ""
+        if not why and len(rows):
+            off_m = math.hypot(rows.mean() - n // 2, cols.mean() - n // 2) * free.maps.grid.cell_m
+            if off_m > p.recentre_offset * p.width_m:
+                why = f"centroid {off_m:.2f} m off"
+        peak = free.occupancy_peak(person.at_m) if why else None
+        if peak is None:
+            return
+        moved = math.dist(peak, person.at_m)
+        self._put(person, peak, person.kalman.moved_to(*peak), free)
+        self._life.log(person.existence, "recentred", f"by {moved:.2f} m: {why}", moved)
 
-    def _confirm(self, frame: TemplateFrame) -> None:
-        """Confirm who was tracked long enough and is a body of its own."""
-        p, separate = self.params, Separate(frame.maps, self.params, self._life.now_s)
-        known = [person for person in self._people if person.confirmed and person.observed]
-        for person in list(self._people):
-            age = self._life.age_s(person.existence)
-            if person.confirmed or not person.observed or age < p.confirm_s - 1e-9:
-                continue
-            if not separate(person, known) or self._life.now_s - person.alone_s < p.confirm_s - 1e-9:
-                continue
-            if age < p.confirm_s + p.recognise_s and self._identities.undecided(person, self._people):
-                continue
-            known.append(person)
-            replaced = self._identities.known_as(person, self._people)
-            if replaced is not None:
-                self._life.prune(replaced.existence, f"the person is tracked as {person.existence.track_id}")
-                self._people.remove(replaced)
-            self._life.confirm(person.existence, f"tracked for {age:.2f} s without a miss")
+    def _put(self, person: Person, at_m: Place, kalman: FloorKalman, free: FreeMaps) -> None:
+        """Place a person, with new templates extracted there."""
+        person.measured_m, person.kalman = at_m, kalman
+        person.template_height[:] = person.template_occupancy[:] = 0.0
+        self._adapt(person, free, 1.0)
 
-    def _detect(self, frame: TemplateFrame, axis: BodyAxis) -> None:
-        """Newcomers in what is left of the maps: parts of a person, lost people, or new ones."""
-        finder = PersonDetector(self.params.detection, axis, self.params.width_m)
-        known = [person for person in self._people if person.observed]
-        free = frame.free_height[frame.inner], frame.free_occupancy[frame.inner]
-        lost = [person.at_m for person in self._people if person.lost]
-        for candidate in finder(frame.maps, *free, [person.at_m for person in known], lost):
-            if candidate.part_of is not None:
-                continue
-            person = self._lost_match(frame, candidate)
-            if person is not None:
-                self._reacquire(frame, person, candidate)
-            elif not candidate.low and not small_beside(candidate, self._people, self.params):
-                self._spawn(frame, candidate)
-
-    def _lost_match(self, frame: TemplateFrame, candidate: PersonCandidate) -> TemplatePerson | None:
-        """The lost person whom a newcomer continues best: within reach, no taller, and alike."""
-        p, best, best_cost = self.params, None, math.inf
-        others = [person for person in self._people if person.observed]
-        for person in self._people:
-            if not person.lost or self._at_border(person, frame.maps.view):
-                continue
-            distance = min(math.dist((candidate.x_m, candidate.y_m), at) for at in (person.predicted_m, person.at_m))
-            reach_m = p.reach_m + p.speed_max_mps * self._life.unobserved_s(person.existence)
-            if distance > min(p.reattach_m, reach_m):
-                continue
-            unlikely = self._identities.unlikelihood(frame.maps, person, candidate, others)
-            cost = distance / p.reattach_m + abs(candidate.height_m - person.height_m) + unlikely
-            # Where a person vanished there is no room for another: what does not fit there is a bad measurement.
-            place = candidate.x_m, candidate.y_m
-            there = inseparable(frame.maps.view, person.at_m, place, p.detection.separation_m)
-            fits = candidate.height_m <= person.tallest_m + p.grow_max_m and unlikely <= UNLIKELY_MAX
-            if (there or fits) and cost < best_cost:
-                best, best_cost = person, cost
-        return best
-
-    def _spawn(self, frame: TemplateFrame, candidate: PersonCandidate) -> None:
-        n = self._template_size(frame.maps.grid)
-        reason = f"{candidate.height_m:.2f} m tall, {candidate.area_m2:.2f} m2 visible"
-        existence = self._life.spawn(reason, candidate.area_m2)
-        kalman, at_m = self._standing(candidate), (candidate.x_m, candidate.y_m)
-        blank = np.zeros((n, n), dtype=np.float32)
-        person = TemplatePerson(
-            existence, kalman, kalman, blank, blank.copy(), at_m, at_m, candidate.height_m, candidate.height_m
-        )
-        self._people.append(person)
-        self._settle(frame, person, candidate)
-
-    def _reacquire(self, frame: TemplateFrame, person: TemplatePerson, candidate: PersonCandidate) -> None:
-        away = math.dist((candidate.x_m, candidate.y_m), person.predicted_m)
-        gone = self._life.unobserved_s(person.existence)
-        person.jump(self._standing(candidate))
-        person.height_m = min(candidate.height_m, person.tallest_m)
-        self._life.observe(person.existence, f"found {away:.2f} m from the prediction after {gone:.1f} s", away)
-        self._settle(frame, person, candidate)
-
-    def _settle(self, frame: TemplateFrame, person: TemplatePerson, candidate: PersonCandidate) -> None:
-        """Templates and body axis at a candidate's place."""
-        renew(frame, person, [q for q in self._people if q.observed])
-        axis_x, axis_y = candidate.axis_m
-        person.offset_m = (axis_x - candidate.x_m, axis_y - candidate.y_m)
-        person.axis = person.kalman.moved_to(axis_x, axis_y)
-
-    def _standing(self, candidate: PersonCandidate) -> FloorKalman:
-        p = self.params
-        return FloorKalman.at(candidate.x_m, candidate.y_m, p.position_std_m, p.speed_std_mps)
-
-    def _prune(self) -> None:
+    def _confirm_and_forget(self) -> None:
+        """A newcomer is a person after confirm_s without a miss, else noise; who is lost is kept for lost_s."""
         keep = []
         for person in self._people:
-            gone = self._life.unobserved_s(person.existence)
-            if not person.confirmed and not person.observed:
-                self._life.prune(person.existence, "missed before it was confirmed")
-            elif not person.confirmed and person.too_low:
-                self._life.prune(person.existence, "too low for a person before it was confirmed")
-            elif person.lost and gone > self.params.lost_s:
-                self._life.prune(person.existence, f"lost for {gone:.1f} s", gone)
-                self._identities.remember(person)
+            who = person.existence
+            age_s, gone_s = self._life.age_s(who), self._life.unobserved_s(who)
+            if who.observed and not who.confirmed and age_s >= self.params.confirm_s - 1e-9:
+                self._life.confirm(who, f"tracked for {age_s:.2f} s without a miss", age_s)
+            if not who.confirmed and not who.observed:
+                self._life.prune(who, "missed before it was confirmed")
+            elif who.lost and gone_s > self.params.lost_s:
+                self._life.prune(who, f"lost for {gone_s:.1f} s", gone_s)
             else:
                 keep.append(person)
         self._people = keep
 
-    def _has_left(self, person: TemplatePerson, view: Viewpoint) -> bool:
-        """Lost at the border for longer than a newcomer there needs to be recognised.
-
-        A person who left the view is recognised by appearance, not by the place of an entrance.
-        """
-        p, gone_s = self.params, self._life.unobserved_s(person.existence)
-        return person.lost and gone_s > p.confirm_s + p.recognise_s and self._at_border(person, view)
-
-    def _at_border(self, person: TemplatePerson, view: Viewpoint) -> bool:
-        """Where the head vanished, give or take a torso, is outside of the image."""
-        r, (x, y) = self.params.width_m, person.at_m
-        return not all(
-            view.sees(x + dx, y + dy, person.height_m) for dx, dy in ((-r, 0.0), (r, 0.0), (0.0, -r), (0.0, r))
-        )
-
-    def _template_size(self, grid: Grid) -> int:
-        """2 W_avg in cells, odd, so that a template has a central cell."""
-        return 2 * max(1, round(self.params.width_m / grid.cell_m)) + 1
+    def _find_newcomers(self, free: FreeMaps) -> None:
+        """Places of high occupancy and plausible height in what is left of the maps: lost people, or new ones."""
+        p, grid, n = self.params, free.maps.grid, free.n
+        half = n // 2
+        inner = slice(half, half + grid.n_rows), slice(half, half + grid.n_cols)
+        side = 2 * (half // 2) + 1  # W_avg
+        while True:
+            area = cv2.boxFilter(
+                free.occupancy[inner], -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT
+            )
+            tallest = cv2.dilate(free.height[inner], np.ones((side, side), np.uint8))
+            area[tallest < p.height_min_m] = 0.0
+            row, col = divmod(int(np.argmax(area)), grid.n_cols)
+            if area[row, col] < p.area_min_m2:
+                return
+            at_m = grid.centre_of(row, col)
+            kalman = FloorKalman.at(*at_m, grid.cell_m, SPEED_STD_MPS)
+            lost = [(_apart(q, at_m), q.existence.track_id, q) for q in self._people if q.existence.lost]
+            away, _, person = min(lost, default=(math.inf, 0, None))
+            if person is not None and away <= p.reattach_m:
+                gone_s = self._life.unobserved_s(person.existence)
+                self._life.observe(person.existence, f"found {away:.2f} m away after {gone_s:.1f} s", away)
+            else:
+                what = f"{tallest[row, col]:.2f} m tall, {area[row, col]:.2f} m2 visible"
+                blank = np.zeros((n, n), np.float32)
+                existence = self._life.spawn(what, float(area[row, col]))
+                person = Person(existence, kalman, blank, blank.copy(), at_m, at_m)
+                self._people.append(person)
+            self._put(person, at_m, kalman, free)
+            free.clear(at_m)
 
     def debug(self) -> TrackerDebug:
-        """Search rectangles, templates' outlines and the templates themselves."""
-        return TrackerDebug() if self._grid is None else draw(self._people, self._grid, self.params.width_m)
+        """Search zones, outlines of the templates with scores, and the templates themselves."""
+        searches, outlines, labels = [], [], []
+        tiles: dict[str, F32] = {}
+        for person in self._people:
+            name = person.existence.track_id
+            searches.append(_square(person.predicted_m, person.reach_m))
+            outlines.append(_square(person.at_m, self.params.width_m))
+            labels.append(f"{name}: {person.score:.2f}")
+            tiles[f"template/{name}/height"] = person.template_height.copy()
+            tiles[f"template/{name}/occupancy"] = person.template_occupancy.copy()
+        zones = Drawing("search", "floor", tuple(searches))
+        return TrackerDebug((zones, Drawing("template", "floor", tuple(outlines), tuple(labels))), dict(tiles))
 
 
-def _state(person: TemplatePerson) -> TrackState:
-    a = person.axis
-    height_m = person.height_m if person.head_in_view else math.nan
-    return TrackState(person.existence.track_id, person.existence.state, a.x_m, a.y_m, a.vx_mps, a.vy_mps, height_m)
+def _apart(person: Person, at_m: Place) -> float:
+    """Distance of a place from a person's last predicted or measured location, whichever is nearer [m]."""
+    return min(math.dist(at_m, person.predicted_m), math.dist(at_m, person.measured_m))
+
+
+def _state(person: Person, cell_m: float, width_m: float) -> TrackState:
+    """The template's centre; the head is the highest of T_H within a torso's width of it."""
+    half = len(person.template_height) // 2
+    near = slice(half - round(width_m / 2 / cell_m), half + round(width_m / 2 / cell_m) + 1)
+    height_m = float(person.template_height[near, near].max())
+    k, who = person.kalman, person.existence
+    return TrackState(who.track_id, who.state, k.x_m, k.y_m, k.vx_mps, k.vy_mps, height_m or math.nan)
+
+
+def _square(at_m: Place, half_m: float) -> F32:
+    corners = [(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]
+    return np.array([(at_m[0] + half_m * i, at_m[1] + half_m * j) for i, j in corners], dtype=np.float32)

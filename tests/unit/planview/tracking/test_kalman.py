@@ -38,3 +38,16 @@ def test_certain_direction_follows_the_measurement_and_the_other_does_not() -> N
 
 def test_noise_is_scaled_by_its_deviations() -> None:
     assert PositionNoise(1.0, 0.5, 4.0).scaled(2.0) == (4.0, 2.0, 16.0)
+
+
+def test_kalman_learns_a_constant_velocity() -> None:
+    state = FloorKalman.at(0.0, 0.0, 0.05, 1.0)
+    for i in range(1, 40):
+        state = state.predicted(0.1, 0.5).updated(0.1 * i, -0.05 * i, 0.05)
+    assert (state.vx_mps, state.vy_mps) == pytest.approx((1.0, -0.5), abs=0.02)
+    assert state.position_std_m < 0.05
+
+
+def test_kalman_grows_uncertain_without_measurements() -> None:
+    state = FloorKalman.at(0.0, 0.0, 0.05, 0.0)
+    assert state.predicted(0.5, 2.0).position_std_m == pytest.approx(np.hypot(0.05, 2.0 * 0.5**2 / 2))
