@@ -43,7 +43,7 @@ class Variant:
 
     Attributes:
         name: of the row.
-        settings: overrides of the configuration like "template.joint=false".
+        settings: overrides of the configuration like "template.colour_weight=0".
         meaning: what the part that is switched off does.
         way: which tracks of the run are scored.
         harville: the paper's tracker with these statistics; None for the template tracker.
@@ -73,8 +73,8 @@ LADDER = (
         paper=17, harville="height",
     ),
     Variant(
-        "occupancy only", ("harville.height_weight=0", "harville.score_max=0.6"), "the paper's tracker with every height the same",
-        paper=25, harville="occupancy",
+        "occupancy only", ("harville.height_weight=0", "harville.score_max=0.6"),
+        "the paper's tracker with every height the same", paper=25, harville="occupancy",
     ),
     Variant("without colours", ("template.colour_weight=0",), "clothes tell people apart, in and after contact"),
     Variant("feedback off", ("feedback.enabled=false",), "people are not learned as background"),

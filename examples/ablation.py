@@ -1,4 +1,4 @@
-"""What parts of the engine are worth: switch them off by name and compare.
+"""What parts of the engine are worth: change parameters, or the tracker, and compare.
 
 ``python -m benchmarks ablation`` does the same on many recordings, with intervals.
 
@@ -6,22 +6,27 @@ Run: python examples/ablation.py [RECORDING]
 """
 
 import sys
-from collections.abc import Sequence
+from typing import Literal
 
 import planview
 
-CHOSEN = ("height only", "occupancy only", "joint search off")
-"""Of ``planview.ABLATIONS``; the first two are those of Harville 2002."""
+VARIANTS: dict[str, tuple[Literal["template", "harville"], tuple[str, ...]]] = {
+    "as configured": ("template", ()),
+    "without colours": ("template", ("template.colour_weight=0",)),
+    "feedback off": ("template", ("feedback.enabled=false",)),
+    "harville": ("harville", ()),
+}
 
 
-def main(recording: str = "data/synthetic/demo", frames: int = 0, names: Sequence[str] = CHOSEN) -> None:
-    """Print the scores of the engine as it is and of every variant."""
-    for name in (None, *names):
-        tracks = planview.run(recording, ablation=name, frames=frames)
+def main(recording: str = "data/synthetic/demo", frames: int = 0) -> None:
+    """Print the scores of every variant."""
+    for name, (tracker, settings) in VARIANTS.items():
+        config = planview.load_config(None, settings)
+        tracks = planview.run(recording, tracker=tracker, config=config, frames=frames)
         last = int(tracks.frame.max()) if len(tracks) else 0
         scores = planview.evaluate(tracks, recording, frames=(0, last)).to_json()
         errors = scores["significant_errors"]["total"]
-        print(f"{name or 'as configured':24} mota {scores['mota']:6.2f}  significant errors {errors}")
+        print(f"{name:16} mota {scores['mota']:6.2f}  significant errors {errors}")
 
 
 if __name__ == "__main__":

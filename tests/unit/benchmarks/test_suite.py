@@ -119,7 +119,7 @@ def test_run_in_the_cache_that_was_cut_off_is_run_again(recording, name):
 
 
 def test_run_of_another_configuration_is_another_run(recording):
-    other = load_config(None, ["template.joint=false"])
+    other = load_config(None, ["template.colour_weight=0"])
     assert Pass(recording[1], recording[0], Config()).folder != Pass(recording[1], recording[0], other).folder
 
 
