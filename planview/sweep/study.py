@@ -113,7 +113,7 @@ Space = Choices | Range
 
 @dataclass(frozen=True)
 class Configuration:
-    """Values of the varied parameters, as texts like ``template.range_m=0.4`` in the order of the study."""
+    """Values of the varied parameters, as texts like ``template.stay_s=0.4`` in the order of the study."""
 
     settings: tuple[str, ...] = ()
 
@@ -214,7 +214,7 @@ class Study(Params):
     reports: bool = False
     """Write report.html of every single run, too."""
     parameters: dict[str, Space] = Field(default_factory=dict)
-    """A list of values, or a table with min and max (and log, step), per parameter, e.g. "template.range_m"."""
+    """A list of values, or a table with min and max (and log, step), per parameter, e.g. "template.stay_s"."""
 
     @field_validator("seeds")
     @classmethod
@@ -316,7 +316,7 @@ def _entry(item: Any, folder: Path) -> list[dict[str, Any]]:
 
 
 def _flat(tables: Any, prefix: str = "") -> dict[str, Any]:
-    """Dotted names: TOML reads ``template.range_m = [...]`` as a table in a table."""
+    """Dotted names: TOML reads ``template.stay_s = [...]`` as a table in a table."""
     if not isinstance(tables, dict):
         raise InputError(f"expected a table of parameters, found {str(tables)[:80]!r}")
     flat: dict[str, Any] = {}

@@ -26,13 +26,13 @@ def test_comparison_shows_only_settings_that_differ_and_marks_the_best_figure(st
     other = tmp_path / "<other>"
     shutil.copytree(street, other)
     info = json.loads((street / "run.json").read_text())
-    info["config"]["template"]["range_m"] = 0.7
+    info["config"]["template"]["stay_s"] = 0.7
     info["stages_ms"] = {"match": 5.0}
     (street / "run.json").write_text(json.dumps(info))
     with pytest.raises(SystemExit, match="0"):
         main(["report", str(street), str(other), "--out", str(tmp_path / "compare.html")])
     page = (tmp_path / "compare.html").read_text()
-    assert "template.range_m" in page
+    assert "template.stay_s" in page
     assert "template.errors_s" not in page
     assert "&lt;other&gt;" in page and "<other>" not in page
     assert '<td class="n">5</td><td class="n">-</td>' in page

@@ -139,8 +139,8 @@ def test_page_that_cannot_be_written_is_work_failed(tmp_path: Path) -> None:
 def test_only_settings_that_differ_from_the_defaults_are_listed() -> None:
     config = Config().model_dump(mode="json")
     assert changed_settings(config) == []
-    config["template"]["range_m"] = 0.7
-    assert [(row.name, row.value) for row in changed_settings(config)] == [("template.range_m", "0.7")]
+    config["template"]["stay_s"] = 0.7
+    assert [(row.name, row.value) for row in changed_settings(config)] == [("template.stay_s", "0.7")]
 
 
 def test_ledger_of_a_person_tells_why_and_of_what_the_scores_are_made(tmp_path: Path) -> None:
