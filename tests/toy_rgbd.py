@@ -1,4 +1,4 @@
-"""A small exact recording of images with depth: a floor, and a person, an upright card, who walks to the right."""
+"""A small exact recording of images with depth: a floor, and a person, a body cut out of card, who walks to the right."""
 
 from __future__ import annotations
 
@@ -46,7 +46,8 @@ def depth_image(frame: int) -> F64:
         x, y = walker_m(frame)
         at = (y - pose.translation[1]) / rays[:, 1]
         hit = rays * at[:, None] + pose.translation
-        on = (np.abs(hit[:, 0] - x) < 0.22) & (hit[:, 2] > 0) & (hit[:, 2] < 1.75) & (at > 0)
+        half = np.where(hit[:, 2] > 0.85 * 1.75, 0.09, 0.22)
+        on = (np.abs(hit[:, 0] - x) < half) & (hit[:, 2] > 0) & (hit[:, 2] < 1.75) & (at > 0)
         depth = np.where(on & (at < depth), at, depth)
     return depth.reshape(CAMERA.height, CAMERA.width)
 

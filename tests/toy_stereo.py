@@ -32,9 +32,13 @@ def toy_rig(
     return StereoRig(camera, camera, SE3(turn.rotation, turn.rotation @ np.array([-baseline_m, 0.0, 0.0])), "toy")
 
 
+NECK, HEAD = 0.85, 0.4
+"""Where a card's head begins, of its height, and how wide it is, of the card's width."""
+
+
 @dataclass(frozen=True)
 class Card:
-    """An upright rectangle facing the camera: x to the right, y ahead of the camera's foot point [m]."""
+    """An upright body cut out of card, facing the camera: x to the right, y ahead of the camera's foot point [m]."""
 
     x_m: float
     y_m: float
@@ -95,7 +99,8 @@ class ToyWorld:
             with np.errstate(divide="ignore", invalid="ignore"):
                 t = (card.y_m - origin[1]) / rays[:, 1]
             hit = origin + rays * t[:, None]
-            inside = (t > 0) & (t < depth) & (np.abs(hit[:, 0] - card.x_m) < card.width_m / 2)
+            half = np.where(hit[:, 2] > NECK * card.height_m, HEAD * card.width_m, card.width_m) / 2
+            inside = (t > 0) & (t < depth) & (np.abs(hit[:, 0] - card.x_m) < half)
             inside &= (hit[:, 2] > 0) & (hit[:, 2] < card.height_m)
             depth, layer = np.where(inside, t, depth), np.where(inside, 2 + number, layer)
         points = origin + rays * depth[:, None]

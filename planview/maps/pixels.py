@@ -10,6 +10,7 @@ import numpy as np
 from calib.pose import SE3
 from calib.types import F32, F64, I32, U8
 from planview.maps.builder import FloorPoints
+from planview.maps.colour import CHROMA_CELLS
 from stereo.depth import RectifiedGeometry
 
 BACKGROUND_SEEN, SURFACE, NO_DEPTH = 0, 1, 2
@@ -73,7 +74,8 @@ class SeenPixels:
         rays: of the camera.
         kind: (H, W) uint8 of BACKGROUND_SEEN, SURFACE and NO_DEPTH.
         range_m: (H, W) float32 along the ray: the surface's, or the background's where that is seen; 0 unknown.
-        colour: (H, W) uint8 colour codes (``planview.maps.colour``); None without an image.
+        colour: (H, W) uint8 colour codes (``planview.maps.colour``); None where all is grey:
+            light alone tells no clothes apart.
         renewed: (H, W) float32 [px], the background's disparity where it is another from this frame on; else None.
     """
 
@@ -135,7 +137,7 @@ def seen_pixels(
             np.copyto(range_m, far, where=np.isfinite(far) & (far > 0) & (kind == BACKGROUND_SEEN))
     range_m[points.pixels] = np.linalg.norm(points.xyz - rays.centre_m.astype(np.float32), axis=1)
     colour = None
-    if points.colours is not None:
+    if points.colours is not None and (points.colours % CHROMA_CELLS**2 != CHROMA_CELLS**2 // 2).any():
         colour = np.zeros(n, np.uint8)
         colour[points.pixels] = points.colours
     shape = rays.shape

@@ -35,9 +35,9 @@ PROFILE = (
 )
 """Legs, torso, the slope of the shoulders, head with neck, and crown: from and to [of the height], half breadth [m] of
 a body of 1.76 m, depth over breadth. Hip, shoulder and chin after Drillis and Contini 1966, radii after Zhang."""
-ARMS = ((0.42, 0.80, 0.31, 0.4),)
+ARMS = ((0.0, 0.42, 0.27, 0.5), (0.42, 0.80, 0.31, 0.4))
 ARMS_SHARE = 0.35
-"""Where arms may be beside the torso, and how often they are there."""
+"""Where striding legs and arms may be beside the body, and how often they are there."""
 APART_M = 2.0 * TORSO.torso_radius_m
 """Axes of two bodies side by side [m]."""
 

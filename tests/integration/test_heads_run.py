@@ -32,9 +32,10 @@ def test_a_person_seen_by_two_heads_is_one_person(say: Say, heads: Path, engine:
     assert info.rig is not None and [camera.name for camera in info.rig.heads] == ["left_one", "right_one"]
     assert (tmp_path / "out" / "run.rrd").stat().st_size > 0
     assert "right_one" in (tmp_path / "out" / "report.html").read_text()
+    # Two heads weigh against what was predicted as two looks do, so that places differ by a few centimetres.
     alone = {(r.frame, t.track_id): t for r in engine for t in r.tracks}
     for frame, track_id, x, y in zip(tracks.frame, tracks.track_id, tracks.x_m, tracks.y_m, strict=True):
-        assert (x, y) == pytest.approx((alone[frame, track_id].x_m, alone[frame, track_id].y_m), abs=0.02)
+        assert (x, y) == pytest.approx((alone[frame, track_id].x_m, alone[frame, track_id].y_m), abs=0.04)
 
 
 def test_maps_of_several_heads_are_not_saved_and_why(say: Say, heads: Path, tmp_path: Path) -> None:

@@ -108,5 +108,6 @@ class Births:
         person.height_var = 1.0 / (1.0 / person.height_var + up)
         person.log_odds += min(best, p.evidence_max) * 0.25
         person.origin_m, person.evidence, person.share = person.at_m, best, mine / max(total, 1e-6)
-        person.learn_colours(points[:, 2] / person.height_m, points[:, 4].astype(np.uint8))
+        if all(v.colour is not None for v in frame.views):
+            person.learn_colours(points[:, 2] / person.height_m, points[:, 4].astype(np.uint8))
         return person

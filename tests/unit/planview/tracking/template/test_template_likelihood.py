@@ -84,5 +84,5 @@ def test_the_body_table_is_a_head_over_shoulders_over_legs():
 
     assert width(0.92) == pytest.approx(0.18, abs=0.03)
     assert 0.42 < width(0.65) < 0.52
-    assert width(0.2) == pytest.approx(0.26, abs=0.03)
+    assert 0.26 < width(0.2) < 0.35  # legs, and the stride that is now and then beside them
     assert width(1.1) < 0.02
