@@ -1,4 +1,4 @@
-"""A small exact recording of images with depth: a floor, and a person, a body cut out of card, who walks to the right."""
+"""A small exact recording of images with depth: a floor, and a person cut out of card who walks to the right."""
 
 from __future__ import annotations
 

@@ -78,21 +78,3 @@ def cell_of(near: NearPeople, x_m: float, y_m: float) -> int:
     if col < 0 or row < 0 or col >= near.cols or row >= near.rows:
         return -1
     return int(row * near.cols + col)
-
-
-@njit(cache=True, nogil=True)
-def pairs_within(places: F64, ellipses: F64) -> I64:
-    """(M, 2) all i < j for which place j of (K, 2) lies inside the ellipse around place i.
-
-    ``ellipses`` (K, 4): half axes across and along a ray, and the ray (x, y).
-    """
-    found, n = np.empty((len(places) * max(len(places) - 1, 0) // 2, 2), np.int64), 0
-    for i in range(len(places)):
-        across, along, ray_x, ray_y = ellipses[i]
-        for j in range(i + 1, len(places)):
-            dx, dy = places[j, 0] - places[i, 0], places[j, 1] - places[i, 1]
-            radial, lateral = dx * ray_x + dy * ray_y, -dx * ray_y + dy * ray_x
-            if (radial / along) ** 2 + (lateral / across) ** 2 < 1.0:
-                found[n] = i, j
-                n += 1
-    return found[:n]

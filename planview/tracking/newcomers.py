@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 
 from calib.types import F32
-from planview.maps.builder import PlanViewMaps
-from planview.tracking.detection import inseparable
+from planview.maps.builder import PlanViewMaps, Viewpoint
 
 
 def is_part_of(
@@ -47,3 +46,15 @@ def _window(values: F32, maps: PlanViewMaps, place_m: tuple[float, float], half_
     reach = half_m / maps.grid.cell_m
     r0, c0 = max(0, math.floor(row - reach)), max(0, math.floor(col - reach))
     return values[r0 : max(0, math.ceil(row + reach)) + 1, c0 : max(0, math.ceil(col + reach)) + 1]
+
+
+def inseparable(view: Viewpoint, one_m: tuple[float, float], other_m: tuple[float, float], distance_m: float) -> bool:
+    """Whether two floor positions may be one body: within a distance, stretched along the ray by depth noise.
+
+    Matching favours whole disparities, so a far body may fall into two clumps one disparity step apart: four of its
+    standard deviations of 0.25 px.
+    """
+    across, along, (ray_x, ray_y) = view.footprint(*one_m, distance_m, sigmas=4.0)
+    dx, dy = other_m[0] - one_m[0], other_m[1] - one_m[1]
+    radial, lateral = dx * ray_x + dy * ray_y, -dx * ray_y + dy * ray_x
+    return (radial / along) ** 2 + (lateral / across) ** 2 < 1.0

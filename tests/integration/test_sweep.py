@@ -139,9 +139,7 @@ def test_ranking_prints_whole_names_and_json_has_runs_and_intervals(
 def test_page_is_one_file_that_shows_names_as_text(say: Say, pool: InlinePool, halls: Path) -> None:
     evil = halls / "<script>alert(1)"
     (halls / "a").rename(evil)
-    path = study(
-        halls, 'recordings = ["<script>*/maps.h5", "b/maps.h5"]\n[parameters]\ntemplate.stay_s = [0.3, 0.4]\n'
-    )
+    path = study(halls, 'recordings = ["<script>*/maps.h5", "b/maps.h5"]\n[parameters]\ntemplate.stay_s = [0.3, 0.4]\n')
     assert say("sweep", path)[0] == 0
     page = (halls / "study" / "report.html").read_text()
     assert page.count("data:image/png;base64,") == 3

@@ -8,10 +8,3 @@ from calib.types import F64, I64
 def people_within(people: F64, reach_m: float, x_m: float, y_m: float) -> I64:
     """Indices of all people nearer than ``reach_m`` to a point, which must be among those that its cell lists."""
     return np.flatnonzero(np.hypot(people[:, 0] - x_m, people[:, 1] - y_m) < reach_m)
-
-
-def pairs_within(places: F64, ellipses: F64) -> I64:
-    across, along, ray_x, ray_y = ellipses.T[:, :, None]
-    dx, dy = (places[None] - places[:, None]).transpose(2, 0, 1)
-    radial, lateral = dx * ray_x + dy * ray_y, -dx * ray_y + dy * ray_x
-    return np.argwhere(np.triu((radial / along) ** 2 + (lateral / across) ** 2 < 1.0, 1))

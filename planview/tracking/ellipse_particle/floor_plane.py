@@ -12,12 +12,11 @@ import numpy as np
 from calib.types import F32, F64, I64, U8, Bool
 from planview.maps.builder import PlanViewMaps
 from planview.tracking.base import Observation
-from planview.tracking.detection import inseparable
 from planview.tracking.ellipse_particle.fit.prior import PlaneModel, SizePrior
 from planview.tracking.ellipse_particle.outputs import BodyMeasures, floor_state
 from planview.tracking.ellipse_particle.params import FloorPlaneParams
 from planview.tracking.ellipse_particle.planes import Estimates, PlaneView
-from planview.tracking.newcomers import is_part_of, top_height_m
+from planview.tracking.newcomers import inseparable, is_part_of, top_height_m
 from planview.trajectories.state import TrackState
 
 REACH_M = 0.5

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from planview.tracking._near_kernels import CELLS_MAX, cell_of, near_people, pairs_within
+from planview.tracking._near_kernels import CELLS_MAX, cell_of, near_people
 from tests.reference import near as reference
 
 
@@ -37,12 +37,3 @@ def test_nobody_gives_no_cells() -> None:
 def test_wide_floor_has_wide_cells() -> None:
     near = near_people(np.array([[0.0, 0.0], [1000.0, 0.0]]), 0.5)
     assert near.cols <= CELLS_MAX
-
-
-@pytest.mark.parametrize("count", [0, 1, 20])
-def test_pairs_within_equal_their_reference(count: int) -> None:
-    rng = np.random.default_rng(count)
-    angles = rng.uniform(0.0, 2 * np.pi, count)
-    ellipses = np.column_stack([*rng.uniform(0.5, 2.0, (2, count)), np.cos(angles), np.sin(angles)])
-    places = rng.uniform(-2.0, 2.0, (count, 2))
-    np.testing.assert_array_equal(pairs_within(places, ellipses), reference.pairs_within(places, ellipses))
