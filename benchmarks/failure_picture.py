@@ -11,12 +11,12 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import F64, I32, U8
-from planview.drawing.colours import as_bgr, person_rgb
+from planview.drawing.style import as_bgr, person_rgb
 from planview.engine.boxes import BodyBoxes
 from planview.engine.maps_pipeline import recorded_config
 from planview.evaluation.significant import SignificantError
 from planview.maps.recording import MapsRecording
-from planview.output.info import read_run_info
+from planview.output.folder import read_run_info
 from planview.trajectories.table import Trajectories, row_state
 from stereo.readers import open_any
 from stereo.rectify import Rectifier, RectifyParams

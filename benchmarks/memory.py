@@ -20,8 +20,7 @@ from planview.engine.maps_pipeline import MapsPipeline, recorded_config
 from planview.engine.pipeline import Pipeline
 from planview.engine.setup import set_up
 from planview.maps.recording import MapsRecording, is_maps
-from planview.output.log import RunLog
-from planview.output.run import RunOptions, run
+from planview.output.run import RunLog, RunOptions, run
 from planview.output.totals import RunTotals
 
 EVERY = 20

@@ -19,7 +19,7 @@ from unittest import mock
 import numpy as np
 
 from calib.errors import WorkError
-from planview.output.info import read_run_info
+from planview.output.folder import read_run_info
 
 COMPARED = ("tracks.csv", "events.csv", "decisions.csv", "counts.json")
 """Files that must be the same byte for byte, where the run writes them."""
@@ -160,12 +160,12 @@ def _command(words: list[str], said: Path, moment: Moment | None) -> None:
 def _arm(moment: Moment) -> None:
     """Let the run's own steps count, so that a moment means the same on a fast and on a slow machine."""
     from planview.output import run
-    from planview.output.checkpoint import file
+    from planview.output.resume import write_checkpoint
     from planview.output.totals import RunTotals
 
     kill = threading.Timer(moment.delay_s, os.kill, (os.getpid(), signal.SIGKILL))
     kill.daemon = True
-    take, write, written = RunTotals.take, file.write_checkpoint, 0
+    take, write, written = RunTotals.take, write_checkpoint, 0
 
     def counted_take(totals: RunTotals, result: Any) -> None:
         take(totals, result)

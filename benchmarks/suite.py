@@ -20,7 +20,7 @@ from calib.text import reason
 from planview.engine.config import Config
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.evaluation.result import KINDS
-from planview.output.refine import refine_run
+from planview.output.finished import refine_run
 from planview.synthetic.committed import SCENES
 from planview.synthetic.ranges import draw
 from planview.synthetic.scene import Scene

@@ -15,7 +15,7 @@ import numpy as np
 
 from calib.errors import WorkError
 from calib.types import F64
-from planview.output.info import RunInfo, write_run_info
+from planview.output.folder import RunInfo, write_run_info
 from planview.trajectories.table import TRACK_COLUMNS, Trajectories, positions_table
 
 LIMIT_S, LIMIT_MB = 10.0, 300.0

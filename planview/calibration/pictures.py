@@ -13,7 +13,7 @@ from calib.human.model import HumanModel
 from calib.human.samples import HumanSample
 from calib.images import as_colour
 from calib.types import F64, U8
-from planview.drawing.projection import Project, grid_lines
+from planview.drawing.image import Project, grid_lines
 
 GIVEN = (255, 140, 0)
 COMPUTED = (200, 60, 255)

@@ -20,7 +20,7 @@ from planview.calibration.head_alignment import HeadAlignment
 from planview.calibration.head_record import HeadRecord, record_head
 from planview.commands.options import JsonFlag
 from planview.engine.config import Config, load_config
-from planview.output.console import PlainConsole
+from planview.output.progress import PlainConsole
 
 
 @Parameter(name="*")

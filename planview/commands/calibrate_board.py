@@ -19,7 +19,7 @@ from calib.formats import write_rig
 from planview.calibration.board import BoardRequest, calibrate_images
 from planview.calibration.board_report import write_report
 from planview.commands.options import JsonFlag
-from planview.output.console import PlainConsole
+from planview.output.progress import PlainConsole
 
 
 @Parameter(name="*")

@@ -22,11 +22,10 @@ from calib.text import reason
 from planview.calibration.floor import FloorView, floor_from_tracks, given_floor, view_floor
 from planview.calibration.pictures import AXIS, GRID
 from planview.commands.options import Flag, JsonFlag
-from planview.drawing.colours import as_bgr
-from planview.drawing.legend import Entry, with_legend
+from planview.drawing.style import Entry, as_bgr, with_legend
 from planview.engine.config import load_config
 from planview.engine.setup import floor_search
-from planview.output.console import PlainConsole
+from planview.output.progress import PlainConsole
 from planview.trajectories.table import read_tracks
 from stereo.floor import FloorSearch
 from stereo.readers import OpenOptions, open_recording

@@ -26,7 +26,7 @@ from calib.types import U8
 from planview.calibration.human import CollectedSamples, collect_samples
 from planview.calibration.pictures import COMPUTED, crowd, draw_grid, draw_person, draw_samples
 from planview.commands.options import Flag, JsonFlag
-from planview.output.console import PlainConsole
+from planview.output.progress import PlainConsole
 from stereo.readers.opening import open_video
 from stereo.recording import Video
 

@@ -6,7 +6,7 @@ import socket
 from pathlib import Path
 
 from calib.errors import InputError, WorkError
-from planview.output.console import PlainConsole
+from planview.output.progress import PlainConsole
 
 
 def calibrate_ui(

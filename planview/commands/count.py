@@ -27,8 +27,8 @@ from planview.counting.params import AnalyticsParams
 from planview.counting.rules import load_rules
 from planview.counting.scoring import CountScores, score_counts, score_events
 from planview.counting.totals import Counts
-from planview.output.console import PlainConsole
-from planview.output.info import RunInfo, read_run_info, unfinished_beside
+from planview.output.folder import RunInfo, read_run_info, unfinished_beside
+from planview.output.progress import PlainConsole
 from planview.trajectories.layouts import load_file, load_truth
 from planview.trajectories.pairs import tracks_file
 from planview.trajectories.regions import limited

@@ -11,12 +11,9 @@ from cyclopts import Parameter
 from calib.errors import InputError, WorkError
 from calib.images import write_image
 from planview.engine.config import config_of, load_config
-from planview.output.console import PlainConsole
-from planview.output.debug.again import track_again
-from planview.output.debug.difference import difference_picture, difference_text
-from planview.output.progress import FrameProgress
-from planview.output.scene.frames import SceneFrames, open_frames
-from planview.output.scene.results import read_results
+from planview.output.progress import FrameProgress, PlainConsole
+from planview.output.replay import difference_picture, difference_text, track_again
+from planview.output.results import SceneFrames, open_frames, read_results
 
 
 def debug(

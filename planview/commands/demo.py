@@ -11,7 +11,7 @@ from planview.commands.evaluate import EvaluateOptions, evaluate
 from planview.commands.options import JsonFlag
 from planview.commands.render import RenderOptions, render
 from planview.commands.run import TrackingOptions, run
-from planview.output.console import PlainConsole
+from planview.output.progress import PlainConsole
 from planview.synthetic.committed import DEMO
 from planview.trajectories.table import read_tracks
 

@@ -11,12 +11,11 @@ from rich.table import Table
 from calib.errors import InputError, WorkError
 from calib.length import parse_length
 from planview.checks.check import Check
-from planview.checks.examine import Diagnosis, examine
-from planview.checks.pictures import write_pictures
+from planview.checks.examine import Diagnosis, examine, write_pictures
 from planview.commands.options import JsonFlag
 from planview.engine.config import load_config
 from planview.engine.setup import floor_search
-from planview.output.console import PlainConsole
+from planview.output.progress import PlainConsole
 
 
 def doctor(

@@ -13,8 +13,8 @@ from cyclopts import Parameter
 from calib.errors import InputError
 from calib.text import read_text
 from planview.commands.options import Flag, JsonFlag
-from planview.output.console import PlainConsole
-from planview.output.edit import edit_run, read_steps, undo_edits
+from planview.output.finished import edit_run, read_steps, undo_edits
+from planview.output.progress import PlainConsole
 from planview.trajectories.regions import region_of
 
 _Many = Annotated[Sequence[str], Parameter(negative="")]
@@ -96,7 +96,7 @@ def edit(out: Path, *, options: EditOptions | None = None) -> None:
 
 
 def _lines(options: EditOptions) -> list[str]:
-    """The options as lines of ``planview.trajectories.edits``."""
+    """The options as lines of ``planview.offline.edit``."""
     lines = [] if options.list is None else _listed(options.list)
     for kind in ("join", "split", "delete", "rename"):
         lines += [f"{kind} {edit.replace(':', ' ').replace('@', ' ')}" for edit in getattr(options, kind)]

@@ -17,8 +17,8 @@ from planview.commands.options import Flag, JsonFlag, checked
 from planview.commands.spans import frame_span
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
-from planview.output.console import PlainConsole
-from planview.output.info import read_run_info, unfinished_beside
+from planview.output.folder import read_run_info, unfinished_beside
+from planview.output.progress import PlainConsole
 from planview.trajectories.layouts import load_tracks, load_truth
 from planview.trajectories.pairs import FilePair, file_pairs
 from planview.trajectories.table import Trajectories

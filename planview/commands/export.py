@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from calib.errors import InputError
 from planview.commands.options import Flag
 from planview.commands.source import open_options
-from planview.output.console import PlainConsole
+from planview.output.progress import PlainConsole
 from planview.trajectories.export import FORMATS, ExportName, prepared
 from planview.trajectories.file import TrajectoryFile
 from planview.trajectories.jsonl import stream_jsonl
@@ -104,7 +104,7 @@ def _export_tracks(tracks: Path, to: ExportName, options: ExportOptions) -> None
 
 def _export_cloud(source: Path, out: Path, options: ExportOptions) -> None:
     from planview.engine.scene_cloud import write_cloud
-    from planview.output.static_scene import scene_of
+    from planview.output.results import scene_of
 
     _refuse_existing(out, source, options.overwrite)
     console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)

@@ -7,9 +7,9 @@ from collections import Counter
 from pathlib import Path
 
 from planview.commands.options import JsonFlag, checked
-from planview.offline.params import RefineParams
-from planview.output.console import PlainConsole
-from planview.output.refine import refine_run
+from planview.offline.refine import RefineParams
+from planview.output.finished import refine_run
+from planview.output.progress import PlainConsole
 
 _DEFAULTS = RefineParams()
 

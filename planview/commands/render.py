@@ -12,11 +12,9 @@ from rich.progress import track
 from calib.errors import InputError, WorkError
 from planview.commands.options import Flag
 from planview.commands.spans import frame_span
-from planview.output.console import PlainConsole
-from planview.output.scene.compose import SceneComposer
-from planview.output.scene.film import FilmWriter, scene_pictures_of, write_still
-from planview.output.scene.frames import SceneFrames, open_frames
-from planview.output.scene.results import RunResults, read_results
+from planview.output.progress import PlainConsole
+from planview.output.render import FilmWriter, SceneComposer, scene_pictures_of, write_still
+from planview.output.results import RunResults, SceneFrames, open_frames, read_results
 
 
 @Parameter(name="*")

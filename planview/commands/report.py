@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.errors import InputError
-from planview.output.console import PlainConsole
+from planview.output.progress import PlainConsole
 from planview.output.report.compare import write_comparison
 from planview.output.report.page import write_report
 

@@ -22,17 +22,11 @@ from planview.engine.engine import Engine
 from planview.engine.factory import TrackerName, base_config, open_engine
 from planview.engine.kept_setup import KeptSetup
 from planview.maps.recording import is_maps
-from planview.output.checkpoint.file import Checkpoint
-from planview.output.compiling import compile_notice
-from planview.output.console import PlainConsole
-from planview.output.folder import check_folder, prepare_folder
-from planview.output.info import RunInfo
-from planview.output.lock import folder_lock
-from planview.output.log import RunLog
+from planview.output.folder import RunInfo, check_folder, folder_lock, prepare_folder
 from planview.output.pace import Pace
-from planview.output.progress import FrameProgress, summary
-from planview.output.resume import checkpoint_of, is_finished
-from planview.output.run import RunOptions, run_identity
+from planview.output.progress import FrameProgress, PlainConsole, compile_notice, summary
+from planview.output.resume import Checkpoint, checkpoint_of, is_finished
+from planview.output.run import RunLog, RunOptions, run_identity
 from planview.output.run import run as run_engine
 from planview.sweep.content import content_key, engine_version, files_beside, key_of
 from stereo.readers.several import is_heads
@@ -201,7 +195,7 @@ def _track(
 
     write_report(out)
     if options.refine:
-        from planview.output.refine import refine_run
+        from planview.output.finished import refine_run
 
         info = refine_run(out).info
     return info

@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from calib.errors import InputError, WorkError, printable
 from planview.commands.options import JsonFlag
-from planview.output.console import PlainConsole
+from planview.output.progress import PlainConsole
 from planview.sweep.figures import FIGURES
 from planview.sweep.pools import ClusterPool, Pool, ProcessPool
 from planview.sweep.ranking import Estimate, Ranked

@@ -68,7 +68,7 @@ def _render(
     """One camera's recording, with progress."""
     from rich.progress import Progress
 
-    from planview.output.console import PlainConsole
+    from planview.output.progress import PlainConsole
     from planview.synthetic.rendering import SceneRenderer
     from planview.synthetic.scene import load_scene
     from planview.synthetic.writing import write_recording

@@ -9,7 +9,7 @@ from pathlib import Path
 from calib.errors import InputError, WorkError
 from calib.text import reason
 from planview.commands.options import Flag
-from planview.output.console import PlainConsole
+from planview.output.progress import PlainConsole
 from planview.output.rerun.parts import quiet_environment, recorded_parts
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.types import U8
 from planview.checks.check import Check
-from planview.checks.motion import STEP_PX, sampled_thumbnails, thumbnails
+from planview.checks.timing import STEP_PX, sampled_thumbnails, thumbnails
 from planview.engine.ablations import ablated
 from planview.engine.boxes import BodyBoxes
 from planview.engine.config import Config

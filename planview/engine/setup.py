@@ -13,9 +13,8 @@ from calib.errors import WorkError
 from calib.rgbd import DepthSensor
 from calib.rig import Floor
 from calib.types import F64
-from planview.checks.alignment import alignment_checks
 from planview.checks.check import Check
-from planview.checks.exposure import image_checks
+from planview.checks.pair import alignment_checks, image_checks
 from planview.checks.scene import floor_checks
 from planview.engine.config import Config
 from planview.engine.front_end import RgbdFrontEnd, StereoFrontEnd

@@ -9,7 +9,7 @@ from contextlib import closing
 from typing import Protocol
 
 from planview.engine.engine import AnyRecording, Engine, FrameResult
-from planview.output.info import PaceInfo
+from planview.output.folder import PaceInfo
 from planview.output.totals import StageTimes
 from stereo.readers.newest import newest
 

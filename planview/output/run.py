@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import platform
+import signal
+import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -13,28 +17,105 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from types import FrameType, TracebackType
+from typing import Any, Protocol
 
 from calib.errors import WorkError
 from planview.counting.clock import Span
 from planview.counting.stream import Analytics
 from planview.counting.totals import Counts
 from planview.engine.engine import Engine, FrameResult
-from planview.output.checkpoint.decode import decode
-from planview.output.checkpoint.encode import encode
-from planview.output.checkpoint.file import Checkpoint, remove_checkpoints, write_checkpoint
-from planview.output.checkpoint.identity import digest_of, identity_of
-from planview.output.checks import RunChecks
-from planview.output.frame_file import FilePosition
-from planview.output.info import RunInfo, SkippedFrame, write_result, write_run_info
-from planview.output.interrupts import Interrupts
-from planview.output.lock import folder_lock
-from planview.output.log import RunLog
-from planview.output.memory import return_unused_memory
+from planview.output.folder import RunInfo, SkippedFrame, folder_lock, write_result, write_run_info
+from planview.output.memory import decode, encode
 from planview.output.pace import Pace
-from planview.output.schedule import Schedule
-from planview.output.tables import RunTables
-from planview.output.totals import RunTotals
+from planview.output.resume import Checkpoint, digest_of, identity_of, remove_checkpoints, write_checkpoint
+from planview.output.tables import FilePosition, RunTables
+from planview.output.totals import RunChecks, RunTotals
+
+
+class RunLog(Protocol):
+    """Takes every frame of a run."""
+
+    def frame(self, result: FrameResult) -> None: ...
+
+    def mark(self) -> dict[str, int]:
+        """Bring all frames so far to the disk; the position from which a run can go on after a kill."""
+
+    def close(self) -> None:
+        """All frames are complete on the disk, whether the run finished or not; it may be resumed."""
+
+    def finish(self) -> None:
+        """After ``close`` of a run that finished: nothing is kept for going on."""
+
+
+class Schedule:
+    """When something that is done from time to time is due again."""
+
+    def __init__(self, every_s: float) -> None:
+        self._every_s, self._last_s = every_s, time.monotonic()
+
+    def due(self, stopping: bool = False) -> bool:
+        """Whether it is time, or the run is about to stop; never when ``every_s`` is 0."""
+        now_s = time.monotonic()
+        if not self._every_s or (now_s - self._last_s < self._every_s and not stopping):
+            return False
+        self._last_s = now_s
+        return True
+
+    def stop(self) -> None:
+        """Never due any more."""
+        self._every_s = 0.0
+
+
+def return_unused_memory() -> None:
+    """Let the C library return to the system what was freed but is kept for later.
+
+    Buffers of many sizes, made and freed by several threads, leave holes that glibc does not return by itself: the
+    resident memory of an hour grew by a fiftieth though no object was kept. Elsewhere nothing is done.
+    """
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):  # a C library without it
+            ctypes.CDLL(None).malloc_trim(0)
+
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class Interrupts:
+    """While entered, the first signal is noted and the second raises KeyboardInterrupt.
+
+    Signals that the process was started to ignore (``nohup``) stay ignored; outside of the main thread, where Python
+    takes no signals, nothing is changed.
+    """
+
+    def __init__(self) -> None:
+        self.noted = False
+        self._before: dict[signal.Signals, object] = {}
+
+    def __enter__(self) -> Interrupts:
+        if threading.current_thread() is threading.main_thread():
+            for number in SIGNALS:
+                if signal.getsignal(number) is not signal.SIG_IGN:
+                    self._before[number] = signal.signal(number, self._note)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)  # type: ignore[arg-type]
+        self._before = {}
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        if self.noted:
+            raise KeyboardInterrupt
+        self.noted = True
+
+    def check(self) -> None:
+        """Raises KeyboardInterrupt after a signal; to be called where stopping loses nothing."""
+        if self.noted:
+            raise KeyboardInterrupt
+
 
 LIBRARIES = ("planview", "numpy", "opencv-python-headless", "scipy", "open3d", "numba")
 SKIPPED_MAX = 1000

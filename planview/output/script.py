@@ -12,8 +12,8 @@ from planview.engine.config import Config
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.factory import AnyTracker, base_config, open_engine
 from planview.offline.refine import refine
+from planview.output.finished import refine_run
 from planview.output.folder import check_folder, prepare_folder
-from planview.output.refine import refine_run
 from planview.output.report.page import write_report
 from planview.output.run import RunOptions
 from planview.output.run import run as run_engine

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Literal, NamedTuple
 
 from planview.evaluation.result import Evaluation
-from planview.output.info import RunInfo
+from planview.output.folder import RunInfo
 
 FigureName = Literal[
     "mota", "idf1", "hota", "significant_errors", "switches", "position_error_mean_m", "height_error_mean_m",

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from planview.drawing.page import page_of
+from planview.drawing.style import page_of
 from planview.sweep import plots
 from planview.sweep.figures import FIGURES, FigureName
 from planview.sweep.ranking import DRAWS, LEVEL, Estimate, Ranked

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from planview.output.info import write_result
-from planview.output.lock import folder_lock
+from planview.output.folder import folder_lock, write_result
 from planview.sweep.jobs import Planned, Planner, Refused, RunJob, StudyJob
 from planview.sweep.pools import Pool
 from planview.sweep.proposals import Proposals

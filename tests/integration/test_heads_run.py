@@ -8,7 +8,7 @@ from toy_run import Say, one_sentence, run_few
 
 from calib.rigs_file import RigEntry, save_rigs
 from planview.engine.pipeline import Pipeline
-from planview.output.info import read_run_info
+from planview.output.folder import read_run_info
 from planview.trajectories.table import read_tracks
 
 

@@ -12,7 +12,7 @@ from planview.engine.engine import FrameResult
 from planview.engine.maps_pipeline import MapsPipeline, recorded_config
 from planview.engine.pipeline import Pipeline
 from planview.maps.recording import MapsRecording
-from planview.output.info import read_run_info
+from planview.output.folder import read_run_info
 from planview.output.maps_log import MapsLog
 from planview.output.run import RunOptions, run
 from planview.tracking.template import TemplateTracker

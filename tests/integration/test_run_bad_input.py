@@ -14,7 +14,7 @@ from calib.errors import WorkError
 from calib.rig import StereoRig, save_rig
 from planview.engine.engine import FrameResult
 from planview.engine.pipeline import Pipeline
-from planview.output.info import read_run_info
+from planview.output.folder import read_run_info
 from planview.output.run import run
 from planview.trajectories.table import read_tracks
 

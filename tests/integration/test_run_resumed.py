@@ -9,7 +9,7 @@ from planview.counting.rules import load_rules
 from planview.counting.stream import Analytics
 from planview.engine.engine import FrameResult
 from planview.engine.pipeline import Pipeline
-from planview.output.info import read_run_info
+from planview.output.folder import read_run_info
 from planview.output.maps_log import MapsLog
 from planview.output.resume import checkpoint_of
 from planview.output.run import RunOptions, run, run_identity

@@ -8,7 +8,7 @@ from calib.types import F64
 from planview.calibration.browser.marks import Handle, Point, handle_points
 from planview.calibration.browser.session import CalibrationSession
 from planview.calibration.pictures import crowd
-from planview.drawing.projection import grid_lines
+from planview.drawing.image import grid_lines
 from stereo.floor_camera import StereoFloorCamera
 
 GIVEN, COMPUTED, CROWD, GRID, FLOOR = "#0a84ff", "#ff2fd0", "#b06cff", "#4cd964", "#ffcc00"

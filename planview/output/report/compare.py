@@ -9,14 +9,13 @@ from typing import Any, NamedTuple
 
 from pydantic import JsonValue
 
-from planview.drawing.page import page_of
+from planview.drawing.style import page_of
 from planview.evaluation.significant import SignificantError
-from planview.output.info import write_result
-from planview.output.report import floor_plots
-from planview.output.report.page import figure_text, flat_settings, picture, words_of
-from planview.output.report.scores import errors_of, scores_of
+from planview.output.folder import write_result
+from planview.output.report import plots
+from planview.output.report.page import errors_of, figure_text, flat_settings, picture, scores_of, words_of
 from planview.output.report.timelines import TimelineRow, timelines
-from planview.output.scene.results import RunResults, read_results
+from planview.output.results import RunResults, read_results
 
 SAME_S = 1.0
 """Errors of one kind and person that begin within this are one error of several runs [s] (our choice)."""
@@ -181,6 +180,6 @@ def _rows(run: _ComparedRun) -> RunRows:
 
 
 def _floor(results: RunResults) -> bytes:
-    places, truth = floor_plots.Places.of(results.tracks), results.truth
-    true_places = floor_plots.Places.of(truth) if truth is not None else None
-    return floor_plots.floor_plot(places, floor_plots.FloorScene.of(results), true_places)
+    places, truth = plots.Places.of(results.tracks), results.truth
+    true_places = plots.Places.of(truth) if truth is not None else None
+    return plots.floor_plot(places, plots.FloorScene.of(results), true_places)

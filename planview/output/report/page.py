@@ -1,4 +1,4 @@
-"""``report.html``: one self-contained page about a run."""
+"""``report.html``: one page that needs no other file."""
 
 from __future__ import annotations
 
@@ -8,19 +8,52 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from pydantic import JsonValue
+from pydantic import JsonValue, TypeAdapter, ValidationError
 
-from planview.drawing.colours import ERRORS, as_hex, person_hex
-from planview.drawing.page import page_of
+from calib.errors import InputError, WorkError
+from calib.params import first_problem
+from planview.drawing.style import ERRORS, as_hex, page_of, person_hex
 from planview.engine.info import CameraInfo
-from planview.output.info import RunInfo, write_result
-from planview.output.report import floor_plots, plots
-from planview.output.report.ledger import Ledger, read_ledger
-from planview.output.report.moments import ERRORS_MAX, scene_pictures
-from planview.output.report.people import PersonRow, people_rows
-from planview.output.report.scores import errors_of, scores_of
-from planview.output.report.timelines import timelines
-from planview.output.scene.results import RunResults, read_results
+from planview.evaluation.significant import SignificantError
+from planview.output.folder import RunInfo, write_result
+from planview.output.report import plots
+from planview.output.report.moments import ERRORS_MAX, Ledger, read_ledger, scene_pictures
+from planview.output.report.timelines import PersonRow, people_rows, timelines
+from planview.output.results import RunResults, read_object, read_results
+
+ROWS_MAX = 60_000
+"""Longer runs are scored on request only (``planview evaluate``), since scoring takes longer than the page (our
+choice)."""
+
+
+def scores_of(results: RunResults) -> dict[str, Any]:
+    """``evaluation.json`` of the folder, else the scores of the frames that were tracked; empty without truth."""
+    written = read_object(results.folder / "evaluation.json")
+    truth = results.truth
+    if written or truth is None or not results.has_run or len(results.tracks) + len(truth) > ROWS_MAX:
+        return written
+    from planview.evaluation.evaluate import evaluate_tracks  # brings scipy
+
+    try:
+        return evaluate_tracks(results.tracks, truth, None, (0, max(0, results.n_frames - 1))).to_json()
+    except (InputError, WorkError):
+        return {}  # truth in another world, or without positions: the page does without
+
+
+def errors_of(evaluation: dict[str, Any]) -> list[SignificantError]:
+    """The significant errors of an evaluation.
+
+    Raises:
+        InputError: errors that are not what they should be.
+    """
+    try:
+        return _ERRORS.validate_python(evaluation.get("significant_error_list") or [])
+    except ValidationError as error:
+        raise InputError(f"evaluation.json: expected significant errors: {first_problem(error)}") from error
+
+
+_ERRORS = TypeAdapter(list[SignificantError])
+
 
 _NOT_SHOWN = {"view_m", "world_SE3_left", "name", "at_m", "heads"}
 """Of camera and floor, what is drawn and not listed."""
@@ -150,8 +183,8 @@ def _end_s(results: RunResults) -> float:
 
 
 def _pictures(results: RunResults) -> list[Picture]:
-    scene = floor_plots.FloorScene.of(results)
-    pictures = _floor_pictures(results, scene, floor_plots.Places.of(results.tracks))
+    scene = plots.FloorScene.of(results)
+    pictures = _floor_pictures(results, scene, plots.Places.of(results.tracks))
     if results.n_frames:
         frames = np.arange(results.n_frames, dtype=np.int64)
         pictures.append(
@@ -163,17 +196,17 @@ def _pictures(results: RunResults) -> list[Picture]:
     return pictures + _count_pictures(results)
 
 
-def _floor_pictures(results: RunResults, scene: floor_plots.FloorScene, places: floor_plots.Places) -> list[Picture]:
+def _floor_pictures(results: RunResults, scene: plots.FloorScene, places: plots.Places) -> list[Picture]:
     pictures = []
     if len(places.frame):
         note = "Each person from the dot to the square; dotted where only predicted."
         note += " Dashed black: the truth." if results.truth is not None else ""
-        truth = floor_plots.Places.of(results.truth) if results.truth is not None else None
-        pictures.append(picture("Floor", floor_plots.floor_plot(places, scene, truth), note))
+        truth = plots.Places.of(results.truth) if results.truth is not None else None
+        pictures.append(picture("Floor", plots.floor_plot(places, scene, truth), note))
     observed = places.observed()
     if len(observed):
-        note = f"Time that people spent in each cell of {floor_plots.HEAT_CELL_M:.1f} m, on a logarithmic scale."
-        heat = picture("Heat map", floor_plots.heat_plot(observed, results.clock.frame_s, scene), note)
+        note = f"Time that people spent in each cell of {plots.HEAT_CELL_M:.1f} m, on a logarithmic scale."
+        heat = picture("Heat map", plots.heat_plot(observed, results.clock.frame_s, scene), note)
         pictures.append(heat._replace(keep_colours=True))
     return pictures
 

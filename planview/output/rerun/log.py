@@ -1,4 +1,4 @@
-"""A run as a rerun recording: image, foreground, disparity, 3D view, plan-view maps, decisions and time series."""
+"""A rerun recording of a run."""
 
 from __future__ import annotations
 
@@ -11,28 +11,115 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from calib.errors import WorkError
+from calib.errors import InputError, WorkError
 from calib.types import U8
-from planview.drawing.colours import person_rgb
 from planview.drawing.plan import PlanBounds, bounds_of
+from planview.drawing.style import person_rgb
 from planview.engine.engine import Engine, FrameResult
+from planview.evaluation.significant import SignificantError
 from planview.maps.view import StereoView
-from planview.output.rerun.blueprint import blueprint, other_heads, shown_floor
+from planview.output.report.page import errors_of, scores_of
 from planview.output.rerun.parts import RrdParts, rarer
-from planview.output.rerun.scene import StaticScene, map_image, metre_grid
-from planview.output.rerun.series import SeriesBlocks
 from planview.output.rerun.shapes import (
+    StaticScene,
+    blueprint,
     disparity_photo,
     label_of,
     label_places,
+    map_image,
+    metre_grid,
     mosaic,
+    other_heads,
     outlines,
     photo,
     point_colours,
+    shown_floor,
     strips_of,
 )
-from planview.output.rerun.verdict import log_verdict
+from planview.output.results import RunResults, read_results
 from planview.trajectories.state import TrackState
+from planview.trajectories.table import Trajectories
+
+BLOCK_FRAMES = 256
+"""Frames whose numbers are sent together (our choice: 17 s at 15 Hz)."""
+
+
+class SeriesBlocks:
+    """Gathers numbers by path and sends them as columns."""
+
+    def __init__(self) -> None:
+        self._rows: dict[str, list[tuple[int, float, float]]] = {}  # frame, time [s], value
+        self._frames = 0
+
+    def add(self, stream: rr.RecordingStream, frame: int, time_s: float, values: dict[str, float]) -> None:
+        """The numbers of a frame, by path."""
+        for path, value in values.items():
+            self._rows.setdefault(path, []).append((frame, time_s, value))
+        self._frames += 1
+        if self._frames >= BLOCK_FRAMES:
+            self.flush(stream)
+
+    def flush(self, stream: rr.RecordingStream) -> None:
+        """Send what has been gathered."""
+        for path, rows in self._rows.items():
+            frames, times, values = zip(*rows, strict=True)
+            indexes = [rr.TimeColumn("frame", sequence=frames), rr.TimeColumn("time", duration=times)]
+            rr.send_columns(path, indexes, rr.Scalars.columns(scalars=values), recording=stream)
+        self._rows, self._frames = {}, 0
+
+
+HEIGHT_M = 1.7
+"""Of a true person whose height is not known."""
+TRUTH_COLOUR = (255, 255, 255)
+
+
+def log_verdict(stream: rr.RecordingStream, folder: Path) -> RunResults | None:
+    """Log the truth of the recording and the errors against it, where there is one.
+
+    Args:
+        folder: of the run, its tables complete.
+    Returns:
+        What the run left; None where it cannot be read.
+    """
+    try:
+        results = read_results(folder)
+        errors = errors_of(scores_of(results))
+    except (InputError, WorkError):
+        return None
+    if results.truth is not None:
+        _log_truth(stream, results, results.truth)
+    _log_errors(stream, results, errors)
+    return results
+
+
+def _log_truth(stream: rr.RecordingStream, results: RunResults, truth: Trajectories) -> None:
+    """Points on the floor and at the heads, a row per frame."""
+    frames, starts, counts = np.unique(truth.frame, return_index=True, return_counts=True)
+    if not len(frames):
+        return
+    rows = slice(int(starts[0]), int(starts[-1] + counts[-1]))
+    xy = np.column_stack([truth.x_m[rows], truth.y_m[rows]])
+    heights = np.nan_to_num(truth.height_m[rows], nan=HEIGHT_M)
+    indexes = [
+        rr.TimeColumn("frame", sequence=frames),
+        rr.TimeColumn("time", duration=results.clock.at(frames)),
+    ]
+    for path, z, radius in (("plan/truth", np.full(len(xy), 0.04), 0.06), ("world/truth", heights, 0.05)):
+        points = np.column_stack([xy, z]).astype(np.float32)
+        columns = rr.Points3D.columns(positions=points).partition(counts)
+        rr.send_columns(path, indexes, columns, recording=stream)
+        stream.log(path, rr.Points3D.from_fields(colors=[TRUTH_COLOUR], radii=[radius]), static=True)
+
+
+def _log_errors(stream: rr.RecordingStream, results: RunResults, errors: list[SignificantError]) -> None:
+    for error in errors:
+        stream.set_time("frame", sequence=error.frame)
+        stream.set_time("time", duration=float(results.clock.at(np.array([error.frame]))[0]))
+        who = [f"person {error.truth_id}"] if error.truth_id is not None else []
+        who += [f"track {error.track_id}"] if error.track_id is not None else []
+        text = f"{error.kind.replace('_', ' ')}: {', '.join(who)}: {error.note}"
+        stream.log("errors", rr.TextLog(text, level=rr.TextLogLevel.ERROR))
+
 
 TRAIL_S = 10.0
 """Length of the trails behind people [s]."""

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from benchmarks.tables import walkers, write_run
 from planview.counting.rules import load_rules
-from planview.output.info import read_run_info
+from planview.output.folder import read_run_info
 from planview.trajectories.table import read_tracks, read_truth
 
 

@@ -16,8 +16,7 @@ from calib.rig import StereoRig, save_rig
 from calib.types import U8
 from planview.checks.check import at_least, at_most, between
 from planview.checks.examine import Diagnosis, examine
-from planview.checks.motion import best_lag
-from planview.checks.timing import longest_step
+from planview.checks.timing import best_lag, longest_step
 from planview.cli import main
 
 RIG = toy_rig(rotation_deg=(0.4, -0.6, 1.0))

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from calib.types import U8
-from planview.checks.motion import MotionFindings, MotionWatch, Thumbnails, thumbnails
-from planview.checks.timing import motion_checks
+from planview.checks.timing import MotionFindings, MotionWatch, Thumbnails, motion_checks, thumbnails
 
 FRAMES = 60
 

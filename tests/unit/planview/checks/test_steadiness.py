@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from calib.types import U8
-from planview.checks.steadiness import THUMBNAIL, Steadiness, Steady
+from planview.checks.camera import THUMBNAIL, Steadiness, Steady
 
 
 def scene(seed: int) -> U8:

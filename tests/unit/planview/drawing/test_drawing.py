@@ -7,11 +7,9 @@ import pytest
 
 from calib.ground_camera import GroundCamera
 from calib.types import U8
-from planview.drawing.colours import as_bgr, person_rgb
 from planview.drawing.image import ImagePainter
-from planview.drawing.labels import Labels
-from planview.drawing.moment import Moment, Rule, moment_at, rules_of
-from planview.drawing.plan import PlanBounds, PlanPainter, bounds_of
+from planview.drawing.plan import Moment, PlanBounds, PlanPainter, Rule, bounds_of, moment_at, rules_of
+from planview.drawing.style import Labels, as_bgr, person_rgb
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import positions_table
 

@@ -5,7 +5,7 @@ import io
 from numba import njit
 from rich.console import Console
 
-from planview.output.compiling import compile_notice
+from planview.output.progress import compile_notice
 
 
 def test_compiled_kernels_are_told_and_cached_ones_are_not() -> None:

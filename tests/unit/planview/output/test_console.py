@@ -2,7 +2,7 @@ import io
 
 from rich.table import Table
 
-from planview.output.console import PlainConsole
+from planview.output.progress import PlainConsole
 
 EVIL = "out\x1b]0;owned\x07\x1b[31m[bold]x[/]\udcff"
 

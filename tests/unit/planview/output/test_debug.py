@@ -14,11 +14,10 @@ from planview.cli import main
 from planview.engine.config import Config, load_config
 from planview.engine.engine import FrameResult
 from planview.engine.factory import open_engine
-from planview.output.checkpoint.encode import encode
-from planview.output.debug.again import changed_memory, track_again
-from planview.output.debug.difference import difference_text
+from planview.output.memory import encode
+from planview.output.replay import changed_memory, difference_text, track_again
+from planview.output.results import read_results
 from planview.output.run import RunOptions, run
-from planview.output.scene.results import read_results
 from planview.tracking.template import TemplateTracker, TemplateTrackerParams
 
 TRACKER = "ellipse-particle"

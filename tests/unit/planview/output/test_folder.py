@@ -7,9 +7,16 @@ import pytest
 from full_disk import fill_disk_after
 
 from calib.errors import InputError, WorkError
-from planview.output.folder import PRODUCTS, check_folder, finished_run, prepare_folder
-from planview.output.frame_file import FrameFile
-from planview.output.info import RunInfo, read_run_info, write_run_info
+from planview.output.folder import (
+    PRODUCTS,
+    RunInfo,
+    check_folder,
+    finished_run,
+    prepare_folder,
+    read_run_info,
+    write_run_info,
+)
+from planview.output.tables import FrameFile
 
 
 def header(file: IO[str]) -> None:

@@ -11,13 +11,12 @@ from pathlib import Path
 import pytest
 
 from calib.errors import InputError
-from planview.output.folder import prepare_folder
-from planview.output.lock import LOCK_NAME, folder_lock
+from planview.output.folder import LOCK_NAME, folder_lock, prepare_folder
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from planview.output.lock import folder_lock
+from planview.output.folder import folder_lock
 with folder_lock(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from planview.output.memory import return_unused_memory
+from planview.output.run import return_unused_memory
 
 
 class CLibrary:

@@ -9,7 +9,7 @@ import pytest
 
 from planview.cli import main
 from planview.engine.factory import open_engine
-from planview.output.info import PaceInfo, read_run_info
+from planview.output.folder import PaceInfo, read_run_info
 from planview.output.pace import Pace
 from planview.output.run import RunOptions, run
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from planview.cli import main
-from planview.output.info import RunInfo, read_run_info, write_run_info
+from planview.output.folder import RunInfo, read_run_info, write_run_info
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from planview.output.schedule import Schedule
+from planview.output.run import Schedule
 
 
 @pytest.fixture

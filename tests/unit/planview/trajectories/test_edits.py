@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from planview.trajectories.edits import edited
+from planview.offline.edit import edited
 from planview.trajectories.regions import Region
 from planview.trajectories.table import Trajectories, positions_table
 

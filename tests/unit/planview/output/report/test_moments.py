@@ -9,9 +9,8 @@ import numpy as np
 
 from calib.types import U8
 from planview.output.report.moments import busiest_frame, scene_pictures
-from planview.output.report.scores import errors_of, scores_of
-from planview.output.scene.frames import open_frames
-from planview.output.scene.results import read_results
+from planview.output.report.page import errors_of, scores_of
+from planview.output.results import open_frames, read_results
 
 
 def decoded(uri: str) -> U8:

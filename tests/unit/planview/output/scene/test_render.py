@@ -9,8 +9,8 @@ import pytest
 
 from planview.cli import main
 from planview.counting.events import Event
-from planview.drawing.colours import as_bgr, person_rgb
-from planview.output.scene.compose import Tally
+from planview.drawing.style import as_bgr, person_rgb
+from planview.output.render import Tally
 
 
 def render(*words: object) -> None:

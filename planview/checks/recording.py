@@ -1,4 +1,4 @@
-"""What the checks look at, gathered once: the frames, disparities and floor of a run."""
+"""The frames, disparities and floor that the checks look at."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Does one camera stand still and show one scene? Told from thumbnails while it is tracked, in constant memory."""
+"""Whether the camera stood still."""
 
 from __future__ import annotations
 
