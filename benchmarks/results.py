@@ -13,7 +13,7 @@ from calib.errors import InputError
 from calib.text import reason
 from planview.evaluation.result import KINDS
 
-WAYS = {"online": "online", "refined": "refined (`planview refine`)", "peer": "naive engine"}
+WAYS = {"online": "online", "refined": "refined (`planview edit --refine`)", "peer": "naive engine"}
 """Ways of tracking, as the tables call them."""
 SAME_S = 2.0
 """A refined error of the same kind and person begins within so much of the online one [s]."""

@@ -131,13 +131,13 @@ class Diagnosis:
         return all(check.ok for check in self.checks)
 
     def to_json(self) -> dict[str, Any]:
-        """The ``--json`` object of ``planview doctor``: ``ok`` and ``checks``."""
+        """The ``--json`` object of ``planview check``: ``ok`` and ``checks``."""
         return {"ok": self.ok, "checks": [check.to_json() for check in self.checks]}
 
 
 def examine(
     path: Path,
-    calibration: Path | None = None,
+    options: OpenOptions | None = None,
     *,
     frames: int = 60,
     person_height_m: float | None = None,
@@ -149,6 +149,7 @@ def examine(
     with the reason, and nothing else is asked.
 
     Args:
+        options: how the recording is opened.
         frames: consecutive frames to look at for movement, besides some spread over the recording.
         person_height_m: height of the people in it, when known: checks baseline and units.
         search: how a run looks for the floor, with the defaults of a run when None.
@@ -159,7 +160,7 @@ def examine(
     if not path.exists():
         raise InputError(f"{path}: expected a recording (folder or video), found nothing there")
     try:
-        recording = open_any(path, OpenOptions(calibration))
+        recording = open_any(path, options)
     except InputError as error:
         return Diagnosis((Check("calibration and layout", False, 0.0, note=str(error)),), None)
     if not isinstance(recording, StereoRecording):

@@ -65,7 +65,7 @@ def sweep(
     Parameters
     ----------
     sources
-        A study file (.toml), or recordings: stereo, single-camera, or maps.h5 that planview run --save-maps wrote.
+        A study file (.toml), or recordings: stereo, single-camera, or maps.h5 that planview run --maps wrote.
     """
     options = options or SweepOptions()
     study, names, out = _study(sources, options)

@@ -19,8 +19,7 @@ from planview.engine.engine import FrameResult, StageClock, beyond
 from planview.engine.feedback import Feedback
 from planview.engine.frames import MatchedFrame, Separated
 from planview.engine.front_end import FrontEnd
-from planview.engine.kept_setup import KeptSetup, set_up_kept
-from planview.engine.setup import AnySetup
+from planview.engine.setup import AnySetup, set_up_any
 from planview.foreground.mixture import Foreground
 from planview.maps.builder import MapBuilder
 from planview.maps.one_statistic import reduced
@@ -89,7 +88,6 @@ class Pipeline(StereoDescription):
         tracker: Tracker | None = None,
         matcher: Matcher | None = None,
         ablation: str | None = None,
-        kept: KeptSetup | None = None,
     ) -> Pipeline:
         """Open a recording, find its floor and get ready.
 
@@ -97,14 +95,13 @@ class Pipeline(StereoDescription):
             options: how the recording is opened (calibration, rate, topics).
             tracker, matcher: see the constructor.
             ablation: a part of the engine to switch off, by its name in ``ABLATIONS``.
-            kept: what an earlier run found out, or where this one keeps it.
         Raises:
             InputError: no such recording, calibration or ablation.
             WorkError: no floor is visible.
         """
         config = ablated(ablation, config) if ablation else config or Config()
         recording = open_any(Path(path), options)
-        return Pipeline(recording, set_up_kept(recording, config, kept), config, tracker, matcher)
+        return Pipeline(recording, set_up_any(recording, config), config, tracker, matcher)
 
     @property
     def checks(self) -> tuple[Check, ...]:

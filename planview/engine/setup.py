@@ -196,7 +196,7 @@ def refuse_foreign(path: Path, rectifier: Rectifier, matches: F64) -> None:
     if rows > MAX_ROW_OFFSET_PX:
         raise WorkError(
             f"{path}: expected matched corners on the same row, found them {rows:.1f} px of 640 off: "
-            "left and right are swapped, or the calibration is another rig's (planview doctor tells)"
+            "left and right are swapped, or the calibration is another rig's (planview check tells)"
         )
 
 

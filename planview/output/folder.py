@@ -35,7 +35,7 @@ class RunWarning(InfoPart):
     """A check of the recording that failed before or during the run."""
 
     name: str
-    """As ``planview doctor`` calls it."""
+    """As ``planview check`` calls it."""
     value: float | None = None
     """What was found; None when it could not be measured."""
     unit: str = ""
@@ -44,7 +44,7 @@ class RunWarning(InfoPart):
 
 
 class PaceInfo(InfoPart):
-    """How a run in real time kept up (``planview run --pace``).
+    """How a run in real time kept up (``run.real_time``).
 
     Latency is the time from the moment that a frame's timestamp says to its tracks in tracks.csv.
     """
@@ -79,7 +79,7 @@ class RunInfo(InfoPart):
     config: dict[str, JsonValue] = Field(default_factory=dict)
     """The full effective configuration, a table per stage."""
     refined: bool = False
-    """tracks.csv was refined after the run (``planview refine``); tracks_online.csv holds what was tracked online."""
+    """tracks.csv was refined after the run (``planview edit --refine``); tracks_online.csv holds the online tracks."""
     frames_read: int = 0
     frames_skipped: int = 0
     skipped: list[SkippedFrame] = Field(default_factory=list)

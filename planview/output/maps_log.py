@@ -31,7 +31,7 @@ class MapsLog:
 
     def __init__(self, engine: Engine, path: Path, position: Mapping[str, int] | None = None) -> None:
         if engine.stereo is None:
-            raise InputError("--save-maps: expected a stereo pair or images with depth, found a single camera")
+            raise InputError("--maps: expected a stereo pair or images with depth, found a single camera")
         self._engine, self._step, self._path = engine, engine.stereo.reduction, path
         self._parts = 0 if position is None else self._kept_parts(position["parts"])
         self._writer: MapsWriter | None = self._new_writer(self._open_path)
@@ -44,7 +44,7 @@ class MapsLog:
         """
         maps, disparity = result.observation.maps, result.disparity
         if maps is None or disparity is None:
-            raise InputError("--save-maps: expected a recording with images, found recorded maps")
+            raise InputError("--maps: expected a recording with images, found recorded maps")
         reduced = np.ascontiguousarray(disparity[:: self._step, :: self._step])
         self._writer = self._writer or self._new_writer(self._open_path)
         self._writer.add(MapsFrame.of(result.frame, result.timestamp_s, maps.points, reduced))
@@ -96,7 +96,9 @@ class MapsLog:
     def _new_writer(self, path: Path) -> MapsWriter:
         stereo = self._engine.stereo
         assert stereo is not None
-        return MapsWriter(path, stereo, self._engine.config.model_dump_json(), self._engine.recording.fps)
+        return MapsWriter(
+            path, stereo, self._engine.config.model_dump_json(exclude={"run"}), self._engine.recording.fps
+        )
 
     def _end_part(self) -> None:
         if self._writer is None:

@@ -61,13 +61,7 @@ class Pace:
         self._dropped = 0
 
     def results(self, engine: Engine) -> Iterator[FrameResult]:
-        """Track the newest due frame of the engine's recording, again and again until the recording ends.
-
-        The clock starts when kernels are loaded or compiled (``warm_up``).
-        """
-        from planview.engine.warm import warm_up  # all trackers' modules, and only such runs need them
-
-        warm_up(engine)
+        """Track the newest due frame of the engine's recording, again and again until the recording ends."""
         recording = engine.recording
         is_device = getattr(recording, "is_live", False) and not getattr(recording, "waits", False)
         frames = newest(self._arriving(recording), 1, self._drop) if is_device else self._newest_due(recording)

@@ -20,7 +20,7 @@ from calib.errors import InputError, WorkError
 from calib.files import whole_file
 from calib.types import U8
 from planview.engine.engine import Engine
-from planview.output.folder import finished_run, products_in, read_run_info
+from planview.output.folder import products_in, read_run_info
 from planview.output.memory import Encoded, encode
 from planview.output.tables import FilePosition, holds
 
@@ -229,11 +229,6 @@ def checkpoint_of(folder: Path, identity: dict[str, Any], tell: Callable[[str], 
     if products_in(folder):
         tell(f"{folder}: holds no checkpoint to go on from; the run begins anew")
     return None
-
-
-def is_finished(folder: Path) -> bool:
-    """Whether nothing is left to go on with."""
-    return folder.is_dir() and finished_run(folder) is not None
 
 
 def _position(values: list[int]) -> FilePosition:

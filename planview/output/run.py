@@ -25,7 +25,7 @@ from planview.counting.clock import Span
 from planview.counting.stream import Analytics
 from planview.counting.totals import Counts
 from planview.engine.engine import Engine, FrameResult
-from planview.output.folder import RunInfo, SkippedFrame, folder_lock, write_result, write_run_info
+from planview.output.folder import RunInfo, SkippedFrame, folder_lock, prepare_folder, write_result, write_run_info
 from planview.output.memory import decode, encode
 from planview.output.pace import Pace
 from planview.output.resume import Checkpoint, digest_of, identity_of, remove_checkpoints, write_checkpoint
@@ -183,6 +183,17 @@ def run(
     return info
 
 
+def begin_run(engine: Engine, folder: Path, options: RunOptions, *, overwrite: bool) -> None:
+    """Make an empty folder for a run and say in its ``run.json`` whose it is, before anything else is written.
+
+    Raises:
+        InputError: results of another run, unless they are to be replaced.
+        WorkError: it cannot be written.
+    """
+    prepare_folder(folder, overwrite)
+    write_run_info(_info_of(engine, options).model_copy(update={"state": "running"}), folder / "run.json")
+
+
 class _Run:
     """One run: its parts, and the steps that ``run`` puts in order."""
 
@@ -201,7 +212,8 @@ class _Run:
                 stack.callback(log.close)
             interrupts = stack.enter_context(Interrupts())
             frames = self._frames(checkpoint)
-            write_run_info(self._information("running"), self._folder / "run.json")
+            if checkpoint is not None or not (self._folder / "run.json").is_file():
+                write_run_info(self._information("running"), self._folder / "run.json")
             tables = stack.enter_context(closing(self._tables(checkpoint)))
             is_live = getattr(self._engine.recording, "is_live", False)
             marks = Schedule(0.0 if is_live or options.pace else options.checkpoint_every_s)

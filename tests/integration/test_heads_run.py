@@ -38,7 +38,7 @@ def test_a_person_seen_by_two_heads_is_one_person(say: Say, heads: Path, engine:
 
 
 def test_maps_of_several_heads_are_not_saved_and_why(say: Say, heads: Path, tmp_path: Path) -> None:
-    status, told = run_few(say, heads, tmp_path / "out", "--save-maps")
+    status, told = run_few(say, heads, tmp_path / "out", "--maps")
     assert status == 2
     assert "several heads" in one_sentence(told)
 

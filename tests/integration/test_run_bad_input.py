@@ -145,7 +145,7 @@ def test_a_truncated_video_is_tracked_to_its_end(say: Say, pairs: list[Pair], co
         (["--set", "maps.no_such=1"], "maps.no_such"),
         (["--set", "maps.cell_m=7"], "maps.cell_m"),
         (["--tracker", "telepathy"], "telepathy"),
-        (["--tracker", "human-model"], "--camera"),
+        (["--tracker", "human-model"], "--calibration"),
         (["--frames", "-1"], "--frames"),
         (["--rules", "none.toml"], "none.toml"),
         (["--config", "none.toml"], "none.toml"),

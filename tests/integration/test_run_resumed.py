@@ -82,7 +82,10 @@ def test_rows_that_were_changed_since_the_checkpoints_are_not_gone_on_from(
 
 def test_another_recording_or_option_is_not_gone_on_with(say: Say, copy: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert say("run", copy, "--out", out, "--set", FEW, "--frames", 3, "--checkpoint-every", FREQUENT_S)[0] == 0
+    assert (
+        say("run", copy, "--out", out, "--set", FEW, "--frames", 3, "--set", f"run.checkpoint_every_s={FREQUENT_S}")[0]
+        == 0
+    )
     (out / "run.json").write_text((out / "run.json").read_text().replace('"finished": true', '"finished": false'))
     status, told = say("run", copy, "--out", out, "--set", "analysis.setup_frames=5", "--resume")
     assert status == 2

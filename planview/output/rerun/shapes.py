@@ -34,7 +34,7 @@ def photo(image: U8) -> rr.EncodedImage:
 
 
 def disparity_photo(disparity: F32, stereo: StereoView) -> rr.EncodedImage:
-    """Near red, far blue, invalid black (as ``planview doctor`` shows it), at the size of foreground and maps."""
+    """Near red, far blue, invalid black (as ``planview check`` shows it), at the size of foreground and maps."""
     reduced = disparity[:: stereo.reduction, :: stereo.reduction]
     first, span = stereo.disparities.first_px, stereo.disparities.count
     known = np.isfinite(reduced)

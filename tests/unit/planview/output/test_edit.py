@@ -77,7 +77,7 @@ def test_nothing_to_undo_and_unfinished_runs_are_refused(run: Path, capsys: pyte
 
 def test_refinement_does_not_write_over_edits(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said(capsys, str(run), "--delete", "2")
-    assert run_command("refine", str(run)) == 2
+    assert run_command("edit", str(run), "--refine") == 2
     assert "its tracks were edited" in capsys.readouterr().err
 
 

@@ -119,8 +119,9 @@ def test_run_in_real_time_keeps_its_pace_in_run_json_and_writes_no_checkpoint(st
 
 
 def test_run_in_real_time_cannot_be_resumed(street: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["run", str(tmp_path / "street"), "--out", str(tmp_path / "paced"), "--pace", "--resume"]
+    words = ["run", str(tmp_path / "street"), "--out", str(tmp_path / "paced"), "--set", "run.real_time=true"]
+    words.append("--resume")
     with pytest.raises(SystemExit) as ended:
         main(words)
     assert ended.value.code == 2
-    assert "expected --resume or --pace, found both" in capsys.readouterr().err
+    assert "expected --resume or run.real_time, found both" in capsys.readouterr().err

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planview.commands import view as command
+from planview.commands import results as command
 from planview.output.rerun.parts import RrdParts, quiet_environment, recorded_parts
 from planview.output.rerun.shapes import LABEL_APART_M, label_places, mosaic, outlines
 from planview.trajectories.state import TrackState

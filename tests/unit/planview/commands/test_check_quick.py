@@ -7,7 +7,7 @@ import pytest
 from toy_stereo import toy_rig
 
 from calib.rig import save_rig
-from planview.commands.inspect import inspect
+from planview.commands.recordings import check
 
 
 def recording(folder: Path) -> Path:
@@ -21,7 +21,7 @@ def recording(folder: Path) -> Path:
 
 
 def inspected(path: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
-    inspect(path, json_output=True)
+    check(path, quick=True, json_output=True)
     found: dict[str, object] = json.loads(capsys.readouterr().out)
     return found
 
@@ -46,6 +46,6 @@ def test_inspect_names_the_option_that_supplies_what_is_missing(
 
 
 def test_inspect_shows_a_table_for_people(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    inspect(recording(tmp_path))
+    check(recording(tmp_path), quick=True)
     shown = capsys.readouterr().out
     assert "32x24" in shown and "1 without a mate" in shown

@@ -1,7 +1,9 @@
-"""``planview render``."""
+"""``planview report``, ``render`` and ``view``: a run shown to people."""
 
 from __future__ import annotations
 
+import subprocess
+import sysconfig
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,11 +12,43 @@ from cyclopts import Parameter
 from rich.progress import track
 
 from calib.errors import InputError, WorkError
-from planview.commands.options import Flag
-from planview.commands.spans import frame_span
+from calib.text import reason
+from planview.commands.options import Flag, frame_span
 from planview.output.progress import PlainConsole
 from planview.output.render import FilmWriter, SceneComposer, scene_pictures_of, write_still
+from planview.output.report.compare import write_comparison
+from planview.output.report.page import write_report
+from planview.output.rerun.parts import quiet_environment, recorded_parts
 from planview.output.results import RunResults, SceneFrames, open_frames, read_results
+
+
+def report(*folders: Path, out: Path | None = None, truth: Path | None = None) -> None:
+    """Write report.html of a run again, or one page that compares several runs: settings, errors, time.
+
+    Example: planview report out
+
+    Example of a comparison: planview report out/narrow out/wide --out compare.html
+
+    Parameters
+    ----------
+    folders
+        Output folders of runs.
+    out
+        Page that compares them; compare.html here when not given. The page of one run is report.html in its folder.
+    truth
+        True people; truth.csv of each recording when not given.
+    """
+    if not folders:
+        raise InputError("planview report: expected the folder of a run, found none")
+    if len(folders) == 1 and out is not None:
+        raise InputError("--out: expected several runs with it (the page of one is report.html in its folder)")
+    if len(folders) == 1:
+        page = write_report(folders[0], truth=truth)
+    else:
+        page = out or Path("compare.html")
+        page.parent.mkdir(parents=True, exist_ok=True)
+        write_comparison(folders, page, truth)
+    PlainConsole(stderr=True, soft_wrap=True).print(str(page))
 
 
 @Parameter(name="*")
@@ -103,3 +137,42 @@ def _film(
         writer.close(complete=complete)
     if not writer.count:
         raise WorkError(f"{path}: none of the frames {first} to {last} can be read")
+
+
+def view(folder: Path, *, port: int = 9876, web: Flag = False, web_port: int = 9090) -> None:
+    """Open a run in the rerun viewer, which listens on this machine only and sends no usage statistics.
+
+    Example: planview view out
+
+    Example on a machine without a display: planview view out --web; then, on yours, ssh -L 9090:127.0.0.1:9090 -L
+    9876:127.0.0.1:9876 MACHINE, and open the address that it prints.
+
+    Parameters
+    ----------
+    folder
+        Output folder of a run made with --rrd, or an .rrd file.
+    port
+        Port of the viewer, or with --web of the data, on 127.0.0.1.
+    web
+        Serve the viewer to a browser instead of opening a window.
+    web_port
+        Port of the page, on 127.0.0.1.
+    """
+    parts = [folder] if folder.suffix == ".rrd" else recorded_parts(folder)
+    if not parts or not parts[0].is_file():
+        raise InputError(f"{folder / 'run.rrd'}: expected a rerun recording, found none; add --rrd to planview run")
+    viewer = Path(sysconfig.get_path("scripts")) / "rerun"
+    command = [str(viewer), "--bind", "127.0.0.1", "--port", str(port)]
+    if web:
+        command += ["--serve-web", "--web-viewer-port", str(web_port), "--server-memory-limit", "75%"]
+        data = f"rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{port}%2Fproxy"
+        PlainConsole(stderr=True, soft_wrap=True).print(
+            f"open http://127.0.0.1:{web_port}/?url={data}   (Ctrl-C ends it)"
+        )
+    try:
+        status = subprocess.run([*command, *map(str, parts)], check=False, env=quiet_environment()).returncode
+    except OSError as error:
+        raise WorkError(f"the rerun viewer cannot be started ({reason(error)}); is rerun-sdk installed?") from error
+    if status != 0:
+        hint = "is the port free?" if web else "it needs a display and a graphics driver; --web needs none"
+        raise WorkError(f"the rerun viewer ended with status {status} ({hint})")

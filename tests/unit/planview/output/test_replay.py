@@ -1,4 +1,4 @@
-"""``planview debug``: a run again with a parameter changed."""
+"""``planview replay``: a run again with a parameter changed."""
 
 import json
 import math
@@ -52,7 +52,7 @@ def test_command_draws_both_and_says_what_differs(
 ) -> None:
     words = ["--frame", "25", "--set", "single_camera.foreground.gaussians=2", "--png", str(tmp_path / "both.png")]
     with pytest.raises(SystemExit, match="0"):
-        main(["debug", str(ellipses), *words])
+        main(["replay", str(ellipses), *words])
     assert "tracks" in capsys.readouterr().out
     picture = cv2.imread(str(tmp_path / "both.png"))
     assert picture is not None and picture.shape[0] > 2 * 480
@@ -60,7 +60,7 @@ def test_command_draws_both_and_says_what_differs(
 
 def test_frame_beyond_the_run_is_refused(ellipses: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
-        main(["debug", str(ellipses), "--frame", "99"])
+        main(["replay", str(ellipses), "--frame", "99"])
     assert "from 0 to 29" in capsys.readouterr().err
 
 

@@ -1,4 +1,4 @@
-"""``planview inspect``."""
+"""``planview check``: what a recording holds, and whether it is to be trusted."""
 
 from __future__ import annotations
 
@@ -13,46 +13,128 @@ from rich.markup import escape
 from rich.table import Table
 
 from calib.camera import Camera
-from calib.errors import InputError
-from planview.commands.options import JsonFlag
-from planview.commands.source import open_options
-from stereo.readers import find_layout
+from calib.errors import InputError, WorkError
+from calib.length import parse_length
+from planview.checks.check import Check
+from planview.checks.examine import Diagnosis, examine, write_pictures
+from planview.commands.options import Flag, JsonFlag, open_options
+from planview.engine.config import load_config
+from planview.engine.setup import floor_search
+from planview.output.progress import PlainConsole
+from stereo.readers import OpenOptions, find_layout
 from stereo.readers.pair import StereoRecording
 from stereo.readers.rates import rate_of_times
 from stereo.readers.reader import AnyRecording, Layout, Reader, Stream
 
 
-def inspect(
+def check(
     recording: Path,
     *,
+    quick: Flag = False,
     calibration: Path | None = None,
     topics: str | None = None,
     fps: float | None = None,
+    person_height: str | None = None,
+    frames: int = 60,
+    out: Path | None = None,
+    config: Path | None = None,
     json_output: JsonFlag = False,
 ) -> None:
-    """Say what a recording holds: layout, cameras, rates, gaps, calibration, and what is missing.
+    """Check a recording and its calibration before trusting results; exit status 1 when a check fails.
 
-    Example: planview inspect recording.bag
+    Example: planview check recording --person-height 1.78m --out pictures
+
+    Example of what it holds only, without looking at its images: planview check recording.bag --quick
 
     Parameters
     ----------
     recording
         Folder, video, bag or address of a recording.
+    quick
+        Say what it holds: layout, cameras, rates, gaps, calibration, and what is missing. The options below --fps do
+        not concern this.
     calibration
-        Calibration file or folder, instead of the one in the recording.
+        Calibration file or folder, instead of the one beside the recording.
     topics
         Topics of a bag, LEFT,RIGHT or IMAGE,DEPTH, where they are not clear from their names.
     fps
         Frames per second, in place of the recording's own times.
+    person_height
+        Height of a person who walks through, e.g. 1.78m: checks baseline and units.
+    frames
+        Consecutive frames to look at for movement, besides those in which a run measures its floor.
+    out
+        Folder for pictures: rectified rows, disparity, floor, exposure.
+    config
+        TOML file with the parameters of the run to come: analysis.setup_frames and tables rectify, sgbm, range, floor.
     json_output
         Print one JSON object.
     """
-    reader, layout = find_layout(recording, open_options(calibration, fps, topics))
+    opening = open_options(calibration, fps, topics)
+    if quick:
+        _inspect(recording, opening, json_output)
+        return
+    if not 4 <= frames <= 2000:
+        raise InputError(f"--frames: expected 4 to 2000, found {frames}")
+    known = None if person_height is None else _height(person_height)
+    search = floor_search(load_config(config))
+    diagnosis = examine(recording, opening, frames=frames, person_height_m=known, search=search)
+    if json_output:
+        print(json.dumps(diagnosis.to_json(), allow_nan=False))
+    else:
+        PlainConsole(markup=True).print(table(diagnosis))
+    if out is not None and diagnosis.evidence is not None:
+        for path in write_pictures(diagnosis.evidence, out):
+            PlainConsole(stderr=True).print(f"wrote {path}", highlight=False)
+    failed = [check for check in diagnosis.checks if not check.ok]
+    if failed:
+        raise WorkError(
+            f"{recording}: {len(failed)} of {len(diagnosis.checks)} checks failed: "
+            + "; ".join(f"{c.name} ({c.note})" for c in failed)
+        )
+
+
+def _inspect(recording: Path, options: OpenOptions, json_output: bool) -> None:
+    reader, layout = find_layout(recording, options)
     found = _found(recording, reader, layout)
     if json_output:
         print(json.dumps(found, allow_nan=False))
     else:
         _show(found, Console(), reader.name)
+
+
+def table(diagnosis: Diagnosis) -> Table:
+    """The checks as a table for people."""
+    result = Table(title="planview check: " + ("passed" if diagnosis.ok else "refused"))
+    result.add_column("")
+    result.add_column("check")
+    result.add_column("value", justify="right")
+    result.add_column("limit", justify="right")
+    result.add_column("meaning")
+    for check in diagnosis.checks:
+        mark = "[green]ok[/]" if check.ok else "[bold red]NO[/]"
+        result.add_row(mark, check.name, value_text(check), limit_text(check), check.note)
+    return result
+
+
+def value_text(check: Check) -> str:
+    """Value with unit; a dash when it could not be measured."""
+    return f"{check.value:.3g} {check.unit}".strip() if math.isfinite(check.value) else "-"
+
+
+def limit_text(check: Check) -> str:
+    """The bound in words."""
+    if isinstance(check.limit, tuple):
+        return f"{check.limit[0]:.3g} to {check.limit[1]:.3g}"
+    return "" if check.limit is None else f"{check.rule} {check.limit:.3g}"
+
+
+def _height(text: str) -> float:
+    bare = text.strip().replace(".", "", 1).isdigit()
+    height = parse_length(f"{text}m" if bare else text, "--person-height")
+    if not 0.5 <= height <= 2.5:
+        raise InputError(f"--person-height: expected 0.5 to 2.5 m, found {height:g} m")
+    return height
 
 
 def _found(path: Path, reader: Reader, layout: Layout) -> dict[str, Any]:

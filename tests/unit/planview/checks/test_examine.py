@@ -204,7 +204,7 @@ def test_command_prints_json_and_refuses_with_status_one(
 ) -> None:
     folder = write_toy_recording(tmp_path / "r", RIG, [(b, a) for a, b in pairs[:6]])
     with pytest.raises(SystemExit) as stopped:
-        main(["doctor", str(folder), "--frames", "6", "--json", "--out", str(tmp_path / "pictures")])
+        main(["check", str(folder), "--frames", "6", "--json", "--out", str(tmp_path / "pictures")])
     assert stopped.value.code == 1
     printed = capsys.readouterr()
     result = json.loads(printed.out)
@@ -218,7 +218,7 @@ def test_command_prints_json_and_refuses_with_status_one(
 def test_command_refuses_a_height_without_sense(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     save_rig(RIG, tmp_path / "rig.toml")
     with pytest.raises(SystemExit) as stopped:
-        main(["doctor", str(tmp_path), "--person-height", "175m"])
+        main(["check", str(tmp_path), "--person-height", "175m"])
     assert stopped.value.code == 2 and "0.5 to 2.5 m" in capsys.readouterr().err
 
 
