@@ -18,7 +18,7 @@ from planview.output.progress import PlainConsole
 from planview.output.render import FilmWriter, SceneComposer, scene_pictures_of, write_still
 from planview.output.report.compare import write_comparison
 from planview.output.report.page import write_report
-from planview.output.rerun.parts import quiet_environment, recorded_parts
+from planview.output.rerun.file import quiet_environment
 from planview.output.results import RunResults, SceneFrames, open_frames, read_results
 
 
@@ -158,8 +158,8 @@ def view(folder: Path, *, port: int = 9876, web: Flag = False, web_port: int = 9
     web_port
         Port of the page, on 127.0.0.1.
     """
-    parts = [folder] if folder.suffix == ".rrd" else recorded_parts(folder)
-    if not parts or not parts[0].is_file():
+    recording = folder if folder.suffix == ".rrd" else folder / "run.rrd"
+    if not recording.is_file():
         raise InputError(f"{folder / 'run.rrd'}: expected a rerun recording, found none; add --rrd to planview run")
     viewer = Path(sysconfig.get_path("scripts")) / "rerun"
     command = [str(viewer), "--bind", "127.0.0.1", "--port", str(port)]
@@ -170,7 +170,7 @@ def view(folder: Path, *, port: int = 9876, web: Flag = False, web_port: int = 9
             f"open http://127.0.0.1:{web_port}/?url={data}   (Ctrl-C ends it)"
         )
     try:
-        status = subprocess.run([*command, *map(str, parts)], check=False, env=quiet_environment()).returncode
+        status = subprocess.run([*command, str(recording)], check=False, env=quiet_environment()).returncode
     except OSError as error:
         raise WorkError(f"the rerun viewer cannot be started ({reason(error)}); is rerun-sdk installed?") from error
     if status != 0:

@@ -265,7 +265,7 @@ def _text(owner: dict[str, object]) -> str:
 _NAMES = (
     "tracks.csv", "tracks_online.csv", "tracks_before.csv", "edits.json", "refinement.csv", "events.csv",
     "decisions.csv", "counts.json",
-    "run.json", "run.rrd", "run-[0-9]*.rrd", "maps.h5", "maps-[0-9]*.h5", "report.html", "scene.png",
+    "run.json", "run.rrd", "maps.h5", "maps-[0-9]*.h5", "report.html", "scene.png",
     "checkpoint.npz", "checkpoint.previous.npz",
 )  # fmt: skip
 _UNFINISHED = "an unfinished run; go on with --resume"

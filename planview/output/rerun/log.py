@@ -19,7 +19,7 @@ from planview.engine.engine import Engine, FrameResult
 from planview.evaluation.significant import SignificantError
 from planview.maps.view import StereoView
 from planview.output.report.page import errors_of, scores_of
-from planview.output.rerun.parts import RrdParts, rarer
+from planview.output.rerun.file import RrdFile, rarer
 from planview.output.rerun.shapes import (
     StaticScene,
     blueprint,
@@ -129,14 +129,12 @@ CLOUD_POINTS_MAX = 1500
 """Foreground points logged per frame at most: enough to recognise five people, in 24 kB (our choice)."""
 FLUSH_FRAMES = 100
 """So many frames may wait for rerun's thread: on a busy machine they would pile up in memory."""
-PART_FRAMES = 500
-"""Frames of a part of the recording (our choice: some 40 MB)."""
 FREE_BYTES_MIN = 64 * 2**20
 """Free disk space for the next frames [bytes]: rerun writes in a thread of its own, which hangs on a full disk."""
 
 
 class RerunLog:
-    """Writes ``run.rrd``, in parts while the run goes on (``planview.output.rerun.parts``).
+    """Writes ``run.rrd``.
 
     Args:
         engine: whose frames will come.
@@ -150,7 +148,7 @@ class RerunLog:
     """
 
     def __init__(self, engine: Engine, path: Path, position: Mapping[str, int] | None = None, every: int = 1) -> None:
-        self._engine, self._path, self._parts = engine, path, RrdParts(path, position)
+        self._engine, self._path, self._file = engine, path, RrdFile(path, position)
         self._check_room()
         self._stereo, self._asked_every = engine.stereo, every
         self._every = self._thinned()
@@ -158,39 +156,24 @@ class RerunLog:
         self._bounds: PlanBounds | None = None
         self._shown: set[str] = set()
         self._coloured: set[int] = set()
-        # All parts are one recording, since they share its id; the viewer keeps a layout per name of application.
+        # What a resumed run writes belongs to the same recording by its id; the viewer keeps a layout per application.
         application = "planview" if self._stereo else "planview-single"
         self._stream = rr.RecordingStream(application, recording_id=f"planview-{path.parent.name}")
-        self._frames_in_part = 0
-        self._stream.save(str(self._parts.open_path), default_blueprint=blueprint(self._engine, self._bounds))
+        self._frames = 0
+        self._stream.save(str(self._file.open_path), default_blueprint=blueprint(self._engine, self._bounds))
         self._series = SeriesBlocks()
         self._scene = StaticScene(engine.stereo) if engine.stereo else None
         self._log_static()
 
-    def _write_to(self, path: Path) -> None:
-        """Close the file written so far and begin another.
-
-        Without a layout, which the first part has: rerun makes a stream for each that it is given, and a stream keeps
-        2 MB for good.
-        """
-        self._stream.save(str(path))
-
-    def _next_part(self) -> None:
-        """rerun keeps a table of all that it has written of a file: files of bounded length bound its memory."""
-        self._series.flush(self._stream)
-        self._stream.flush()
-        self._parts.turn(self._write_to)
-        self._every, self._frames_in_part = self._thinned(), 0
-
     def _thinned(self) -> int:
         """Of every so many frames the images are logged now."""
-        return self._asked_every * rarer(self._parts.bytes_before())
+        return self._asked_every * rarer(self._file.size())
 
     def mark(self) -> dict[str, int]:
         """See ``RunLog``."""
         self._series.flush(self._stream)
         self._stream.flush()
-        return self._parts.position()
+        return self._file.position()
 
     def frame(self, result: FrameResult) -> None:
         """Log one frame, on the timelines ``frame`` and ``time``.
@@ -199,9 +182,6 @@ class RerunLog:
             WorkError: too little free disk space; the file is complete up to the frame before.
         """
         self._check_room()
-        if self._frames_in_part >= PART_FRAMES:
-            self._next_part()
-        self._frames_in_part += 1
         self._stream.set_time("frame", sequence=result.frame)
         self._stream.set_time("time", duration=result.timestamp_s)
         if self._scene is not None:
@@ -213,8 +193,10 @@ class RerunLog:
         self._log_people(result.tracks, result.timestamp_s)
         self._log_decisions(result)
         self._log_series(result)
-        if self._frames_in_part % FLUSH_FRAMES == 0:
+        self._frames += 1
+        if self._frames % FLUSH_FRAMES == 0:
             self._stream.flush()
+            self._every = self._thinned()
 
     def close(self) -> None:
         """See ``RunLog``."""
@@ -223,12 +205,13 @@ class RerunLog:
         if self._bounds is not None:
             self._stream.log("plan/grid", metre_grid(self._bounds), static=True)
             self._stream.send_blueprint(blueprint(self._engine, self._bounds))
+        self._stream.flush()
+        size = self._file.open_path.stat().st_size
         self._stream.disconnect()
-        self._parts.join()
+        self._file.close(size)
 
     def finish(self) -> None:
         """See ``RunLog``."""
-        self._parts.remove()
 
     def _check_room(self) -> None:
         free = shutil.disk_usage(self._path.parent).free

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from planview.commands import results as command
-from planview.output.rerun.parts import RrdParts, quiet_environment, recorded_parts
+from planview.output.rerun.file import quiet_environment
 from planview.output.rerun.shapes import LABEL_APART_M, label_places, mosaic, outlines
 from planview.trajectories.state import TrackState
 
@@ -27,16 +27,6 @@ def test_foreground_is_outlined_in_pixels_of_the_image() -> None:
     assert strips is not None
     (corners,) = strips.as_arrow_array().to_pylist()
     assert np.array(corners).min(axis=0).tolist() == [40, 20]
-
-
-def test_parts_follow_one_another_and_are_found_in_order(tmp_path: Path) -> None:
-    parts = RrdParts(tmp_path / "run.rrd")
-    for _ in range(11):
-        parts.open_path.write_bytes(b"part")
-        parts.turn(lambda path: None)
-    assert [path.name for path in recorded_parts(tmp_path)][-2:] == ["run-10.rrd", "run-11.rrd"]
-    (tmp_path / "run.rrd").write_bytes(b"whole")
-    assert [path.name for path in recorded_parts(tmp_path)] == ["run.rrd"]
 
 
 def test_viewer_sends_no_statistics(monkeypatch: pytest.MonkeyPatch) -> None:
