@@ -33,6 +33,7 @@ from stereo.depth import DepthFromDisparity, back_project
 from stereo.floor import FloorSearch
 from stereo.readers import OpenOptions, open_any
 from stereo.readers.pair import StereoRecording
+from stereo.sampled import SampledDisparity
 
 LINE_STEP_PX = 25
 FLOOR_BAND_M = 0.10
@@ -209,18 +210,18 @@ class RecordingWatch:
         self._valid: deque[float] = deque(maxlen=KEPT)
         self._things: deque[F64] = deque(maxlen=KEPT)
 
-    def update(self, pair: Thumbnails | None, disparity: F32 | None, foreground: U8 | None) -> None:
+    def update(self, pair: Thumbnails | None, sampled: SampledDisparity | None, foreground: U8 | None) -> None:
         """Take the next frame.
 
         Args:
             pair: of the rectified images.
-            disparity: (H, W) float32 [px], NaN invalid.
+            sampled: disparity; its image is made in every STEP-th frame only.
             foreground: (h, w) uint8 at the reduced size, non-zero where people are.
         """
         if pair is not None:
             self._motion.update(pair)
-        if disparity is not None and self._frames % STEP == 0:
-            self._look(disparity, foreground)
+        if sampled is not None and self._frames % STEP == 0:
+            self._look(sampled.image, foreground)
         self._frames += 1
 
     def checks(self) -> list[Check]:

@@ -9,9 +9,11 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.files import PART, sync, whole_file
+from calib.types import F32
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.recording import MapsFrame, MapsRecording
 from planview.maps.writer import MapsWriter
+from stereo.sampled import SampledDisparity
 
 
 class MapsLog:
@@ -42,10 +44,10 @@ class MapsLog:
         Raises:
             WorkError: the disk is full.
         """
-        maps, disparity = result.observation.maps, result.disparity
-        if maps is None or disparity is None:
+        maps, sampled = result.observation.maps, result.sampled
+        if maps is None or sampled is None:
             raise InputError("--maps: expected a recording with images, found recorded maps")
-        reduced = np.ascontiguousarray(disparity[:: self._step, :: self._step])
+        reduced = np.ascontiguousarray(at_step(sampled, self._step))
         self._writer = self._writer or self._new_writer(self._open_path)
         self._writer.add(MapsFrame.of(result.frame, result.timestamp_s, maps.points, reduced))
 
@@ -108,3 +110,8 @@ class MapsLog:
         sync(self._open_path)
         self._parts += 1
         self._open_path.replace(self._part_paths()[-1])
+
+
+def at_step(sampled: SampledDisparity, step: int) -> F32:
+    """(h, w) float32 [px]: disparity of every n-th row and column, as it was measured where that was there."""
+    return sampled.samples if sampled.step == step else sampled.image[::step, ::step]

@@ -117,7 +117,7 @@ class RunChecks:
     def update(self, result: FrameResult) -> None:
         """Take the next frame."""
         if self._watch is not None:
-            self._watch.update(result.thumbnails, result.disparity, result.observation.foreground)
+            self._watch.update(result.thumbnails, result.sampled, result.observation.foreground)
         self._frames += 1
         if self._frames % STRICT_EVERY == 0:
             self.refuse()

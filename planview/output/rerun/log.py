@@ -262,8 +262,8 @@ class RerunLog:
 
     def _log_depth(self, stereo: StereoView, result: FrameResult) -> None:
         """Disparity, and the foreground cloud in colour."""
-        if result.disparity is not None:
-            self._stream.log("disparity", disparity_photo(result.disparity, stereo))
+        if result.sampled is not None:
+            self._stream.log("disparity", disparity_photo(result.sampled, stereo))
         maps, colours = result.observation.maps, point_colours(stereo, result)
         if maps is None or colours is None:
             return

@@ -16,9 +16,11 @@ from planview.drawing.plan import PlanBounds
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.heads import HeadsPipeline
 from planview.maps.view import StereoView
+from planview.output.maps_log import at_step
 from planview.tracking.base import Drawing
 from planview.trajectories.state import TrackState
 from stereo.depth import DepthFromDisparity, back_project
+from stereo.sampled import SampledDisparity
 
 JPEG_QUALITY = 50
 """Of the camera's image: 0.6 of the size of quality 80, and people are as well to be recognised (our choice)."""
@@ -33,9 +35,9 @@ def photo(image: U8) -> rr.EncodedImage:
     return rr.EncodedImage(contents=encode_image(image, quality=JPEG_QUALITY), media_type="image/jpeg")
 
 
-def disparity_photo(disparity: F32, stereo: StereoView) -> rr.EncodedImage:
+def disparity_photo(sampled: SampledDisparity, stereo: StereoView) -> rr.EncodedImage:
     """Near red, far blue, invalid black (as ``planview check`` shows it), at the size of foreground and maps."""
-    reduced = disparity[:: stereo.reduction, :: stereo.reduction]
+    reduced = at_step(sampled, stereo.reduction)
     first, span = stereo.disparities.first_px, stereo.disparities.count
     known = np.isfinite(reduced)
     levels = np.clip((np.nan_to_num(reduced) - first) * (255.0 / span), 0, 255).astype(np.uint8)
