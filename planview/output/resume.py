@@ -8,6 +8,7 @@ import os
 import platform
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -17,7 +18,7 @@ import numpy as np
 
 import planview
 from calib.errors import InputError, WorkError
-from calib.files import whole_file
+from calib.files import PART, whole_file
 from calib.types import U8
 from planview.engine.engine import Engine
 from planview.output.folder import products_in, read_run_info
@@ -25,9 +26,6 @@ from planview.output.memory import Encoded, encode
 from planview.output.tables import FilePosition, holds
 
 LIBRARIES = ("numpy", "opencv-python-headless", "scipy", "numba")
-SMALL_BYTES = 256 * 1024
-"""Files up to this size (calibrations, timestamps) are compared by their content, larger ones by name and size: frames
-are too many to be read twice (our choice)."""
 
 
 def identity_of(engine: Engine, settings: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -39,18 +37,25 @@ def identity_of(engine: Engine, settings: dict[str, Any], folder: Path) -> dict[
     """
     recording = engine.recording
     camera, floor = engine.camera_info(), engine.floor_info()
+    named = {"calibration": True, "heads": {"__all__": {"calibration"}}}
     return {
         "version": {"planview": _code(), "python": platform.python_version()} | _libraries(),
-        "configuration": engine.config.model_dump(mode="json"),
+        "configuration": configuration_of(engine),
         "recording": {
-            "files": _content(recording.path, folder),
+            "images": _images(recording.path, folder),
+            "calibration": _calibration(recording),
             "frames": recording.n_frames,
             "fps": recording.fps,
-            "camera": camera and camera.model_dump(mode="json"),
-            "floor": floor and floor.model_dump(mode="json"),
+            "camera": camera and camera.model_dump(mode="json", exclude=named),  # type: ignore[arg-type]
+            "floor": floor and floor.model_dump(mode="json", exclude={"source"}),
         },
         "settings": settings,
     }
+
+
+def configuration_of(engine: Engine) -> dict[str, Any]:
+    """The parameters that decide tracks, as JSON."""
+    return engine.config.model_dump(mode="json", exclude={"run"})
 
 
 def difference(found: dict[str, Any], expected: dict[str, Any]) -> str:
@@ -92,15 +97,32 @@ def digest_of(values: Mapping[str, object]) -> str:
     return digest.hexdigest()[:16]
 
 
-def _content(path: Path, results: Path) -> str:
-    """Digest of the names and sizes of a recording's files, and of what small files hold; results are none of these."""
+def _calibration(recording: Any) -> str:
+    """Digest of what a recording was opened with, besides its images: cameras and times of every head, by number."""
+    parts = []
+    for head in getattr(recording, "heads", [None]):
+        opened = recording if head is None else head.recording
+        rig = getattr(opened, "rig", None)
+        known = [getattr(opened, name, None) for name in ("camera", "sensor", "times_s")]
+        parts.append([rig and replace(rig, source=""), *known, getattr(head, "start_s", 0.0)])
+    return digest_of({"heads": parts})
+
+
+def _images(path: Path, results: Path) -> str:
+    """Digest of the sizes of a recording's files in the order of their names, and of the ends of a single one.
+
+    Frames are too many to be read twice. Files of text are left out: what is read of them is in the calibration and
+    the times. Results of runs are none of a recording's files.
+    """
     digest = hashlib.sha256()
-    for file in [path] if path.is_file() else sorted(_files(path, results.resolve())):
-        size = file.stat().st_size
-        name = Path(file.name) if path.is_file() else file.relative_to(path)
-        digest.update(os.fsencode(name) + b"\0%d\0" % size)
-        if size <= SMALL_BYTES and file.suffix.lower() in _TEXT_SUFFIXES:
-            digest.update(file.read_bytes())
+    if path.is_file():
+        with path.open("rb") as file:
+            digest.update(file.read(_END_BYTES))
+            file.seek(max(0, path.stat().st_size - _END_BYTES))
+            digest.update(file.read(_END_BYTES))
+    for found in [path] if path.is_file() else sorted(_files(path, results.resolve())):
+        if found == path or (found.suffix.lower() not in _TEXT_SUFFIXES and not found.name.startswith(".")):
+            digest.update(b"%d\0" % found.stat().st_size)
     return digest.hexdigest()[:16]
 
 
@@ -115,7 +137,10 @@ def _files(folder: Path, results: Path) -> Iterator[Path]:
             yield path
 
 
-_TEXT_SUFFIXES = frozenset({".csv", ".toml", ".yml", ".yaml", ".json", ".txt", ".conf", ".xml"})
+_TEXT_SUFFIXES = frozenset(
+    {"", ".csv", ".toml", ".yml", ".yaml", ".json", ".txt", ".conf", ".xml", ".md", ".rst", ".html", ".pdf", ".log"}
+)
+_END_BYTES = 64 * 1024
 
 
 LATEST, PREVIOUS = "checkpoint.npz", "checkpoint.previous.npz"
@@ -221,7 +246,8 @@ def checkpoint_of(folder: Path, identity: dict[str, Any], tell: Callable[[str], 
                 f"{path}: expected a checkpoint of this run, found one of {other}; add --overwrite instead of --resume "
                 "to begin anew"
             )
-        changed = [name for name, at in checkpoint.written["tables"].items() if not holds(folder / name, _position(at))]
+        tables = checkpoint.written["tables"].items()
+        changed = [name for name, at in tables if not holds(folder / name, FilePosition(*at))]
         if not changed:
             return checkpoint
         tell(f"{folder / changed[0]}: changed since {path.name} was written; the checkpoint before is tried")
@@ -231,15 +257,12 @@ def checkpoint_of(folder: Path, identity: dict[str, Any], tell: Callable[[str], 
     return None
 
 
-def _position(values: list[int]) -> FilePosition:
-    return FilePosition(*values)
-
-
 def _refuse_other_run(folder: Path, identity: dict[str, Any]) -> None:
     """What lies in a folder without a checkpoint is replaced only where it is this run's beginning."""
-    if not products_in(folder):
+    if all(path.name.endswith(PART) for path in products_in(folder)):
         return
     path = folder / "run.json"
     info = read_run_info(path) if path.is_file() else None
-    if info is None or info.config != identity["configuration"] or info.tracker != identity["settings"]["tracker"]:
+    config = {} if info is None else {name: table for name, table in info.config.items() if name != "run"}
+    if info is None or config != identity["configuration"] or info.tracker != identity["settings"]["tracker"]:
         raise InputError(f"{folder}: expected the beginning of this run, found another; --overwrite replaces it")

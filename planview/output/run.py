@@ -13,7 +13,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -202,6 +202,7 @@ class _Run:
         self._logs = {type(log).__name__: log for log in logs}
         self._totals, self._started = RunTotals(), time.monotonic()
         self._info = _info_of(engine, options)
+        self._identity: dict[str, Any] | None = None
         self._checks = RunChecks(engine, options.strict)
 
     def track(self, watch: Callable[[FrameResult], None] | None, checkpoint: Checkpoint | None) -> None:
@@ -283,8 +284,9 @@ class _Run:
             return False
         finally:
             self._totals.elapsed_s = before_s
-        identity = run_identity(self._engine, self._options, list(self._logs), self._folder)
-        write_checkpoint(self._folder, Checkpoint(identity, written, memory))
+        if self._identity is None:
+            self._identity = run_identity(self._engine, self._options, list(self._logs), self._folder)
+        write_checkpoint(self._folder, Checkpoint(self._identity, written, memory))
         write_run_info(self._information("running"), self._folder / "run.json")
         return True
 
@@ -350,7 +352,8 @@ def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str], folde
     Args:
         logs: names of their classes.
     """
-    rules = options.analytics and {"rules": options.analytics.rules, "params": options.analytics.params}
+    counts = options.analytics
+    rules = counts and {"rules": replace(counts.rules, source=""), "params": counts.params}
     settings = {
         "tracker": options.tracker,
         "rules": digest_of(rules) if rules else "",
