@@ -6,6 +6,7 @@ import subprocess
 import sysconfig
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from cyclopts import Parameter
@@ -19,7 +20,10 @@ from planview.output.render import FilmWriter, SceneComposer, scene_pictures_of,
 from planview.output.report.compare import write_comparison
 from planview.output.report.page import write_report
 from planview.output.rerun.file import quiet_environment
-from planview.output.results import RunResults, SceneFrames, open_frames, read_results
+from planview.output.results import RunResults, read_results
+
+if TYPE_CHECKING:
+    from planview.output.scene import SceneFrames
 
 
 def report(*folders: Path, out: Path | None = None, truth: Path | None = None) -> None:
@@ -96,6 +100,8 @@ def render(folder: Path, *, options: RenderOptions | None = None) -> None:
     if options.png is not None and options.frame is None:
         raise InputError("--png: expected --frame N with it, found none")
     console = PlainConsole(stderr=True, soft_wrap=True)
+    from planview.output.scene import open_frames  # the engine's parts take half a second
+
     results = read_results(folder, options.truth)
     frames: SceneFrames | None = None
     try:

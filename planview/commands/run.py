@@ -31,10 +31,11 @@ from planview.output.pace import Pace
 from planview.output.progress import FrameProgress, PlainConsole, compile_notice, summary
 from planview.output.replay import difference_picture, difference_text, track_again
 from planview.output.report.page import write_report
-from planview.output.results import SceneFrames, open_frames, read_results
+from planview.output.results import read_results
 from planview.output.resume import checkpoint_of
 from planview.output.run import RunLog, RunOptions, begin_run, run_identity
 from planview.output.run import run as run_engine
+from planview.output.scene import SceneFrames, open_frames
 from planview.synthetic.committed import DEMO
 from planview.trajectories.table import read_tracks
 from stereo.readers.several import is_heads

@@ -228,7 +228,7 @@ def _export_tracks(tracks: Path, to: ExportName, options: ExportOptions) -> None
 
 def _export_cloud(source: Path, out: Path, options: ExportOptions) -> None:
     from planview.engine.scene_cloud import write_cloud
-    from planview.output.results import scene_of
+    from planview.output.scene import scene_of
 
     _refuse_existing(out, source, options.overwrite)
     console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)

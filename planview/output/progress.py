@@ -7,17 +7,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from numba.core.event import Event, Listener, install_listener
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
 from calib.errors import printable
-from planview.engine.engine import FrameResult
 from planview.output.folder import RunInfo
+
+if TYPE_CHECKING:
+    from planview.engine.engine import FrameResult
 
 
 class PlainConsole(Console):
@@ -41,30 +42,30 @@ EVERY_S = 5.0
 @contextmanager
 def compile_notice(console: Console) -> Iterator[None]:
     """Print a line when the first kernel is compiled, and every EVERY_S while more are; none when all are cached."""
-    with install_listener("numba:compile", _Lines(console)):
+    from numba.core.event import Event, Listener, install_listener  # half a second, which only a run pays
+
+    class Lines(Listener):
+        """Counts kernels as numba compiles them."""
+
+        kernels, last_s = 0, 0.0
+
+        def on_start(self, event: Event) -> None:
+            """A kernel that no cache holds is about to be compiled."""
+            if not self.last_s:
+                self.say("compiling kernels, once per installation: about a minute")
+
+        def on_end(self, event: Event) -> None:
+            """It is compiled."""
+            self.kernels += 1
+            if time.monotonic() - self.last_s > EVERY_S:
+                self.say(f"compiling kernels: {self.kernels} so far")
+
+        def say(self, text: str) -> None:
+            console.print(text, highlight=False)
+            self.last_s = time.monotonic()
+
+    with install_listener("numba:compile", Lines()):
         yield
-
-
-class _Lines(Listener):
-    """Counts kernels as numba compiles them."""
-
-    def __init__(self, console: Console) -> None:
-        self._console, self._kernels, self._last_s = console, 0, 0.0
-
-    def on_start(self, event: Event) -> None:
-        """A kernel that no cache holds is about to be compiled."""
-        if self._kernels == 0 and not self._last_s:
-            self._print("compiling kernels, once per installation: about a minute")
-
-    def on_end(self, event: Event) -> None:
-        """It is compiled."""
-        self._kernels += 1
-        if time.monotonic() - self._last_s > EVERY_S:
-            self._print(f"compiling kernels: {self._kernels} so far")
-
-    def _print(self, text: str) -> None:
-        self._console.print(text, highlight=False)
-        self._last_s = time.monotonic()
 
 
 class FrameProgress:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -17,7 +18,10 @@ from calib.types import U8
 from planview.counting.events import Event
 from planview.drawing.image import ImagePainter
 from planview.drawing.plan import Moment, PlanBounds, PlanPainter, moment_at
-from planview.output.results import RunResults, SceneFrames
+from planview.output.results import RunResults
+
+if TYPE_CHECKING:
+    from planview.output.scene import SceneFrames
 
 HEADER_PX, LINE_PX = 30, 22
 PLAN_SHARE = 0.75

@@ -26,8 +26,9 @@ from planview.maps.recording import is_maps
 from planview.output.folder import RunInfo
 from planview.output.memory import Encoded, decode, name_of
 from planview.output.render import SceneComposer
-from planview.output.results import RunResults, SceneFrames, ground_camera_of, source_of
+from planview.output.results import RunResults, source_of
 from planview.output.resume import checkpoints_in, read_checkpoint
+from planview.output.scene import SceneFrames, ground_camera_of
 from planview.output.totals import RunTotals
 from planview.tracking.base import Decision
 from planview.trajectories.table import Trajectories, TrajectoryCollector

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
 
 from planview.engine.ablations import ablated
 from planview.engine.config import Config
@@ -20,14 +19,6 @@ from planview.output.run import run as run_engine
 from planview.trajectories.table import Trajectories, TrajectoryCollector, read_tracks
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions
-
-
-class _Extent(NamedTuple):
-    """How far a run goes and what it leaves (see ``run``)."""
-
-    frames: int
-    refined: bool
-    overwrite: bool
 
 
 def run(
@@ -66,42 +57,28 @@ def run(
         InputError: a recording, calibration or camera that is missing or does not fit; results in the folder.
         WorkError: no floor is visible, or the folder cannot be written.
     """
-    extent = _Extent(frames, refined, overwrite)
     if out is not None:
         check_folder(Path(out), overwrite)
-    if not isinstance(source, Path | str):
-        return _track(source, out, extent, watch)
-    path = Path(source)
-    if ablation is not None:
-        config = ablated(ablation, config or base_config(path))
-    engine = open_engine(path, tracker, config, None if camera is None else Path(camera), options, matcher)
-    return _track(engine, out, extent, watch, tracker if isinstance(tracker, str) else type(tracker).__name__)
-
-
-def _track(
-    engine: Engine,
-    out: Path | str | None,
-    extent: _Extent,
-    watch: Callable[[FrameResult], None] | None,
-    tracker: str | None = None,
-) -> Trajectories:
+    if isinstance(source, Path | str):
+        path = Path(source)
+        if ablation is not None:
+            config = ablated(ablation, config or base_config(path))
+        engine = open_engine(path, tracker, config, None if camera is None else Path(camera), options, matcher)
+        name = tracker if isinstance(tracker, str) else type(tracker).__name__
+    else:
+        engine, name = source, type(source.tracker).__name__
     if out is None:
-        return _in_memory(engine, extent, watch)
+        gathered = TrajectoryCollector()
+        for result in islice(engine, frames or None):
+            gathered.add(result.frame, result.timestamp_s, result.tracks)
+            if watch:
+                watch(result)
+        tracks = gathered.trajectories()
+        return refine(tracks).tracks if refined else tracks
     folder = Path(out)
-    prepare_folder(folder, extent.overwrite)
-    name = tracker or type(engine.tracker).__name__
-    run_engine(engine, folder, RunOptions(name, max_frames=extent.frames), watch=watch)
+    prepare_folder(folder, overwrite)
+    run_engine(engine, folder, RunOptions(name, max_frames=frames), watch=watch)
     write_report(folder)
-    if extent.refined:
+    if refined:
         refine_run(folder)
     return read_tracks(folder / "tracks.csv")
-
-
-def _in_memory(engine: Engine, extent: _Extent, watch: Callable[[FrameResult], None] | None) -> Trajectories:
-    gathered = TrajectoryCollector()
-    for result in islice(engine, extent.frames or None):
-        gathered.add(result.frame, result.timestamp_s, result.tracks)
-        if watch:
-            watch(result)
-    tracks = gathered.trajectories()
-    return refine(tracks).tracks if extent.refined else tracks

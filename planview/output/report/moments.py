@@ -25,7 +25,7 @@ from planview.tracking.base import ScoreTerms
 from planview.trajectories.state import TrackState
 
 if TYPE_CHECKING:
-    from planview.output.results import SceneFrames
+    from planview.output.scene import SceneFrames
 
 
 TERMS = ScoreTerms._fields
@@ -202,7 +202,7 @@ def scene_pictures(results: RunResults, errors: Sequence[SignificantError]) -> S
     if not results.info.input or not path.exists():
         why = f"No pictures of the scene: {path}: expected the recording of the run, found nothing there."
         return ScenePictures([], [], [], why)
-    from planview.output.results import open_frames  # the engine, which the page of tracks alone does without
+    from planview.output.scene import open_frames
 
     groups = _overview(results), _strips(results, errors), _crossings(results)
     try:

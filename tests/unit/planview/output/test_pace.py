@@ -25,6 +25,10 @@ class FakeClock:
         self.time_s += seconds
 
 
+def paced(clock: FakeClock) -> Pace:
+    return Pace(clock.now_s, clock.sleep)
+
+
 class Engine:
     """Takes the same time for every frame; its recording's first timestamp is not 0."""
 
@@ -43,7 +47,7 @@ def frames_of(times_s: Iterable[float]) -> list[SimpleNamespace]:
 def played(step_s: float, times_s: Iterable[float]) -> tuple[list[int], PaceInfo, float]:
     """Frames tracked, what is told of them, and how long it took [s]."""
     clock = FakeClock()
-    pace = Pace(clock)
+    pace = paced(clock)
     tracked = []
     for result in pace.results(Engine(clock, step_s, frames_of(times_s))):  # type: ignore[arg-type]
         pace.written(result.timestamp_s)
@@ -101,7 +105,7 @@ class Device:
 
 def test_clock_of_a_device_is_set_by_its_least_delayed_frame() -> None:
     clock = FakeClock()
-    pace = Pace(clock)
+    pace = paced(clock)
     list(pace.results(Engine(FakeClock(), 0.0, Device(clock, [0.5, 0.25, 0.75]))))  # type: ignore[arg-type]
     pace.written(2.0)
     assert clock.time_s == 102.75 and pace.info().latency_median_ms == 500.0
@@ -110,7 +114,7 @@ def test_clock_of_a_device_is_set_by_its_least_delayed_frame() -> None:
 def test_run_in_real_time_keeps_its_pace_in_run_json_and_writes_no_checkpoint(street: Path, tmp_path: Path) -> None:
     out = tmp_path / "paced"
     out.mkdir()
-    options = RunOptions("ellipse-particle", max_frames=3, checkpoint_every_s=1e-9, pace=Pace(FakeClock()))
+    options = RunOptions("ellipse-particle", max_frames=3, checkpoint_every_s=1e-9, pace=paced(FakeClock()))
     run(open_engine(tmp_path / "street", "ellipse-particle"), out, options)
     info = read_run_info(out / "run.json")
     assert info.frames_read == 3 and info.pace is not None and info.pace.frames_dropped == 0
