@@ -26,8 +26,7 @@ from planview.counting.events import read_events, write_event_header, write_even
 from planview.counting.geometry import RulePlane
 from planview.counting.params import AnalyticsParams
 from planview.counting.rules import load_rules
-from planview.counting.scoring import CountScores, score_counts, score_events
-from planview.counting.totals import Counts
+from planview.counting.scoring import score_counts, score_events
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
 from planview.output.folder import RunInfo, read_run_info, unfinished_beside
@@ -35,7 +34,6 @@ from planview.output.progress import PlainConsole
 from planview.trajectories.layouts import load_file, load_tracks, load_truth
 from planview.trajectories.pairs import FilePair, file_pairs, tracks_file
 from planview.trajectories.regions import limited
-from planview.trajectories.table import Trajectories
 
 _FIGURES = (
     "mota", "idf1", "hota", "det_a", "ass_a", "switches", "switches_per_minute", "fragmentations", "mostly_tracked",
@@ -98,48 +96,46 @@ def evaluate(tracks: Path, truth: Path, *, options: EvaluateOptions | None = Non
     results = {pair.name: _evaluate_pair(pair, params, span) for pair in pairs}
     together = pooled(list(results.values())) if len(results) > 1 else next(iter(results.values()))
     if options.json_output:
-        print(json.dumps(_json(pairs, results, together), indent=2))
-    else:
-        _print_all(pairs, results, together, PlainConsole())
-
-
-def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, int] | None) -> Evaluation:
-    found, true = _tracks(pair.tracks, params), load_truth(pair.truth)
-    _refuse_other_frames(pair, found, true)
-    if told := unfinished_beside(pair.tracks):
-        PlainConsole(stderr=True, soft_wrap=True).print(told)
-    if span is None:
-        _note_frames_beyond(found, true)
-    try:
-        return evaluate_tracks(found, true, params, span)
-    except InputError as error:
-        raise InputError(f"{pair.tracks} and {pair.truth}: {error}") from error
-
-
-def _tracks(path: Path, params: EvaluationParams) -> Trajectories:
-    """The tracks with what matching needs, and with boxes where they have nothing else."""
-    boxes = params.align or params.match_on == "boxes"
-    tracks = load_tracks(path, boxes=boxes)
-    return tracks if boxes or np.isfinite(tracks.x_m).any() else load_tracks(path)
-
-
-def _json(pairs: list[FilePair], results: dict[str, Evaluation], together: Evaluation) -> dict[str, Any]:
-    """The figures of all, with those of every recording under its name where there are several."""
-    if len(results) == 1:
-        return {"tracks": str(pairs[0].tracks), "refined": _refined(pairs[0].tracks), **together.to_json()}
-    recordings = {
-        pair.name: {"tracks": str(pair.tracks), "refined": _refined(pair.tracks), **results[pair.name].to_json()}
-        for pair in pairs
-    }
-    return {**together.to_json(), "recordings": recordings}
-
-
-def _print_all(pairs: list[FilePair], results: dict[str, Evaluation], together: Evaluation, console: Console) -> None:
+        each = {
+            pair.name: {"tracks": str(pair.tracks), "refined": _refined(pair.tracks), **results[pair.name].to_json()}
+            for pair in pairs
+        }
+        found = next(iter(each.values())) if len(each) == 1 else {**together.to_json(), "recordings": each}
+        print(json.dumps(found, indent=2))
+        return
+    console = PlainConsole()
     for pair in pairs:
         kind = {True: " (refined)", False: " (online)", None: ""}[_refined(pair.tracks)]
         print_evaluation(results[pair.name], console, f"{pair.tracks}{kind}")
     if len(pairs) > 1:
         print_evaluation(together, console, f"{len(pairs)} recordings together", listed=False)
+
+
+def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, int] | None) -> Evaluation:
+    boxes = params.align or params.match_on == "boxes"
+    found, true = load_tracks(pair.tracks, boxes=boxes), load_truth(pair.truth)
+    if not boxes and not np.isfinite(found.x_m).any():
+        found = load_tracks(pair.tracks)  # with boxes, where they have nothing else
+    console = PlainConsole(stderr=True, soft_wrap=True)
+    if len(found) and len(true):
+        (first, last), (begin, end) = ((int(t.frame.min()), int(t.frame.max())) for t in (found, true))
+        if begin > last or end < first:
+            raise InputError(
+                f"{pair.truth}: expected truth of the frames {first} to {last} of {pair.tracks}, found {begin} to {end}"
+            )
+    if told := unfinished_beside(pair.tracks):
+        console.print(told)
+    last = int(found.frame.max()) if len(found) else -1
+    beyond = int((true.frame > last).sum())
+    if span is None and beyond:
+        console.print(
+            f"{beyond} truth rows lie after the last track (frame {last}) and count as misses; "
+            f"--frames 0:{max(last, 0)} leaves them out"
+        )
+    try:
+        return evaluate_tracks(found, true, params, span)
+    except InputError as error:
+        raise InputError(f"{pair.tracks} and {pair.truth}: {error}") from error
 
 
 def _refined(tracks: Path) -> bool | None:
@@ -153,17 +149,6 @@ def _refined(tracks: Path) -> bool | None:
 def print_evaluation(result: Evaluation, console: Console, title: str, *, listed: bool = True) -> None:
     """The figures as a table, the position errors by group, then every significant error in a line of its own."""
     values = result.to_json()
-    console.print(_figures_table(values, title))
-    console.print(_groups_table(values))
-    if result.alignment is not None:
-        console.print("tracks laid over the truth:", values["alignment"])
-    for error in result.significant if listed else []:
-        ids = [f"person {error.truth_id}"] if error.truth_id is not None else []
-        ids += [f"track {error.track_id}"] if error.track_id is not None else []
-        console.print(f"frame {error.frame}: {error.kind}: {', '.join(ids)}: {error.note}", highlight=False)
-
-
-def _figures_table(values: dict[str, Any], title: str) -> Table:
     table = Table(title=f"{title}: {values['truth_rows']} truth rows ({values['ignored_rows']} too hidden, ignored)")
     table.add_column("metric")
     table.add_column("value", justify="right")
@@ -175,10 +160,7 @@ def _figures_table(values: dict[str, Any], title: str) -> Table:
         table.add_row(f"  {kind}", f"{counts[kind]}")
     for name in ("significant_errors_per_10_min", "strict_identity_changes", "strict_per_10_min"):
         table.add_row(name, _figure(values[name]))
-    return table
-
-
-def _groups_table(values: dict[str, Any]) -> Table:
+    console.print(table)
     table = Table("group", "truth rows", "matched [%]", "position error [m]", "deviation [m]")
     for key, text in (("by_distance", "{} m away"), ("by_visibility", "{} visible"), ("by_people", "{} people")):
         for row in values[key]:
@@ -186,34 +168,17 @@ def _groups_table(values: dict[str, Any]) -> Table:
                 errors = (_figure(row[f"position_error_{name}_m"]) for name in ("mean", "std"))
                 matched = f"{100 * row['matches'] / row['truth_rows']:.1f}"
                 table.add_row(text.format(row["group"]), str(row["truth_rows"]), matched, *errors)
-    return table
+    console.print(table)
+    if result.alignment is not None:
+        console.print("tracks laid over the truth:", values["alignment"])
+    for error in result.significant if listed else []:
+        ids = [f"person {error.truth_id}"] if error.truth_id is not None else []
+        ids += [f"track {error.track_id}"] if error.track_id is not None else []
+        console.print(f"frame {error.frame}: {error.kind}: {', '.join(ids)}: {error.note}", highlight=False)
 
 
 def _figure(value: float | int | None) -> str:
     return "-" if value is None else f"{value}" if isinstance(value, int) else f"{value:.3f}"
-
-
-def _refuse_other_frames(pair: FilePair, tracks: Trajectories, truth: Trajectories) -> None:
-    """Truth that ends before the first track or begins after the last one is of another recording."""
-    if not len(tracks) or not len(truth):
-        return
-    (first, last), (begin, end) = ((int(t.frame.min()), int(t.frame.max())) for t in (tracks, truth))
-    if begin > last or end < first:
-        raise InputError(
-            f"{pair.truth}: expected truth of the frames {first} to {last} of {pair.tracks}, found {begin} to {end}"
-        )
-
-
-def _note_frames_beyond(tracks: Trajectories, truth: Trajectories) -> None:
-    if not len(truth):
-        return
-    end = int(tracks.frame.max()) if len(tracks) else -1
-    beyond = int((truth.frame > end).sum())
-    if beyond:
-        PlainConsole(stderr=True).print(
-            f"{beyond} truth rows lie after the last track (frame {end}) and count as misses; "
-            f"--frames 0:{max(end, 0)} leaves them out"
-        )
 
 
 _DEFAULTS = AnalyticsParams()
@@ -277,7 +242,8 @@ def count(tracks: Path, *, rules: Path, options: CountOptions | None = None) -> 
     )
     path = tracks_file(tracks)
     found = limited(load_file(path), options.region, options.ignore).table
-    info = _run_beside(path)
+    run = path.parent / "run.json"
+    info = read_run_info(run) if run.is_file() else None
     clock = Clock(found, options.fps)
     for told in (unfinished_beside(path), clock.jump()):
         if told:
@@ -287,19 +253,36 @@ def count(tracks: Path, *, rules: Path, options: CountOptions | None = None) -> 
     counts = count_tracks(found, rules_in_plane, params, clock=clock, n_frames=n_frames)
     result = counts.to_json()
     if options.truth is not None:
-        result |= {"scores": _score(options.truth, counts, params, clock, options.window, n_frames).to_json()}
-    folder = _folder(options.out, path)
+        if not options.window > 0:
+            raise InputError(f"--window: expected a time greater than 0 s, found {options.window}")
+        if _is_events(options.truth):
+            scores = score_events(read_events(options.truth), counts, options.window)
+        else:
+            true = count_truth(load_truth(options.truth), counts.rules, clock, params, n_frames)
+            scores = score_counts(true, counts, options.window)
+        result |= {"scores": scores.to_json()}
+    folder = options.out
+    if folder is None:
+        # Beside our own tracks; never into a folder of input data.
+        mine = path.name == "tracks.csv" and path.parent.stat().st_mode & stat.S_IWUSR
+        if mine and os.access(path.parent, os.W_OK):
+            folder = path.parent
+        else:
+            PlainConsole(stderr=True).print("no events.csv and counts.json written: --out names a folder for them")
     if folder is not None:
-        _write(counts, result, folder)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            events = io.StringIO()
+            write_event_header(events)
+            write_event_rows(events, counts.events)
+            write_whole(folder / "events.csv", events.getvalue())
+            write_whole(folder / "counts.json", json.dumps(result, indent=2) + "\n")
+        except OSError as error:
+            raise WorkError(f"{folder}: could not write events.csv and counts.json: {reason(error)}") from error
     if options.json_output:
         print(json.dumps(result, indent=2))
     else:
         print_counts(result, PlainConsole())
-
-
-def _run_beside(path: Path) -> RunInfo | None:
-    info = path.parent / "run.json"
-    return read_run_info(info) if info.is_file() else None
 
 
 def _plane(camera: Path | None, rig: Path | None, info: RunInfo | None) -> RulePlane:
@@ -316,17 +299,6 @@ def _plane(camera: Path | None, rig: Path | None, info: RunInfo | None) -> RuleP
     return RulePlane(image_size=(info.rig.width, info.rig.height) if info and info.rig else None)
 
 
-def _score(
-    truth: Path, counts: Counts, params: AnalyticsParams, clock: Clock, window: float, n_frames: int
-) -> CountScores:
-    if not window > 0:
-        raise InputError(f"--window: expected a time greater than 0 s, found {window}")
-    if _is_events(truth):
-        return score_events(read_events(truth), counts, window)
-    true: Trajectories = load_truth(truth)
-    return score_counts(count_truth(true, counts.rules, clock, params, n_frames), counts, window)
-
-
 def _is_events(path: Path) -> bool:
     require_file(path, "truth or events")
     try:
@@ -334,29 +306,6 @@ def _is_events(path: Path) -> bool:
             return b"rule" in file.readline(10_000).strip().split(b",")
     except OSError as error:
         raise InputError(f"{path}: expected truth or events, found {reason(error)}") from error
-
-
-def _folder(out: Path | None, tracks: Path) -> Path | None:
-    """Where results go: as asked for, else beside our own tracks; never into a folder of input data."""
-    if out is not None:
-        return out
-    beside = tracks.parent
-    if tracks.name == "tracks.csv" and beside.stat().st_mode & stat.S_IWUSR and os.access(beside, os.W_OK):
-        return beside
-    PlainConsole(stderr=True).print("no events.csv and counts.json written: --out names a folder for them")
-    return None
-
-
-def _write(counts: Counts, result: dict[str, Any], folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        events = io.StringIO()
-        write_event_header(events)
-        write_event_rows(events, counts.events)
-        write_whole(folder / "events.csv", events.getvalue())
-        write_whole(folder / "counts.json", json.dumps(result, indent=2) + "\n")
-    except OSError as error:
-        raise WorkError(f"{folder}: could not write events.csv and counts.json: {reason(error)}") from error
 
 
 def print_counts(result: dict[str, Any], console: Console) -> None:

@@ -77,7 +77,11 @@ def write_comparison(folders: Sequence[Path], path: Path, truth: Path | None = N
         InputError: a folder without tracks, or a file that is not what its name says.
         WorkError: the page cannot be written.
     """
-    runs = [_run(name, read_results(folder, truth)) for name, folder in zip(_names(folders), folders, strict=True)]
+    runs = []
+    for name, folder in zip(_names(folders), folders, strict=True):
+        results = read_results(folder, truth)
+        scores = scores_of(results)
+        runs.append(_ComparedRun(name, results, scores, errors_of(scores)))
     errors = shared_errors([run.errors for run in runs], runs[0].results.clock.frame_s)
     page = page_of(
         "planview.output.report",
@@ -94,11 +98,6 @@ def write_comparison(folders: Sequence[Path], path: Path, truth: Path | None = N
     write_result(path, page)
 
 
-def _run(name: str, results: RunResults) -> _ComparedRun:
-    scores = scores_of(results)
-    return _ComparedRun(name, results, scores, errors_of(scores))
-
-
 def _names(folders: Sequence[Path]) -> list[str]:
     """The last parts of the folders' names that tell them apart."""
     parts = [folder.resolve().parts for folder in folders]
@@ -110,16 +109,13 @@ def _names(folders: Sequence[Path]) -> list[str]:
 
 
 def _settings(runs: Sequence[_ComparedRun]) -> list[Line]:
-    flat = [_described(run.results) for run in runs]
+    flat: list[dict[str, JsonValue]] = []
+    for info in (run.results.info for run in runs):
+        versions = {f"version of {name}": version for name, version in info.versions.items()}
+        flat.append({"recording": info.input, "tracker": info.tracker, **versions, **flat_settings(info.config)})
     names = list(dict.fromkeys(name for settings in flat for name in settings))
     rows = [Line(name, [Cell(figure_text(settings.get(name))) for settings in flat]) for name in names]
     return [row for row in rows if len({cell.text for cell in row.cells}) > 1]
-
-
-def _described(results: RunResults) -> dict[str, JsonValue]:
-    info = results.info
-    versions = {f"version of {name}": version for name, version in info.versions.items()}
-    return {"recording": info.input, "tracker": info.tracker, **versions, **flat_settings(info.config)}
 
 
 def _scores(runs: Sequence[_ComparedRun]) -> list[Line]:

@@ -15,14 +15,12 @@ from calib.errors import InputError, WorkError
 from calib.images import encode_image
 from calib.text import reason
 from calib.types import F64, U8
-from planview.counting.events import Event
 from planview.drawing.image import ImageCamera, ImagePainter
 from planview.drawing.plan import Moment, moment_at
 from planview.drawing.style import Labels
 from planview.evaluation.significant import SignificantError
 from planview.output.results import RunResults, source_of
 from planview.tracking.base import ScoreTerms
-from planview.trajectories.state import TrackState
 
 if TYPE_CHECKING:
     from planview.output.scene import SceneFrames
@@ -69,14 +67,6 @@ class Ledger(NamedTuple):
     score_max: float
 
 
-class _PersonDecisions:
-    """Rows of one person while reading."""
-
-    def __init__(self) -> None:
-        self.events: list[Decided] = []
-        self.matches: list[tuple[float, ...]] = []
-
-
 def read_ledger(path: Path, people: set[int]) -> dict[int, Ledger]:
     """The ledgers of some people; empty where there is no decisions.csv.
 
@@ -85,39 +75,34 @@ def read_ledger(path: Path, people: set[int]) -> dict[int, Ledger]:
     """
     if not path.is_file():
         return {}
-    found: dict[int, _PersonDecisions] = {}
+    decided: dict[int, list[Decided]] = {}
+    matches: dict[int, list[list[float]]] = {}
     try:
         with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.reader(file)
-            columns = {name: i for i, name in enumerate(next(reader, []))}
+            reader = csv.DictReader(file)
+            columns = list(reader.fieldnames or ())
             missing = [name for name in ("frame", "timestamp_s", "id", "kind", "reason") if name not in columns]
             if missing:
-                raise InputError(f"{path}: expected decisions with the column {missing[0]!r}, found {list(columns)}")
+                raise InputError(f"{path}: expected decisions with the column {missing[0]!r}, found {columns}")
             for row in reader:
-                _take(row, columns, people, found)
-    except (OSError, UnicodeDecodeError, csv.Error, ValueError, IndexError) as error:
+                if (person := int(row["id"])) not in people:
+                    continue
+                mine, scores = decided.setdefault(person, []), matches.setdefault(person, [])
+                if row["kind"] == "matched":
+                    scores.append([float(row.get(name) or "nan") for name in ("frame", "value", *TERMS)])
+                else:
+                    time_s = f"{float(row['timestamp_s']):.2f}"
+                    mine.append(Decided(row["frame"], time_s, row["kind"], row["reason"]))
+    except (OSError, UnicodeDecodeError, csv.Error, ValueError, TypeError) as error:
         raise InputError(f"{path}: expected a table of decisions, found {reason(error)}") from error
-    return {person: _ledger(rows) for person, rows in found.items()}
+    return {person: _ledger(rows, matches[person]) for person, rows in decided.items()}
 
 
-def _take(row: list[str], columns: dict[str, int], people: set[int], found: dict[int, _PersonDecisions]) -> None:
-    person = int(row[columns["id"]])
-    if person not in people:
-        return
-    mine = found.setdefault(person, _PersonDecisions())
-    if row[columns["kind"]] == "matched":
-        values = [row[columns[name]] if name in columns else "" for name in ("frame", "value", *TERMS)]
-        mine.matches.append(tuple(float(value or "nan") for value in values))
-    else:
-        frame, time_s, kind, reason = (row[columns[name]] for name in ("frame", "timestamp_s", "kind", "reason"))
-        mine.events.append(Decided(frame, f"{float(time_s):.2f}", kind, reason))
-
-
-def _ledger(rows: _PersonDecisions) -> Ledger:
-    matches = np.array(rows.matches, dtype=np.float64).reshape(-1, 2 + len(TERMS))
+def _ledger(decided: list[Decided], matched: list[list[float]]) -> Ledger:
+    matches = np.array(matched, dtype=np.float64).reshape(-1, 2 + len(TERMS))
     known = matches[np.isfinite(matches[:, 1])]
-    events = [*rows.events[: EVENTS_MAX - 10], *rows.events[-10:]] if len(rows.events) > EVENTS_MAX else rows.events
-    more = len(rows.events) - len(events)
+    events = [*decided[: EVENTS_MAX - 10], *decided[-10:]] if len(decided) > EVENTS_MAX else decided
+    more = len(decided) - len(events)
     if not len(known):
         return Ledger(events, more, f"matched in {len(matches)} frames" if len(matches) else "", [], 0.0)
     top = float(known[:, 1].max())
@@ -211,12 +196,8 @@ def scene_pictures(results: RunResults, errors: Sequence[SignificantError]) -> S
     except (InputError, WorkError) as error:
         return ScenePictures([], [], [], f"No pictures of the scene: {error}.")
     made = iter(pictures)
-    overview, strips, crossings = ([next(made) for _ in group] for group in groups)
-    return ScenePictures(_known(overview), _known(strips), _known(crossings))
-
-
-def _known(pictures: list[ScenePicture | None]) -> list[ScenePicture]:
-    return [picture for picture in pictures if picture is not None]
+    overview, strips, crossings = ([p for p in [next(made) for _ in group] if p is not None] for group in groups)
+    return ScenePictures(overview, strips, crossings)
 
 
 def busiest_frame(results: RunResults) -> int | None:
@@ -261,12 +242,11 @@ def _strips(results: RunResults, errors: Sequence[SignificantError]) -> list[_Wa
 def _crossings(results: RunResults) -> list[_Wanted]:
     events = [event for event in results.events if event.kind == "crossing"]
     spread = np.unique(np.linspace(0, len(events) - 1, min(len(events), CROSSINGS_MAX)).round().astype(int))
-    return [_crossing(results, events[i]) for i in spread]
-
-
-def _crossing(results: RunResults, event: Event) -> _Wanted:
-    note = f"{_when(results, event.frame)}: track {event.track_id} {event.direction.replace('_', ' ')}"
-    return _Wanted(event.rule, note, (event.frame,))
+    wanted = []
+    for event in (events[i] for i in spread):
+        note = f"{_when(results, event.frame)}: track {event.track_id} {event.direction.replace('_', ' ')}"
+        wanted.append(_Wanted(event.rule, note, (event.frame,)))
+    return wanted
 
 
 def _when(results: RunResults, frame: int) -> str:
@@ -310,20 +290,15 @@ def _picture(want: _Wanted, tiles: Sequence[U8 | None]) -> ScenePicture | None:
 def _place(moment: Moment, focus: tuple[int | None, int | None], camera: ImageCamera | None) -> F64 | None:
     """Where the person concerned is in the image [px]: as the truth says, else as the track does."""
     for people, wanted in ((moment.truth, focus[0]), (moment.people, focus[1])):
-        person = next((p for p in people if p.track_id == wanted), None)
-        if person is not None and (place := _middle(person, camera)) is not None:
-            return place
+        for person in (p for p in people if p.track_id == wanted):
+            left, top, width, height = person.box_px
+            if np.isfinite(left):
+                return np.array([left + width / 2, top + height / 2])
+            if camera is not None and np.isfinite(person.x_m):
+                place = camera.project(np.array([person.x_m, person.y_m, 1.0]))
+                if np.isfinite(place).all():
+                    return place
     return None
-
-
-def _middle(person: TrackState, camera: ImageCamera | None) -> F64 | None:
-    left, top, width, height = person.box_px
-    if np.isfinite(left):
-        return np.array([left + width / 2, top + height / 2])
-    if camera is None or not np.isfinite(person.x_m):
-        return None
-    place = camera.project(np.array([person.x_m, person.y_m, 1.0]))
-    return place if np.isfinite(place).all() else None
 
 
 def _crop(picture: U8, place: F64 | None, scale: float) -> U8:
