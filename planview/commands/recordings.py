@@ -12,7 +12,6 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from calib.camera import Camera
 from calib.errors import InputError, WorkError
 from calib.length import parse_length
 from planview.checks.check import Check
@@ -21,10 +20,10 @@ from planview.commands.options import Flag, JsonFlag, open_options
 from planview.engine.config import load_config
 from planview.engine.setup import floor_search
 from planview.output.progress import PlainConsole
-from stereo.readers import OpenOptions, find_layout
+from stereo.readers import find_layout
 from stereo.readers.pair import StereoRecording
 from stereo.readers.rates import rate_of_times
-from stereo.readers.reader import AnyRecording, Layout, Reader, Stream
+from stereo.readers.reader import Layout, Reader, Stream
 
 
 def check(
@@ -72,7 +71,12 @@ def check(
     """
     opening = open_options(calibration, fps, topics)
     if quick:
-        _inspect(recording, opening, json_output)
+        reader, layout = find_layout(recording, opening)
+        found = _found(recording, reader, layout)
+        if json_output:
+            print(json.dumps(found, allow_nan=False))
+        else:
+            _show(found, Console(), reader.name)
         return
     if not 4 <= frames <= 2000:
         raise InputError(f"--frames: expected 4 to 2000, found {frames}")
@@ -92,15 +96,6 @@ def check(
             f"{recording}: {len(failed)} of {len(diagnosis.checks)} checks failed: "
             + "; ".join(f"{c.name} ({c.note})" for c in failed)
         )
-
-
-def _inspect(recording: Path, options: OpenOptions, json_output: bool) -> None:
-    reader, layout = find_layout(recording, options)
-    found = _found(recording, reader, layout)
-    if json_output:
-        print(json.dumps(found, allow_nan=False))
-    else:
-        _show(found, Console(), reader.name)
 
 
 def table(diagnosis: Diagnosis) -> Table:
@@ -138,10 +133,29 @@ def _height(text: str) -> float:
 
 
 def _found(path: Path, reader: Reader, layout: Layout) -> dict[str, Any]:
-    """The ``--json`` object."""
-    opened, missing = _opened(layout)
+    """The ``--json`` object of what a recording holds."""
+    opened, missing = None, []
+    try:
+        opened = layout.open()
+    except InputError as error:
+        text = str(error)
+        missing = [text if "--calibration" in text else f"{text} (--calibration FILE gives one)"]
     cameras = [_camera(stream, layout.fps) for stream in layout.streams]
     durations = [camera["duration_s"] for camera in cameras if camera["duration_s"] is not None]
+    size, calibration, has_world = layout.streams[0].size, None, False
+    if opened is not None:
+        camera = opened.rig.left if isinstance(opened, StereoRecording) else opened.camera
+        pose = opened.world_SE3_left if isinstance(opened, StereoRecording) else opened.world_SE3_camera
+        size, has_world = camera.size, pose is not None  # squeezed halves are stretched
+        calibration = {
+            "source": opened.rig.source if isinstance(opened, StereoRecording) else opened.source,
+            "focal_px": camera.fx,
+            "fov_deg": [
+                math.degrees(2.0 * math.atan(pixels / (2.0 * focal)))  # of the pinhole without its distortion
+                for pixels, focal in ((camera.width, camera.fx), (camera.height, camera.fy))
+            ],
+            "lens": camera.model if camera.distortion and any(camera.distortion) else "none",
+        } | ({"baseline_m": opened.rig.baseline_m} if isinstance(opened, StereoRecording) else {})
     return {
         "path": str(path),
         "reader": reader.key,
@@ -151,20 +165,12 @@ def _found(path: Path, reader: Reader, layout: Layout) -> dict[str, Any]:
         "unpaired": layout.unpaired,
         "fps": layout.fps,
         "duration_s": max(durations, default=layout.n_frames / layout.fps),
-        "size": list(_size(opened, layout)),
-        "calibration": None if opened is None else _calibration(opened),
-        "floor": "world.toml" if opened is not None and _has_world(opened) else "to be found in the recording",
+        "size": list(size),
+        "calibration": calibration,
+        "floor": "world.toml" if has_world else "to be found in the recording",
         "missing": missing,
         "notes": list(layout.notes),
     }
-
-
-def _opened(layout: Layout) -> tuple[AnyRecording | None, list[str]]:
-    try:
-        return layout.open(), []
-    except InputError as error:
-        text = str(error)
-        return None, [text if "--calibration" in text else f"{text} (--calibration FILE gives one)"]
 
 
 def _camera(stream: Stream, nominal_fps: float) -> dict[str, Any]:
@@ -183,76 +189,36 @@ def _camera(stream: Stream, nominal_fps: float) -> dict[str, Any]:
     }
 
 
-def _size(opened: AnyRecording | None, layout: Layout) -> tuple[int, int]:
-    """Of the images that are tracked: squeezed halves are stretched."""
-    return layout.streams[0].size if opened is None else _main_camera(opened).size
-
-
-def _calibration(opened: AnyRecording) -> dict[str, Any]:
-    camera = _main_camera(opened)
-    found: dict[str, Any] = {
-        "source": opened.rig.source if isinstance(opened, StereoRecording) else opened.source,
-        "focal_px": camera.fx,
-        "fov_deg": [_fov(camera.width, camera.fx), _fov(camera.height, camera.fy)],
-        "lens": camera.model if camera.distortion and any(camera.distortion) else "none",
-    }
-    if isinstance(opened, StereoRecording):
-        found["baseline_m"] = opened.rig.baseline_m
-    return found
-
-
-def _main_camera(opened: AnyRecording) -> Camera:
-    return opened.rig.left if isinstance(opened, StereoRecording) else opened.camera
-
-
-def _has_world(opened: AnyRecording) -> bool:
-    pose = opened.world_SE3_left if isinstance(opened, StereoRecording) else opened.world_SE3_camera
-    return pose is not None
-
-
-def _fov(pixels: int, focal_px: float) -> float:
-    """Full angle of view, of the pinhole without its distortion [degrees]."""
-    return math.degrees(2.0 * math.atan(pixels / (2.0 * focal_px)))
-
-
 def _show(found: dict[str, Any], console: Console, name: str) -> None:
     console.print(f"{escape(found['path'])}: {name}", highlight=False)
     table = Table()
     for title in ("camera", "size", "pixels", "frames", "fps", "jitter", "gaps"):
         table.add_column(title, justify="left" if title in ("camera", "pixels") else "right")
     for camera in found["cameras"]:
-        table.add_row(*_camera_row(camera))
+        jitter, gaps = "-", "-"
+        if camera["jitter_ms"] is not None:
+            jitter = f"{camera['jitter_ms']:.2f} ms"
+            gaps = f"{camera['gaps']} ({camera['dropped']} frames)" if camera["gaps"] else "none"
+        size = "x".join(map(str, camera["size"]))
+        rate = f"{camera['fps']:.3f}"
+        table.add_row(escape(camera["name"]), size, camera["pixels"], str(camera["frames"]), rate, jitter, gaps)
     console.print(table)
+    alone = f", {found['unpaired']} without a mate" if found["unpaired"] else ""
+    calibration, text = found["calibration"], "missing"
+    if calibration is not None:
+        across, down = calibration["fov_deg"]
+        baseline = f", baseline {calibration['baseline_m'] * 100:.2f} cm" if "baseline_m" in calibration else ""
+        text = (
+            f"focal length {calibration['focal_px']:.1f} px{baseline}, view {across:.0f} x {down:.0f} degrees, "
+            f"lens {calibration['lens']} ({escape(calibration['source'])})"
+        )
     facts = Table(show_header=False, box=None, pad_edge=False)
-    facts.add_row("frames", _frames_text(found))
-    facts.add_row("calibration", _calibration_text(found["calibration"]))
+    facts.add_row("frames", f"{found['frames']} at {found['fps']:.3f} per second, {found['duration_s']:.2f} s{alone}")
+    facts.add_row("calibration", text)
     facts.add_row("floor", found["floor"])
     for title, key in (("missing", "missing"), ("note", "notes")):
-        for text in found[key]:
-            facts.add_row(title, escape(text))
+        for line in found[key]:
+            facts.add_row(title, escape(line))
     if not found["missing"]:
         facts.add_row("next", escape(f"planview run {shlex.quote(found['path'])} --out out --rrd"))
     console.print(facts)
-
-
-def _camera_row(camera: dict[str, Any]) -> list[str]:
-    width, height = camera["size"]
-    row = [escape(camera["name"]), f"{width}x{height}", camera["pixels"], str(camera["frames"])]
-    if camera["jitter_ms"] is None:
-        return [*row, f"{camera['fps']:.3f}", "-", "-"]
-    gaps = f"{camera['gaps']} ({camera['dropped']} frames)" if camera["gaps"] else "none"
-    return [*row, f"{camera['fps']:.3f}", f"{camera['jitter_ms']:.2f} ms", gaps]
-
-
-def _frames_text(found: dict[str, Any]) -> str:
-    alone = f", {found['unpaired']} without a mate" if found["unpaired"] else ""
-    return f"{found['frames']} at {found['fps']:.3f} per second, {found['duration_s']:.2f} s{alone}"
-
-
-def _calibration_text(calibration: dict[str, Any] | None) -> str:
-    if calibration is None:
-        return "missing"
-    across, down = calibration["fov_deg"]
-    baseline = f", baseline {calibration['baseline_m'] * 100:.2f} cm" if "baseline_m" in calibration else ""
-    view = f"focal length {calibration['focal_px']:.1f} px{baseline}, view {across:.0f} x {down:.0f} degrees"
-    return f"{view}, lens {calibration['lens']} ({escape(calibration['source'])})"

@@ -20,7 +20,7 @@ from planview.output.render import FilmWriter, SceneComposer, scene_pictures_of,
 from planview.output.report.compare import write_comparison
 from planview.output.report.page import write_report
 from planview.output.rerun.file import quiet_environment
-from planview.output.results import RunResults, read_results
+from planview.output.results import read_results
 
 if TYPE_CHECKING:
     from planview.output.scene import SceneFrames
@@ -109,27 +109,19 @@ def render(folder: Path, *, options: RenderOptions | None = None) -> None:
     except (InputError, WorkError) as error:
         console.print(f"the floor alone is drawn: {error}")
     composer = SceneComposer(results, frames, options.trail, plan=not options.no_plan, truth=not options.no_truth)
+    end = results.n_frames - 1
     if options.frame is not None:
         path = options.png or folder / f"frame-{options.frame}.png"
-        if not 0 <= options.frame < results.n_frames:
-            raise InputError(f"--frame: expected a frame from 0 to {results.n_frames - 1}, found {options.frame}")
+        if not 0 <= options.frame <= end:
+            raise InputError(f"--frame: expected a frame from 0 to {end}, found {options.frame}")
         write_still(composer, frames, options.frame, path)
-    else:
-        path = options.video or folder / "scene.mp4"
-        _film(results, composer, frames, options, path)
-    console.print(str(path))
-
-
-def _film(
-    results: RunResults, composer: SceneComposer, frames: SceneFrames | None, options: RenderOptions, path: Path
-) -> None:
-    known = results.tracks.frame
-    end = results.n_frames - 1
+        console.print(str(path))
+        return
+    path = options.video or folder / "scene.mp4"
     first, last = frame_span(options.frames) if options.frames else (0, end)
+    known = results.tracks.frame
     if first > end or not len(known):
-        raise InputError(
-            f"{results.folder}: expected frames from {first} on, found {int(np.max(known, initial=-1)) + 1}"
-        )
+        raise InputError(f"{folder}: expected frames from {first} on, found {int(np.max(known, initial=-1)) + 1}")
     last = min(last, end)
     writer = FilmWriter(path, min(240.0, 1.0 / results.clock.frame_s))
     complete = False
@@ -143,6 +135,7 @@ def _film(
         writer.close(complete=complete)
     if not writer.count:
         raise WorkError(f"{path}: none of the frames {first} to {last} can be read")
+    console.print(str(path))
 
 
 def view(folder: Path, *, port: int = 9876, web: Flag = False, web_port: int = 9090) -> None:

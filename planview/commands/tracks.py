@@ -19,7 +19,6 @@ from planview.offline.refine import RefineParams
 from planview.output.finished import edit_run, read_steps, refine_run, undo_edits
 from planview.output.progress import PlainConsole
 from planview.trajectories.export import FORMATS, ExportName, prepared
-from planview.trajectories.file import TrajectoryFile
 from planview.trajectories.jsonl import stream_jsonl
 from planview.trajectories.layouts import load_file
 from planview.trajectories.pairs import tracks_file
@@ -199,13 +198,20 @@ def export(tracks: Path, *, to: ExportName | None = None, options: ExportOptions
     options = options or ExportOptions()
     if (to is None) == (options.cloud is None):
         raise InputError(f"expected --to with a format ({', '.join(FORMATS)}) or --cloud with a file, one of them")
-    if to is not None:
-        _export_tracks(tracks, to, options)
-    elif options.cloud is not None:
-        _export_cloud(tracks, options.cloud, options)
+    console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
+    if options.cloud is not None:
+        from planview.engine.scene_cloud import write_cloud
+        from planview.output.scene import scene_of
+
+        _refuse_existing(options.cloud, tracks, options.overwrite)
+        with console.status("opening the recording, finding the floor, matching"):
+            n_points = write_cloud(options.cloud, scene_of(tracks, open_options(options.calibration)))
+        console.print(f"{options.cloud}: {n_points} points [m], origin on the floor below the camera, z up")
+    elif to is not None:
+        _export_tracks(tracks, to, options, console)
 
 
-def _export_tracks(tracks: Path, to: ExportName, options: ExportOptions) -> None:
+def _export_tracks(tracks: Path, to: ExportName, options: ExportOptions, console: PlainConsole) -> None:
     if options.fps is not None and not 0 < options.fps <= 10_000:
         raise InputError(f"--fps: expected a rate above 0, found {options.fps:g}")
     source = tracks_file(tracks)
@@ -222,26 +228,13 @@ def _export_tracks(tracks: Path, to: ExportName, options: ExportOptions) -> None
         return
     out = options.out or source.with_name(f"{source.stem}_{to}{FORMATS[to].suffix}")
     _refuse_existing(out, source, options.overwrite)
-    _write(out, file, to, options.unit)
-    _say(out, file)
-
-
-def _export_cloud(source: Path, out: Path, options: ExportOptions) -> None:
-    from planview.engine.scene_cloud import write_cloud
-    from planview.output.scene import scene_of
-
-    _refuse_existing(out, source, options.overwrite)
-    console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
-    with console.status("opening the recording, finding the floor, matching"):
-        n_points = write_cloud(out, scene_of(source, open_options(options.calibration)))
-    console.print(f"{out}: {n_points} points [m], origin on the floor below the camera, z up")
-
-
-def _write(out: Path, file: TrajectoryFile, to: ExportName, unit: str) -> None:
     if to == "pedpy":
-        write_petrack(out, file, unit)
+        write_petrack(out, file, options.unit)
     else:
         FORMATS[to].write(out, file)
+    people = len(set(file.table.track_id.tolist()))
+    rate = f", {file.fps:g} frames per second" if file.fps else ""
+    console.print(f"{out}: {len(file.table)} rows of {people} people{rate}")
 
 
 def _refuse_existing(out: Path, source: Path, overwrite: bool) -> None:
@@ -251,10 +244,3 @@ def _refuse_existing(out: Path, source: Path, overwrite: bool) -> None:
         raise InputError(f"{out}: expected a file to write, found a folder")
     if out.exists() and not overwrite:
         raise InputError(f"{out}: exists; choose another file or add --overwrite")
-
-
-def _say(out: Path, file: TrajectoryFile) -> None:
-    people = len(set(file.table.track_id.tolist()))
-    rate = f", {file.fps:g} frames per second" if file.fps else ""
-    console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
-    console.print(f"{out}: {len(file.table)} rows of {people} people{rate}")
