@@ -16,7 +16,7 @@ from calib.images import as_colour, as_grey, write_image
 from calib.types import F32, F64, U8
 from planview.checks.check import Check, at_least
 from planview.checks.pair import SATURATED_LEVEL, alignment_checks, image_checks, light_checks
-from planview.checks.recording import RecordingEvidence, RgbdEvidence, SceneEvidence, gather, gather_rgbd
+from planview.checks.recording import Evidence, gather
 from planview.checks.scene import (
     MIN_VALID,
     height_check,
@@ -26,7 +26,7 @@ from planview.checks.scene import (
     scene_checks,
     standing_things,
 )
-from planview.checks.timing import MotionWatch, Thumbnails, clock_checks, motion_checks, timing_checks
+from planview.checks.timing import MotionWatch, Thumbnails, motion_checks, timing_checks
 from planview.drawing.style import Entry, Rgb, as_bgr, with_colour_bar, with_legend
 from planview.maps.view import StereoView
 from stereo.depth import DepthFromDisparity, back_project
@@ -44,7 +44,7 @@ BELOW: Rgb = (60, 90, 255)
 SATURATED: Rgb = (255, 0, 255)
 
 
-def write_pictures(evidence: RecordingEvidence | RgbdEvidence, folder: Path) -> list[Path]:
+def write_pictures(evidence: Evidence, folder: Path) -> list[Path]:
     """Write PNG pictures of the frame in the middle of the recording.
 
     Returns:
@@ -56,12 +56,12 @@ def write_pictures(evidence: RecordingEvidence | RgbdEvidence, folder: Path) -> 
     disparity = evidence.disparities[middle]
     searched = evidence.searched
     pictures = {"disparity.png": disparity_picture(disparity, searched.first_px, searched.first_px + searched.count)}
-    if isinstance(evidence, RgbdEvidence):
-        left, recorded = as_grey(evidence.rectified[middle].left), [evidence.spread[middle].image]
+    left, frame = evidence.lefts[middle], evidence.spread[middle]
+    if evidence.pair is None:
+        recorded = [frame.image]
     else:
-        pair, frame = evidence.pairs[middle], evidence.spread[middle]
-        left, recorded = pair.left_grey, [frame.left, frame.right]
-        pictures["rows.png"] = rows_picture(pair.left_grey, pair.right_grey)
+        recorded = [frame.left, frame.right]
+        pictures["rows.png"] = rows_picture(left, evidence.pair.rectified[middle].right_grey)
     pictures["floor.png"] = floor_picture(evidence, left, disparity)
     pictures["exposure.png"] = np.hstack([exposure_picture(as_grey(image)) for image in recorded])
     for name, picture in pictures.items():
@@ -87,7 +87,7 @@ def disparity_picture(disparity: F32, smallest_px: int, largest_px: int) -> U8:
     return with_colour_bar(picture, cv2.COLORMAP_TURBO, *ends, [Entry((0, 0, 0), "unknown")])
 
 
-def floor_picture(evidence: SceneEvidence, left: U8, disparity: F32) -> U8:
+def floor_picture(evidence: Evidence, left: U8, disparity: F32) -> U8:
     """The left image with what lies on the floor tinted green, what stands above it red, below it blue."""
     picture = as_colour(left).copy()
     if evidence.floor is None:
@@ -125,7 +125,7 @@ class Diagnosis:
     """
 
     checks: tuple[Check, ...]
-    evidence: RecordingEvidence | RgbdEvidence | None
+    evidence: Evidence | None
 
     @property
     def ok(self) -> bool:
@@ -164,27 +164,21 @@ def examine(
         recording = open_any(path, options)
     except InputError as error:
         return Diagnosis((Check("calibration and layout", False, 0.0, note=str(error)),), None)
-    if not isinstance(recording, StereoRecording):
-        return _examine_rgbd(gather_rgbd(recording, frames, search), person_height_m)
     evidence = gather(recording, frames, search)
+    pair = evidence.pair
+    if pair is None:
+        skipped = "skipped: images with depth have no left and right camera whose rows and order could be compared"
+        light = light_checks([f.image for f in evidence.spread])
+        geometry = [Check("alignment of a pair", True, math.nan, note=skipped)]
+    else:
+        light = image_checks(evidence.spread)
+        geometry = alignment_checks(pair.plain, pair.matches, pair.vertical)
+    source = recording.rig.source if isinstance(recording, StereoRecording) else recording.source
     checks = [
-        Check("calibration and layout", True, 1.0, note=evidence.recording.rig.source),
+        Check("calibration and layout", True, 1.0, note=source),
         *timing_checks(evidence),
-        *image_checks(evidence.spread),
-        *alignment_checks(evidence.plain, evidence.matches, evidence.vertical),
-        *scene_checks(evidence),
-        *people_checks(evidence, person_height_m),
-    ]
-    return Diagnosis(tuple(checks), evidence)
-
-
-def _examine_rgbd(evidence: RgbdEvidence, person_height_m: float | None) -> Diagnosis:
-    skipped = "skipped: images with depth have no left and right camera whose rows and order could be compared"
-    checks = [
-        Check("calibration and layout", True, 1.0, note=evidence.recording.source),
-        *clock_checks(evidence),
-        *light_checks([f.image for f in evidence.spread]),
-        Check("alignment of a pair", True, math.nan, note=skipped),
+        *light,
+        *geometry,
         *scene_checks(evidence),
         *people_checks(evidence, person_height_m),
     ]

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from calib.errors import WorkError
+from calib.images import as_grey
 from calib.rig import Floor
 from calib.types import F32, F64, U8
-from stereo.depth import DepthFromDisparity, RectifiedGeometry
+from stereo.depth import DepthFromDisparity
 from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
 from stereo.matcher import DisparityRange
 from stereo.readers.pair import StereoRecording
-from stereo.recording import RgbdFrame, RgbdRecording, StereoFrame
+from stereo.recording import RgbdRecording, StereoFrame
 from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
-from stereo.rgbd import RectifiedRgbd, RgbdRectifier
+from stereo.rgbd import RgbdRectifier
 from stereo.vertical import VerticalFit, VerticalParams, match_corners
 
 MATCHED_FRAMES = 8
@@ -26,91 +28,53 @@ WIDE_SEARCH = VerticalParams(search_px=24, features=200)
 """Row offsets looked for in a pair that may be badly calibrated: a rig turned by 2 degrees still matches."""
 
 
-class AnyRectifier(Protocol):
-    """What the rectifiers of pairs and of images with depth have in common."""
-
-    @property
-    def geometry(self) -> RectifiedGeometry: ...
-
-    @property
-    def mask(self) -> U8: ...
-
-
-class SceneEvidence(Protocol):
-    """What is known of the scene, from a pair or from images with depth (see ``RecordingEvidence``)."""
-
-    @property
-    def rectifier(self) -> AnyRectifier: ...
-
-    @property
-    def disparities(self) -> list[F32]: ...
-
-    @property
-    def floor(self) -> Floor | None: ...
-
-    @property
-    def floor_refused(self) -> str: ...
-
-
-@dataclass(frozen=True, eq=False)
-class RgbdEvidence:
-    """A recording of images with depth under examination.
+class PairEvidence(NamedTuple):
+    """What is known of a stereo pair alone.
 
     Attributes:
-        spread, run, frames_asked, floor, floor_refused: as of ``RecordingEvidence``.
-        rectifier: takes the distortion out.
-        rectified: spread frames.
-        disparities: (H, W) float32 [px] of each, equivalent to its depth.
-        searched: range of the disparities.
+        plain: rectifier of the calibration as it is.
+        matches: (N, 4) float64 [px] of ``plain``'s images: u, v, u in the right image, row offset; disparities of
+            both signs were searched.
+        vertical: row offset before and after it is taken out.
+        rectified: spread frames, the row offset taken out.
     """
 
-    recording: RgbdRecording
-    spread: list[RgbdFrame]
-    run: list[RgbdFrame]
-    rectifier: RgbdRectifier
-    rectified: list[RectifiedRgbd]
-    disparities: list[F32]
-    searched: DisparityRange
-    floor: Floor | None
-    floor_refused: str
-    frames_asked: int
+    plain: Rectifier
+    matches: F64
+    vertical: VerticalFit
+    rectified: list[RectifiedPair]
 
 
 @dataclass(frozen=True, eq=False)
-class RecordingEvidence:
+class Evidence:
     """A recording under examination.
 
     Attributes:
         spread: frames spread over the recording, those that a run measures its floor in.
         run: consecutive frames where most moves.
-        plain: rectifier of the calibration as it is.
-        matches: (N, 4) float64 [px] of ``plain``'s images: u, v, u in the right image, row offset; disparities of
-            both signs were searched.
-        rectifier: with the row offset taken out.
-        vertical: row offset before and after.
-        pairs: rectified spread frames.
-        disparities: (H, W) float32 [px] of each.
+        rectifier: of a pair with the row offset taken out.
+        lefts: (H, W) uint8 grey of each spread frame, rectified; the left one of a pair.
+        disparities: (H, W) float32 [px] of each; of images with depth equivalent to it.
         searched: range of the disparities.
         floor: found in them, None when ``floor_refused`` says why not.
         frames_asked: how many frames ``spread`` and ``run`` were meant to have.
+        pair: None of images with depth.
     """
 
-    recording: StereoRecording
-    spread: list[StereoFrame]
-    run: list[StereoFrame]
-    plain: Rectifier
-    matches: F64
-    rectifier: Rectifier
-    vertical: VerticalFit
-    pairs: list[RectifiedPair]
+    recording: StereoRecording | RgbdRecording
+    spread: list[Any]
+    run: list[Any]
+    rectifier: Rectifier | RgbdRectifier
+    lefts: list[U8]
     disparities: list[F32]
     searched: DisparityRange
     floor: Floor | None
     floor_refused: str
     frames_asked: int
+    pair: PairEvidence | None
 
 
-def gather(recording: StereoRecording, frames: int, search: FloorSearch | None = None) -> RecordingEvidence:
+def gather(recording: StereoRecording | RgbdRecording, frames: int, search: FloorSearch | None = None) -> Evidence:
     """Decode, rectify and match what the checks need.
 
     Args:
@@ -121,52 +85,33 @@ def gather(recording: StereoRecording, frames: int, search: FloorSearch | None =
     """
     search = search or FloorSearch()
     count = max(3, min(frames, recording.n_frames))
-    spread = setup_frames(recording, search.frames)
-    plain = Rectifier(recording.rig, search.rectify)
-    rectifier, vertical = aligned_rectifier(recording.rig, spread, search.rectify)
-    estimator = FloorEstimator(rectifier, search)
-    pairs = [rectifier(f.left, f.right) for f in spread]
-    disparities = [estimator.disparity(pair) for pair in pairs]
-    floor, refused = _floor(estimator, disparities)
-    return RecordingEvidence(
-        recording,
-        spread,
-        recording.at(busiest([f.left for f in spread], [f.index for f in spread], recording.n_frames, count)),
-        plain,
-        _matches(plain, spread, estimator.disparities),
-        rectifier,
-        vertical,
-        pairs,
-        disparities,
-        estimator.disparities,
-        floor,
-        refused,
-        min(search.frames, recording.n_frames) + count,
-    )
-
-
-def gather_rgbd(recording: RgbdRecording, frames: int, search: FloorSearch | None = None) -> RgbdEvidence:
-    """Decode and rectify what the checks of images with depth need (see ``gather``)."""
-    search = search or FloorSearch()
-    count = max(3, min(frames, recording.n_frames))
-    spread = setup_frames(recording, search.frames)
-    rectifier = RgbdRectifier(recording.camera, recording.sensor, search.rectify)
-    rectified = [rectifier(frame) for frame in spread]
-    floor, refused = _found(
-        lambda: floor_in([r.depth_m for r in rectified], rectifier.geometry, search.floor, BLIND_SENSOR)
-    )
-    return RgbdEvidence(
-        recording,
-        spread,
-        recording.at(busiest([f.image for f in spread], [f.index for f in spread], recording.n_frames, count)),
-        rectifier,
-        rectified,
-        [rectifier.disparity(r) for r in rectified],
-        rectifier.disparities(),
-        floor,
-        refused,
-        min(search.frames, recording.n_frames) + count,
-    )
+    spread: list[Any] = setup_frames(recording, search.frames)
+    find: Callable[[], Floor]
+    rectifier: Rectifier | RgbdRectifier
+    if isinstance(recording, StereoRecording):
+        plain = Rectifier(recording.rig, search.rectify)
+        rectifier, vertical = aligned_rectifier(recording.rig, spread, search.rectify)
+        estimator = FloorEstimator(rectifier, search)
+        pairs = [rectifier(f.left, f.right) for f in spread]
+        lefts, disparities = [p.left_grey for p in pairs], [estimator.disparity(pair) for pair in pairs]
+        searched, to_depth = estimator.disparities, DepthFromDisparity(rectifier.geometry)
+        find = partial(estimator.floor, map(to_depth, disparities))
+        pair = PairEvidence(plain, _matches(plain, spread, searched), vertical, pairs)
+    else:
+        rectifier = depth_rectifier = RgbdRectifier(recording.camera, recording.sensor, search.rectify)
+        rectified = [depth_rectifier(frame) for frame in spread]
+        lefts, disparities = [as_grey(r.left) for r in rectified], [depth_rectifier.disparity(r) for r in rectified]
+        searched, depths, pair = depth_rectifier.disparities(), [r.depth_m for r in rectified], None
+        find = partial(floor_in, depths, depth_rectifier.geometry, search.floor, BLIND_SENSOR)
+    floor, refused = None, ""
+    try:
+        floor = find()
+    except WorkError as error:
+        refused = str(error)
+    images = [f.left if isinstance(recording, StereoRecording) else f.image for f in spread]
+    run = recording.at(busiest(images, [f.index for f in spread], recording.n_frames, count))
+    asked = min(search.frames, recording.n_frames) + count
+    return Evidence(recording, spread, run, rectifier, lefts, disparities, searched, floor, refused, asked, pair)
 
 
 def busiest(images: list[U8], indices: list[int], n_frames: int, count: int) -> list[int]:
@@ -191,16 +136,3 @@ def _matches(rectifier: Rectifier, spread: list[StereoFrame], searched: Disparit
         pair = rectifier(frame.left, frame.right)
         found.append(match_corners(pair.left_grey, pair.right_grey, largest, WIDE_SEARCH, -largest))
     return np.concatenate(found)
-
-
-def _floor(estimator: FloorEstimator, disparities: list[F32]) -> tuple[Floor | None, str]:
-    to_depth = DepthFromDisparity(estimator.rectifier.geometry)
-    return _found(lambda: estimator.floor(to_depth(d) for d in disparities))
-
-
-def _found(floor: Callable[[], Floor]) -> tuple[Floor | None, str]:
-    """The floor, or why there is none."""
-    try:
-        return floor(), ""
-    except WorkError as error:
-        return None, str(error)

@@ -11,7 +11,7 @@ from calib.pose import SE3
 from calib.rig import Floor
 from calib.types import F32, F64, Bool
 from planview.checks.check import Check, at_least, at_most, between
-from planview.checks.recording import SceneEvidence
+from planview.checks.recording import Evidence
 from planview.foreground.blobs import find_blobs
 from planview.maps.grid import GridParams
 from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project, median_image
@@ -31,7 +31,7 @@ TALLEST_PERCENTILE = 98.0
 """Percentile of a person's points taken for the top of the head: single points above it are wrong matches."""
 
 
-def people_checks(evidence: SceneEvidence, person_height_m: float | None) -> list[Check]:
+def people_checks(evidence: Evidence, person_height_m: float | None) -> list[Check]:
     """Measured height of people against the known one, or against what people can be."""
     return [height_check(person_heights(evidence), person_height_m)]
 
@@ -48,13 +48,17 @@ def height_check(heights: F64, person_height_m: float | None = None) -> Check:
     return between("person height", value, limits, "m", f"{note}: baseline and units", needed=True)
 
 
-def person_heights(evidence: SceneEvidence) -> F64:
+def person_heights(evidence: Evidence) -> F64:
     """(N,) heights [m] of things that stand out of the background, one per thing and frame."""
     if evidence.floor is None:
         return np.empty(0)
     geometry = evidence.rectifier.geometry
     background = median_image(evidence.disparities)
-    found = [_things(d, background, geometry, evidence.floor.world_SE3_left) for d in evidence.disparities]
+    to_depth, found = DepthFromDisparity(geometry), []
+    for disparity in evidence.disparities:
+        depth = to_depth(disparity)
+        above = heights_above_floor(back_project(depth, geometry), evidence.floor.world_SE3_left)
+        found.append(standing_things(above, depth, disparity - background > NEARER_PX))
     return large_heights(np.concatenate(found))
 
 
@@ -64,12 +68,6 @@ def large_heights(things: F64) -> F64:
         return np.empty(0)
     large = things[:, 1] >= LARGE * np.percentile(things[:, 1], 90)
     return np.asarray(things[large, 0], dtype=np.float64)
-
-
-def _things(disparity: F32, background: F32, geometry: RectifiedGeometry, world_SE3_left: SE3) -> F64:
-    depth = DepthFromDisparity(geometry)(disparity)
-    above = heights_above_floor(back_project(depth, geometry), world_SE3_left)
-    return standing_things(above, depth, disparity - background > NEARER_PX)
 
 
 def heights_above_floor(points: F32, world_SE3_left: SE3) -> F32:
@@ -114,7 +112,7 @@ MAX_DEPTH = {2.0: 0.15, 4.0: 0.5, 8.0: math.inf}
 """Predicted depth deviation at a distance [m]: at 4 m half a metre is a person's width (our choice)."""
 
 
-def scene_checks(evidence: SceneEvidence) -> list[Check]:
+def scene_checks(evidence: Evidence) -> list[Check]:
     """Share of valid disparity, floor share, flatness and height, depth and cell error at 2, 4 and 8 m."""
     inside = evidence.rectifier.mask > 0
     shares = [float(np.mean(np.isfinite(d[inside]))) for d in evidence.disparities]

@@ -10,7 +10,8 @@ import numpy as np
 
 from calib.types import F64, U8, Bool
 from planview.checks.check import Check, at_least, at_most
-from planview.checks.recording import RecordingEvidence, RgbdEvidence
+from planview.checks.recording import Evidence
+from stereo.rectify import Rectifier
 
 STEP_PX = 2
 """Every n-th row and column is compared: a person at 8 m still has 100 pixels."""
@@ -207,23 +208,25 @@ MAX_LAG = 0.5
 """Cameras may be apart by half a frame: at 15 fps a walker moves 4 cm in that time, which is 1 px at 4 m."""
 
 
-def timing_checks(evidence: RecordingEvidence) -> list[Check]:
-    """Usable frames, gaps in the timestamps, frozen camera and lag between the cameras."""
+def timing_checks(evidence: Evidence) -> list[Check]:
+    """Usable frames, gaps in the timestamps; of a pair a frozen camera, and lag between the cameras."""
+    usable = (len(evidence.spread) + len(evidence.run)) / max(1, evidence.frames_asked)
+    times = evidence.recording.times_s
+    known = np.array([f.timestamp_s for f in evidence.run]) if times is None else times[np.isfinite(times)]
+    meant = "longest step between frames over the usual one"
+    checks = [
+        at_least("usable frames", usable, MIN_USABLE, "", "share of the frames looked at that can be decoded"),
+        at_most(
+            "timestamp gap", longest_step(known), MAX_GAP, "steps", "longest step between frames over the usual one"
+        ),
+    ]
+    if not isinstance(evidence.rectifier, Rectifier):
+        return checks
     watch = MotionWatch()
     for frame in evidence.run:
         pair = evidence.rectifier(frame.left, frame.right)
         watch.update(thumbnails(pair.left_grey, pair.right_grey))
-    return [*clock_checks(evidence), *motion_checks(watch.findings())]
-
-
-def clock_checks(evidence: RecordingEvidence | RgbdEvidence) -> list[Check]:
-    """Usable frames, and gaps in the timestamps."""
-    usable = (len(evidence.spread) + len(evidence.run)) / max(1, evidence.frames_asked)
-    gap = longest_step(_times(evidence))
-    return [
-        at_least("usable frames", usable, MIN_USABLE, "", "share of the frames looked at that can be decoded"),
-        at_most("timestamp gap", gap, MAX_GAP, "steps", "longest step between frames over the usual one"),
-    ]
+    return [*checks, *motion_checks(watch.findings())]
 
 
 def motion_checks(found: MotionFindings) -> list[Check]:
@@ -241,10 +244,3 @@ def longest_step(times_s: F64) -> float:
     """Longest interval over the median one; NaN with fewer than three times."""
     steps = np.diff(times_s)
     return float(steps.max() / np.median(steps)) if len(steps) >= 2 else math.nan
-
-
-def _times(evidence: RecordingEvidence | RgbdEvidence) -> F64:
-    times = evidence.recording.times_s
-    if times is None:
-        return np.array([f.timestamp_s for f in evidence.run])
-    return np.asarray(times[np.isfinite(times)], dtype=np.float64)
