@@ -213,7 +213,6 @@ def timing_checks(evidence: Evidence) -> list[Check]:
     usable = (len(evidence.spread) + len(evidence.run)) / max(1, evidence.frames_asked)
     times = evidence.recording.times_s
     known = np.array([f.timestamp_s for f in evidence.run]) if times is None else times[np.isfinite(times)]
-    meant = "longest step between frames over the usual one"
     checks = [
         at_least("usable frames", usable, MIN_USABLE, "", "share of the frames looked at that can be decoded"),
         at_most(

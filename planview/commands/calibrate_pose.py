@@ -28,7 +28,7 @@ from calib.rig import Floor
 from calib.text import reason
 from calib.types import U8
 from planview.calibration.floor import FloorView, floor_from_tracks, given_floor, view_floor
-from planview.calibration.human import CollectedSamples, collect_samples
+from planview.calibration.human import collect_samples
 from planview.calibration.pictures import AXIS, COMPUTED, GRID, crowd, draw_grid, draw_person, draw_samples
 from planview.commands.options import Flag, JsonFlag
 from planview.drawing.style import Entry, as_bgr, with_legend
@@ -36,7 +36,6 @@ from planview.engine.config import load_config
 from planview.engine.setup import floor_search
 from planview.output.progress import PlainConsole
 from planview.trajectories.table import read_tracks
-from stereo.floor import FloorSearch
 from stereo.readers import OpenOptions, open_recording
 from stereo.readers.opening import open_video
 from stereo.readers.pair import StereoRecording
@@ -96,34 +95,20 @@ def calibrate_floor(recording: Path, *, options: FloorOptions | None = None) -> 
     if options.frames is not None:
         search = search.model_copy(update={"frames": options.frames})
     console = PlainConsole(stderr=True)
-    view, floor = _find(recording, search, options, console)
-    target = (recording if recording.is_dir() else recording.parent) / "world.toml" if options.save else options.out
-    image = options.picture or (target and target.with_suffix(".png"))
-    console.print(_sentence(floor))
-    for written in _write(floor, view, target, image):
-        console.print(f"wrote {written}", highlight=False)
-    if target is None:
-        console.print("no world.toml written: --save keeps this floor in the recording, --out FILE elsewhere")
-    if options.json_output:
-        print(json.dumps(_report(floor, target, image)))
-
-
-def _find(recording: Path, search: FloorSearch, options: FloorOptions, console: Console) -> tuple[FloorView, Floor]:
-    """The floor by the way that the options name."""
-    parsed = parse_points(options.points) if options.points else None
+    points = parse_points(options.points) if options.points else None
     opened = open_recording(recording, OpenOptions(options.calibration))
     with console.status(f"Looking at {search.frames} frames"):
         view = view_floor(opened, search)
-        if parsed is not None:
-            return view, given_floor(view, *parsed)
-        if options.tracks is not None:
-            return view, _refined(opened, view, options.tracks)
-        return view, view.find()
-
-
-def _write(floor: Floor, view: FloorView, target: Path | None, image: Path | None) -> list[Path]:
-    """Write the files that are asked for."""
-    written = []
+        if points is not None:
+            floor = given_floor(view, *points)
+        elif options.tracks is not None:
+            file = options.tracks / "tracks.csv" if options.tracks.is_dir() else options.tracks
+            floor = floor_from_tracks(opened, view, read_tracks(file), _floor_of_run(opened, file), file)
+        else:
+            floor = view.find()
+    target = (recording if recording.is_dir() else recording.parent) / "world.toml" if options.save else options.out
+    image = options.picture or (target and target.with_suffix(".png"))
+    console.print(_sentence(floor))
     for path, write in ((target, partial(save_world, floor)), (image, partial(_draw, view, floor))):
         if path is None:
             continue
@@ -132,8 +117,11 @@ def _write(floor: Floor, view: FloorView, target: Path | None, image: Path | Non
             write(path)
         except OSError as error:
             raise InputError(f"{path}: expected a place to write to, found {reason(error)}") from error
-        written.append(path)
-    return written
+        console.print(f"wrote {path}", highlight=False)
+    if target is None:
+        console.print("no world.toml written: --save keeps this floor in the recording, --out FILE elsewhere")
+    if options.json_output:
+        print(json.dumps(_report(floor, target, image)))
 
 
 def _draw(view: FloorView, floor: Floor, path: Path) -> None:
@@ -142,11 +130,6 @@ def _draw(view: FloorView, floor: Floor, path: Path) -> None:
         Entry(as_bgr(AXIS), "x and y, 1 m from below the camera"),
     )
     write_image(path, with_legend(view.picture(floor), entries))
-
-
-def _refined(recording: StereoRecording, view: FloorView, tracks: Path) -> Floor:
-    file = tracks / "tracks.csv" if tracks.is_dir() else tracks
-    return floor_from_tracks(recording, view, read_tracks(file), _floor_of_run(recording, file), file)
 
 
 def _floor_of_run(recording: StereoRecording, tracks: Path) -> Floor:
@@ -188,23 +171,14 @@ def _report(floor: Floor, target: Path | None, image: Path | None) -> dict[str, 
         "height_m": floor.height_m,
         "tilt_deg": math.degrees(floor.tilt_rad),
         "roll_deg": math.degrees(floor.roll_rad),
-        "inlier_fraction": _known(floor.inlier_fraction),
-        "residual_m": _known(floor.residual_m),
+        "inlier_fraction": floor.inlier_fraction if math.isfinite(floor.inlier_fraction) else None,
+        "residual_m": floor.residual_m if math.isfinite(floor.residual_m) else None,
     }
     if floor.covariance is not None:
         height, tilt, roll = (math.sqrt(max(0.0, float(v))) for v in floor.covariance.diagonal())
-        values["height_std_m"] = height
-        values["tilt_std_deg"] = math.degrees(tilt)
-        values["roll_std_deg"] = math.degrees(roll)
-    return {**values, "extent_m": floor.extent_m, "world": _name(target), "picture": _name(image)}
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
-def _name(path: Path | None) -> str | None:
-    return None if path is None else str(path)
+        values |= {"height_std_m": height, "tilt_std_deg": math.degrees(tilt), "roll_std_deg": math.degrees(roll)}
+    files = {name: path and str(path) for name, path in (("world", target), ("picture", image))}
+    return {**values, "extent_m": floor.extent_m, **files}
 
 
 @Parameter(name="*")
@@ -255,27 +229,8 @@ def calibrate_human(samples: Path, *, options: HumanOptions | None = None) -> No
     console = PlainConsole(stderr=True)
     if options.lens is not None and options.lens not in LENS_K_320:
         raise InputError(f"--lens: expected one of {', '.join(LENS_K_320)}, found {options.lens!r}")
-    known = _known_values(options)
-    if not 3 <= options.count <= 200:
-        raise InputError(f"--count: expected 3 to 200, found {options.count}")
-    video = open_video(samples) if options.auto else open_video(options.frames) if options.frames else None
-    size = _size(options.image_size, video, None if options.auto else read_image_size(samples), samples)
-    collected = _collect(video, options.count, console) if options.auto and video is not None else None
-    taken = read_samples(samples) if collected is None else collected.samples
-    independent = None if collected is None else collected.independent
-    check_samples(taken, size, str(samples))
-    found = calibrate_from_people(taken, size, options.lens, known=known, independent=independent, name=str(samples))
-    kept = options.out.with_suffix(".samples.json") if options.auto else None
-    written = _write_camera(found, taken, video, options.out, kept)
-    _summarise(found, len(taken), console)
-    console.print(f"wrote {' and '.join(str(path) for path in written)}")
-    if options.json_output:
-        print(json.dumps(_camera_report(found, taken, options.out)))
-
-
-def _known_values(options: HumanOptions) -> KnownValues:
     try:
-        return KnownValues(options.focal, options.field, options.camera_height, options.person_height)
+        known = KnownValues(options.focal, options.field, options.camera_height, options.person_height)
     except ValueError as error:
         text = str(error)
         for option, name in (
@@ -286,22 +241,32 @@ def _known_values(options: HumanOptions) -> KnownValues:
         ):
             text = text.replace(name, option)
         raise InputError(text) from error
-
-
-def _write_camera(
-    found: HumanCalibration, samples: Sequence[HumanSample], video: Video | None, out: Path, collected: Path | None
-) -> tuple[Path, Path]:
-    """Camera and picture, and samples that were collected."""
-    picture = out.with_suffix(".png")
+    if not 3 <= options.count <= 200:
+        raise InputError(f"--count: expected 3 to 200, found {options.count}")
+    video = open_video(samples) if options.auto else open_video(options.frames) if options.frames else None
+    size = _size(options.image_size, video, None if options.auto else read_image_size(samples), samples)
+    if options.auto and video is not None:
+        with Progress(console=console, transient=True) as progress:
+            task = progress.add_task("Following people", total=video.n_frames)
+            collected = collect_samples(video, options.count, done=lambda: progress.advance(task))
+        taken, independent = collected.samples, collected.independent
+    else:
+        taken, independent = read_samples(samples), None
+    check_samples(taken, size, str(samples))
+    found = calibrate_from_people(taken, size, options.lens, known=known, independent=independent, name=str(samples))
+    picture = options.out.with_suffix(".png")
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        save_ground_camera(found.camera, out)
-        write_image(picture, _picture(found, samples, video))
-        if collected is not None:
-            write_samples(samples, collected, found.camera.size)
+        options.out.parent.mkdir(parents=True, exist_ok=True)
+        save_ground_camera(found.camera, options.out)
+        write_image(picture, _picture(found, taken, video))
+        if options.auto:
+            write_samples(taken, options.out.with_suffix(".samples.json"), found.camera.size)
     except OSError as error:
-        raise InputError(f"{out}: expected a place to write to, found {reason(error)}") from error
-    return out, picture
+        raise InputError(f"{options.out}: expected a place to write to, found {reason(error)}") from error
+    _summarise(found, len(taken), console)
+    console.print(f"wrote {options.out} and {picture}")
+    if options.json_output:
+        print(json.dumps(_camera_report(found, taken, options.out)))
 
 
 def _summarise(found: HumanCalibration, n_samples: int, console: Console) -> None:
@@ -321,13 +286,15 @@ def _summarise(found: HumanCalibration, n_samples: int, console: Console) -> Non
 
 
 def _size(text: str | None, video: Video | None, recorded: tuple[int, int] | None, samples: Path) -> tuple[int, int]:
-    """(width, height) of the samples' image; what is told of it in several places must agree."""
-    told = {
-        "--image-size": None if text is None else _parsed(text),
-        "the video": None if video is None else video.size,
-        str(samples): recorded,
-    }
-    known = [(source, size) for source, size in told.items() if size is not None]
+    """(width, height) of the samples' image; what is known of it from several places must agree."""
+    given = None
+    if text is not None:
+        match = re.fullmatch(r"\s*(\d{1,5})\s*[xX*,]\s*(\d{1,5})\s*", text)
+        given = (int(match[1]), int(match[2])) if match else (0, 0)
+        if 0 in given:
+            raise InputError(f"--image-size: expected WxH in pixels, e.g. 640x480, found {text!r}")
+    sources = {"--image-size": given, "the video": None if video is None else video.size, str(samples): recorded}
+    known = [(source, size) for source, size in sources.items() if size is not None]
     if not known:
         raise InputError("--image-size: expected WxH of the image that the samples were taken in, found nothing")
     (first, (width, height)), *others = known
@@ -335,19 +302,6 @@ def _size(text: str | None, video: Video | None, recorded: tuple[int, int] | Non
         if (w, h) != (width, height):
             raise InputError(f"{first}: expected the image size of {source}, {w}x{h}, found {width}x{height}")
     return width, height
-
-
-def _parsed(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"\s*(\d{1,5})\s*[xX*,]\s*(\d{1,5})\s*", text)
-    if match is None or 0 in (width := int(match[1]), height := int(match[2])):
-        raise InputError(f"--image-size: expected WxH in pixels, e.g. 640x480, found {text!r}")
-    return width, height
-
-
-def _collect(video: Video, count: int, console: Console) -> CollectedSamples:
-    with Progress(console=console, transient=True) as progress:
-        task = progress.add_task("Following people", total=video.n_frames)
-        return collect_samples(video, count, done=lambda: progress.advance(task))
 
 
 def _picture(found: HumanCalibration, samples: Sequence[HumanSample], video: Video | None) -> U8:

@@ -16,7 +16,6 @@ from calib.types import U8
 from planview.drawing.plan import PlanBounds, bounds_of
 from planview.drawing.style import person_rgb
 from planview.engine.engine import Engine, FrameResult
-from planview.evaluation.significant import SignificantError
 from planview.maps.view import StereoView
 from planview.output.report.page import errors_of, scores_of
 from planview.output.rerun.file import RrdFile, rarer
@@ -38,7 +37,6 @@ from planview.output.rerun.shapes import (
 )
 from planview.output.results import RunResults, read_results
 from planview.trajectories.state import TrackState
-from planview.trajectories.table import Trajectories
 
 BLOCK_FRAMES = 256
 """Frames whose numbers are sent together (our choice: 17 s at 15 Hz)."""
@@ -73,7 +71,7 @@ HEIGHT_M = 1.7
 TRUTH_COLOUR = (255, 255, 255)
 
 
-def log_verdict(stream: rr.RecordingStream, folder: Path) -> RunResults | None:
+def log_assessment(stream: rr.RecordingStream, folder: Path) -> RunResults | None:
     """Log the truth of the recording and the errors against it, where there is one.
 
     Args:
@@ -86,32 +84,18 @@ def log_verdict(stream: rr.RecordingStream, folder: Path) -> RunResults | None:
         errors = errors_of(scores_of(results))
     except (InputError, WorkError):
         return None
-    if results.truth is not None:
-        _log_truth(stream, results, results.truth)
-    _log_errors(stream, results, errors)
-    return results
-
-
-def _log_truth(stream: rr.RecordingStream, results: RunResults, truth: Trajectories) -> None:
-    """Points on the floor and at the heads, a row per frame."""
-    frames, starts, counts = np.unique(truth.frame, return_index=True, return_counts=True)
-    if not len(frames):
-        return
-    rows = slice(int(starts[0]), int(starts[-1] + counts[-1]))
-    xy = np.column_stack([truth.x_m[rows], truth.y_m[rows]])
-    heights = np.nan_to_num(truth.height_m[rows], nan=HEIGHT_M)
-    indexes = [
-        rr.TimeColumn("frame", sequence=frames),
-        rr.TimeColumn("time", duration=results.clock.at(frames)),
-    ]
-    for path, z, radius in (("plan/truth", np.full(len(xy), 0.04), 0.06), ("world/truth", heights, 0.05)):
-        points = np.column_stack([xy, z]).astype(np.float32)
-        columns = rr.Points3D.columns(positions=points).partition(counts)
-        rr.send_columns(path, indexes, columns, recording=stream)
-        stream.log(path, rr.Points3D.from_fields(colors=[TRUTH_COLOUR], radii=[radius]), static=True)
-
-
-def _log_errors(stream: rr.RecordingStream, results: RunResults, errors: list[SignificantError]) -> None:
+    truth = results.truth
+    if truth is not None and len(truth):
+        # Points on the floor and at the heads, a row per frame.
+        frames, starts, counts = np.unique(truth.frame, return_index=True, return_counts=True)
+        rows = slice(int(starts[0]), int(starts[-1] + counts[-1]))
+        xy = np.column_stack([truth.x_m[rows], truth.y_m[rows]])
+        heights = np.nan_to_num(truth.height_m[rows], nan=HEIGHT_M)
+        times = rr.TimeColumn("time", duration=results.clock.at(frames))
+        for path, z, radius in (("plan/truth", np.full(len(xy), 0.04), 0.06), ("world/truth", heights, 0.05)):
+            columns = rr.Points3D.columns(positions=np.column_stack([xy, z]).astype(np.float32)).partition(counts)
+            rr.send_columns(path, [rr.TimeColumn("frame", sequence=frames), times], columns, recording=stream)
+            stream.log(path, rr.Points3D.from_fields(colors=[TRUTH_COLOUR], radii=[radius]), static=True)
     for error in errors:
         stream.set_time("frame", sequence=error.frame)
         stream.set_time("time", duration=float(results.clock.at(np.array([error.frame]))[0]))
@@ -119,6 +103,7 @@ def _log_errors(stream: rr.RecordingStream, results: RunResults, errors: list[Si
         who += [f"track {error.track_id}"] if error.track_id is not None else []
         text = f"{error.kind.replace('_', ' ')}: {', '.join(who)}: {error.note}"
         stream.log("errors", rr.TextLog(text, level=rr.TextLogLevel.ERROR))
+    return results
 
 
 TRAIL_S = 10.0
@@ -201,7 +186,7 @@ class RerunLog:
     def close(self) -> None:
         """See ``RunLog``."""
         self._series.flush(self._stream)
-        log_verdict(self._stream, self._path.parent)
+        log_assessment(self._stream, self._path.parent)
         if self._bounds is not None:
             self._stream.log("plan/grid", metre_grid(self._bounds), static=True)
             self._stream.send_blueprint(blueprint(self._engine, self._bounds))
