@@ -16,7 +16,7 @@ from calib.errors import InputError, WorkError
 from calib.text import reason
 from planview.commands.options import Flag, frame_span
 from planview.output.progress import PlainConsole
-from planview.output.render import FilmWriter, SceneComposer, scene_pictures_of, write_still
+from planview.output.render import SceneComposer, VideoWriter, scene_pictures_of, write_still
 from planview.output.report.compare import write_comparison
 from planview.output.report.page import write_report
 from planview.output.rerun.file import quiet_environment
@@ -123,7 +123,7 @@ def render(folder: Path, *, options: RenderOptions | None = None) -> None:
     if first > end or not len(known):
         raise InputError(f"{folder}: expected frames from {first} on, found {int(np.max(known, initial=-1)) + 1}")
     last = min(last, end)
-    writer = FilmWriter(path, min(240.0, 1.0 / results.clock.frame_s))
+    writer = VideoWriter(path, min(240.0, 1.0 / results.clock.frame_s))
     complete = False
     try:
         pictures = scene_pictures_of(composer, frames, first, last, options.every)

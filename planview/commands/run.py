@@ -29,7 +29,7 @@ from planview.output.folder import RunInfo, check_folder, finished_run, folder_l
 from planview.output.maps_log import MapsLog
 from planview.output.pace import Pace
 from planview.output.progress import FrameProgress, PlainConsole, compile_notice, summary
-from planview.output.replay import difference_picture, difference_text, track_again
+from planview.output.replay import difference_picture, difference_text, replay_run
 from planview.output.report.page import write_report
 from planview.output.results import read_results
 from planview.output.resume import checkpoint_of
@@ -225,9 +225,9 @@ def replay(
     config = load_config(None, set_, config_of(results.info.config, str(folder / "run.json")))
     console = PlainConsole(stderr=True, soft_wrap=True, highlight=False)
     with FrameProgress(console, frame + 1) as progress:
-        again = track_again(results, config, frame, progress)
-    console.print(f"tracked from {again.begun_from}")
-    for line in difference_text(results, again, frame):
+        replayed = replay_run(results, config, frame, progress)
+    console.print(f"tracked from {replayed.begun_from}")
+    for line in difference_text(results, replayed, frame):
         PlainConsole(soft_wrap=True, highlight=False).print(line)
     frames: SceneFrames | None = None
     try:
@@ -235,7 +235,7 @@ def replay(
     except (InputError, WorkError) as error:
         console.print(f"the floor alone is drawn: {error}")
     path = png or folder / f"replay-{frame}.png"
-    write_image(path, difference_picture(results, again, frames, frame, ", ".join(set_) or "again"))
+    write_image(path, difference_picture(results, replayed, frames, frame, ", ".join(set_) or "again"))
     console.print(str(path))
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from calib.images import as_colour
 from calib.types import F64, U8
-from planview.drawing.plan import Moment, PlanBounds, Rule
+from planview.drawing.plan import PlanBounds, Rule, Snapshot
 from planview.drawing.style import TRIPWIRE, TRUTH, ZONE, Labels, Rgb, as_bgr, person_rgb
 from planview.trajectories.state import TrackState
 
@@ -95,7 +95,7 @@ class ImageCamera(Protocol):
 
 
 class ImagePainter:
-    """Draws moments into the images of one camera.
+    """Draws snapshots into the images of one camera.
 
     Args:
         camera: above the floor; None for one that is not calibrated: boxes only.
@@ -109,7 +109,7 @@ class ImagePainter:
         self._camera, self._rules = camera, rules
         self._grid = _grid(camera, bounds) if camera is not None and bounds is not None else []
 
-    def __call__(self, image: U8, moment: Moment) -> U8:
+    def __call__(self, image: U8, snapshot: Snapshot) -> U8:
         """(h, w, 3) uint8 BGR: the image, enlarged where it is small, with everything drawn on it.
 
         Args:
@@ -121,13 +121,13 @@ class ImagePainter:
         labels = Labels(picture, max(1.0, picture.shape[1] / 1000))
         self._paint_floor(picture, scale)
         self._paint_rules(picture, labels, scale)
-        for person in moment.people:
-            self._paint_trail(picture, moment.trails.get(person.track_id), person, scale)
-        for person in sorted(moment.people, key=lambda p: p.state == "confirmed"):
+        for person in snapshot.people:
+            self._paint_trail(picture, snapshot.trails.get(person.track_id), person, scale)
+        for person in sorted(snapshot.people, key=lambda p: p.state == "confirmed"):
             _paint_box(picture, person, scale)
-        for person in moment.people:
+        for person in snapshot.people:
             self._label(labels, person, scale)
-        for person in moment.truth:
+        for person in snapshot.truth:
             self._paint_truth(picture, person, scale)
         return picture
 

@@ -26,7 +26,7 @@ class Rule:
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class Snapshot:
     """People at one frame.
 
     Attributes:
@@ -44,7 +44,7 @@ class Moment:
     truth: list[TrackState] = field(default_factory=list)
 
 
-def moment_at(tracks: Trajectories, frame: int, trail_frames: int = 0, truth: Trajectories | None = None) -> Moment:
+def snapshot_at(tracks: Trajectories, frame: int, trail_frames: int = 0, truth: Trajectories | None = None) -> Snapshot:
     """A frame of tables that are sorted by frame; only the rows of the trail are looked at.
 
     Args:
@@ -57,7 +57,7 @@ def moment_at(tracks: Trajectories, frame: int, trail_frames: int = 0, truth: Tr
     trails = {person.track_id: xy[ids == person.track_id] for person in people}
     time_s = float(tracks.timestamp_s[start]) if stop > start else float("nan")
     true = row_states(truth, slice(*np.searchsorted(truth.frame, [frame, frame + 1]).tolist())) if truth else []
-    return Moment(frame, time_s, people, trails, true)
+    return Snapshot(frame, time_s, people, trails, true)
 
 
 def rules_of(counts: dict[str, object]) -> list[Rule]:
@@ -94,7 +94,7 @@ def bounds_of(*places_m: F64) -> PlanBounds:
 
 
 class PlanPainter:
-    """Draws moments on the floor.
+    """Draws snapshots on the floor.
 
     Args:
         bounds: of the floor.
@@ -116,20 +116,20 @@ class PlanPainter:
         self._middle = np.array([(bounds.x_min_m + bounds.x_max_m) / 2, (bounds.y_min_m + bounds.y_max_m) / 2])
         self._paper = self._background(cameras, rules)
 
-    def __call__(self, moment: Moment) -> U8:
+    def __call__(self, snapshot: Snapshot) -> U8:
         """(H, W, 3) uint8 BGR."""
         picture = self._paper.copy()
         labels = Labels(picture)
-        for person in moment.people:
-            trail = moment.trails.get(person.track_id)
+        for person in snapshot.people:
+            trail = snapshot.trails.get(person.track_id)
             if trail is not None and len(trail) > 1 and person.state != "tentative":
                 colour = as_bgr(person_rgb(person.track_id))
                 cv2.polylines(picture, [self._px(trail)], False, colour, 2, cv2.LINE_AA)
-        for person in moment.truth:
+        for person in snapshot.truth:
             if not math.isnan(person.x_m):
                 at = self._px(np.array([(person.x_m, person.y_m)]))[0].tolist()
                 cv2.drawMarker(picture, at, as_bgr(TRUTH), cv2.MARKER_TILTED_CROSS, 15, 2)
-        for person in moment.people:
+        for person in snapshot.people:
             if math.isnan(person.x_m):
                 continue
             x, y = self._px(np.array([(person.x_m, person.y_m)]))[0].tolist()

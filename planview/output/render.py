@@ -17,7 +17,7 @@ from calib.text import reason
 from calib.types import U8
 from planview.counting.events import Event
 from planview.drawing.image import ImagePainter
-from planview.drawing.plan import Moment, PlanBounds, PlanPainter, moment_at
+from planview.drawing.plan import PlanBounds, PlanPainter, Snapshot, snapshot_at
 from planview.output.results import RunResults
 
 if TYPE_CHECKING:
@@ -99,32 +99,32 @@ class SceneComposer:
         Args:
             image: (h, w[, 3]) uint8 BGR of the frame; None where it cannot be read.
         """
-        moment = moment_at(self._results.tracks, frame, self._trail, self._truth)
-        panels = [] if image is None else [self._image(image, moment)]
+        snapshot = snapshot_at(self._results.tracks, frame, self._trail, self._truth)
+        panels = [] if image is None else [self._image(image, snapshot)]
         if self._with_plan or image is None:
             height = panels[0].shape[0] if panels else ALONE_PX[1]
-            panels.append(self._floor(moment, height, alone=not panels))
+            panels.append(self._floor(snapshot, height, alone=not panels))
         picture = np.hstack(panels)
-        text = self._header(moment, picture.shape[1])
+        text = self._header(snapshot, picture.shape[1])
         whole = np.vstack([text, picture])
         return np.ascontiguousarray(whole[: whole.shape[0] // 2 * 2, : whole.shape[1] // 2 * 2])
 
-    def _floor(self, moment: Moment, height: int, *, alone: bool) -> U8:
+    def _floor(self, snapshot: Snapshot, height: int, *, alone: bool) -> U8:
         """The floor from above, with the counts below it."""
         below = LINE_PX * len(self._tally) + (8 if len(self._tally) else 0)
         size = ALONE_PX[0] if alone else round(PLAN_SHARE * height), height - below
         if self._plan is None:
             self._plan = PlanPainter(self._bounds, size, self._results.cameras, self._results.rules)
         text: U8 = np.full((below, size[0], 3), _BACK, dtype=np.uint8)
-        for n, line in enumerate(self._tally.lines(moment.frame)):
+        for n, line in enumerate(self._tally.lines(snapshot.frame)):
             cv2.putText(text, line, (8, LINE_PX * (n + 1) - 4), _FONT, 0.45, _INK, 1, cv2.LINE_AA)
-        return np.vstack([self._plan(moment), text])
+        return np.vstack([self._plan(snapshot), text])
 
-    def _header(self, moment: Moment, width: int) -> U8:
+    def _header(self, snapshot: Snapshot, width: int) -> U8:
         strip: U8 = np.full((HEADER_PX, width, 3), _BACK, dtype=np.uint8)
-        time_s = float(self._results.clock.at(np.array([moment.frame]))[0])
-        people = sum(person.state == "confirmed" for person in moment.people)
-        text = f"frame {moment.frame}   {time_s:.2f} s   {people} {'person' if people == 1 else 'people'}"
+        time_s = float(self._results.clock.at(np.array([snapshot.frame]))[0])
+        people = sum(person.state == "confirmed" for person in snapshot.people)
+        text = f"frame {snapshot.frame}   {time_s:.2f} s   {people} {'person' if people == 1 else 'people'}"
         cv2.putText(strip, text, (8, HEADER_PX - 10), _FONT, 0.5, _INK, 1, cv2.LINE_AA)
         return strip
 
@@ -133,7 +133,7 @@ CODECS = {".mp4": "mp4v", ".webm": "VP80", ".avi": "MJPG", ".mkv": "mp4v"}
 """By ending: what OpenCV writes everywhere. Browsers play VP8 (.webm)."""
 
 
-class FilmWriter:
+class VideoWriter:
     """Writes pictures of one size into a video, which is at its place when all are written.
 
     Args:

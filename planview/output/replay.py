@@ -41,22 +41,22 @@ DECISIONS_MAX = 20
 TITLE_PX = 30
 
 
-def difference_text(results: RunResults, again: TrackedAgain, frame: int) -> list[str]:
+def difference_text(results: RunResults, replayed: ReplayedRun, frame: int) -> list[str]:
     """Lines: when tracks begin to differ, people at the frame in both, and decisions that only one of them made."""
-    before = _between(results.tracks, again.first, frame)
-    after = _between(again.results.tracks, again.first, frame)
+    before = _between(results.tracks, replayed.first, frame)
+    after = _between(replayed.results.tracks, replayed.first, frame)
     lines = [_beginning(before, after)]
     lines += _people(before.where(before.frame == frame), after.where(after.frame == frame))
-    lines += _decisions(results.folder / "decisions.csv", again, frame)
+    lines += _decisions(results.folder / "decisions.csv", replayed, frame)
     return lines
 
 
 def difference_picture(
-    results: RunResults, again: TrackedAgain, frames: SceneFrames | None, frame: int, title: str
+    results: RunResults, replayed: ReplayedRun, frames: SceneFrames | None, frame: int, title: str
 ) -> U8:
     """(H, W, 3) uint8 BGR: the frame as it was tracked on top, as it is tracked now below."""
     image = next((image for _, image in frames.at([frame])), None) if frames is not None else None
-    shown = [SceneComposer(each, frames, bounds=results.bounds())(frame, image) for each in (results, again.results)]
+    shown = [SceneComposer(each, frames, bounds=results.bounds())(frame, image) for each in (results, replayed.results)]
     width = max(picture.shape[1] for picture in shown)
     rows = []
     for picture, text in zip(shown, ("as it was run", title), strict=True):
@@ -106,7 +106,7 @@ def _described(table: Trajectories, row: int) -> str:
     return f"{table.track_id[row]} ({table.state[row]}, {table.x_m[row]:.2f}, {table.y_m[row]:.2f} m)"
 
 
-def _decisions(path: Path, again: TrackedAgain, last: int) -> list[str]:
+def _decisions(path: Path, replayed: ReplayedRun, last: int) -> list[str]:
     """Decisions that only one of the runs made, the latest ones; none where the run kept no decisions."""
     if not path.is_file():
         return ["no decisions.csv to compare decisions with (planview run --debug writes it)"]
@@ -114,9 +114,9 @@ def _decisions(path: Path, again: TrackedAgain, last: int) -> list[str]:
         rows = [
             (int(row["frame"]), f"{row['id']} {row['kind']}: {row['reason']}")
             for row in csv.DictReader(file)
-            if row["kind"] != "matched" and again.first <= int(row["frame"]) <= last
+            if row["kind"] != "matched" and replayed.first <= int(row["frame"]) <= last
         ]
-    now = [(frame, f"{d.track_id} {d.kind}: {d.reason}") for frame, d in again.decisions]
+    now = [(frame, f"{d.track_id} {d.kind}: {d.reason}") for frame, d in replayed.decisions]
     only = [(frame, f"only before, frame {frame}: {text}") for frame, text in rows if (frame, text) not in set(now)]
     only += [(frame, f"only now, frame {frame}: {text}") for frame, text in now if (frame, text) not in set(rows)]
     only.sort(key=lambda item: item[0])
@@ -127,7 +127,7 @@ def _decisions(path: Path, again: TrackedAgain, last: int) -> list[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class TrackedAgain:
+class ReplayedRun:
     """The same frames tracked again.
 
     Attributes:
@@ -143,9 +143,9 @@ class TrackedAgain:
     begun_from: str
 
 
-def track_again(
+def replay_run(
     results: RunResults, config: Config, frame: int, watch: Callable[[FrameResult], None] | None = None
-) -> TrackedAgain:
+) -> ReplayedRun:
     """Track up to a frame with other parameters.
 
     The frames begin after the nearest checkpoint (which an interrupted run keeps); without one at the first frame, of
@@ -174,7 +174,7 @@ def track_again(
             watch(result)
     if reached < frame:
         raise WorkError(f"{path}: expected frame {frame}, found the end of the recording after frame {reached}")
-    return TrackedAgain(replace(results, tracks=collector.trajectories()), decisions, last + 1, begun_from)
+    return ReplayedRun(replace(results, tracks=collector.trajectories()), decisions, last + 1, begun_from)
 
 
 def _up_to(engine: Engine, last: int, frame: int) -> Iterator[FrameResult]:

@@ -17,7 +17,7 @@ from planview.engine.info import CameraInfo
 from planview.evaluation.significant import SignificantError
 from planview.output.folder import RunInfo, write_result
 from planview.output.report import plots
-from planview.output.report.moments import ERRORS_MAX, read_ledger, scene_pictures
+from planview.output.report.snapshots import ERRORS_MAX, read_decision_log, scene_pictures
 from planview.output.report.timelines import people_rows, timelines
 from planview.output.results import RunResults, read_object, read_results
 
@@ -107,7 +107,7 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: 
     evaluation = scores_of(results) if evaluation is None else evaluation
     info, errors = results.info, errors_of(evaluation)
     ids = np.unique(results.tracks.track_id[results.tracks.state == "confirmed"])
-    ledgers = read_ledger(results.folder / "decisions.csv", set(ids[:PEOPLE_MAX].tolist()))
+    logs = read_decision_log(results.folder / "decisions.csv", set(ids[:PEOPLE_MAX].tolist()))
     people = people_rows(results.tracks, results.clock, ids[:PEOPLE_MAX])
     page = page_of(
         "planview.output.report",
@@ -116,7 +116,7 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: 
         info=info,
         has_run=results.has_run,
         has_truth=results.truth is not None,
-        has_ledger=bool(ledgers),
+        has_decisions=bool(logs),
         tiles=_tiles(results, evaluation, len(ids)),
         scenes=scene_pictures(results, errors),
         times=timelines(results.tracks, results.truth, results.clock, results.n_frames, errors),
@@ -130,7 +130,7 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: 
         evaluation=evaluation_rows(evaluation),
         errors=errors,
         people=[
-            {**row._asdict(), "colour": person_hex(row.track_id), "ledger": ledgers.get(row.track_id)} for row in people
+            {**row._asdict(), "colour": person_hex(row.track_id), "decisions": logs.get(row.track_id)} for row in people
         ],
         more_people=max(0, len(ids) - PEOPLE_MAX),
         camera=_camera_rows(info),

@@ -15,7 +15,7 @@ from planview.engine.config import Config, load_config
 from planview.engine.engine import FrameResult
 from planview.engine.factory import open_engine
 from planview.output.memory import encode
-from planview.output.replay import changed_memory, difference_text, track_again
+from planview.output.replay import changed_memory, difference_text, replay_run
 from planview.output.results import read_results
 from planview.output.run import RunOptions, run
 from planview.tracking.template import TemplateTracker, TemplateTrackerParams
@@ -42,9 +42,9 @@ def ellipses(street: Path, tmp_path: Path) -> Path:
 
 def test_run_repeated_with_its_own_parameters_has_the_same_tracks(ellipses: Path) -> None:
     results = read_results(ellipses)
-    again = track_again(results, load_config(None, (), None), 25)
-    assert again.first == 0
-    assert difference_text(results, again, 25)[0] == "tracks are the same up to this frame"
+    replayed = replay_run(results, load_config(None, (), None), 25)
+    assert replayed.first == 0
+    assert difference_text(results, replayed, 25)[0] == "tracks are the same up to this frame"
 
 
 def test_command_draws_both_and_says_what_differs(
@@ -68,7 +68,7 @@ def test_recording_that_is_gone_is_named(ellipses: Path) -> None:
     info = json.loads((ellipses / "run.json").read_text())
     (ellipses / "run.json").write_text(json.dumps({**info, "input": "gone"}))
     with pytest.raises(InputError, match="gone"):
-        track_again(read_results(ellipses), Config(), 5)
+        replay_run(read_results(ellipses), Config(), 5)
 
 
 def test_memory_of_a_checkpoint_takes_the_changed_parameter() -> None:
@@ -90,10 +90,10 @@ def test_interrupted_run_goes_on_from_its_checkpoint_as_the_whole_run_did(ellips
         engine = open_engine(ellipses.parent / "street", "human-model", Config(), camera)
         with suppress(KeyboardInterrupt):
             run(engine, folder, RunOptions("human-model", checkpoint_every_s=1e-9), watch=watch)
-    again = track_again(read_results(folders[1]), Config(), 25)
-    assert again.begun_from == "the checkpoint after frame 19"
+    replayed = replay_run(read_results(folders[1]), Config(), 25)
+    assert replayed.begun_from == "the checkpoint after frame 19"
     whole = read_results(folders[0]).tracks
     expected = whole.where((whole.frame > 19) & (whole.frame <= 25))
     assert len(expected) > 0
-    assert again.results.tracks.track_id.tolist() == expected.track_id.tolist()
-    assert again.results.tracks.x_m.tolist() == expected.x_m.tolist()
+    assert replayed.results.tracks.track_id.tolist() == expected.track_id.tolist()
+    assert replayed.results.tracks.x_m.tolist() == expected.x_m.tolist()

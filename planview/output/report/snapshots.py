@@ -1,4 +1,4 @@
-"""Errors and decisions of a run, with pictures of their moments."""
+"""Errors and decisions of a run, with pictures of their snapshots."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from calib.images import encode_image
 from calib.text import reason
 from calib.types import F64, U8
 from planview.drawing.image import ImageCamera, ImagePainter
-from planview.drawing.plan import Moment, moment_at
+from planview.drawing.plan import Snapshot, snapshot_at
 from planview.drawing.style import Labels
 from planview.evaluation.significant import SignificantError
 from planview.output.results import RunResults, source_of
@@ -49,7 +49,7 @@ class Curve(NamedTuple):
     points: str
 
 
-class Ledger(NamedTuple):
+class DecisionLog(NamedTuple):
     """A person's decisions.
 
     Attributes:
@@ -67,8 +67,8 @@ class Ledger(NamedTuple):
     score_max: float
 
 
-def read_ledger(path: Path, people: set[int]) -> dict[int, Ledger]:
-    """The ledgers of some people; empty where there is no decisions.csv.
+def read_decision_log(path: Path, people: set[int]) -> dict[int, DecisionLog]:
+    """The decisions of some people; empty where there is no decisions.csv.
 
     Raises:
         InputError: not a table of decisions.
@@ -95,18 +95,18 @@ def read_ledger(path: Path, people: set[int]) -> dict[int, Ledger]:
                     mine.append(Decided(row["frame"], time_s, row["kind"], row["reason"]))
     except (OSError, UnicodeDecodeError, csv.Error, ValueError, TypeError) as error:
         raise InputError(f"{path}: expected a table of decisions, found {reason(error)}") from error
-    return {person: _ledger(rows, matches[person]) for person, rows in decided.items()}
+    return {person: _log_of(rows, matches[person]) for person, rows in decided.items()}
 
 
-def _ledger(decided: list[Decided], matched: list[list[float]]) -> Ledger:
+def _log_of(decided: list[Decided], matched: list[list[float]]) -> DecisionLog:
     matches = np.array(matched, dtype=np.float64).reshape(-1, 2 + len(TERMS))
     known = matches[np.isfinite(matches[:, 1])]
     events = [*decided[: EVENTS_MAX - 10], *decided[-10:]] if len(decided) > EVENTS_MAX else decided
     more = len(decided) - len(events)
     if not len(known):
-        return Ledger(events, more, f"matched in {len(matches)} frames" if len(matches) else "", [], 0.0)
+        return DecisionLog(events, more, f"matched in {len(matches)} frames" if len(matches) else "", [], 0.0)
     top = float(known[:, 1].max())
-    return Ledger(events, more, _sentence(known), _curves(known, max(top, 1e-9)), top)
+    return DecisionLog(events, more, _sentence(known), _curves(known, max(top, 1e-9)), top)
 
 
 def _sentence(matches: F64) -> str:
@@ -263,12 +263,14 @@ def _paint(results: RunResults, frames: SceneFrames, wanted: Sequence[_Wanted]) 
             users.setdefault(frame, []).append(n)
     trail = round(TRAIL_S / results.clock.frame_s)
     for frame, image in frames.at(sorted(users)):
-        moment = moment_at(results.tracks, frame, trail, results.truth)
-        picture = painter(image, moment)
+        snapshot = snapshot_at(results.tracks, frame, trail, results.truth)
+        picture = painter(image, snapshot)
         scale = picture.shape[1] / image.shape[1]
         for n in users[frame]:
             focus = wanted[n].focus
-            tiles[n, frame] = picture if focus is None else _crop(picture, _place(moment, focus, frames.camera), scale)
+            tiles[n, frame] = (
+                picture if focus is None else _crop(picture, _place(snapshot, focus, frames.camera), scale)
+            )
     return [_picture(want, [tiles.get((n, frame)) for frame in want.frames]) for n, want in enumerate(wanted)]
 
 
@@ -287,9 +289,9 @@ def _picture(want: _Wanted, tiles: Sequence[U8 | None]) -> ScenePicture | None:
     return ScenePicture(want.title, _jpeg(np.hstack(row[:-1])), want.note, is_strip=True)
 
 
-def _place(moment: Moment, focus: tuple[int | None, int | None], camera: ImageCamera | None) -> F64 | None:
+def _place(snapshot: Snapshot, focus: tuple[int | None, int | None], camera: ImageCamera | None) -> F64 | None:
     """Where the person concerned is in the image [px]: as the truth says, else as the track does."""
-    for people, wanted in ((moment.truth, focus[0]), (moment.people, focus[1])):
+    for people, wanted in ((snapshot.truth, focus[0]), (snapshot.people, focus[1])):
         for person in (p for p in people if p.track_id == wanted):
             left, top, width, height = person.box_px
             if np.isfinite(left):

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from calib.types import U8
-from planview.output.report.moments import busiest_frame, scene_pictures
 from planview.output.report.page import errors_of, scores_of
+from planview.output.report.snapshots import busiest_frame, scene_pictures
 from planview.output.results import read_results
 from planview.output.scene import open_frames
 
