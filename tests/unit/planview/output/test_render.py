@@ -1,4 +1,4 @@
-"""``planview render``: pictures and videos of a run."""
+"""Pictures and videos of a run."""
 
 import json
 from pathlib import Path

@@ -1,8 +1,25 @@
+"""Messages of a run on the terminal."""
+
 import io
 
+from numba import njit
+from rich.console import Console
 from rich.table import Table
 
-from planview.output.progress import PlainConsole
+from planview.output.progress import PlainConsole, compile_notice
+
+
+def test_compiled_kernels_are_told_and_cached_ones_are_not() -> None:
+    kernel = njit(lambda x: x + 1)
+    told = io.StringIO()
+    with compile_notice(Console(file=told)):
+        kernel(1)
+    assert "once per installation" in told.getvalue()
+    told = io.StringIO()
+    with compile_notice(Console(file=told)):
+        kernel(1)
+    assert told.getvalue() == ""
+
 
 EVIL = "out\x1b]0;owned\x07\x1b[31m[bold]x[/]\udcff"
 
