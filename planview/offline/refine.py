@@ -23,7 +23,7 @@ from calib.errors import InputError
 from calib.params import Params
 from calib.types import F64, I64, Bool
 from planview.tracking.kalman import FloorKalman
-from planview.trajectories.table import Trajectories, concatenated
+from planview.trajectories.table import Trajectories, concatenated, rows_by_id
 
 
 class RefineParams(Params):
@@ -155,11 +155,10 @@ def exchanges_undone(tracks: Trajectories, params: RefineParams) -> tuple[Trajec
 def _mended(tracks: Trajectories, params: RefineParams) -> Iterator[tuple[int, int, int]]:
     """(frame, id, id) of every frame in which two ids jump to each other's places."""
     jumps: dict[int, list[tuple[int, int, int]]] = {}
-    for track in np.unique(tracks.track_id):
-        rows = np.flatnonzero(tracks.track_id == track)
+    for track, rows in rows_by_id(tracks.track_id):
         far = _apart(tracks, rows[1:], rows[:-1]) > _reach(tracks, rows[1:], rows[:-1], params)
         for k in np.flatnonzero(far):
-            jumps.setdefault(int(tracks.frame[rows[k + 1]]), []).append((int(track), int(rows[k]), int(rows[k + 1])))
+            jumps.setdefault(int(tracks.frame[rows[k + 1]]), []).append((track, int(rows[k]), int(rows[k + 1])))
     for frame in sorted(jumps):
         for (one, a, b), (other, c, d) in combinations(jumps[frame], 2):
             now, before = np.array([b, d]), np.array([c, a])
@@ -312,7 +311,7 @@ def refine(
     confirmed = tracks.where(tracks.state == "confirmed")
     clock = _Clock(tracks)
     ids = [int(i) for i in np.unique(confirmed.track_id)]
-    own = {i: tracks.where(tracks.track_id == i) for i in ids}
+    own = {i: tracks.where(rows) for i, rows in rows_by_id(tracks.track_id)}
     fragments = [_fragment(own[i], clock, params) for i in ids]
     links = joins(fragments, params, similarity)
     changes, parts = exchanged, [tracks.where(~np.isin(tracks.track_id, ids))]
@@ -392,7 +391,7 @@ def _refined_path(path: Trajectories, clock: _Clock, params: RefineParams) -> tu
     rest, path = path.where(path.frame > last), path.where(path.frame <= last)
     measured = path.where(_measured(path))
     gaps = list(_gaps(measured, clock, params))
-    filled = _frames_between(gaps)
+    filled = np.concatenate([np.empty(0, dtype=np.int64), *(np.arange(a + 1, b) for a, b in gaps)])
     old = path.where(~np.isin(path.frame, np.concatenate([measured.frame, filled])) & (path.frame >= measured.frame[0]))
     frames = np.unique(np.concatenate([measured.frame, filled, old.frame]))
     at_measured = np.isin(frames, measured.frame)
@@ -411,10 +410,6 @@ def _gaps(measured: Trajectories, clock: _Clock, params: RefineParams) -> Iterat
         gap_s, way_m = times[k + 1] - times[k], np.hypot(*(xy[k + 1] - xy[k]))
         if gap_s <= params.fill_s and way_m <= params.speed_max_mps * gap_s + 2 * params.position_std_m:
             yield int(frames[k]), int(frames[k + 1])
-
-
-def _frames_between(gaps: list[tuple[int, int]]) -> I64:
-    return np.concatenate([np.empty(0, dtype=np.int64), *(np.arange(a + 1, b) for a, b in gaps)])
 
 
 def _interpolated(measured: Trajectories, frames: I64, clock: _Clock) -> Trajectories:
