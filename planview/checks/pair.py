@@ -179,16 +179,12 @@ def light_checks(*cameras: Sequence[U8]) -> list[Check]:
         cameras: images of each.
     """
     sides = [[as_grey(image) for image in images] for images in cameras]
-    over = max(float(np.median([_saturated(i) for i in side])) for side in sides)
+    over = max(float(np.median([np.mean(i[::2, ::2] >= SATURATED_LEVEL) for i in side])) for side in sides)
     bright = min(float(np.median([np.percentile(i[::2, ::2], 90) for i in side])) for side in sides)
     return [
         at_most("over-exposure", over, MAX_OVER, "", "share of saturated pixels in the worse camera"),
         at_least("under-exposure", bright, MIN_BRIGHT, "grey", "brightest tenth of the picture, darker camera"),
     ]
-
-
-def _saturated(image: U8) -> float:
-    return float(np.mean(image[::2, ::2] >= SATURATED_LEVEL))
 
 
 def blocking(image: U8) -> float:

@@ -86,11 +86,13 @@ class MotionWatch:
         before, self._last = self._last, pair
         if before is None:
             return
-        moved = [_moved(a, b) for a, b in zip(before, pair, strict=True)]
-        self._count([float(m.mean()) for m in moved], [_same(a, b) for a, b in zip(before, pair, strict=True)])
+        both = list(zip(before, pair, strict=True))
+        moved = [np.asarray(cv2.absdiff(a, b) > MOVED_LEVEL, dtype=np.bool_) for a, b in both]
+        self._count([float(m.mean()) for m in moved], [bool((a == b).all()) for a, b in both])
         self._bands.append(np.stack([_bands(m) for m in moved]))
         if len(self._bands) == WINDOW:
-            self._close_window()
+            self._lags.append(self._window_lag())
+            self._bands.clear()
 
     def findings(self) -> MotionFindings:
         """Of all pairs so far."""
@@ -114,10 +116,6 @@ class MotionWatch:
             if active and self._still_for in (1, 2):
                 self._repeated += self._still_for
             self._still_for = 0 if active else 3
-
-    def _close_window(self) -> None:
-        self._lags.append(self._window_lag())
-        self._bands.clear()
 
     def _window_lag(self) -> Lag:
         if len(self._bands) < MIN_WINDOW:
@@ -179,14 +177,6 @@ def _overall(windows: list[Lag]) -> float:
     late = [w.frames for w in windows if abs(w.frames) > 0.5 and w.unshifted < w.likeness - CLEARLY]
     median = float(np.median(lags))
     return float(np.median(late)) if late and abs(median) <= 0.5 else median
-
-
-def _moved(before: U8, after: U8) -> Bool:
-    return np.asarray(cv2.absdiff(before, after) > MOVED_LEVEL, dtype=np.bool_)
-
-
-def _same(before: U8, after: U8) -> bool:
-    return bool((before == after).all())
 
 
 def _bands(moved: Bool) -> F64:

@@ -261,17 +261,12 @@ def demo(
         )
     run(DEMO, out=out, options=TrackingOptions(rrd=True, debug=True, overwrite=True))
     evaluate(out / "tracks.csv", DEMO / "truth.csv", options=EvaluateOptions(json_output=json_output))
-    _draw(out)
+    tracks = read_tracks(out / "tracks.csv")
+    frames = tracks.frame[tracks.state == "confirmed"]
+    busiest = int(np.bincount(frames).argmax()) if len(frames) else 0
+    render(out, options=RenderOptions(frame=busiest, png=out / "scene.png"))
     PlainConsole(stderr=True, soft_wrap=True, highlight=False).print(
         f"Next: open {out / 'report.html'}: pictures, plots and settings of this run\n"
         f"      planview view {out}: every frame, and why the tracker decided as it did\n"
         "      planview check MY_RECORDING --quick: what a recording of yours holds, and what it lacks"
     )
-
-
-def _draw(out: Path) -> None:
-    """A picture of the scene when most people are in it."""
-    tracks = read_tracks(out / "tracks.csv")
-    frames = tracks.frame[tracks.state == "confirmed"]
-    busiest = int(np.bincount(frames).argmax()) if len(frames) else 0
-    render(out, options=RenderOptions(frame=busiest, png=out / "scene.png"))

@@ -97,15 +97,12 @@ def _study(sources: Sequence[Path], options: SweepOptions) -> tuple[Study, list[
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise InputError(f"expected every recording once, found {twice[0]} twice")
-    return _absolute(study), names, out.absolute()
-
-
-def _absolute(study: Study) -> Study:
-    """Workers may have another current folder."""
+    # Workers may have another current folder.
     entries = [
         RecordingEntry(**{name: value and value.absolute() for name, value in entry}) for entry in study.recordings
     ]
-    return study.model_copy(update={"recordings": entries, "config": study.config and study.config.absolute()})
+    config = study.config and study.config.absolute()
+    return study.model_copy(update={"recordings": entries, "config": config}), names, out.absolute()
 
 
 def _name(path: Path, folder: Path) -> str:

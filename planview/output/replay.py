@@ -45,7 +45,8 @@ def difference_text(results: RunResults, replayed: ReplayedRun, frame: int) -> l
     """Lines: when tracks begin to differ, people at the frame in both, and decisions that only one of them made."""
     before = _between(results.tracks, replayed.first, frame)
     after = _between(replayed.results.tracks, replayed.first, frame)
-    lines = [_beginning(before, after)]
+    differing = sorted({frame for frame, *_ in _rows(before) ^ _rows(after)})
+    lines = [f"tracks differ from frame {differing[0]} on" if differing else "tracks are the same up to this frame"]
     lines += _people(before.where(before.frame == frame), after.where(after.frame == frame))
     lines += _decisions(results.folder / "decisions.csv", replayed, frame)
     return lines
@@ -69,13 +70,6 @@ def difference_picture(
 
 def _between(tracks: Trajectories, first: int, last: int) -> Trajectories:
     return tracks.where((tracks.frame >= first) & (tracks.frame <= last) & (tracks.state != "tentative"))
-
-
-def _beginning(before: Trajectories, after: Trajectories) -> str:
-    """The first frame whose people differ in number, id, state or place."""
-    keys = [_rows(table) for table in (before, after)]
-    differing = sorted({frame for frame, *_ in keys[0] ^ keys[1]})
-    return f"tracks differ from frame {differing[0]} on" if differing else "tracks are the same up to this frame"
 
 
 def _rows(table: Trajectories) -> set[tuple[int, int, str, int, int]]:

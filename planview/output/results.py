@@ -104,14 +104,12 @@ class RunResults:
             *(rule.points for rule in self.rules if rule.on_floor),
         ]
         bounds = bounds_of(*places)
-        near = [np.array([at]) for at, _ in self.cameras if _is_near(bounds, at)]
+        size = max(bounds.x_max_m - bounds.x_min_m, bounds.y_max_m - bounds.y_min_m)
+        near = []
+        for (x, y), _ in self.cameras:
+            beyond = max(bounds.x_min_m - x, x - bounds.x_max_m, bounds.y_min_m - y, y - bounds.y_max_m)
+            near += [np.array([(x, y)])] if beyond <= NEAR * size else []
         return bounds_of(*places, *near)
-
-
-def _is_near(bounds: PlanBounds, at_m: tuple[float, float]) -> bool:
-    size = max(bounds.x_max_m - bounds.x_min_m, bounds.y_max_m - bounds.y_min_m)
-    beyond = [bounds.x_min_m - at_m[0], at_m[0] - bounds.x_max_m, bounds.y_min_m - at_m[1], at_m[1] - bounds.y_max_m]
-    return max(beyond) <= NEAR * size
 
 
 def read_results(folder: Path, truth: Path | None = None) -> RunResults:
@@ -136,12 +134,10 @@ def read_results(folder: Path, truth: Path | None = None) -> RunResults:
         read_object(folder / "counts.json") or dict(info.counts),
         None,
     )
-    return results if truth is None else replace(results, truth=_tracked(load_truth(truth), results.n_frames))
-
-
-def _tracked(truth: Trajectories, n_frames: int) -> Trajectories:
-    """The truth of the frames of the run."""
-    return truth.where(truth.frame < n_frames)
+    if truth is None:
+        return results
+    people = load_truth(truth)
+    return replace(results, truth=people.where(people.frame < results.n_frames))
 
 
 def read_object(path: Path) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -215,7 +215,9 @@ class _Run:
             frames = self._frames(checkpoint)
             if checkpoint is not None or not (self._folder / "run.json").is_file():
                 write_run_info(self._information("running"), self._folder / "run.json")
-            tables = stack.enter_context(closing(self._tables(checkpoint)))
+            at = checkpoint and {name: FilePosition(*place) for name, place in checkpoint.written["tables"].items()}
+            tables = RunTables(self._folder, options.analytics is not None, options.debug, at)
+            stack.callback(tables.close)
             is_live = getattr(self._engine.recording, "is_live", False)
             marks = Schedule(0.0 if is_live or options.pace else options.checkpoint_every_s)
             trims = Schedule(TRIM_EVERY_S)
@@ -231,7 +233,10 @@ class _Run:
                 if interrupts.noted and is_live:
                     break  # the usual end of cameras that run
                 interrupts.check()
-        self._refuse_empty()
+        recording = self._engine.recording
+        if self._totals.frames == 0:
+            why = f" ({recording.skipped[0].why})" if recording.skipped else ""
+            raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used{why}")
         self._checks.refuse()
 
     def _frames(self, checkpoint: Checkpoint | None) -> Iterator[FrameResult]:
@@ -247,11 +252,6 @@ class _Run:
             yield result
             if self._totals.frames == limit:
                 return
-
-    def _tables(self, checkpoint: Checkpoint | None) -> RunTables:
-        options = self._options
-        positions = checkpoint and {name: FilePosition(*at) for name, at in checkpoint.written["tables"].items()}
-        return RunTables(self._folder, options.analytics is not None, options.debug, positions)
 
     def _take(self, result: FrameResult, tables: RunTables) -> None:
         self._totals.take(result)
@@ -292,12 +292,6 @@ class _Run:
 
     def _elapsed_s(self) -> float:
         return self._totals.elapsed_s + time.monotonic() - self._started
-
-    def _refuse_empty(self) -> None:
-        recording = self._engine.recording
-        if self._totals.frames == 0:
-            why = f" ({recording.skipped[0].why})" if recording.skipped else ""
-            raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used{why}")
 
     def end(self, finished: bool) -> RunInfo:
         """The last words. A run that failed may have no room for them: run.json then stays as it was, unfinished."""

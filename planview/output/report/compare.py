@@ -13,7 +13,7 @@ from planview.drawing.style import page_of
 from planview.evaluation.significant import SignificantError
 from planview.output.folder import write_result
 from planview.output.report import plots
-from planview.output.report.page import errors_of, figure_text, flat_settings, picture, scores_of, words_of
+from planview.output.report.page import Picture, errors_of, figure_text, flat_settings, picture, scores_of, words_of
 from planview.output.report.timelines import TimelineRow, timelines
 from planview.output.results import RunResults, read_results
 
@@ -83,6 +83,12 @@ def write_comparison(folders: Sequence[Path], path: Path, truth: Path | None = N
         scores = scores_of(results)
         runs.append(_ComparedRun(name, results, scores, errors_of(scores)))
     errors = shared_errors([run.errors for run in runs], runs[0].results.clock.frame_s)
+    pictures: list[Picture] = []
+    for run in runs:
+        results = run.results
+        true_places = plots.Places.of(results.truth) if results.truth is not None else None
+        scene, places = plots.FloorScene.of(results), plots.Places.of(results.tracks)
+        pictures.append(picture(f"Floor: {run.name}", plots.floor_plot(places, scene, true_places)))
     page = page_of(
         "planview.output.report",
         "compare.html.j2",
@@ -93,7 +99,7 @@ def write_comparison(folders: Sequence[Path], path: Path, truth: Path | None = N
         more_errors=max(0, len(errors) - ERRORS_MAX),
         timelines=[_rows(run) for run in runs],
         stages=_stages(runs),
-        pictures=[picture(f"Floor: {run.name}", _floor(run.results)) for run in runs],
+        pictures=pictures,
     )
     write_result(path, page)
 
@@ -173,9 +179,3 @@ def _rows(run: _ComparedRun) -> RunRows:
         return RunRows(f"True people: {run.name}", found.truth, found.ticks, note)
     rows = [row._replace(link="") for row in found.tracks]
     return RunRows(f"Identities: {run.name}", rows, found.ticks, "A row per track, thin where only predicted.")
-
-
-def _floor(results: RunResults) -> bytes:
-    places, truth = plots.Places.of(results.tracks), results.truth
-    true_places = plots.Places.of(truth) if truth is not None else None
-    return plots.floor_plot(places, plots.FloorScene.of(results), true_places)

@@ -117,23 +117,14 @@ def new_figure(width: float, height: float) -> tuple[Figure, Axes]:
 
 
 def _count_axes(axes: Axes, label: str) -> None:
-    """A whole number over time."""
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel(label)
-    _whole_numbers(axes)
-    axes.margins(x=0)
-    _legend(axes)
-
-
-def _legend(axes: Axes) -> None:
-    """Above the picture, where it hides nothing."""
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=8, frameon=False)
-
-
-def _whole_numbers(axes: Axes) -> None:
+    """A whole number over time; the legend above the picture, where it hides nothing."""
     from matplotlib.ticker import MaxNLocator
 
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel(label)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.margins(x=0)
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=8, frameon=False)
 
 
 def plain_text(text: str) -> str:
@@ -215,7 +206,15 @@ def floor_plot(tracks: Places, scene: FloorScene, truth: Places | None = None) -
     figure, axes = _floor_figure(scene.bounds)
     _draw_scene(axes, scene)
     if truth is not None:
-        axes.plot(*_broken(truth).T, color="black", linewidth=0.8, linestyle=(0, (4, 3)), zorder=2)
+        # By person, with a gap wherever a way ends.
+        gaps = np.flatnonzero((np.diff(truth.track_id) != 0) | (np.diff(truth.frame) > 1)) + 1
+        axes.plot(
+            *np.insert(truth.xy_m, gaps, np.nan, axis=0).T,
+            color="black",
+            linewidth=0.8,
+            linestyle=(0, (4, 3)),
+            zorder=2,
+        )
     _draw_ways(axes, tracks)
     _draw_ends(axes, tracks)
     _floor_axes(axes, scene.bounds)
@@ -278,12 +277,6 @@ def _draw_ends(axes: Axes, tracks: Places) -> None:
     for i in np.argsort(-counts, kind="stable")[:NAMED_MAX].tolist():
         x, y = tracks.xy_m[first[i]].tolist()
         _write(axes, str(ids[i]), (x, y), colours[i])
-
-
-def _broken(places: Places) -> F64:
-    """(M, 2) places by person, with a gap wherever a way ends."""
-    gaps = np.flatnonzero((np.diff(places.track_id) != 0) | (np.diff(places.frame) > 1)) + 1
-    return np.insert(places.xy_m, gaps, np.nan, axis=0)
 
 
 def _draw_rule(axes: Axes, name: str, rule: dict[str, Any]) -> None:

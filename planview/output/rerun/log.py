@@ -303,7 +303,11 @@ class RerunLog:
         self._stream.log("plan/labels", rr.Points3D(label_places(tracks), colors=colours, labels=ids, radii=0.001))
         confirmed = [(track.x_m, track.y_m) for track in tracks if track.state == "confirmed"]
         if confirmed:
-            self._bounds = _joined(self._bounds, bounds_of(np.array(confirmed)))
+            now, before = bounds_of(np.array(confirmed)), self._bounds
+            self._bounds = now if before is None else PlanBounds(
+                min(before.x_min_m, now.x_min_m), min(before.y_min_m, now.y_min_m),
+                max(before.x_max_m, now.x_max_m), max(before.y_max_m, now.y_max_m),
+            )  # fmt: skip
 
     def _log_debug(self) -> None:
         debug = self._engine.tracker.debug()
@@ -331,25 +335,13 @@ class RerunLog:
         values["people/confirmed"] = float(sum(track.state == "confirmed" for track in result.tracks))
         for decision in result.decisions:
             if decision.kind == "matched" and not math.isnan(decision.value):
-                self._colour_score(decision.track_id)
+                if decision.track_id not in self._coloured:  # the curve has the person's colour
+                    self._coloured.add(decision.track_id)
+                    line = rr.SeriesLines(colors=[person_rgb(decision.track_id)], names=[str(decision.track_id)])
+                    self._stream.log(f"score/{decision.track_id}", line, static=True)
                 values[f"score/{decision.track_id}"] = decision.value
         self._series.add(self._stream, result.frame, result.timestamp_s, values)
-
-    def _colour_score(self, track_id: int) -> None:
-        """The curve has the person's colour."""
-        if track_id not in self._coloured:
-            self._coloured.add(track_id)
-            line = rr.SeriesLines(colors=[person_rgb(track_id)], names=[str(track_id)])
-            self._stream.log(f"score/{track_id}", line, static=True)
 
 
 def _colours(tracks: Sequence[TrackState]) -> list[tuple[int, int, int]]:
     return [person_rgb(track.track_id, track.state) for track in tracks]
-
-
-def _joined(one: PlanBounds | None, other: PlanBounds) -> PlanBounds:
-    if one is None:
-        return other
-    low = min(one.x_min_m, other.x_min_m), min(one.y_min_m, other.y_min_m)
-    high = max(one.x_max_m, other.x_max_m), max(one.y_max_m, other.y_max_m)
-    return PlanBounds(*low, *high)
