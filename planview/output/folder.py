@@ -201,10 +201,14 @@ def _taken(path: Path) -> tuple[int, str]:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
             _lock(descriptor, path)
-            told = _refuse_foreign(path, _owner(descriptor))
-            if _is_in_place(descriptor, path):
-                _write_owner(descriptor)
-                return descriptor, told
+            message = _refuse_foreign(path, _owner(descriptor))
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(descriptor), path.stat()):
+                    since = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
+                    owner = {"pid": os.getpid(), "host": socket.gethostname(), "since": since}
+                    os.ftruncate(descriptor, 0)
+                    os.pwrite(descriptor, json.dumps(owner).encode() + b"\n", 0)
+                    return descriptor, message
         except BaseException:
             os.close(descriptor)
             raise
@@ -232,34 +236,21 @@ def _refuse_foreign(path: Path, owner: dict[str, object]) -> str:
     return f"{path.parent}: {_text(owner)} left its lock without finishing; taken over"
 
 
-def _is_in_place(descriptor: int, path: Path) -> bool:
-    try:
-        return os.path.samestat(os.fstat(descriptor), path.stat())
-    except FileNotFoundError:
-        return False
-
-
 def _owner(descriptor: int) -> dict[str, object]:
     """Who wrote the file; empty for a new one."""
-    text = os.pread(descriptor, 4096, 0)
     try:
-        owner = json.loads(text) if text else {}
+        owner = json.loads(os.pread(descriptor, 4096, 0) or b"{}")
     except ValueError:
         owner = {}
     return owner if isinstance(owner, dict) else {}
 
 
-def _write_owner(descriptor: int) -> None:
-    moment = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
-    owner = {"pid": os.getpid(), "host": socket.gethostname(), "since": moment}
-    os.ftruncate(descriptor, 0)
-    os.pwrite(descriptor, json.dumps(owner).encode() + b"\n", 0)
-
-
 def _text(owner: dict[str, object]) -> str:
-    if not owner:
-        return "another process"
-    return f"process {owner.get('pid')} on {owner.get('host')} (since {owner.get('since')})"
+    return (
+        f"process {owner.get('pid')} on {owner.get('host')} (since {owner.get('since')})"
+        if owner
+        else "another process"
+    )
 
 
 _NAMES = (
@@ -285,11 +276,25 @@ def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder for the results, found a file")
-    if recording is not None and _is_product(recording) and recording.resolve().parent == folder.resolve():
+    is_product = recording is not None and any(fnmatch(recording.name, pattern) for pattern in PRODUCTS)
+    if recording is not None and is_product and recording.resolve().parent == folder.resolve():
         raise InputError(f"{folder}: expected another folder than that of the input, found {recording} in it")
     check_unlocked(folder)
-    if not overwrite:
-        _refuse_results(folder)
+    found = products_in(folder)
+    if overwrite or not found:
+        return
+    # Results of any kind are worth keeping: of a run, finished or not, and of others who use the same names.
+    if folder / "run.json" not in found:
+        names = ", ".join(path.name for path in found[:4])
+        raise InputError(
+            f"{folder}: holds {names}, which is no planview run's (there is no run.json); "
+            "choose another folder or add --overwrite"
+        )
+    try:
+        held = _UNFINISHED if finished_run(folder) is None else "a finished run; choose another folder"
+    except InputError:
+        held = "a run of another version; choose another folder"
+    raise InputError(f"{folder}: holds {held} or add --overwrite")
 
 
 def prepare_folder(folder: Path, overwrite: bool) -> None:
@@ -312,31 +317,6 @@ def prepare_folder(folder: Path, overwrite: bool) -> None:
 def products_in(folder: Path) -> list[Path]:
     """Files of a folder that are named as those of a run."""
     return sorted(path for pattern in PRODUCTS for path in folder.glob(pattern))
-
-
-def _is_product(path: Path) -> bool:
-    return any(fnmatch(path.name, pattern) for pattern in PRODUCTS)
-
-
-def _refuse_results(folder: Path) -> None:
-    """Results of any kind are worth keeping: of a run, finished or not, and of others who use the same names."""
-    found = products_in(folder)
-    if not found:
-        return
-    if folder / "run.json" not in found:
-        names = ", ".join(path.name for path in found[:4])
-        raise InputError(
-            f"{folder}: holds {names}, which is no planview run's (there is no run.json); "
-            "choose another folder or add --overwrite"
-        )
-    raise InputError(f"{folder}: holds {_run_in(folder)} or add --overwrite")
-
-
-def _run_in(folder: Path) -> str:
-    try:
-        return _UNFINISHED if finished_run(folder) is None else "a finished run; choose another folder"
-    except InputError:
-        return "a run of another version; choose another folder"
 
 
 def finished_run(folder: Path) -> RunInfo | None:
