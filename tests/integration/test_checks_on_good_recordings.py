@@ -12,11 +12,11 @@ def failures(folder: Path) -> dict[str, float]:
     return {check.name: check.value for check in examine(folder).checks if not check.ok}
 
 
-def test_doctor_passes_the_committed_clip() -> None:
+def test_check_passes_the_committed_clip() -> None:
     assert failures(DEMO) == {}
 
 
-def test_doctor_passes_the_real_overhead_pair(shared_data: Path) -> None:
+def test_check_passes_the_real_overhead_pair(shared_data: Path) -> None:
     diagnosis = examine(shared_data / "overhead-stereo")
     values = {check.name: check.value for check in diagnosis.checks}
     assert diagnosis.ok, [check for check in diagnosis.checks if not check.ok]
