@@ -93,13 +93,6 @@ def _register(app: App, target: str, name: str, text: str, words: Sequence[str],
         app.command(target, name=name, group=group, help=text)
 
 
-def register_group(app: App, group: str, package: str, commands: dict[str, str], words: Sequence[str]) -> App:
-    """Add commands that stand in ``<package>.<group>_<name>``; those among the words show their whole docstring."""
-    for name, text in commands.items():
-        _register(app, f"{package}.{group}_{name}:{group}_{name}", name, text, words)
-    return app
-
-
 def _version() -> str:
     from importlib.metadata import version
 
