@@ -112,7 +112,8 @@ def _tried(frame: Explanation, people: People, points: F64, now_s: float) -> Per
     person = Person(0, kalman, float(pose[2]), BORN_LOG_ODDS, now_s)
     person.height_var = 1.0 / (1.0 / person.height_var + up)
     person.log_odds += min(worth, p.evidence_max) * 0.25
-    person.origin_m, person.evidence, person.share = person.at_m, worth, mine / max(total, 1e-6)
+    person.born_s, person.born_m, person.origin_m = now_s, person.at_m, person.at_m
+    person.evidence, person.share = worth, mine / max(total, 1e-6)
     if all(v.colour is not None for v in frame.views):
         person.learn_colours(points[:, 2] / person.height_m, points[:, 4].astype(np.uint8))
     return person

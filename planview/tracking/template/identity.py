@@ -84,17 +84,17 @@ def owned_colours(k: int, owned: Sequence[Owned], views: Sequence[SeenPixels], p
 
 
 def continued(
-    born: Sequence[Person], known: Sequence[Person], now_s: float, params: TemplateParams
+    born: Sequence[Person], known: Sequence[Person], params: TemplateParams
 ) -> dict[int, tuple[Person, float]]:
     """Newcomers, by index, who are people known before, with the log-odds: the best joint assignment."""
-    odds = np.array([[_log_odds(q, b, known, now_s, params) for q in known] for b in born]).reshape(len(born), -1)
+    odds = np.array([[_log_odds(q, b, known, params) for q in known] for b in born]).reshape(len(born), -1)
     rows, cols = linear_sum_assignment(np.maximum(odds, 0.0), maximize=True)
     return {int(i): (known[j], float(odds[i, j])) for i, j in zip(rows, cols, strict=True) if odds[i, j] > 0}
 
 
-def _log_odds(q: Person, b: Person, known: Sequence[Person], now_s: float, params: TemplateParams) -> float:
+def _log_odds(q: Person, b: Person, known: Sequence[Person], params: TemplateParams) -> float:
     """Of a newcomer being a person known before rather than a stranger: by place, height and colours."""
-    gone_s, away = now_s - q.seen_s, math.dist(q.at_m, b.at_m)
+    gone_s, away = b.born_s - q.seen_s, math.dist(q.at_m, b.born_m)
     if away > body.TORSO.torso_radius_m + body.SPEED_MAX_MPS * gone_s or gone_s <= 0:
         return -1.0
     spread = min(body.TORSO.torso_radius_m + gone_s, math.sqrt(params.floor_m2) / 2)

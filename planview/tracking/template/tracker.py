@@ -20,6 +20,8 @@ from planview.trajectories.state import State, TrackState
 
 LOG_ODDS_MAX = 8.0
 """Existence is never surer than this."""
+KNOWN_ODDS = 3.0
+"""Log-odds at which a newcomer is somebody known before it is sure to exist: one error in twenty."""
 INSIDE = 0.3
 """Share of a body in the image below which a person is at the border."""
 
@@ -76,8 +78,7 @@ class TemplateTracker:
             self._learn(frame, owned, dt)
         self._forget_gone()
         self._meet(self._births.find(frame, self._side_by_side(), owned, self._now_s))
-        for q in self._people:
-            self._confirm(q)
+        self._recognise()
         return tuple(self._state(q) for q in self._people)
 
     def _predict(self, q: Person, dt: float) -> None:
@@ -231,34 +232,41 @@ class TemplateTracker:
         self._departed = [q for q in self._departed if self._now_s - q.seen_s <= p.remember_s]
 
     def _meet(self, born: list[Person]) -> None:
-        """Newcomers are the lost or departed whom they continue best, or strangers."""
-        if not born:
-            return
-        lost = [q for q in self._people if q.confirmed and q.share < self.params.visible_min]
-        known = continued(born, lost + self._departed, self._now_s, self.params)
-        for i, b in enumerate(born):
-            if i not in known:
-                b.track_id = self._next_id
-                self._next_id += 1
-                self._people.append(b)
-                self._note(b, "spawned", f"evidence {b.evidence:.1f}, {b.height_m:.2f} m tall", b.evidence)
-                continue
-            q, odds = known[i]
-            self._note(q, "reacquired", f"log-odds {odds:.1f} after {self._now_s - q.seen_s:.1f} s", odds)
-            q.kalman, q.height_m, q.height_var, q.share = b.kalman, b.height_m, b.height_var, b.share
-            q.seen_s, q.log_odds = self._now_s, max(q.log_odds, b.log_odds)
-            if q in self._departed:
-                self._departed.remove(q)
-                self._people.append(q)
+        """Follow newcomers, under ids of their own until it is known who they are."""
+        for b in born:
+            b.track_id = self._next_id
+            self._next_id += 1
+            self._people.append(b)
+            self._note(b, "spawned", f"evidence {b.evidence:.1f}, {b.height_m:.2f} m tall", b.evidence)
 
-    def _confirm(self, q: Person) -> None:
-        p = self.params
-        stature = body.stature(q.height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, p.low_share)
-        person = q.moved + math.log((1 - body.THINGS) * stature / (body.THINGS / body.HEIGHT_MEAN_M))
-        sure = q.existence > p.report and person > math.log(p.report / (1 - p.report))
-        if not q.confirmed and sure and q.share >= p.visible_min:
-            q.confirmed = True
-            self._note(q, "confirmed", f"existence {q.existence:.2f}, log-odds of a person {person:.1f}", q.existence)
+    def _recognise(self) -> None:
+        """Confirm newcomers, as the lost or departed whom they continue best or as strangers.
+
+        Who somebody is is decided when the odds are, at the latest when the person is reported.
+        """
+        new = [q for q in self._people if not q.confirmed]
+        lost = [q for q in self._people if q.confirmed and q.share < self.params.visible_min]
+        known = continued(new, lost + self._departed, self.params) if new else {}
+        for i, b in enumerate(new):
+            person = self._personhood(b)
+            sure = b.existence > self.params.report and person > math.log(self.params.report / (1 - self.params.report))
+            sure = sure and b.share >= self.params.visible_min
+            q, odds = known.get(i, (None, 0.0))
+            if q is not None and (sure or odds > KNOWN_ODDS):
+                self._note(q, "reacquired", f"log-odds {odds:.1f} after {b.born_s - q.seen_s:.1f} s", odds)
+                self._departed = [o for o in self._departed if o is not q]
+                self._people = [o for o in self._people if o is not q]
+                b.take_identity(q)
+                b.confirmed = True
+            elif sure:
+                b.confirmed = True
+                reason = f"existence {b.existence:.2f}, log-odds of a person {person:.1f}"
+                self._note(b, "confirmed", reason, b.existence)
+
+    def _personhood(self, q: Person) -> float:
+        """Log-odds of a person against a thing, by height and own movement."""
+        stature = body.stature(q.height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, self.params.low_share)
+        return q.moved + math.log((1 - body.THINGS) * stature / (body.THINGS / body.HEIGHT_MEAN_M))
 
     def _say(self, q: Person, others: Sequence[Person]) -> None:
         """Why a person is where it is, and who may hide it."""
