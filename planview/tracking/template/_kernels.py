@@ -13,8 +13,8 @@ from numba import njit
 
 from calib.types import F32, F64, I64, U8
 
-CX, CY, CZ, EX, EY, COS, SIN, RANGE, WEIGHT, STD = range(10)
-SAMPLE_FIELDS = 10
+CX, CY, CZ, EX, EY, COS, SIN, RANGE, WEIGHT, STD, MATCHED = range(11)
+SAMPLE_FIELDS = 11
 LAYERS = 4
 """Other people on one ray, the nearest first."""
 TINY = 1e-12
@@ -73,13 +73,13 @@ def _look(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, fastmath=True, inline="always")
 def _body_likelihood(  # type: ignore[no-untyped-def]
-    kind: int, seen: float, at: float, std: float, colour: float, b: Beliefs
+    kind: int, seen: float, at: float, std: float, matched: float, colour: float, b: Beliefs
 ):
-    """Of a pixel that shows a body's surface at a range."""
+    """Of a pixel that shows a body's surface at a range; nearer than ``matched`` the right camera cannot see it."""
     if kind == 0:
         return 1.0 - b.body
     if kind == 2:
-        return b.body * b.no_depth
+        return b.body * (1.0 if at < matched else b.no_depth)
     var = b.surface_var + std * std * at * at * at * at
     off = seen - at
     normal = math.exp(-0.5 * off * off / var) / math.sqrt(2.0 * math.pi * var)
@@ -94,8 +94,8 @@ def _part(z: float) -> int:
 @njit(cache=True, nogil=True)
 def gather(
     pose: F64, reach_m: float, spacing_m: float, patch_m: float, centre: F64, direction: F32, stretch: F32,
-    projection: F64, pixel_sr: float, kind: U8, range_m: F32, colour: U8, std_per_m2: float, samples: F32, kinds: U8,
-    codes: U8, angles: I64, n: int, b: Beliefs,
+    matched_m: F32, projection: F64, pixel_sr: float, kind: U8, range_m: F32, colour: U8, std_per_m2: float,
+    samples: F32, kinds: U8, codes: U8, angles: I64, n: int, b: Beliefs,
 ) -> int:  # fmt: skip
     """Append the samples of one camera within ``reach_m`` of a body; the number of samples then."""
     rows, cols = stretch.shape
@@ -142,6 +142,7 @@ def gather(
             s[EX], s[EY], s[COS], s[SIN] = ex, ey, cos, -dz
             s[RANGE] = range_m[r, c]
             s[WEIGHT] = weight
+            s[MATCHED] = matched_m[r, c]
             s[STD] = std_per_m2 / stretch[r, c]
             kinds[n] = kind[r, c]
             codes[n] = colour[r, c]
@@ -188,7 +189,7 @@ def layer(
             if hidden and s[RANGE] < range_m - 3 * math.sqrt(b.surface_var + (std * range_m * range_m) ** 2):
                 continue
             colour = 1.0 - b.colour + b.colour * ratios[k, _part(z), codes[i]] if kind == 1 else 1.0
-            value = _body_likelihood(kind, s[RANGE], range_m, std, colour, b)
+            value = _body_likelihood(kind, s[RANGE], range_m, std, s[MATCHED], colour, b)
             j = m
             while j > 0 and t[j - 1] > range_m:
                 t[j], p[j], like[j] = t[j - 1], p[j - 1], like[j - 1]
@@ -233,7 +234,7 @@ def evaluate(
             if s[RANGE] < range_m - behind:
                 continue
         colour = 1.0 - b.colour + b.colour * ratio[_part(z), codes[i]] if kind == 1 else 1.0
-        like = _body_likelihood(kind, s[RANGE], range_m, s[STD], colour, b)
+        like = _body_likelihood(kind, s[RANGE], range_m, s[STD], s[MATCHED], colour, b)
         j = 0
         while j < count[i] and at[i, j] < range_m:
             j += 1
@@ -369,7 +370,7 @@ def visible(  # type: ignore[no-untyped-def]
         total += pi * s[WEIGHT]
         if kinds[i] == 0:
             continue
-        like = _body_likelihood(kinds[i], s[RANGE], range_m, s[STD], 1.0, b)
+        like = _body_likelihood(kinds[i], s[RANGE], range_m, s[STD], s[MATCHED], 1.0, b)
         j = 0
         while j < count[i] and at[i, j] < range_m:
             j += 1
@@ -422,7 +423,7 @@ def share_out(
                 if pi < 0.01:
                     continue
                 ratio = 1.0 - b.colour + b.colour * ratios[k, _part(z), colour[r, c]]
-                value = _body_likelihood(1, range_m[r, c], at, std_per_m2 / stretch[r, c], ratio, b)
+                value = _body_likelihood(1, range_m[r, c], at, std_per_m2 / stretch[r, c], 0.0, ratio, b)
                 j = m
                 while j > 0 and t[j - 1] > at:
                     t[j], p[j], like[j], ks[j], zs[j] = t[j - 1], p[j - 1], like[j - 1], ks[j - 1], zs[j - 1]

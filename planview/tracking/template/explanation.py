@@ -111,8 +111,8 @@ class Explanation:
             std = self.params.disparity_std_px / r.disparity_metre
             samples.n = kernels.gather(
                 pose, reach_m, kernels.SPACING * self.params.patch_m, self.params.patch_m, r.centre_m, r.direction,
-                r.stretch, r.projection, r.pixel_sr, v.kind, v.range_m, colour, std, samples.values, samples.kinds,
-                samples.codes, samples.angles, samples.n, self.beliefs,
+                r.stretch, r.matched_m, r.projection, r.pixel_sr, v.kind, v.range_m, colour, std, samples.values,
+                samples.kinds, samples.codes, samples.angles, samples.n, self.beliefs,
             )  # fmt: skip
         return samples
 

@@ -19,6 +19,8 @@ from planview.tracking.template.person import KNOWN_LOOKS, Person, colour_ratios
 
 CONTACT_M = 0.7
 """People nearer than this may be taken for each other [m]: a body, and an arm's movement."""
+NEW_HEIGHT_STD_M = 0.12
+"""Deviation of the height of somebody who comes into view, at first in part [m]."""
 DECIDED = 6.0
 """Log-odds at which two people exchange identities: one error in 400."""
 PART_MAX = 2.0
@@ -99,8 +101,9 @@ def _log_odds(q: Person, b: Person, known: Sequence[Person], params: TemplatePar
         return -1.0
     spread = min(body.TORSO.torso_radius_m + gone_s, math.sqrt(params.floor_m2) / 2)
     place = math.log(params.floor_m2 / (2 * math.pi * spread**2)) - 0.5 * (away / spread) ** 2
-    mine = body.stature(b.height_m, q.tall_m, math.hypot(q.upright[1], math.sqrt(b.height_var)), params.low_share)
-    stranger = body.stature(b.height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, params.low_share)
+    error = max(math.sqrt(b.height_var), NEW_HEIGHT_STD_M)
+    mine = body.stature(b.height_m, q.tall_m, math.hypot(q.upright[1], error), params.low_share)
+    stranger = body.stature(b.height_m, body.HEIGHT_MEAN_M, math.hypot(body.HEIGHT_STD_M, error), params.low_share)
     anything = (1 - body.THINGS) * stranger + body.THINGS / body.HEIGHT_MEAN_M
     return place + math.log(mine / anything) + _alike(q, b, known)
 

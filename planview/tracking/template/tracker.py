@@ -120,7 +120,7 @@ class TemplateTracker:
                 )  # fmt: skip
         flooded = all((v.kind > 0).mean() > 0.5 for v in frame.views)
         for i, q in enumerate(self._people):
-            self._measure(i, q, frame, samples, people, predicted[i], others[i], bent[i])
+            self._measure(i, q, frame, samples, people, predicted[i], others[i], bent[i], dt)
             if not flooded:
                 self._weigh(q, dt)
             self._say(q, [self._people[k] for k in others[i]])
@@ -132,7 +132,7 @@ class TemplateTracker:
 
     def _measure(
         self, i: int, q: Person, frame: Explanation, samples: list[Samples], people: People, predicted: F64,
-        others: I64, bent: F64,
+        others: I64, bent: F64, dt: float,
     ) -> None:  # fmt: skip
         """Evidence for a person, its visible share, and the place as far as the pixels tell it."""
         s, pose, ratio = samples[i], people.poses[i], people.ratios[i]
@@ -158,7 +158,7 @@ class TemplateTracker:
         speed = math.hypot(kalman.vx_mps, kalman.vy_mps)
         slower = min(1.0, body.SPEED_MAX_MPS / max(speed, 1e-6))
         q.kalman = kalman._replace(vx_mps=slower * kalman.vx_mps, vy_mps=slower * kalman.vy_mps)
-        q.height_m, q.height_var = float(h), 1.0 / (1.0 / q.height_var + up)
+        q.height_m, q.height_var = float(h), 1.0 / (1.0 / q.height_var + up * min(1.0, dt / self.params.errors_s))
         q.seen_s = self._now_s
 
     def _rival(self, i: int, people: People) -> int:
