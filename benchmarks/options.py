@@ -56,11 +56,7 @@ class BenchOptions:
         return self.cache or cache_folder()
 
     def settings(self) -> Config:
-        """The parameters of the engine.
-
-        Raises:
-            InputError: an unknown parameter, or a value out of its range.
-        """
+        """The parameters of the engine. Raises InputError: an unknown parameter, or a value out of its range."""
         return load_config(self.config, self.set_)
 
 
@@ -74,11 +70,7 @@ class RenderOptions:
 
 
 def scene_files(names: Sequence[str] = (), folder: Path = SCENES, ending: str = ".toml") -> list[Path]:
-    """Files of a folder by their names without the ending; all when none is named.
-
-    Raises:
-        InputError: no such scene.
-    """
+    """Files of a folder by their names without the ending; all when none is named. Raises InputError: no such scene."""
     known = {path.name.removesuffix(ending): path for path in sorted(folder.glob(f"*{ending}"))}
     for name in names:
         if name not in known:
@@ -112,11 +104,8 @@ def rendered(scene: Scene, name: str, options: RenderOptions, progress: Progress
 
 
 def new_folder(parent: Path, name: str) -> Path:
-    """An empty folder in which something is written before it gets its place in the cache.
-
-    Raises:
-        WorkError: the cache cannot be written.
-    """
+    """An empty folder in which something is written before it gets its place in the cache. Raises WorkError: the cache
+    cannot be written."""
     try:
         parent.mkdir(parents=True, exist_ok=True)
         return Path(tempfile.mkdtemp(prefix=f".{name}-", dir=parent))

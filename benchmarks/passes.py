@@ -83,12 +83,8 @@ def code_key() -> str:
 
 def run_pass(job: Pass) -> Path:
     """The folder of a run (tracks.csv, run.json, decisions.csv, with ``recorded`` maps.h5 and peer.csv), from the cache
-    when it is whole there.
-
-    Raises:
-        InputError: a recording that cannot be used.
-        WorkError: the cache cannot be written.
-    """
+    when it is whole there. Raises InputError: a recording that cannot be used. WorkError: the cache cannot be
+    written."""
     if _is_whole(job):
         return job.folder
     shutil.rmtree(job.folder, ignore_errors=True)

@@ -31,8 +31,6 @@ GATE_M, SPEED_MAX_MPS, LOST_SPEED_MPS = 0.45, 3.1, 1.2
 walks meanwhile, for a second."""
 FOUND, MISSED = 1.9, -0.6
 """Evidence (log-odds) of a frame with and without a peak, of a person not yet confirmed; a newcomer has 1."""
-CONFIRM_PEAKS = 3
-"""A newcomer is confirmed after so many peaks."""
 SLOW_DOWN_S, KEEP_S, LEAVE_S = 0.6, 4.0, 0.6
 """Time in which a lost person's speed falls to 1/e; how long the lost are kept inside and outside the view [s]."""
 
@@ -94,7 +92,8 @@ class _Person:
 
     @property
     def is_confirmed(self) -> bool:
-        return self.n_peaks >= CONFIRM_PEAKS
+        # A newcomer is confirmed after so many peaks.
+        return self.n_peaks >= 3
 
     def state(self) -> TrackState:
         seen: Literal["confirmed", "lost"] = "lost" if self.gone_s else "confirmed"

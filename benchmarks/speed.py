@@ -40,8 +40,6 @@ from stereo.recording import StereoFrame
 Part = Literal["engine", "foreground", "after-disparity", "full-resolution"]
 BLOCK_PX = 5
 """Side of the yardstick's matched block [px]."""
-WIDE_PX = 640
-"""The yardstick searches images up to this width over 64 disparities, wider ones over 128."""
 SETTLED = 100
 """Frames before anything is timed: the background is learned, buffers are warm, kernels compiled."""
 TURN = 4
@@ -50,8 +48,6 @@ PEOPLE = 4
 """People in the frames that count."""
 ENOUGH = 10
 """Fewer frames with so many people are too few: then all frames with people count."""
-OVERHEAD_FRAMES = 200
-"""Of the real overhead pair, after SETTLED: a person walks through the view in the second half."""
 FULL_RESOLUTION = ("rectify.working_px=0", "analysis.width_px=1280")
 LIMITS = {
     "engine_to_yardstick_grey": 0.5,
@@ -85,7 +81,8 @@ class Yardstick:
             cv2.initUndistortRectifyMap(camera.matrix, camera.coefficients, turn, matrix, size, cv2.CV_16SC2)
             for camera, turn, matrix in ((left, r1, p1), (right, r2, p2))
         ]
-        self.disparities = 64 if size[0] <= WIDE_PX else 128
+        # The yardstick searches images up to this width over 64 disparities, wider ones over 128.
+        self.disparities = 64 if size[0] <= 640 else 128
         area = BLOCK_PX * BLOCK_PX * (1 if grey else 3)  # OpenCV's recommendation: 8 and 32 times channels and block
         self._sgbm = cv2.StereoSGBM.create(
             0, self.disparities, BLOCK_PX, 8 * area, 32 * area, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY
@@ -246,7 +243,8 @@ def full_resolution(speed: Speed, progress: Progress) -> None:
         return
     for name, overrides in (("overhead", ()), ("full_resolution", FULL_RESOLUTION)):
         progress(f"real overhead pair: {name.replace('_', ' ')}")
-        clip = Clip(recording, SETTLED + OVERHEAD_FRAMES, overrides=overrides)
+        # Of the real overhead pair, after SETTLED: a person walks through the view in the second half.
+        clip = Clip(recording, SETTLED + 200, overrides=overrides)
         with one_core():
             speed.add(name, take_turns(clip, {"grey": Yardstick(clip.rig, grey=True)}).ratios("grey"))
 

@@ -97,11 +97,8 @@ class StereoRig:
         return StereoRig(self.right, self.left, self.right_SE3_left.inverse(), self.source)
 
     def check(self, source: str) -> StereoRig:
-        """Return self, or refuse a geometry that cannot be a stereo rig.
-
-        Raises:
-            InputError: baseline out of range (wrong units), or a right camera that lies to the left.
-        """
+        """Return self, or refuse a geometry that cannot be a stereo rig. Raises InputError: baseline out of range
+        (wrong units), or a right camera that lies to the left."""
         if not MIN_BASELINE_M <= self.baseline_m <= MAX_BASELINE_M:
             raise InputError(
                 f"{source}: expected a baseline of {MIN_BASELINE_M}-{MAX_BASELINE_M:g} m, "
@@ -156,21 +153,15 @@ def save_rig(rig: StereoRig, path: Path) -> None:
 
 
 def parse_rig(text: str, source: str) -> StereoRig:
-    """A rig from the text of ``rig.toml``.
-
-    Raises:
-        ValueError: not TOML, keys missing, or values that cannot be a rig.
-    """
+    """A rig from the text of ``rig.toml``. Raises ValueError: not TOML, keys missing, or values that cannot be a
+    rig."""
     try:
         data = parse_toml(text)
         pose = data["right_SE3_left"]
         return StereoRig(
             _camera(data["left"]),
             _camera(data["right"]),
-            SE3(
-                np.array(pose["rotation"], dtype=np.float64),
-                np.array(pose["translation_m"], dtype=np.float64),
-            ),
+            SE3(np.array(pose["rotation"], dtype=np.float64), np.array(pose["translation_m"], dtype=np.float64)),
             str(data.get("source", source)),
         )
     except KeyError as error:

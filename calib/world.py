@@ -45,15 +45,21 @@ def save_world(floor: Floor, path: Path) -> None:
 
 
 def load_world(path: Path) -> Floor:
-    """Read ``world.toml``: a table ``world_SE3_left`` with ``rotation`` and ``translation_m``, or a 4x4 matrix.
-
-    Raises:
-        InputError: unreadable, keys missing, or values that cannot be a camera above a floor.
-    """
+    """Read ``world.toml``: a table ``world_SE3_left`` with ``rotation`` and ``translation_m``, or a 4x4 matrix. Raises
+    InputError: unreadable, keys missing, or values that cannot be a camera above a floor."""
     try:
         data = load_toml(path, "a world.toml")
         pose = _pose(data["world_SE3_left"])
-        floor = _floor(pose, data.get("floor", {}))
+        table = data.get("floor", {})
+        covariance = table.get("covariance")
+        extent = table.get("extent_m")
+        floor = Floor(
+            pose,
+            float(table.get("inlier_fraction", math.nan)),
+            float(table.get("residual_m", math.nan)),
+            None if covariance is None else np.array(covariance, dtype=np.float64).reshape(3, 3),
+            None if extent is None else _four(extent),
+        )
     except KeyError as error:
         raise InputError(f"{path}: expected a world.toml with the key {error}, found none") from error
     except (ValueError, TypeError, AttributeError, OverflowError) as error:
@@ -67,23 +73,8 @@ def load_world(path: Path) -> Floor:
 
 def _pose(value: Any) -> SE3:
     if isinstance(value, dict):
-        return SE3(
-            np.array(value["rotation"], dtype=np.float64),
-            np.array(value["translation_m"], dtype=np.float64),
-        )
+        return SE3(np.array(value["rotation"], dtype=np.float64), np.array(value["translation_m"], dtype=np.float64))
     return SE3.from_matrix(value)
-
-
-def _floor(pose: SE3, table: dict[str, Any]) -> Floor:
-    covariance = table.get("covariance")
-    extent = table.get("extent_m")
-    return Floor(
-        pose,
-        float(table.get("inlier_fraction", math.nan)),
-        float(table.get("residual_m", math.nan)),
-        None if covariance is None else np.array(covariance, dtype=np.float64).reshape(3, 3),
-        None if extent is None else _four(extent),
-    )
 
 
 def _four(values: Any) -> tuple[float, float, float, float]:
@@ -135,12 +126,8 @@ def save_rigs(entries: Sequence[RigEntry], path: Path, comment: str = "") -> Non
 
 
 def load_rigs(path: Path) -> tuple[RigEntry, ...]:
-    """Read ``rigs.toml``.
-
-    Raises:
-        InputError: unreadable, keys missing, or heads that cannot be: none, two of one folder, a folder outside of the
-            file's own, a pose below the floor.
-    """
+    """Read ``rigs.toml``. Raises InputError: unreadable, keys missing, or heads that cannot be: none, two of one
+    folder, a folder outside of the file's own, a pose below the floor."""
     try:
         if path.stat().st_size > MAX_BYTES:
             raise InputError(f"{path}: expected a list of heads, found {path.stat().st_size} bytes")

@@ -27,8 +27,6 @@ MAX_TURN_DEG = 45.0
 """Cameras turned further against each other share no view worth matching (our choice)."""
 MIN_FOCAL_WIDTHS, MAX_FOCAL_WIDTHS = 0.1, 30.0
 """A focal length outside these multiples of the image width is in other units (fisheye of 200 deg: 0.2)."""
-MAX_OFF_IMAGE = 0.25
-"""Share of the image by which a principal point may lie outside of it; crops rarely go further (our choice)."""
 
 __all__ = ["FORMATS", "calibration_files", "load_rig", "refuse_strange_camera", "write_rig"]
 
@@ -132,7 +130,8 @@ def refuse_strange_camera(one: Camera, side: str) -> None:
             f"expected a {side} focal length in pixels of {one.width}x{one.height}, found fx={one.fx:g} fy={one.fy:g}"
         )
     off = max(abs(one.cx / one.width - 0.5), abs(one.cy / one.height - 0.5)) - 0.5
-    if off > MAX_OFF_IMAGE:
+    # Share of the image by which a principal point may lie outside of it; crops rarely go further (our choice).
+    if off > 0.25:
         raise ValueError(
             f"expected a {side} principal point inside the image of {one.width}x{one.height}, "
             f"found ({one.cx:.1f}, {one.cy:.1f})"

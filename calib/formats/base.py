@@ -75,11 +75,7 @@ class Format:
 
 
 def read_source(path: Path) -> Source:
-    """Read a text file.
-
-    Raises:
-        InputError: unreadable, too large, or not text.
-    """
+    """Read a text file. Raises InputError: unreadable, too large, or not text."""
     require_file(path, "a calibration file")
     try:
         with path.open("rb") as file:
@@ -242,11 +238,7 @@ def _shown(value: Any) -> str:
 
 
 def parse_json(text: str) -> Any:
-    """The value of a JSON text.
-
-    Raises:
-        ValueError: not JSON, or nesting without end.
-    """
+    """The value of a JSON text. Raises ValueError: not JSON, or nesting without end."""
     try:
         return json.loads(text)
     except RecursionError:
@@ -254,11 +246,7 @@ def parse_json(text: str) -> Any:
 
 
 def parse_xml(text: str) -> ElementTree.Element:
-    """The root element.
-
-    Raises:
-        ValueError: not XML, or a document type (entities can expand without end).
-    """
+    """The root element. Raises ValueError: not XML, or a document type (entities can expand without end)."""
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise ValueError("expected XML without a document type, found one")
     try:
@@ -293,11 +281,8 @@ class _PlainLoader(yaml.SafeLoader):
 
 
 def parse_yaml(text: str) -> Mapping[str, Any]:
-    """A YAML mapping; OpenCV's ``%YAML:1.0`` header (any style) and its tags are taken off first.
-
-    Raises:
-        ValueError: not YAML, or no mapping at the top.
-    """
+    """A YAML mapping; OpenCV's ``%YAML:1.0`` header (any style) and its tags are taken off first. Raises ValueError:
+    not YAML, or no mapping at the top."""
     if len(text) > MAX_CHARACTERS:
         raise ValueError(f"expected YAML of up to {MAX_CHARACTERS} characters, found {len(text)}")
     plain = _OPENCV_TAG.sub("", _HEADER.sub("", text.lstrip()))

@@ -77,22 +77,19 @@ def _euroc_write(rig: StereoRig, path: Path) -> list[Path]:
     ):
         (path / name).mkdir(parents=True, exist_ok=True)
         paths.append(path / name / "sensor.yaml")
-        write_whole(paths[-1], _half_text(one, body_SE3_camera))
+        model, coefficients = held("EuRoC", one, {"brown": 4, "fisheye": 4})
+        values = [float(v) for v in np.asarray(body_SE3_camera.matrix).ravel()]
+        half_text = (
+            "sensor_type: camera\n"
+            f"T_BS:\n  cols: 4\n  rows: 4\n  data: {values}\n"
+            f"resolution: [{one.width}, {one.height}]\n"
+            "camera_model: pinhole\n"
+            f"intrinsics: {[float(v) for v in (one.fx, one.fy, one.cx, one.cy)]}\n"
+            f"distortion_model: {'equidistant' if model == 'fisheye' else 'radial-tangential'}\n"
+            f"distortion_coefficients: {coefficients}\n"
+        )
+        write_whole(paths[-1], half_text)
     return paths
-
-
-def _half_text(one: Camera, body_SE3_camera: SE3) -> str:
-    model, coefficients = held("EuRoC", one, {"brown": 4, "fisheye": 4})
-    values = [float(v) for v in np.asarray(body_SE3_camera.matrix).ravel()]
-    return (
-        "sensor_type: camera\n"
-        f"T_BS:\n  cols: 4\n  rows: 4\n  data: {values}\n"
-        f"resolution: [{one.width}, {one.height}]\n"
-        "camera_model: pinhole\n"
-        f"intrinsics: {[float(v) for v in (one.fx, one.fy, one.cx, one.cy)]}\n"
-        f"distortion_model: {'equidistant' if model == 'fisheye' else 'radial-tangential'}\n"
-        f"distortion_coefficients: {coefficients}\n"
-    )
 
 
 EUROC = Format("euroc", "EuRoC sensor.yaml pair", _euroc_part, _euroc_read, _euroc_write, "")
@@ -200,7 +197,6 @@ KITTI = Format("kitti", "KITTI calib_cam_to_cam", _kitti_part, _kitti_read, _kit
 
 _CAMERA = re.compile(r"^\s*cam0\s*=\s*\[", re.MULTILINE)
 _MILLIMETRE_M = 0.001
-_MAX_OFFSET_PX = 0.5
 
 
 def _middlebury_part(source: Source) -> str | None:
@@ -213,7 +209,7 @@ def _middlebury_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     size = whole(entry(data, "width"), "width"), whole(entry(data, "height"), "height")
     left, right = (_middlebury_camera(data, name, size) for name in ("cam0", "cam1"))
     offset = number(data.get("doffs", right.cx - left.cx), "doffs")
-    if abs(offset - (right.cx - left.cx)) > _MAX_OFFSET_PX:
+    if abs(offset - (right.cx - left.cx)) > 0.5:
         raise ValueError(
             f"expected doffs to be the principal points' distance {right.cx - left.cx:g}, found {offset:g}"
         )

@@ -36,10 +36,6 @@ ODD_FROM = 3.0
 """A sample whose residuals are this many deviations is odd: not a standing person, or marked wrongly (our choice)."""
 MAX_ROLL_RAD = math.radians(7.0)
 """A larger roll is none of a camera, but of wrong samples (our choice: 3.5 deviations of the prior)."""
-RIVAL = 20.0
-"""Fits whose log-evidence is lower by more are not refined further (our choice: one in 10^8)."""
-VALLEYS = 3
-"""So many distinct results of the search are refined (our choice)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,11 +110,32 @@ def calibrate_from_people(
     start = time.perf_counter()
     people = people_of(samples, model, independent)
     tried = _tried([lens] if lens else list(LENS_K_320), size, people, model, known, params)
-    _check_fit(tried[0], params, name)
+    # Most samples must fit well; how badly the odd ones fit, which are weighted down, does not matter.
+    found = tried[0]
+    fits = found.fit.deviations <= ODD_FROM
+    error = float(np.median(found.problem.each(found.fit.camera)[fits])) if fits.any() else math.inf
+    if error > params.max_error or fits.mean() < 0.5:
+        raise WorkError(
+            f"{name}: no camera fits the samples: error {error:.2f} (at most {params.max_error:g}), "
+            f"{1.0 - fits.mean():.0%} of the samples far off; "
+            "are they standing people of one size in upright images of this size?"
+        )
     posterior = posterior_of([t.fit for t in tried], people, model)
     if independent is not None:
         posterior = with_outline_errors(posterior, people, model)
-    _check_observable(posterior.fit.camera, camera_deviations(posterior.fit), params, name)
+    std = camera_deviations(posterior.fit)
+    if abs(posterior.fit.camera.roll_rad) > MAX_ROLL_RAD:
+        raise WorkError(
+            f"{name}: expected an upright image, found people who lean as in one turned by "
+            f"{math.degrees(posterior.fit.camera.roll_rad):.0f} degrees: blobs that are not one person each, "
+            "or a camera to be turned"
+        )
+    if not std.height <= params.max_height_std:
+        raise WorkError(
+            f"{name}: camera height and focal length cannot be told apart from these samples (height known to "
+            f"{min(std.height, 10):.0%}): add people nearer to and farther from the camera, or give the focal length "
+            "or the camera's height"
+        )
     return _result(posterior, tried[0].problem, people, model, time.perf_counter() - start)
 
 
@@ -160,7 +177,8 @@ def _tried(
     readings = (True,) if only_boxes(people.rows) else (False, True)
     problems = [SearchProblem(people.rows, size, lens, model, known, boxes) for lens in lenses for boxes in readings]
     quick = [t for p in problems for t in _fits(p, people, params)]
-    rival = max(t.fit.log_evidence for t in quick) - RIVAL
+    # Fits whose log-evidence is lower by more are not refined further (our choice: one in 10^8).
+    rival = max(t.fit.log_evidence for t in quick) - 20.0
     near = [t for t in quick if t.fit.log_evidence >= rival]
     full = [replace(t, fit=refine(t.fit.camera, people, model, t.fit.prior)) for t in near]
     return sorted(full, key=lambda t: -t.fit.log_evidence)
@@ -185,30 +203,5 @@ def _distinct(candidates: F64) -> list[F64]:
     for candidate in candidates:
         if all(np.abs(candidate - other).max() > 0.05 for other in kept):
             kept.append(candidate)
-    return kept[:VALLEYS]
-
-
-def _check_fit(found: _Tried, params: HumanCalibrationParams, name: str) -> None:
-    """Most samples must fit well; how badly the odd ones fit, which are weighted down, does not matter."""
-    fits = found.fit.deviations <= ODD_FROM
-    error = float(np.median(found.problem.each(found.fit.camera)[fits])) if fits.any() else math.inf
-    if error > params.max_error or fits.mean() < 0.5:
-        raise WorkError(
-            f"{name}: no camera fits the samples: error {error:.2f} (at most {params.max_error:g}), "
-            f"{1.0 - fits.mean():.0%} of the samples far off; "
-            "are they standing people of one size in upright images of this size?"
-        )
-
-
-def _check_observable(camera: GroundCamera, std: CameraDeviations, params: HumanCalibrationParams, name: str) -> None:
-    if abs(camera.roll_rad) > MAX_ROLL_RAD:
-        raise WorkError(
-            f"{name}: expected an upright image, found people who lean as in one turned by "
-            f"{math.degrees(camera.roll_rad):.0f} degrees: blobs that are not one person each, or a camera to be turned"
-        )
-    if not std.height <= params.max_height_std:
-        raise WorkError(
-            f"{name}: camera height and focal length cannot be told apart from these samples (height known to "
-            f"{min(std.height, 10):.0%}): add people nearer to and farther from the camera, or give the focal length "
-            "or the camera's height"
-        )
+    # So many distinct results of the search are refined (our choice).
+    return kept[:3]

@@ -169,9 +169,6 @@ KNOWN_HEIGHT_STD = 0.02
 """Relative deviation of a camera height that was measured (our choice)."""
 KNOWN_PERSON_STD = 0.01
 """Relative deviation of a body height that was told, with shoes (our choice)."""
-STATURE_STD = 0.025
-"""Relative deviation of the mean height of some people from the model's (our choice: 1.76 m with shoes lies between
-women and men of most countries)."""
 PERSON_STD = 0.045
 """Relative deviation of one adult's height from the mean (our choice: women and men together, 8 cm)."""
 WIDTH_STD = 0.12
@@ -259,7 +256,9 @@ def prior_of(camera: GroundCamera, known: KnownValues, boxes_only: bool, level_e
     std[FOCAL] = max(0.3, math.log(wide / narrow) / math.sqrt(12.0))
     std[ROLL] = math.radians(2.0)
     std[GIRTH] = 0.5 if boxes_only else 0.05
-    std[STATURE] = STATURE_STD if known.person_height_m is None else KNOWN_PERSON_STD
+    # Relative deviation of the mean height of some people from the model's (our choice: 1.76 m with shoes lies
+    # between women and men of most countries).
+    std[STATURE] = 0.025 if known.person_height_m is None else KNOWN_PERSON_STD
     focal = known.focal(camera.width, camera.distortion_k)
     if focal is not None:
         mean[FOCAL], std[FOCAL] = math.log(focal), KNOWN_FOCAL_STD

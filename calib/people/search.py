@@ -45,13 +45,7 @@ class SearchProblem:
     """The samples of one lens class, ready for the kernel; a candidate is (log focal, log height, tilt)."""
 
     def __init__(
-        self,
-        rows: F64,
-        size: tuple[int, int],
-        lens: str,
-        model: HumanModel,
-        known: KnownValues,
-        boxes_only: bool,
+        self, rows: F64, size: tuple[int, int], lens: str, model: HumanModel, known: KnownValues, boxes_only: bool
     ) -> None:
         """Args:
         rows: (n, 8) samples (see ``HumanSample.row``).
@@ -81,16 +75,23 @@ class SearchProblem:
         candidate_errors(cameras, self.k, self.flat, self.marked, self.circles, self.model.height_m, limit, out)
         return out
 
-    def _of(self, rows: F64) -> SearchProblem:
-        return SearchProblem(rows, self.size, self.lens, self.model, self.known, self.boxes_only)
-
     def camera(self, candidate: F64) -> GroundCamera:
         focal, height = (float(v) for v in np.exp(candidate[:2]))
         return GroundCamera(*self.size, focal, height, float(candidate[2]), self.lens)
 
     def each(self, camera: GroundCamera) -> F64:
         """(n,) error of every sample."""
-        upright = self._of(_turned(self.rows, self.size, -camera.roll_rad))
+        # (n, 8) rows in an image turned clockwise about its centre; boxes keep their size, which small turns
+        # allow.
+        angle_rad = -camera.roll_rad
+        centre = (np.array(self.size) - 1) / 2
+        c, s = math.cos(angle_rad), math.sin(angle_rad)
+        turn = np.array([[c, -s], [s, c]])
+        middle = (self.rows[:, :2] + self.rows[:, 2:4]) / 2
+        half = (self.rows[:, 2:4] - self.rows[:, :2]) / 2
+        middle, head, foot = ((p - centre) @ turn.T + centre for p in (middle, self.rows[:, 4:6], self.rows[:, 6:8]))
+        turned = np.concatenate([middle - half, middle + half, head, foot], axis=1)
+        upright = SearchProblem(turned, self.size, self.lens, self.model, self.known, self.boxes_only)
         one = [(upright.flat[i : i + 1], upright.marked[i : i + 1]) for i in range(len(self.rows))]
         values = np.array([[camera.focal_px, camera.height_m, camera.tilt_rad]])
         out = np.empty((len(one), 1))
@@ -169,14 +170,3 @@ def warm_up() -> None:
     """Have the kernel compiled, so that durations are the search's own."""
     flat, marked = np.zeros((1, 4)), np.array([[-1.0, -1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0]])
     candidate_errors(np.array([[1.0, 3.0, 0.0]]), 0.0, flat, marked, np.zeros((1, 3)), 1.7, 1.0, np.empty(1))
-
-
-def _turned(rows: F64, size: tuple[int, int], angle_rad: float) -> F64:
-    """(n, 8) rows in an image turned clockwise about its centre; boxes keep their size, which small turns allow."""
-    centre = (np.array(size) - 1) / 2
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    turn = np.array([[c, -s], [s, c]])
-    middle = (rows[:, :2] + rows[:, 2:4]) / 2
-    half = (rows[:, 2:4] - rows[:, :2]) / 2
-    middle, head, foot = ((p - centre) @ turn.T + centre for p in (middle, rows[:, 4:6], rows[:, 6:8]))
-    return np.concatenate([middle - half, middle + half, head, foot], axis=1)

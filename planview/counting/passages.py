@@ -17,15 +17,6 @@ from planview.trajectories.table import Trajectories
 
 PERSON_M = 1.7
 """Height that a box is taken to show where only boxes are known: it gives metres to pixels [m]."""
-MAX_SPEED_MPS = 8.0
-JUMP_M = 1.0
-"""A step over a line that is faster [m/s] and longer [m] is a correction by the tracker and not a movement (our choice:
-a sprint, and ten times the noise of a good tracker)."""
-PUT_BACK_S = 2.0
-"""A jump back within this time of a crossing undoes it [s]; a jump at another time stands for a crossing once the
-person has stayed beyond the line for as long as a new track must last. Our choice."""
-_MARGIN_SHARE = 0.25
-"""Largest part of a zone's inner radius that hysteresis may take: people in the middle of a narrow zone are inside."""
 
 
 class InPlane(NamedTuple):
@@ -190,7 +181,9 @@ class WireState:
         self._side, self._net = side, 0
         if before in (0, side) or net * side <= 0:
             return None
-        back = self._jumped and self._passed[1] - self._crossed_s <= PUT_BACK_S
+        # A jump back within this time of a crossing undoes it [s]; a jump at another time stands for a
+        # crossing once the person has stayed beyond the line for as long as a new track must last. Our choice.
+        back = self._jumped and self._passed[1] - self._crossed_s <= 2.0
         again, self._put_back = self._put_back == side, before if back else 0
         return None if again or back else Crossing(*self._passed, "right_to_left" if side > 0 else "left_to_right")
 
@@ -201,7 +194,9 @@ class WireState:
             self._net += 1 if b.side_m >= 0 else -1
             moment = a.timestamp_s + part * (b.timestamp_s - a.timestamp_s)
             step_m = abs(b.side_m - a.side_m)
-            self._jumped = step_m > JUMP_M and step_m > MAX_SPEED_MPS * (b.timestamp_s - a.timestamp_s)
+            # A step over a line that is faster [m/s] and longer [m] is a correction by the tracker and not
+            # a movement (our choice: a sprint, and ten times the noise of a good tracker).
+            self._jumped = step_m > 1.0 and step_m > 8.0 * (b.timestamp_s - a.timestamp_s)
             self._passed = math.ceil(a.frame + part * (b.frame - a.frame)), moment
 
 
@@ -255,7 +250,9 @@ class Area:
         self.name, self.plane, self.min_age_s = name, plane, min_age_s
         self._outline = Outline(points)
         self._hysteresis_m = hysteresis_m
-        self._margin_limit = _MARGIN_SHARE * inner_radius(points)
+        # Largest part of a zone's inner radius that hysteresis may take: people in the middle of a narrow zone
+        # are inside.
+        self._margin_limit = 0.25 * inner_radius(points)
 
     def locate(self, places: TrackPlaces) -> tuple[F64, F64]:
         """(N,) depth inside (negative outside) and the margin that decides [m]; NaN when not known in this plane."""
@@ -287,20 +284,17 @@ class AreaState:
             self._pass(before, now)
         self._last = now
         if self.stay is None:
-            return self._outside(now, margin_m, before is None)
+            if (before is None) and now.depth_m >= 0:
+                self.stay = Stay(now.timestamp_s, now.timestamp_s, entered=False)
+            elif now.depth_m >= margin_m:
+                self.stay = Stay(self._passed[1], now.timestamp_s, entered=True)
+                return Passage(*self._passed, "entry")
+            return None
         if depth_m <= -margin_m and depth_m < 0:
             self.stay.end_s, self.stay.left = self._passed[1], True
             self.stay = None
             return Passage(*self._passed, "exit")
         self.stay.end_s = timestamp_s
-        return None
-
-    def _outside(self, now: _Depth, margin_m: float, first: bool) -> Passage | None:
-        if first and now.depth_m >= 0:
-            self.stay = Stay(now.timestamp_s, now.timestamp_s, entered=False)
-        elif now.depth_m >= margin_m:
-            self.stay = Stay(self._passed[1], now.timestamp_s, entered=True)
-            return Passage(*self._passed, "entry")
         return None
 
     def _pass(self, before: _Depth, now: _Depth) -> None:

@@ -23,10 +23,6 @@ INTERVALS_MAX = 10_080
 JUMP_S = 600.0
 """A step of the clock from one frame to the next that is longer is a jump [s]: no recorder pauses so long unnoticed
 (our choice)."""
-TRUTH_ZONE_HYSTERESIS_M = 0.05
-"""For true occupancy: a head sways by as much when a person stands on the outline [m]; our choice."""
-_BLOCK_FRAMES = 1000
-"""Frames whose rows are located at a time, so that memory does not grow with the recording (our choice)."""
 
 
 def jump_note(before_frame: int, frame: int, step_s: float) -> str:
@@ -288,7 +284,13 @@ def count_tracks(
     Raises:
         InputError: the tracks have no place in the plane of a rule.
     """
-    _require_positions(tracks, rules)
+    for rule in (*rules.tripwires, *rules.zones):
+        places = tracks.box_px.sum(axis=1) if rule.plane == "image" else tracks.x_m + tracks.y_m
+        if len(tracks) and not np.isfinite(places).any():
+            need = "boxes (or --camera)" if rule.plane == "image" else "floor positions"
+            raise InputError(
+                f"{rules.source}: expected tracks with {need} for rule {rule.name!r}, found none in any row"
+            )
     clock = clock or Clock(tracks, 30.0)
     analytics = Analytics(rules, params)
     events = [
@@ -315,9 +317,10 @@ def count_truth(
         params: those of the tracks.
     """
     params = (params or AnalyticsParams()).model_copy(update={"stitch_s": 0.0})
+    # For true occupancy: a head sways by as much when a person stands on the outline [m]; our choice.
     return count_tracks(
         truth.where(truth.visible != IGNORED),
-        rules.of_truth(TRUTH_ZONE_HYSTERESIS_M),
+        rules.of_truth(0.05),
         params,
         clock=clock,
         n_frames=n_frames,
@@ -330,20 +333,11 @@ def _frames(tracks: Trajectories, clock: Clock, analytics: Analytics) -> Iterato
     moments = clock.at(frames)
     changes = analytics.changes(tracks.frame, moments, TrackPlaces.of_rows(tracks, slice(None)))
     bounds = np.append(starts, len(tracks))
-    for block in np.array_split(np.flatnonzero(changes.frames), 1 + len(frames) // _BLOCK_FRAMES):
+    # Frames whose rows are located at a time, so that memory does not grow with the recording (our choice).
+    for block in np.array_split(np.flatnonzero(changes.frames), 1 + len(frames) // 1000):
         counts = bounds[block + 1] - bounds[block]
         ends = np.cumsum(counts)
         rows = np.repeat(bounds[block + 1] - ends, counts) + np.arange(counts.sum())
         located = analytics.rows(TrackPlaces.of_rows(tracks, rows), changes.rows[rows])
         for i, start, end in zip(block.tolist(), (ends - counts).tolist(), ends.tolist(), strict=True):
             yield int(frames[i]), float(moments[i]), located[start:end]
-
-
-def _require_positions(tracks: Trajectories, rules: Rules) -> None:
-    for rule in (*rules.tripwires, *rules.zones):
-        places = tracks.box_px.sum(axis=1) if rule.plane == "image" else tracks.x_m + tracks.y_m
-        if len(tracks) and not np.isfinite(places).any():
-            need = "boxes (or --camera)" if rule.plane == "image" else "floor positions"
-            raise InputError(
-                f"{rules.source}: expected tracks with {need} for rule {rule.name!r}, found none in any row"
-            )

@@ -12,9 +12,6 @@ from planview.evaluation.sequence import EPS, THRESHOLD, Sequence
 
 MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
 """Shares of a person's rows (Wu, Nevatia 2006, as MOTChallenge counts them)."""
-_CONTINUE = 1000.0
-"""Weight of continuing the last frame's pair: above any sum of similarities in a frame."""
-_NONE = -2
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +42,10 @@ def clear_scores(sequence: Sequence, threshold: float = THRESHOLD) -> ClearScore
     A switch is a match of a person with another track than at that person's last match, however long ago. The frame
     before is the last one in which there were both people and tracks.
     """
-    turn = _turns(sequence)
+    # (n_frames,) number of each frame among those with both people and tracks; -1 for the others.
+    both = np.zeros(sequence.n_frames, dtype=np.bool_)
+    both[np.intersect1d(sequence.truth_frame, sequence.track_frame)] = True
+    turn = np.where(both, np.cumsum(both) - 1, -1)
     pairs = _matches(sequence, turn, threshold)
     misses, extra = sequence.truth_rows - len(pairs), sequence.track_rows - len(pairs)
     rows = pairs[np.argsort(sequence.truth[pairs[:, 0]], kind="stable")]
@@ -60,13 +60,6 @@ def clear_scores(sequence: Sequence, threshold: float = THRESHOLD) -> ClearScore
     return ClearScores(pairs, misses, extra, switches, mota, int(tracked), int(lost), fragmentations)
 
 
-def _turns(sequence: Sequence) -> I64:
-    """(n_frames,) number of each frame among those with both people and tracks; -1 for the others."""
-    both = np.zeros(sequence.n_frames, dtype=np.bool_)
-    both[np.intersect1d(sequence.truth_frame, sequence.track_frame)] = True
-    return np.where(both, np.cumsum(both) - 1, -1)
-
-
 def _matches(sequence: Sequence, turn: I64, threshold: float) -> I64:
     """(K, 2) truth and track rows matched, in the order of frames."""
     near = np.flatnonzero(sequence.similarity >= threshold - EPS)
@@ -74,11 +67,12 @@ def _matches(sequence: Sequence, turn: I64, threshold: float) -> I64:
     row_before = _row_before(sequence.truth, turn[sequence.truth_frame])[rows]
     col_before = _row_before(sequence.tracks, turn[sequence.track_frame])[cols]
     chosen = lone_pairs(rows, cols)
-    partner = np.full(sequence.truth_rows + 1, _NONE)  # the last one is the partner of no row
+    partner = np.full(sequence.truth_rows + 1, -2)  # the last one is the partner of no row
     partner[rows[chosen]] = cols[chosen]
     for pairs in groups_of(sequence.truth_frame[rows], ~chosen):
         goes_on = (partner[row_before[pairs]] == col_before[pairs]) & (col_before[pairs] >= 0)
-        taken = solved(rows[pairs], cols[pairs], similarity[pairs] + _CONTINUE * goes_on)
+        # Weight of continuing the last frame's pair: above any sum of similarities in a frame.
+        taken = solved(rows[pairs], cols[pairs], similarity[pairs] + 1000.0 * goes_on)
         chosen[pairs] = taken
         partner[rows[pairs[taken]]] = cols[pairs[taken]]
     return np.column_stack([rows[chosen], cols[chosen]])

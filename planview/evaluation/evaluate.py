@@ -112,7 +112,13 @@ def _score(
     truth, tracks = people.where(~ignored), claimed.where(~excused)
     sequence = build_sequence(truth, tracks, similarity)
     clear = clear_scores(sequence)
-    persons = _person_histories(truth, tracks, clear.matches, _near_prediction(truth, predicted, similarity))
+    # (N,) whether a lost track is predicted at each true person.
+    near = np.zeros(len(truth), dtype=np.bool_)
+    beside = np.flatnonzero(np.isin(truth.frame, predicted.frame))
+    near[beside[clear_scores(build_sequence(truth.where(beside), predicted, similarity)).matches[:, 0]]] = True
+    holder = np.where(near, PREDICTED, UNMATCHED)
+    holder[clear.matches[:, 0]] = tracks.track_id[clear.matches[:, 1]]
+    persons = [PersonHistory(i, truth.frame[rows], holder[rows]) for i, rows in rows_by_id(truth.track_id)]
     histories = _track_histories(claimed, excused, clear.matches)
     on_floor = params.match_on == "floor"
     predictions = (
@@ -166,12 +172,6 @@ def _truth_rows(truth: Trajectories, tracks: Trajectories, matches: I64, in_one_
     return TruthRows(np.hypot(truth.x_m, truth.y_m), truth.visible, counts[where], matched, error)
 
 
-def _person_histories(truth: Trajectories, tracks: Trajectories, matches: I64, near: Bool) -> list[PersonHistory]:
-    holder = np.where(near, PREDICTED, UNMATCHED)
-    holder[matches[:, 0]] = tracks.track_id[matches[:, 1]]
-    return [PersonHistory(i, truth.frame[rows], holder[rows]) for i, rows in rows_by_id(truth.track_id)]
-
-
 def _prediction_histories(
     predicted: Trajectories,
     people: Trajectories,
@@ -205,14 +205,6 @@ def _prediction_histories(
             PredictionHistory(track, predicted.frame[rows], person, (place[at] == wanted) & (away > gate_m))
         )
     return histories
-
-
-def _near_prediction(truth: Trajectories, predicted: Trajectories, similarity: Similarity) -> Bool:
-    """(N,) whether a lost track is predicted at each true person."""
-    near = np.zeros(len(truth), dtype=np.bool_)
-    beside = np.flatnonzero(np.isin(truth.frame, predicted.frame))
-    near[beside[clear_scores(build_sequence(truth.where(beside), predicted, similarity)).matches[:, 0]]] = True
-    return near
 
 
 def _within(table: Trajectories, frames: tuple[int, int] | None) -> Trajectories:

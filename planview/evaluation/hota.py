@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.types import F64, I64
 from planview.evaluation.assignment import best_pairs
-from planview.evaluation.sequence import EPS, CommonPairs, Sequence, common_pairs
+from planview.evaluation.sequence import EPS, Sequence, common_pairs
 
 ALPHAS: F64 = np.arange(1, 20, dtype=np.float64) * 0.05
 """Localisation thresholds 0.05 to 0.95; on the floor alpha is a distance of 2 gate (1 - alpha)."""
@@ -29,8 +29,16 @@ def hota_scores(sequence: Sequence) -> HotaScores:
     if n_truth + n_tracks == 0:
         return HotaScores(None, None, None)
     common = common_pairs(sequence)
-    union = _rows_of_both(sequence, common)
-    potential = np.bincount(common.of_pair, _shares(sequence), len(common.truth))
+    # (C,) rows of the person and of the track of every common pair together.
+    truth = np.bincount(sequence.truth, minlength=sequence.n_truth)[common.truth]
+    tracks = np.bincount(sequence.tracks, minlength=sequence.n_tracks)[common.track]
+    union = np.asarray(truth + tracks, dtype=np.float64)
+    # (P,) share of each pair in what its two rows are similar to in their frame, as an intersection over union.
+    s = sequence.similarity
+    of_truth = np.bincount(sequence.pair_truth, s, sequence.truth_rows)[sequence.pair_truth]
+    of_track = np.bincount(sequence.pair_track, s, sequence.track_rows)[sequence.pair_track]
+    shares = np.asarray(s / np.maximum(of_track + of_truth - s, EPS))
+    potential = np.bincount(common.of_pair, shares, len(common.truth))
     score = (potential / (union - potential))[common.of_pair] * sequence.similarity
     matched = best_pairs(sequence.pair_truth, sequence.pair_track, score, sequence.pair_frame)
     matches = _count_matches(sequence.similarity[matched], common.of_pair[matched], len(common.truth))
@@ -38,21 +46,6 @@ def hota_scores(sequence: Sequence) -> HotaScores:
     deta = tp / (n_truth + n_tracks - tp)
     assa = (matches * (matches / np.maximum(1.0, union - matches))).sum(axis=1) / np.maximum(1.0, tp)
     return HotaScores(float(np.sqrt(deta * assa).mean()), float(deta.mean()), float(assa.mean()))
-
-
-def _rows_of_both(sequence: Sequence, common: CommonPairs) -> F64:
-    """(C,) rows of the person and of the track of every common pair together."""
-    truth = np.bincount(sequence.truth, minlength=sequence.n_truth)[common.truth]
-    tracks = np.bincount(sequence.tracks, minlength=sequence.n_tracks)[common.track]
-    return np.asarray(truth + tracks, dtype=np.float64)
-
-
-def _shares(sequence: Sequence) -> F64:
-    """(P,) share of each pair in what its two rows are similar to in their frame, as an intersection over union."""
-    s = sequence.similarity
-    of_truth = np.bincount(sequence.pair_truth, s, sequence.truth_rows)[sequence.pair_truth]
-    of_track = np.bincount(sequence.pair_track, s, sequence.track_rows)[sequence.pair_track]
-    return np.asarray(s / np.maximum(of_track + of_truth - s, EPS))
 
 
 def _count_matches(similarity: F64, common: I64, n_common: int) -> F64:

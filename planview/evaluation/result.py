@@ -78,18 +78,6 @@ class Evaluation:
     def to_json(self) -> dict[str, Any]:
         """The ``--json`` object; a score that the data cannot give is null."""
         return {
-            **self._clear_json(),
-            **self._error_json(),
-            "ignored_rows": self.ignored_rows,
-            "track_rows": self.track_rows,
-            "matches": len(self.clear.matches),
-            "duration_s": self.duration_s,
-            **breakdown_json(self.rows),
-            "alignment": _alignment_json(self.alignment),
-        }
-
-    def _clear_json(self) -> dict[str, Any]:
-        return {
             "truth_rows": self.truth_rows,
             "mota": self.clear.mota,
             "motp_m": _mean(self.position_error_m),
@@ -107,6 +95,13 @@ class Evaluation:
             "position_error_mean_m": _mean(self.position_error_m),
             "position_error_std_m": float(self.position_error_m.std()) if len(self.position_error_m) else None,
             "height_error_mean_m": _mean(self.height_error_m),
+            **self._error_json(),
+            "ignored_rows": self.ignored_rows,
+            "track_rows": self.track_rows,
+            "matches": len(self.clear.matches),
+            "duration_s": self.duration_s,
+            **breakdown_json(self.rows),
+            "alignment": _alignment_json(self.alignment),
         }
 
     def _error_json(self) -> dict[str, Any]:

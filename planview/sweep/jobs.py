@@ -206,11 +206,8 @@ class Planner:
         self._recordings = [_Recording(entry, name) for entry, name in zip(study.recordings, names, strict=True)]
 
     def jobs(self, configurations: Sequence[Configuration]) -> list[Planned]:
-        """Configuration by configuration, recording by recording, seed by seed.
-
-        Raises:
-            InputError: a setting that is no parameter or out of its range.
-        """
+        """Configuration by configuration, recording by recording, seed by seed. Raises InputError: a setting that is no
+        parameter or out of its range."""
         for configuration in configurations:
             load_config(self._study.config, configuration.settings)
         return [
@@ -224,22 +221,20 @@ class Planner:
         if recording.error:
             return Refused(recording.name, configuration, seed, recording.error)
         entry, study = recording.entry, self._study
-        effective = self._effective_of(configuration, seed, recording)
+        # One object for all recordings that begin with the same parameters: a study may have RUNS_MAX of
+        # them.
+        name = (configuration, seed, recording.base_key)
+        if name not in self._effective:
+            settings = [*configuration.settings, f"seed={seed}"]
+            full = load_config(self._study.config, settings, recording.base)
+            self._effective[name] = _Effective(_Keyed.of(full), _Keyed.of(points_config(full)))
+        effective = self._effective[name]
         maps = None
         if study.maps and _records_maps(entry, study.tracker):
             maps = self._run(entry, recording.key, effective.points, "maps")
         source = RecordingEntry(path=maps.folder / MAPS_FILE) if maps else entry
         run = self._run(source, maps.key if maps else recording.key, effective.full, "jobs")
         return StudyJob(recording.name, configuration, seed, run, maps, recording.truth, recording.truth_key)
-
-    def _effective_of(self, configuration: Configuration, seed: int, recording: _Recording) -> _Effective:
-        """One object for all recordings that begin with the same parameters: a study may have RUNS_MAX of them."""
-        name = (configuration, seed, recording.base_key)
-        if name not in self._effective:
-            settings = [*configuration.settings, f"seed={seed}"]
-            full = load_config(self._study.config, settings, recording.base)
-            self._effective[name] = _Effective(_Keyed.of(full), _Keyed.of(points_config(full)))
-        return self._effective[name]
 
     def _run(self, source: RecordingEntry, source_key: str, config: _Keyed, kind: str) -> RunJob:
         study, version = self._study, engine_version()

@@ -20,7 +20,6 @@ ROWS_MAX = 200
 """Configurations in the table, and failed runs; summary.csv has them all."""
 BARS_MAX = 40
 """Configurations in the picture."""
-RECORDINGS_MAX = 40
 
 
 def ranking_plot(ranking: Sequence[Ranked], figure: FigureName) -> bytes:
@@ -145,7 +144,7 @@ def _pictures(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked]
     for name in study.parameters:
         note = "A dot per configuration; the line joins the means of each value."
         pictures.append(_picture(name, parameter_plot(known, name, figure), note))
-    if 1 < len({run.recording for run in runs}) <= RECORDINGS_MAX:
+    if 1 < len({run.recording for run in runs}) <= 40:
         note = "Lines are configurations by their place in the ranking."
         pictures.append(_picture("By recording", recordings_plot(known, runs, figure), note))
     return pictures

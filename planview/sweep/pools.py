@@ -23,7 +23,6 @@ PER_THREAD = 3
 """Jobs handed over per thread of a cluster: enough to keep it busy, and the scheduler's memory small."""
 DEATHS_MAX = 3
 """A job during which the process died so often is given up."""
-CHECK_S = 5.0
 
 
 class Pool(Protocol):
@@ -51,11 +50,7 @@ class ProcessPool:
     """Processes of this machine (joblib's loky: fresh ones, since forked ones would share OpenCV's threads)."""
 
     def __init__(self, processes: int) -> None:
-        """Start nothing yet.
-
-        Raises:
-            InputError: fewer than one process.
-        """
+        """Start nothing yet. Raises InputError: fewer than one process."""
         if processes < 1:
             raise InputError(f"--jobs: expected at least 1, found {processes}")
         self.at_once: int | None = processes
@@ -89,11 +84,8 @@ class ClusterPool:
     """
 
     def __init__(self, address: str) -> None:
-        """Connect to a scheduler.
-
-        Raises:
-            InputError: ``distributed`` is not installed, no scheduler at the address, or none of its workers comes.
-        """
+        """Connect to a scheduler. Raises InputError: ``distributed`` is not installed, no scheduler at the address, or
+        none of its workers comes."""
         try:
             from distributed import Client
         except ImportError as error:
@@ -193,7 +185,7 @@ class _Schedule:
     def run(self) -> Iterator[Done]:
         while self._ready or self._running:
             self._submit()
-            ended, _ = wait(self._running, timeout=CHECK_S, return_when=FIRST_COMPLETED)
+            ended, _ = wait(self._running, timeout=5.0, return_when=FIRST_COMPLETED)
             try:
                 self._pool.check()
             except WorkError as error:

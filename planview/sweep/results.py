@@ -19,9 +19,6 @@ DRAWS = 1000
 RECORDINGS_MIN = 5
 """Fewer recordings say too little of others for an interval (our choice): a bootstrap of four has 35 samples."""
 LEVEL = 0.95
-_SEED = 0
-_BLOCK = 5_000_000
-"""Values drawn at a time."""
 
 
 @dataclass(frozen=True)
@@ -153,8 +150,9 @@ def estimate(values: F64) -> Estimate:
     if len(values) < RECORDINGS_MIN:
         return Estimate(mean, math.nan, math.nan)
     n_recordings, n_seeds = values.shape
-    generator, means = np.random.default_rng(_SEED), []
-    block = max(1, _BLOCK // values.size)
+    generator, means = np.random.default_rng(0), []
+    # Values drawn at a time.
+    block = max(1, 5_000_000 // values.size)
     for start in range(0, DRAWS, block):
         count = min(block, DRAWS - start)
         recording = generator.integers(0, n_recordings, (count, n_recordings, 1))

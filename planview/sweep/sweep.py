@@ -18,9 +18,6 @@ from planview.sweep.results import JobResult, Ranked, ranked, summary_csv
 from planview.sweep.study import FIGURES, Configuration, Range, Space, Study, configuration, grid, random_draws
 from planview.sweep.work import earlier_figures, is_done, remove_stale_attempts, track, track_and_score
 
-BATCH = 4
-"""Proposals made together. Not the number of processes: the same study proposes the same on any machine, so that what
-is done is found again."""
 STUDY_FILE, SUMMARY_FILE, PAGE_FILE = "study.json", "summary.csv", "report.html"
 
 
@@ -56,7 +53,9 @@ class Proposals:
 
     def ask(self) -> list[Configuration]:
         """The next configurations; none when all samples are taken or no run has the objective."""
-        count = min(BATCH, self._left)
+        # Proposals made together. Not the number of processes: the same study proposes the same on any
+        # machine, so that what is done is found again.
+        count = min(4, self._left)
         if self._recorded and not self._known:
             return []
         self._left -= count

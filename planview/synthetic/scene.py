@@ -349,11 +349,7 @@ class Scene(Params):
 
 
 def load_scene(path: Path) -> Scene:
-    """Read a scene.
-
-    Raises:
-        InputError: unreadable, not TOML, an unknown key or a value out of range.
-    """
+    """Read a scene. Raises InputError: unreadable, not TOML, an unknown key or a value out of range."""
     return parse_scene(read_text(path, "a scene in TOML"), str(path))
 
 

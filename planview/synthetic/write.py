@@ -66,7 +66,23 @@ def write_recording(
     count = min(renderer.n_frames, frames or renderer.n_frames)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _write_calibration(renderer, folder, opencv=opencv, world=world)
+        rig = renderer.rig
+        if renderer.ground_camera is not None:
+            save_ground_camera(renderer.ground_camera, folder / "camera.toml")
+        if rig is not None:
+            save_rig(rig, folder / "rig.toml")
+        if world and renderer.world_SE3_left is not None:
+            save_world(Floor(renderer.world_SE3_left), folder / "world.toml")
+        if opencv and rig is not None:  # as OpenCV's stereo_calib sample writes them
+            inner = cv2.FileStorage(str(folder / "intrinsics.yml"), cv2.FILE_STORAGE_WRITE)
+            for name, camera in (("1", rig.left), ("2", rig.right)):
+                inner.write(f"M{name}", camera.matrix)
+                inner.write(f"D{name}", camera.coefficients.reshape(1, -1))
+            inner.release()
+            outer = cv2.FileStorage(str(folder / "extrinsics.yml"), cv2.FILE_STORAGE_WRITE)
+            outer.write("R", rig.right_SE3_left.rotation)
+            outer.write("T", rig.right_SE3_left.translation.reshape(3, 1))
+            outer.release()
         with (folder / "truth.csv").open("w") as truth, (folder / "timestamps.csv").open("w") as times:
             rows = _write_frames(renderer, folder, count, storage, truth, times, done)
     except OSError as error:
@@ -131,26 +147,6 @@ class _Video:
         self._writer.release()
 
 
-def _write_calibration(renderer: SceneRenderer, folder: Path, *, opencv: bool, world: bool) -> None:
-    rig = renderer.rig
-    if renderer.ground_camera is not None:
-        save_ground_camera(renderer.ground_camera, folder / "camera.toml")
-    if rig is not None:
-        save_rig(rig, folder / "rig.toml")
-    if world and renderer.world_SE3_left is not None:
-        save_world(Floor(renderer.world_SE3_left), folder / "world.toml")
-    if opencv and rig is not None:  # as OpenCV's stereo_calib sample writes them
-        inner = cv2.FileStorage(str(folder / "intrinsics.yml"), cv2.FILE_STORAGE_WRITE)
-        for name, camera in (("1", rig.left), ("2", rig.right)):
-            inner.write(f"M{name}", camera.matrix)
-            inner.write(f"D{name}", camera.coefficients.reshape(1, -1))
-        inner.release()
-        outer = cv2.FileStorage(str(folder / "extrinsics.yml"), cv2.FILE_STORAGE_WRITE)
-        outer.write("R", rig.right_SE3_left.rotation)
-        outer.write("T", rig.right_SE3_left.translation.reshape(3, 1))
-        outer.release()
-
-
 class RigMount(Params):
     """A stereo head of a scene: ``[[head]]`` in its TOML."""
 
@@ -173,17 +169,9 @@ class RigScene:
         return SceneRenderer(self.scene, scale, self.mount.start_s)
 
 
-def has_rigs(table: dict[str, Any]) -> bool:
-    """Whether a scene's table lists heads instead of one rig or camera."""
-    return "head" in table
-
-
 def rigs_of(table: dict[str, Any], source: str) -> tuple[RigScene, ...]:
-    """The heads of a scene's table, which has ``[[head]]`` in the place of ``[rig]``.
-
-    Raises:
-        InputError: an unknown key, a value out of range, or two heads of one name.
-    """
+    """The heads of a scene's table, which has ``[[head]]`` in the place of ``[rig]``. Raises InputError: an unknown
+    key, a value out of range, or two heads of one name."""
     rest = {key: value for key, value in table.items() if key != "head"}
     try:
         mounts = [RigMount.model_validate(entry) for entry in table["head"]]
@@ -196,13 +184,11 @@ def rigs_of(table: dict[str, Any], source: str) -> tuple[RigScene, ...]:
 
 
 def load_rig_scenes(path: Path) -> tuple[RigScene, ...]:
-    """Read a scene with ``[[head]]`` tables; empty for a scene with one rig or camera.
-
-    Raises:
-        InputError: unreadable, or not TOML, and as ``rigs_of``.
-    """
+    """Read a scene with ``[[head]]`` tables; empty for a scene with one rig or camera. Raises InputError: unreadable,
+    or not TOML, and as ``rigs_of``."""
     table = load_toml(path, "a scene in TOML")
-    return rigs_of(table, str(path)) if has_rigs(table) else ()
+    # Whether a scene's table lists heads instead of one rig or camera.
+    return rigs_of(table, str(path)) if ("head" in table) else ()
 
 
 def with_seed(heads: tuple[RigScene, ...], seed: int | None) -> tuple[RigScene, ...]:

@@ -16,15 +16,11 @@ from planview.synthetic.random_scenes.appearance import clothes, looks
 from planview.synthetic.scene import CameraMount, Pair, Scene
 
 PEOPLE, DURATION_S, FPS = 12, 115.0, 10.0
-LEAVE_FROM_S = 64.0
-"""When the first person gets up [s]."""
 IN_FILE, ALIKE, LIKE_THE_WALL = 0.3, 0.25, 0.1
 """Shares of people who follow the one before at an arm's length, who wear another's clothes, whose shirt has the
 wall's colour."""
 VISIBLE, BODY_M = 0.7, 1.7
 """The zone is where this share of a standing person, so many metres high, is in the image."""
-SEAT_INSIDE_M = 0.25
-"""Seats are at least so far inside the zone: a person who sits on its outline is in and out by centimetres."""
 ATTEMPTS = 200
 """Cameras that do not see all seats are tried again."""
 WALLS = ("#dad4c8", "#c8ccd0", "#b8b4ac", "#e2dccf")
@@ -49,11 +45,7 @@ class _Seat:
 
 
 def random_conference(seed: int) -> RandomConference:
-    """The room of a seed; the same seed gives the same room.
-
-    Raises:
-        WorkError: no camera of many sees all seats.
-    """
+    """The room of a seed; the same seed gives the same room. Raises WorkError: no camera of many sees all seats."""
     return _RoomComposer(np.random.default_rng([seed, 1008])).composed()
 
 
@@ -130,7 +122,9 @@ class _RoomComposer:
             )  # fmt: skip
             outline = _visible_floor(mount, self._size).astype(np.float32)
             places = [(float(u), float(v)) for u, v in _to_camera(mount, seats)]
-            if len(outline) > 2 and all(cv2.pointPolygonTest(outline, at, True) >= SEAT_INSIDE_M for at in places):
+            # Seats are at least so far inside the zone: a person who sits on its outline is in and out by
+            # centimetres.
+            if len(outline) > 2 and all(cv2.pointPolygonTest(outline, at, True) >= 0.25 for at in places):
                 return mount, tuple((float(x), float(y)) for x, y in outline)
         raise WorkError(f"no camera of {ATTEMPTS} drawn has all seats in view")
 
@@ -138,7 +132,8 @@ class _RoomComposer:
         rng, seats = self._rng, list(self._seats)
         rng.shuffle(seats)
         sitting = 8 if len(seats) < 10 else int(rng.integers(8, 10))
-        enter, leave = self._times(6.0, 3.6), self._times(LEAVE_FROM_S, 2.6)
+        # When the first person gets up [s].
+        enter, leave = self._times(6.0, 3.6), self._times(64.0, 2.6)
         rng.shuffle(leave)
         front = self._middle[1] - 0.5 * self._table[1] - 1.2
         area = (1.4, min(1.3, front - 0.8), self._size[0] - 1.4, front)

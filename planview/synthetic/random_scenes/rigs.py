@@ -14,8 +14,6 @@ from planview.synthetic.write import RigScene, rigs_of
 
 FPS = 10.0
 DURATION_S = 36.0
-EMPTY_S = 3.0
-"""The room is empty for so long, while the background is learned [s]."""
 PEOPLE = (2, 3)
 MARGIN_M = 0.7
 """People walk this far from walls [m]; from those with a rig on them 1.4 m."""
@@ -103,12 +101,13 @@ def _walker(i: int, size: tuple[float, float, float], layout: str, rng: np.rando
     way = [p if west else (width - p[0], p[1]) for p in (hidden, behind, inside)]
     north = 1.4 if layout == "opposite" else MARGIN_M
     east = 1.2 if layout == "corner" else MARGIN_M
+    # The room is empty for so long, while the background is learned [s].
     return (
         looks(rng, float(rng.uniform(1.55, 1.9)))
         | clothes(rng)
         | {
             "start_m": way[0],
-            "enter_s": EMPTY_S + 2.5 * i,
+            "enter_s": 3.0 + 2.5 * i,
             "face_deg": 0.0 if west else 180.0,
             "steps": [{"go": way[1:], "speed_mps": 1.2}],
             "wander": {
