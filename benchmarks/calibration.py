@@ -32,7 +32,7 @@ from planview.calibration.board import BoardRequest, calibrate_images
 from planview.calibration.paths import record_rig
 from planview.engine.config import Config
 from planview.synthetic.assets import SCENES, real_recordings
-from planview.synthetic.random_scenes.rigs import random_rigs
+from planview.synthetic.random_scenes.rooms import random_rigs
 from planview.synthetic.render import SceneRenderer
 from planview.synthetic.scene import Scene, load_scene
 from planview.synthetic.write import write_rigs

@@ -29,7 +29,7 @@ from planview.engine.engine import Engine
 from planview.engine.factory import open_engine
 from planview.output.script import run
 from planview.synthetic.assets import SCENES
-from planview.synthetic.random_scenes.conference import random_conference
+from planview.synthetic.random_scenes.rooms import random_conference
 from planview.synthetic.scene import Scene, load_scene
 from planview.trajectories.formats import read_laboratory
 from planview.trajectories.table import Trajectories, read_truth

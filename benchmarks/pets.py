@@ -19,8 +19,8 @@ from benchmarks.options import JsonFlag, number
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera, save_ground_camera
 from planview.engine.config import Config
-from planview.evaluation.clear import clear_scores
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
+from planview.evaluation.metrics import clear_scores
 from planview.evaluation.result import Evaluation
 from planview.evaluation.sequence import Similarity, box_similarity, build_sequence
 from planview.output.script import run

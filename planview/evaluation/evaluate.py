@@ -13,9 +13,8 @@ from calib.errors import InputError
 from calib.params import Params
 from calib.types import I64, Bool
 from planview.evaluation.align import FloorAlignment, align_tracks, moved
-from planview.evaluation.breakdown import TruthRows
-from planview.evaluation.clear import clear_scores
-from planview.evaluation.result import Evaluation
+from planview.evaluation.metrics import clear_scores
+from planview.evaluation.result import Evaluation, TruthRows
 from planview.evaluation.sequence import Similarity, box_similarity, build_sequence, floor_similarity
 from planview.evaluation.significant import (
     PREDICTED,

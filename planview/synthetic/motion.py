@@ -130,7 +130,31 @@ def scripted_motion(person: Person, furniture: dict[str, Furniture], end_s: floa
     """The motion of a person's steps; afterwards it stands until the end, or is gone."""
     script = _Script(person)
     for step in person.steps:
-        _play(script, step, furniture)
+        face = np.nan if step.face_deg is None else float(np.deg2rad(step.face_deg))
+        if step.go is not None:
+            begin = script.now_s
+            for point in step.go or []:
+                target = np.asarray(point, np.float64)
+                n = max(1, round(float(np.linalg.norm(target - script.place)) / step.speed_mps * TICK_HZ))
+                track = script.place + (target - script.place) * np.linspace(1 / n, 1, n)[:, None]
+                script.add(track, np.nan, carry=float(step.carry is not None), push=float(step.push is not None))
+            for name, how in ((step.push, "push"), (step.carry, "carry")):
+                if name is not None:
+                    script.handlings.append(Handling(name, how, begin, script.now_s, step.put_z_m))
+        elif step.until_s is not None:
+            script.stay(max(step.until_s - script.now_s, 1 / TICK_HZ), face)
+        elif step.stand_s is not None:
+            script.stay(step.stand_s, face)
+        elif step.reach_s is not None:
+            script.stay(step.reach_s, face, reach=1.0)
+        elif step.bend_s is not None:
+            script.stay(step.bend_s, face, bend=1.0)
+        elif step.crouch_s is not None:
+            script.stay(step.crouch_s, face, crouch=1.0)
+        elif step.cartwheel is not None:
+            _turn_cartwheel(script, step.cartwheel)
+        elif step.sit_s is not None:
+            _sit(script, step, furniture, face)
     done = script.now_s
     if done < end_s + 1:
         script.stay(end_s + 1 - done, np.nan)
@@ -173,34 +197,6 @@ def motion_from_ticks(
 def step_length_m(height_m: float, speed_mps: F64) -> F64:
     """Length of a step: 0.41 body heights at 1.35 m/s, growing with the root of the speed."""
     return np.asarray(0.41 * height_m * np.sqrt(np.maximum(speed_mps, 0.15) / 1.35))
-
-
-def _play(script: _Script, step: Step, furniture: dict[str, Furniture]) -> None:
-    face = np.nan if step.face_deg is None else float(np.deg2rad(step.face_deg))
-    if step.go is not None:
-        begin = script.now_s
-        for point in step.go or []:
-            target = np.asarray(point, np.float64)
-            n = max(1, round(float(np.linalg.norm(target - script.place)) / step.speed_mps * TICK_HZ))
-            track = script.place + (target - script.place) * np.linspace(1 / n, 1, n)[:, None]
-            script.add(track, np.nan, carry=float(step.carry is not None), push=float(step.push is not None))
-        for name, how in ((step.push, "push"), (step.carry, "carry")):
-            if name is not None:
-                script.handlings.append(Handling(name, how, begin, script.now_s, step.put_z_m))
-    elif step.until_s is not None:
-        script.stay(max(step.until_s - script.now_s, 1 / TICK_HZ), face)
-    elif step.stand_s is not None:
-        script.stay(step.stand_s, face)
-    elif step.reach_s is not None:
-        script.stay(step.reach_s, face, reach=1.0)
-    elif step.bend_s is not None:
-        script.stay(step.bend_s, face, bend=1.0)
-    elif step.crouch_s is not None:
-        script.stay(step.crouch_s, face, crouch=1.0)
-    elif step.cartwheel is not None:
-        _turn_cartwheel(script, step.cartwheel)
-    elif step.sit_s is not None:
-        _sit(script, step, furniture, face)
 
 
 def _turn_cartwheel(script: _Script, point: tuple[float, float]) -> None:

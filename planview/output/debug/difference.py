@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from calib.types import U8
-from planview.evaluation.clear import clear_scores
+from planview.evaluation.metrics import clear_scores
 from planview.evaluation.sequence import build_sequence, floor_similarity
 from planview.output.debug.again import TrackedAgain
 from planview.output.scene.compose import SceneComposer

@@ -18,8 +18,7 @@ from calib.types import F64
 from planview.synthetic.motion import Obstacles, scripted_motion, wander
 from planview.synthetic.random_scenes import choreography as together
 from planview.synthetic.random_scenes import things
-from planview.synthetic.random_scenes.appearance import clothes, looks, random_light
-from planview.synthetic.random_scenes.challenge import Challenge, Choreography, Kind
+from planview.synthetic.random_scenes.challenge import Challenge, Choreography, Kind, clothes, looks, random_light
 from planview.synthetic.random_scenes.choreography import Part
 from planview.synthetic.random_scenes.stage import NoPlaceError, Stage
 from planview.synthetic.scene import Scene

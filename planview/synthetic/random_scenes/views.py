@@ -17,7 +17,7 @@ from pydantic import Field
 
 from calib.params import Params
 from planview.synthetic.camera import ground_camera
-from planview.synthetic.random_scenes.appearance import clothes, looks
+from planview.synthetic.random_scenes.challenge import clothes, looks
 from planview.synthetic.random_scenes.suite import resolved
 from planview.synthetic.scene import Capture, Pair, Scene
 
