@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.types import F64, I8, I64, Bool
+from calib.types import F64, I64, Bool
 from planview.counting.events import Direction, EventKind
 from planview.counting.geometry import Outline, PlaneName, inner_radius
 from planview.trajectories.state import TrackState
@@ -81,11 +81,6 @@ def _places(track_id: I64, state: np.ndarray[tuple[int], np.dtype[np.str_]], flo
     return TrackPlaces(track_id, places.confirmed, places.observed & known, floor_m, box_px)
 
 
-def side_codes(side: F64, decided: Bool, known: Bool) -> I8:
-    """(N,) 0 not known, 1 and 2 below 0 and decided or not, 3 and 4 from 0 on and undecided or not."""
-    return np.where(known, np.where(side >= 0, 3 + decided, 2 - decided), 0).astype(np.int8)
-
-
 @dataclass(frozen=True)
 class Crossing:
     """When (interpolated) and which way."""
@@ -127,11 +122,6 @@ class Wire:
         ahead = self._ahead[0] * dx + self._ahead[1] * dy
         left = self._left_sign * (self._ahead[0] * dy - self._ahead[1] * dx)
         return left / unit, np.where(np.isfinite(x + y + unit), ahead / self._length, np.nan)
-
-    def sides(self, places: TrackPlaces) -> I8:
-        """(N,) 0 not known, 1 to 4 from decided right to decided left."""
-        side_m, along = self.locate(places)
-        return side_codes(side_m, np.abs(side_m) >= self.hysteresis_m, np.isfinite(along))
 
 
 class WireState:
@@ -260,11 +250,6 @@ class Area:
         margin = np.minimum(self._hysteresis_m, self._margin_limit / unit)
         known = np.isfinite(x + y + unit)
         return self._outline.depth(x, y) / unit, np.where(known, margin, np.nan)
-
-    def sides(self, places: TrackPlaces) -> I8:
-        """(N,) 0 not known, 1 to 4 from decided outside to decided inside."""
-        depth_m, margin_m = self.locate(places)
-        return side_codes(depth_m, np.abs(depth_m) >= margin_m, np.isfinite(margin_m))
 
 
 class AreaState:

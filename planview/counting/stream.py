@@ -7,11 +7,9 @@ from collections import deque
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, field
 from itertools import repeat
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
-import numpy as np
-
-from calib.types import F64, I8, I64, Bool
+from calib.types import F64
 from planview.counting.events import Event
 from planview.counting.geometry import PlaneName
 from planview.counting.passages import Area, AreaState, Stay, TrackPlaces, Wire, WireState
@@ -28,7 +26,7 @@ class TrackRow(NamedTuple):
     Attributes:
         observed: whether it has a place and is more than a prediction.
         x_m, y_m: the place in metres.
-        at_rules: two numbers per rule, as ``Wire.locate`` and ``Area.locate`` give them; empty where nothing changes.
+        at_rules: two numbers per rule, as ``Wire.locate`` and ``Area.locate`` give them.
     """
 
     track_id: int
@@ -148,53 +146,6 @@ class CountedPeople:
         return list(gone)
 
 
-class Changes(NamedTuple):
-    """Where counts can change: (N,) rows at which a person may change sides, (M,) frames in which anything happens."""
-
-    rows: Bool
-    frames: Bool
-
-
-class SidedRule(Protocol):
-    """A tripwire or a zone."""
-
-    def sides(self, places: TrackPlaces) -> I8:
-        """(N,) side on which each row is; only a change of it, or a beginning or end, can change a count."""
-
-
-def changes(frame: I64, moments_s: F64, places: TrackPlaces, rules: Sequence[SidedRule]) -> Changes:
-    """The rows and frames that ``Analytics`` must be given for the counts that it gives of all.
-
-    A track that goes on from one frame to the next, in the same state and on the same side of every rule, changes
-    nothing but its last sighting. So a row counts when its track begins, ends, or changes in it or in the next one; a
-    frame counts that has such a row, or lies VELOCITY_S before the end of a stretch of sightings, since stitching
-    predicts from these two.
-
-    Args:
-        frame: (N,) of the rows, sorted; ``places`` and the rules' sides refer to the same rows.
-        moments_s: (M,) times of the M different frames [s]; where they run backwards, everything counts.
-        rules: what may change sides.
-    """
-    number = np.cumsum(np.diff(frame, prepend=frame[:1]) > 0)
-    if not len(frame) or (np.diff(moments_s) < 0).any():
-        return Changes(np.ones(len(frame), dtype=np.bool_), np.ones(len(moments_s), dtype=np.bool_))
-    order = np.lexsort((number, places.track_id))
-    columns = (places.track_id, places.confirmed, places.observed, *(rule.sides(places) for rule in rules))
-    begins = np.diff(number[order], prepend=-2) != 1
-    for column in columns:
-        begins[1:] |= np.diff(column[order].astype(np.int64)) != 0
-    ends = np.append(begins[1:], True)
-    rows = np.zeros(len(frame), dtype=np.bool_)
-    rows[order] = begins | ends
-    last = moments_s[number[order[ends]]]
-    before = np.searchsorted(moments_s, last - VELOCITY_S, side="right")
-    frames = np.zeros(len(moments_s) + 2, dtype=np.bool_)
-    frames[1 + number[rows]] = True
-    for rounding in (-1, 0, 1):
-        frames[np.maximum(before + rounding, 0)] = True
-    return Changes(rows, frames[1:-1])
-
-
 @dataclass(eq=False)
 class _Memory:
     """What is remembered of one person; ``events`` and ``stays`` wait until the person is old enough for their rule;
@@ -247,23 +198,12 @@ class Analytics:
         """
         return self.update_rows(frame, timestamp_s, self.rows(TrackPlaces.of_states(tracks)))
 
-    def rows(self, places: TrackPlaces, changing: Bool | None = None) -> list[TrackRow]:
-        """Rows of tracks, of any number of frames, with where they are at every rule.
-
-        Args:
-            changing: (N,) rows that may change sides (``changes``); all by default. The others are not located.
-        """
-        wires, areas = ([rule.locate(places) for rule in rules] for rules in (self._wires, self._areas))
-        at_rules = [column.tolist() for located in (*wires, *areas) for column in located]
+    def rows(self, places: TrackPlaces) -> list[TrackRow]:
+        """Rows of tracks, of any number of frames, with where they are at every rule."""
+        at_rules = [column.tolist() for rule in (*self._wires, *self._areas) for column in rule.locate(places)]
         columns = (places.track_id, places.confirmed, places.observed, *places.metres().T)
         located = zip(*at_rules, strict=True) if at_rules else repeat((), len(places.track_id))
-        asked = repeat(True) if changing is None else changing.tolist()
-        shown = (at if ask else () for at, ask in zip(located, asked, strict=False))
-        return list(map(TrackRow, *(column.tolist() for column in columns), shown))
-
-    def changes(self, frame: I64, moments_s: F64, places: TrackPlaces) -> Changes:
-        """What ``update_rows`` needs of a table (``planview.counting.stream``)."""
-        return changes(frame, moments_s, places, [*self._wires, *self._areas])
+        return list(map(TrackRow, *(column.tolist() for column in columns), located))
 
     def update_rows(self, frame: int, timestamp_s: float, rows: Sequence[TrackRow]) -> tuple[Event, ...]:
         """``update`` with rows of the frame as ``rows`` gives them."""
@@ -272,7 +212,7 @@ class Analytics:
         self._inside = dict.fromkeys(self._inside, 0)
         for person, row in present:
             memory = self._memory.get(person) or self._remember(person)
-            if row is not None and row.at_rules:
+            if row is not None:
                 self._look(person, frame, timestamp_s, row.at_rules, memory)
             if person.confirmed and (memory.events or memory.stays):
                 events += self._release(person, memory, timestamp_s)

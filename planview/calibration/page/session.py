@@ -17,7 +17,7 @@ from calib.people.samples import MIN_SAMPLES, HumanSample
 from calib.rig import Floor
 from calib.types import U8
 from planview.calibration.floor import FloorDepths, view_floor
-from planview.calibration.page.overlay import Draft, Handle, Point, grabbed, moved, nearest
+from planview.calibration.page.marks import Draft, Handle, Point, grabbed, moved, nearest
 from planview.calibration.page.solution import CalibrationTask, Solution, export, solve
 from stereo.floor import FloorSearch
 from stereo.readers import OpenOptions, find_layout, holds_pair, open_recording, open_video

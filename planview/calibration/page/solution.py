@@ -22,7 +22,7 @@ from calib.rig import Floor
 from calib.types import F64, Bool
 from calib.world import save_world
 from planview.calibration.floor import FloorDepths
-from planview.calibration.page.overlay import Point
+from planview.calibration.page.marks import Point
 
 TRIPLES = 400
 """Planes tried at most (our choice: all of 14 points)."""

@@ -8,7 +8,8 @@ from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera
 from calib.people.model import KnownValues
 from calib.people.samples import HumanSample, read_samples
-from planview.calibration.page.overlay import Handle, overlay
+from planview.calibration.page.marks import Handle
+from planview.calibration.page.overlay import overlay
 from planview.calibration.page.session import CalibrationSession
 from tests.people import standing_people
 
