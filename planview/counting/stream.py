@@ -200,7 +200,8 @@ class Analytics:
 
     def rows(self, places: TrackPlaces) -> list[TrackRow]:
         """Rows of tracks, of any number of frames, with where they are at every rule."""
-        at_rules = [column.tolist() for rule in (*self._wires, *self._areas) for column in rule.locate(places)]
+        rules: list[Wire | Area] = [*self._wires, *self._areas]
+        at_rules = [column.tolist() for rule in rules for column in rule.locate(places)]
         columns = (places.track_id, places.confirmed, places.observed, *places.metres().T)
         located = zip(*at_rules, strict=True) if at_rules else repeat((), len(places.track_id))
         return list(map(TrackRow, *(column.tolist() for column in columns), located))
