@@ -30,7 +30,7 @@ from calib.people.refine import (
     shared_camera,
     shared_of,
 )
-from calib.people.samples import People
+from calib.people.samples import MarkedPeople
 from calib.types import F64
 
 STEP = 1e-5
@@ -83,7 +83,7 @@ def camera_deviations(fit: GroundCameraFit) -> CameraDeviations:
     return CameraDeviations(float(std[HEIGHT]), float(std[TILT]), float(std[FOCAL]), float(std[ROLL]))
 
 
-def assess(posterior: CameraPosterior, people: People, model: HumanModel) -> Assessment:
+def assess(posterior: CameraPosterior, people: MarkedPeople, model: HumanModel) -> Assessment:
     """Expected floor error over the region that the samples cover, and what would lower it most.
 
     Args:
@@ -196,7 +196,7 @@ class _Advisor:
         places, rows = _possible(self.fit, model)
         if not len(places):
             return None
-        further = People(rows, np.ones(len(rows)), np.full(len(rows), PERSON_STD), np.zeros(len(rows), np.bool_))
+        further = MarkedPeople(rows, np.ones(len(rows)), np.full(len(rows), PERSON_STD), np.zeros(len(rows), np.bool_))
         # (k, N_SHARED, N_SHARED) what each further person tells of the shared unknowns, its own place being
         # free.
         values = np.append(shared_of(self.fit), places)

@@ -17,7 +17,7 @@ from calib.people._kernels import INFEASIBLE, candidate_errors
 from calib.people.assessment import Assessment, CameraDeviations, assess, camera_deviations
 from calib.people.model import HumanModel, KnownValues, people_of, prior_of, scaled_model, usual_focal_px
 from calib.people.refine import CameraPosterior, GroundCameraFit, posterior_of, refine, with_outline_errors
-from calib.people.samples import HumanSample, People, check_samples, level_ends, only_boxes
+from calib.people.samples import HumanSample, MarkedPeople, check_samples, level_ends, only_boxes
 from calib.types import F64
 
 PARTS = 16
@@ -283,7 +283,7 @@ def calibrate_from_people(
 
 
 def _result(
-    posterior: CameraPosterior, problem: SearchProblem, people: People, model: HumanModel, search_s: float
+    posterior: CameraPosterior, problem: SearchProblem, people: MarkedPeople, model: HumanModel, search_s: float
 ) -> HumanCalibration:
     found = posterior.fit
     errors = problem.each(found.camera)
@@ -311,7 +311,7 @@ class _Tried:
 def _tried(
     lenses: Sequence[str],
     size: tuple[int, int],
-    people: People,
+    people: MarkedPeople,
     model: HumanModel,
     known: KnownValues,
     params: HumanCalibrationParams,
@@ -327,7 +327,7 @@ def _tried(
     return sorted(full, key=lambda t: -t.fit.log_evidence)
 
 
-def _fits(problem: SearchProblem, people: People, params: HumanCalibrationParams) -> list[_Tried]:
+def _fits(problem: SearchProblem, people: MarkedPeople, params: HumanCalibrationParams) -> list[_Tried]:
     """The best fit of every way in which boxes may end, with people who vary as much as expected."""
     candidates, _ = search(problem, params)
     cameras = [problem.camera(candidate) for candidate in _distinct(candidates)]

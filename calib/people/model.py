@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.ground_camera import GroundCamera
-from calib.people.samples import HumanSample, People
+from calib.people.samples import HumanSample, MarkedPeople
 from calib.types import F64, Bool
 
 CIRCLE_POINTS = 16
@@ -267,13 +267,13 @@ def prior_of(camera: GroundCamera, known: KnownValues, boxes_only: bool, level_e
     return CameraPrior(mean, std, boxes_only, level_ends)
 
 
-def people_of(samples: Sequence[HumanSample], model: HumanModel, independent: int | None = None) -> People:
+def people_of(samples: Sequence[HumanSample], model: HumanModel, independent: int | None = None) -> MarkedPeople:
     """Samples as arrays, with what is expected of each person's height, and how many are worth one."""
     told = np.array([s.height_m is not None for s in samples], dtype=np.bool_)
     scale = np.array([1.0 if s.height_m is None else s.height_m / model.height_m for s in samples])
     deviation = np.where(told, KNOWN_PERSON_STD, PERSON_STD)
     repeats = max(1.0, len(samples) / max(1, independent or len(samples)))
-    return People(np.stack([s.row() for s in samples]), scale, deviation, told, repeats)
+    return MarkedPeople(np.stack([s.row() for s in samples]), scale, deviation, told, repeats)
 
 
 def scaled_model(model: HumanModel, known: KnownValues) -> HumanModel:

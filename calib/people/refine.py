@@ -32,7 +32,7 @@ from calib.people.model import (
     CameraPrior,
     HumanModel,
 )
-from calib.people.samples import People
+from calib.people.samples import MarkedPeople
 from calib.types import F64, Bool
 
 POINT_PX = 2.0
@@ -72,7 +72,7 @@ class GroundCameraFit:
 
 
 def refine(
-    camera: GroundCamera, people: People, model: HumanModel, prior: CameraPrior, variation: float | None = None
+    camera: GroundCamera, people: MarkedPeople, model: HumanModel, prior: CameraPrior, variation: float | None = None
 ) -> GroundCameraFit:
     """Move camera, people and their common width and height to the least squares of all edges and points.
 
@@ -131,7 +131,7 @@ class Residuals:
     def __init__(
         self,
         camera: GroundCamera,
-        people: People,
+        people: MarkedPeople,
         model: HumanModel,
         prior: CameraPrior,
         values: F64,
@@ -215,7 +215,7 @@ Predict = Callable[[F64, F64, F64], F64]
 width."""
 
 
-def person_covariance(shared: F64, places: F64, people: People, predicted: Predict, variation: float) -> F64:
+def person_covariance(shared: F64, places: F64, people: MarkedPeople, predicted: Predict, variation: float) -> F64:
     """(n, 8, 8) covariance of every person's row: marking, arms and steps, height, lean and width."""
     rows = people.rows
     diagonal = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])[:, None]
@@ -304,7 +304,7 @@ class CameraPosterior:
     weights: F64
 
 
-def posterior_of(fits: Sequence[GroundCameraFit], people: People, model: HumanModel) -> CameraPosterior:
+def posterior_of(fits: Sequence[GroundCameraFit], people: MarkedPeople, model: HumanModel) -> CameraPosterior:
     """The posterior of several fits (lenses, readings of the samples), the best of them first."""
     best = fits[0]
     nodes = _profile(best, people, model)
@@ -329,7 +329,7 @@ def posterior_of(fits: Sequence[GroundCameraFit], people: People, model: HumanMo
     return CameraPosterior(replace(mean, covariance=covariance + (weights * off.T) @ off), alternatives, weights)
 
 
-def with_outline_errors(posterior: CameraPosterior, people: People, model: HumanModel) -> CameraPosterior:
+def with_outline_errors(posterior: CameraPosterior, people: MarkedPeople, model: HumanModel) -> CameraPosterior:
     """The posterior of samples that are outlines of foreground, whose ends err alike.
 
     Shadows, blur and compression end all feet, or all heads, a little too high or too low; far people are smaller, so
@@ -354,7 +354,7 @@ def with_outline_errors(posterior: CameraPosterior, people: People, model: Human
     return replace(posterior, fit=replace(fit, covariance=fit.covariance + more), alternatives=alternatives)
 
 
-def _refitted(fit: GroundCameraFit, people: People, model: HumanModel) -> GroundCameraFit:
+def _refitted(fit: GroundCameraFit, people: MarkedPeople, model: HumanModel) -> GroundCameraFit:
     return refine(fit.camera, people, model, fit.prior, fit.variation)
 
 
@@ -367,7 +367,7 @@ def shared_of(fit: GroundCameraFit) -> F64:
     return values
 
 
-def _profile(best: GroundCameraFit, people: People, model: HumanModel) -> list[GroundCameraFit]:
+def _profile(best: GroundCameraFit, people: MarkedPeople, model: HumanModel) -> list[GroundCameraFit]:
     """The best camera at focal lengths beside its own; their evidences are those of the nodes of an integral."""
     # A focal length known better is as good as normally distributed [1] (our choice).
     if not 0.06 < math.sqrt(best.covariance[FOCAL, FOCAL]) < math.inf:
@@ -383,7 +383,7 @@ def _profile(best: GroundCameraFit, people: People, model: HumanModel) -> list[G
     return nodes
 
 
-def _held(fit: GroundCameraFit, log_focal: float, people: People, model: HumanModel) -> GroundCameraFit:
+def _held(fit: GroundCameraFit, log_focal: float, people: MarkedPeople, model: HumanModel) -> GroundCameraFit:
     """The best camera of a focal length."""
     mean, std = fit.prior.mean.copy(), fit.prior.std.copy()
     # Deviation at which a focal length is held [1].
@@ -394,7 +394,11 @@ def _held(fit: GroundCameraFit, log_focal: float, people: People, model: HumanMo
 
 
 def _at_mean(
-    best: GroundCameraFit, alternatives: Sequence[GroundCameraFit], weights: F64, people: People, model: HumanModel
+    best: GroundCameraFit,
+    alternatives: Sequence[GroundCameraFit],
+    weights: F64,
+    people: MarkedPeople,
+    model: HumanModel,
 ) -> GroundCameraFit:
     """The best fit at the mean focal length of the alternatives of its lens."""
     alike = [

@@ -74,7 +74,7 @@ class HumanSample:
 
 
 @dataclass(frozen=True, eq=False)
-class People:
+class MarkedPeople:
     """Samples as arrays.
 
     Attributes:

@@ -17,7 +17,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from calib.types import F64
 from planview.synthetic.room import furniture_size, wall_pieces
-from planview.synthetic.scene import Furniture, Person, Room, Scene, Step, Wall, Wander
+from planview.synthetic.scene import Furniture, Room, Scene, ScenePerson, Step, Wall, Wander
 
 TICK_HZ = 60.0
 ACTIONS = ("sit", "floor", "reach", "bend", "carry", "push", "low", "crouch", "turns")
@@ -98,7 +98,7 @@ class Motion:
 class _Script:
     """Ticks collected while reading a person's steps."""
 
-    def __init__(self, person: Person) -> None:
+    def __init__(self, person: ScenePerson) -> None:
         self.t0 = person.enter_s
         self.xy: list[F64] = [np.array([person.start_m])]
         self.face: list[F64] = [np.array([np.deg2rad(person.face_deg)])]
@@ -126,7 +126,7 @@ class _Script:
         self.add(np.tile(self.place, (n, 1)), face, **weights)
 
 
-def scripted_motion(person: Person, furniture: dict[str, Furniture], end_s: float) -> Motion:
+def scripted_motion(person: ScenePerson, furniture: dict[str, Furniture], end_s: float) -> Motion:
     """The motion of a person's steps; afterwards it stands until the end, or is gone."""
     script = _Script(person)
     for step in person.steps:
@@ -170,7 +170,7 @@ def scripted_motion(person: Person, furniture: dict[str, Furniture], end_s: floa
 
 
 def motion_from_ticks(
-    person: Person, xy: F64, face: F64, actions: F64, handlings: tuple[Handling, ...] = (), last_s: float = np.inf
+    person: ScenePerson, xy: F64, face: F64, actions: F64, handlings: tuple[Handling, ...] = (), last_s: float = np.inf
 ) -> Motion:
     """Smooth a raw tick track: corners rounded, starts and stops gradual, heading along the way."""
     raw_xy = xy
@@ -236,7 +236,7 @@ def _sit(script: _Script, step: Step, furniture: dict[str, Furniture], face: flo
 class _Walker:
     """A wanderer while simulated; ``track`` holds positions at WALK_STEP_S from ``begin``."""
 
-    person: Person
+    person: ScenePerson
     wander: Wander
     begin: float
     place: F64
@@ -402,7 +402,7 @@ def _new_goal(walker: _Walker, obstacles: Obstacles) -> None:
     _aim(walker, goal)
 
 
-def _merged(person: Person, scripted: Motion, walker: _Walker) -> Motion:
+def _merged(person: ScenePerson, scripted: Motion, walker: _Walker) -> Motion:
     """Steps first, then the walk, as one motion."""
     n = max(1, round((walker.begin - scripted.first_s) * TICK_HZ))
     times = np.arange(len(walker.track) * int(TICK_HZ * WALK_STEP_S)) / TICK_HZ

@@ -14,7 +14,7 @@ from calib.types import F64
 from planview.synthetic.mesh import Mesh, dome_rings, join, limb_rings, sweep
 from planview.synthetic.motion import ACTIONS, Handling, Motion, scripted_motion, step_length_m, wander
 from planview.synthetic.room import furniture_mesh
-from planview.synthetic.scene import Furniture, Person, Scene, Surface
+from planview.synthetic.scene import Furniture, Scene, ScenePerson, Surface
 from planview.synthetic.texture import Palette
 
 HIP, KNEE, ANKLE, SHOULDER, NECK = 0.530, 0.285, 0.039, 0.812, 0.842
@@ -68,7 +68,7 @@ class PosedBody:
 class Body:
     """A person's rest parts, and ``pose`` that places them."""
 
-    def __init__(self, person: Person, palette: Palette) -> None:
+    def __init__(self, person: ScenePerson, palette: Palette) -> None:
         self.height_m = person.height_m
         h, b = person.height_m, person.build
         shirt = palette.add(person.shirt)
