@@ -404,7 +404,7 @@ def _at_mean(
     alike = [
         (math.log(f.camera.focal_px), w)
         for f, w in zip(alternatives, weights, strict=True)
-        if (f.camera.lens == best.camera.lens)
+        if f.camera.lens == best.camera.lens
     ]
     logs, shares = np.array(alike).T
     return _held(best, float(logs @ shares / shares.sum()), people, model)

@@ -269,7 +269,7 @@ class AreaState:
             self._pass(before, now)
         self._last = now
         if self.stay is None:
-            if (before is None) and now.depth_m >= 0:
+            if before is None and now.depth_m >= 0:
                 self.stay = Stay(now.timestamp_s, now.timestamp_s, entered=False)
             elif now.depth_m >= margin_m:
                 self.stay = Stay(self._passed[1], now.timestamp_s, entered=True)

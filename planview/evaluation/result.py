@@ -82,25 +82,14 @@ class GroupScores:
     position_error_std_m: float | None
 
 
-def by_distance(rows: TruthRows) -> list[GroupScores]:
-    return [_group(rows, str(interval), interval.contains(rows.distance_m)) for interval in DISTANCES_M]
-
-
-def by_visibility(rows: TruthRows) -> list[GroupScores]:
-    return [_group(rows, str(interval), interval.contains(rows.visible)) for interval in VISIBILITIES]
-
-
-def by_people(rows: TruthRows) -> list[GroupScores]:
-    """By the number of people in the frame; without people there are no rows."""
-    return [
-        _group(rows, name, (rows.people >= first) & (rows.people <= last)) for name, first, last in PEOPLE_GROUPS[1:]
-    ]
-
-
 def breakdown_json(rows: TruthRows) -> dict[str, list[dict[str, Any]]]:
-    """The three tables by their keys."""
-    tables = {"by_distance": by_distance(rows), "by_visibility": by_visibility(rows), "by_people": by_people(rows)}
-    return {key: [asdict(group) for group in table] for key, table in tables.items()}
+    """Three tables by their keys; without people in a frame there are no rows of it."""
+    members = {
+        "by_distance": [(str(r), r.contains(rows.distance_m)) for r in DISTANCES_M],
+        "by_visibility": [(str(r), r.contains(rows.visible)) for r in VISIBILITIES],
+        "by_people": [(name, (rows.people >= low) & (rows.people <= high)) for name, low, high in PEOPLE_GROUPS[1:]],
+    }
+    return {key: [asdict(_group(rows, *group)) for group in groups] for key, groups in members.items()}
 
 
 def _group(rows: TruthRows, name: str, members: Bool) -> GroupScores:
@@ -167,6 +156,7 @@ class Evaluation:
 
     def to_json(self) -> dict[str, Any]:
         """The ``--json`` object; a score that the data cannot give is null."""
+        by_kind = Counter(error.kind for error in self.significant)
         return {
             "truth_rows": self.truth_rows,
             "mota": self.clear.mota,
@@ -185,18 +175,6 @@ class Evaluation:
             "position_error_mean_m": _mean(self.position_error_m),
             "position_error_std_m": float(self.position_error_m.std()) if len(self.position_error_m) else None,
             "height_error_mean_m": _mean(self.height_error_m),
-            **self._error_json(),
-            "ignored_rows": self.ignored_rows,
-            "track_rows": self.track_rows,
-            "matches": len(self.clear.matches),
-            "duration_s": self.duration_s,
-            **breakdown_json(self.rows),
-            "alignment": _alignment_json(self.alignment),
-        }
-
-    def _error_json(self) -> dict[str, Any]:
-        by_kind = Counter(error.kind for error in self.significant)
-        return {
             "significant_errors": {"total": len(self.significant), **{kind: by_kind[kind] for kind in KINDS}},
             "significant_errors_per_10_min": self._per(600.0, len(self.significant)),
             "significant_errors_per_10_min_upper": self._per(600.0, poisson_upper(len(self.significant))),
@@ -206,6 +184,12 @@ class Evaluation:
             "strict_identity_changes": self.strict_identity_changes,
             "strict_per_10_min": self._per(600.0, self.strict_identity_changes),
             "significant_error_list": [asdict(error) for error in self.significant],
+            "ignored_rows": self.ignored_rows,
+            "track_rows": self.track_rows,
+            "matches": len(self.clear.matches),
+            "duration_s": self.duration_s,
+            **breakdown_json(self.rows),
+            "alignment": _alignment_json(self.alignment),
         }
 
     def _per(self, seconds: float, count: float) -> float | None:

@@ -245,7 +245,7 @@ def _identity_errors(
             (
                 (change.old, change.new) == (other.new, other.old)
                 and change.truth_id != other.truth_id
-                and abs(change.frame - other.frame) <= (params.exchange_s / frame_s)
+                and abs(change.frame - other.frame) <= params.exchange_s / frame_s
             )
             for other in reported
         ):

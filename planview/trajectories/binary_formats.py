@@ -6,7 +6,7 @@ import hashlib
 import sqlite3
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,9 +21,6 @@ from planview.trajectories.table import (
     positions_table,
     sorted_rows,
 )
-
-if TYPE_CHECKING:
-    pass
 
 ARCHIVE_VERSION = "1.0.0"
 _FIELDS = ("id", "frame", "x", "y")
