@@ -81,22 +81,37 @@ def _places(track_id: I64, state: np.ndarray[tuple[int], np.dtype[np.str_]], flo
     return TrackPlaces(track_id, places.confirmed, places.observed & known, floor_m, box_px)
 
 
-@dataclass(frozen=True)
-class Crossing:
-    """When (interpolated) and which way."""
+class Sight(NamedTuple):
+    """A sighting relative to a rule.
+
+    Attributes:
+        inside_m: left of a line, or inside a zone [m]; negative on the other side.
+        along: place along a line, 0 at its first and 1 at its second point.
+    """
 
     frame: int
     timestamp_s: float
-    direction: Direction
+    inside_m: float
+    along: float = 0.0
+
+    def share_to(self, later: Sight) -> float:
+        """Where between two sightings on different sides the rule is passed, from 0 to 1."""
+        return self.inside_m / (self.inside_m - later.inside_m)
+
+    def passed(self, later: Sight) -> tuple[int, float]:
+        """The first frame at or after the rule is passed, and the moment."""
+        part = self.share_to(later)
+        moment = self.timestamp_s + part * (later.timestamp_s - self.timestamp_s)
+        return math.ceil(self.frame + part * (later.frame - self.frame)), moment
 
 
-class _Side(NamedTuple):
-    """A sighting relative to the line: side_m left of it [m], ``along`` 0 at its first and 1 at its second point."""
+class Passage(NamedTuple):
+    """A rule passed: the first frame at or after the moment, the moment, and which way."""
 
     frame: int
     timestamp_s: float
-    side_m: float
-    along: float
+    kind: EventKind
+    direction: Direction = ""
 
 
 class Wire:
@@ -127,18 +142,20 @@ class Wire:
 class WireState:
     """One person at one wire: the side last decided, and the way taken since."""
 
+    stay: Stay | None = None  # nobody stays on a line
+
     def __init__(self, wire: Wire) -> None:
         self._wire = wire
         self._side = 0  # 1 left, -1 right, 0 not decided: not yet observed far enough from the line
-        self._last: _Side | None = None
+        self._last: Sight | None = None
         self._net = 0  # passages through the wire since the side was decided, 1 to the left, -1 to the right
         self._passed: tuple[int, float] = (0, 0.0)
         self._jumped = False  # whether the last passage was too fast for a person
         self._put_back = 0  # side from which a jump took the person; reaching it again is no crossing
         self._crossed_s = -math.inf
-        self._waiting: Crossing | None = None  # in a jump: counts once the person has stayed
+        self._waiting: Passage | None = None  # in a jump: counts once the person has stayed
 
-    def update(self, frame: int, timestamp_s: float, side_m: float, along: float) -> Crossing | None:
+    def update(self, frame: int, timestamp_s: float, side_m: float, along: float) -> Passage | None:
         """The crossing that is certain now, the person far enough on the other side; dated to when the line was passed.
 
         Going round the end of the line passes its extension, which does not count; turning back within the hysteresis
@@ -147,8 +164,8 @@ class WireState:
         """
         if not math.isfinite(along):
             return None
-        now = _Side(frame, timestamp_s, side_m, along)
-        if self._last is not None and (self._last.side_m >= 0) != (side_m >= 0):
+        now = Sight(frame, timestamp_s, side_m, along)
+        if self._last is not None and (self._last.inside_m >= 0) != (side_m >= 0):
             self._pass(self._last, now)
         self._last = now
         crossing = self._decide(side_m)
@@ -162,7 +179,7 @@ class WireState:
             self._crossed_s = crossing.timestamp_s
         return crossing
 
-    def _decide(self, side_m: float) -> Crossing | None:
+    def _decide(self, side_m: float) -> Passage | None:
         """The passage that took the person to this side, once far enough on it."""
         if abs(side_m) < self._wire.hysteresis_m:
             return None
@@ -175,19 +192,18 @@ class WireState:
         # crossing once the person has stayed beyond the line for as long as a new track must last. Our choice.
         back = self._jumped and self._passed[1] - self._crossed_s <= 2.0
         again, self._put_back = self._put_back == side, before if back else 0
-        return None if again or back else Crossing(*self._passed, "right_to_left" if side > 0 else "left_to_right")
+        way: Direction = "right_to_left" if side > 0 else "left_to_right"
+        return None if again or back else Passage(*self._passed, "crossing", way)
 
-    def _pass(self, a: _Side, b: _Side) -> None:
+    def _pass(self, a: Sight, b: Sight) -> None:
         """The line, or its extension, is passed between two sightings."""
-        part = a.side_m / (a.side_m - b.side_m)
-        if 0.0 <= a.along + part * (b.along - a.along) <= 1.0:
-            self._net += 1 if b.side_m >= 0 else -1
-            moment = a.timestamp_s + part * (b.timestamp_s - a.timestamp_s)
-            step_m = abs(b.side_m - a.side_m)
+        if 0.0 <= a.along + a.share_to(b) * (b.along - a.along) <= 1.0:
+            self._net += 1 if b.inside_m >= 0 else -1
+            step_m = abs(b.inside_m - a.inside_m)
             # A step over a line that is faster [m/s] and longer [m] is a correction by the tracker and not
             # a movement (our choice: a sprint, and ten times the noise of a good tracker).
             self._jumped = step_m > 1.0 and step_m > 8.0 * (b.timestamp_s - a.timestamp_s)
-            self._passed = math.ceil(a.frame + part * (b.frame - a.frame)), moment
+            self._passed = a.passed(b)
 
 
 @dataclass(eq=False)
@@ -209,23 +225,6 @@ class Stay:
     @property
     def dwell_s(self) -> float:
         return self.end_s - self.start_s
-
-
-@dataclass(frozen=True)
-class Passage:
-    """An outline passed: the first frame at or after the moment, and the moment."""
-
-    frame: int
-    timestamp_s: float
-    kind: EventKind
-
-
-class _Depth(NamedTuple):
-    """A sighting relative to the outline: its depth inside [m]."""
-
-    frame: int
-    timestamp_s: float
-    depth_m: float
 
 
 class Area:
@@ -256,7 +255,7 @@ class AreaState:
     """One person at one zone. ``stay`` is the current one, None outside."""
 
     def __init__(self) -> None:
-        self._last: _Depth | None = None
+        self._last: Sight | None = None
         self._passed: tuple[int, float] = (0, 0.0)
         self.stay: Stay | None = None
 
@@ -264,15 +263,15 @@ class AreaState:
         """An entry or exit once the person is far enough in or out, dated to when the outline was passed."""
         if not math.isfinite(margin_m):
             return None
-        now, before = _Depth(frame, timestamp_s, depth_m), self._last
-        if before is not None and (before.depth_m >= 0) != (depth_m >= 0):
-            self._pass(before, now)
+        now, before = Sight(frame, timestamp_s, depth_m), self._last
+        if before is not None and (before.inside_m >= 0) != (depth_m >= 0):
+            self._passed = before.passed(now)
         self._last = now
         if self.stay is None:
-            if before is None and now.depth_m >= 0:
-                self.stay = Stay(now.timestamp_s, now.timestamp_s, entered=False)
-            elif now.depth_m >= margin_m:
-                self.stay = Stay(self._passed[1], now.timestamp_s, entered=True)
+            if before is None and depth_m >= 0:
+                self.stay = Stay(timestamp_s, timestamp_s, entered=False)
+            elif depth_m >= margin_m:
+                self.stay = Stay(self._passed[1], timestamp_s, entered=True)
                 return Passage(*self._passed, "entry")
             return None
         if depth_m <= -margin_m and depth_m < 0:
@@ -281,9 +280,3 @@ class AreaState:
             return Passage(*self._passed, "exit")
         self.stay.end_s = timestamp_s
         return None
-
-    def _pass(self, before: _Depth, now: _Depth) -> None:
-        """The outline is passed between two sightings."""
-        part = before.depth_m / (before.depth_m - now.depth_m)
-        moment = before.timestamp_s + part * (now.timestamp_s - before.timestamp_s)
-        self._passed = math.ceil(before.frame + part * (now.frame - before.frame)), moment
