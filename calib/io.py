@@ -156,6 +156,12 @@ def sync(path: Path) -> None:
         os.close(descriptor)
 
 
+def quoted(text: str) -> str:
+    """A TOML string."""
+    escaped = "".join(c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in text)
+    return f'"{escaped}"'
+
+
 UNITS_M: dict[str, float] = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "ft": 0.3048}
 _LENGTH = re.compile(r"\s*([0-9.,eE+-]*?)\s*([a-zA-Zµ]+)\s*")
 

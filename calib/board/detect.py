@@ -195,19 +195,11 @@ class Detector:
             Corners; all of a chessboard's or the visible ones of a ChArUco board; None when the board is not there.
         """
         grey = as_grey(image)
-        return self._find_chessboard(grey) if self._charuco is None else self._find_charuco(grey)
-
-    def _find_chessboard(self, grey: U8) -> Corners | None:
-        pixels = find_chessboard(grey, self.board.cols, self.board.rows, thorough=self.thorough)
-        if pixels is None:
-            return None
-        return Corners(np.arange(len(pixels)), refine(grey, pixels, self.board.cols))
-
-    def _find_charuco(self, grey: U8) -> Corners | None:
-        corners, ids, _, _ = self._charuco.detectBoard(grey)  # type: ignore[union-attr]
-        if ids is None:
-            return None
-        found = np.asarray(ids, dtype=np.int64).reshape(-1)
+        if self._charuco is None:
+            pixels = find_chessboard(grey, self.board.cols, self.board.rows, thorough=self.thorough)
+            return None if pixels is None else Corners(np.arange(len(pixels)), refine(grey, pixels, self.board.cols))
+        corners, ids, _, _ = self._charuco.detectBoard(grey)
+        found = np.asarray([] if ids is None else ids, dtype=np.int64).reshape(-1)
         if not spans_a_plane(self.board, found):
             return None
         return Corners(found, np.asarray(corners, dtype=np.float64).reshape(-1, 2))

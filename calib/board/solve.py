@@ -161,11 +161,8 @@ def folds_back(camera: Camera) -> bool:
     """Does the lens model turn back, or have no ray, somewhere inside the image?"""
     w, h = camera.width - 1.0, camera.height - 1.0
     along = np.linspace(0.0, 1.0, 13)
-    border = np.concatenate(
-        [np.column_stack(side) for u in (0.0, w) for side in ((np.full(13, u), along * h),)]
-        + [np.column_stack(side) for v in (0.0, h) for side in ((along * w, np.full(13, v)),)]
-    )
-    rays = camera.unproject(border)
+    sides = [(np.full(13, u), along * h) for u in (0.0, w)] + [(along * w, np.full(13, v)) for v in (0.0, h)]
+    rays = camera.unproject(np.column_stack([np.concatenate(axis) for axis in zip(*sides, strict=True)]))
     if not np.isfinite(rays).all():
         return True
     steps = np.linspace(0.0, 1.0, 40)[:, None, None]
@@ -228,7 +225,6 @@ class BoardCalibration:
     @property
     def row_rms_px(self) -> float:
         """Rms difference of the rows of a corner in the rectified images [px]: what a matcher must bear."""
-        # (n, 2) per pair: zero and the row difference after rectification [px].
         errors = []
         for view in self.views:
             rays = self.rig.left.unproject(view.left), self.rig.right.unproject(view.right)
@@ -325,9 +321,8 @@ def _without_outliers(
     while True:
         each = fit.view_rms_px()
         worst, median = int(np.argmax(each)), float(np.median(each))
-        # A view whose rms is this many times the median of all views is an outlier (good views differ by up to
-        # 1.6).
-        # Views better than this are never outliers: corners are found no better than 0.1 to 0.3 px.
+        # An outlier has 2.5 times the median rms of all views (good ones differ by up to 1.6) and more than 0.3 px:
+        # corners are found no better than 0.1 to 0.3 px.
         if each[worst] <= max(2.5 * median, 0.3):
             return fit, views
         why = f"reprojection error {each[worst]:.2f} px, {each[worst] / median:.0f} times the median of {median:.2f} px"
