@@ -142,17 +142,14 @@ class ViewRenderer:
         return depth, owner, found
 
     def _lit_room(self, t: float, moving: Tracer) -> F32:
-        lamps = self._scene.lights.lamps
-        if moving.mesh is None:
-            shares: list[F32 | None] = [None] * len(lamps)
-            open_share = None
-        else:
+        lamps, open_share = self._scene.lights.lamps, None
+        shares: list[F32 | None] = [None] * len(lamps)
+        if moving.mesh is not None:
             shares = [
                 self._shadow(lamp, lit, moving) if lamp.shadows else None
                 for lamp, lit in zip(lamps, self._room.lit, strict=True)
             ]
             # (N,) share of ambient light that moving things leave.
-            assert moving.mesh is not None  # the caller has looked
             index = self._coarse(CONTACT_STEP)
             reach = 0.8
             low, high = moving.mesh.vertices.min(axis=0) - reach, moving.mesh.vertices.max(axis=0) + reach
