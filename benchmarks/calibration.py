@@ -149,8 +149,7 @@ def board_rows(progress: Progress) -> list[Row]:
             views = board_views(truth, board, BOARD_VIEWS, BOARD_NOISE_PX, rng)
             errors.append(calibration_errors(truth, solve_board(views, board, truth.left.size).rig))
         focal, baseline, rotation = (float(worst) for worst in np.max(errors, axis=0))
-        # The principal point, and with it the direction of the optical axis, is open the more the longer the
-        # lens.
+        # The principal point, and with it the direction of the optical axis, is open the more the longer the lens.
         name, turn = f"boards, {lens} lens, worst of {BOARD_RIGS} rigs", 0.075
         rows += [
             Row(f"{name}: focal length", focal, "%", FOCAL_LIMIT),

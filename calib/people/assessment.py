@@ -197,8 +197,7 @@ class _Advisor:
         if not len(places):
             return None
         further = MarkedPeople(rows, np.ones(len(rows)), np.full(len(rows), PERSON_STD), np.zeros(len(rows), np.bool_))
-        # (k, N_SHARED, N_SHARED) what each further person tells of the shared unknowns, its own place being
-        # free.
+        # (k, N_SHARED, N_SHARED) what each further person tells of the shared unknowns, its own place being free.
         values = np.append(shared_of(self.fit), places)
         jacobian = Residuals(self.fit.camera, further, model, self.fit.prior, values).jacobian(values)
         blocks = jacobian[: 8 * len(places)].reshape(len(places), 8, -1)

@@ -88,8 +88,7 @@ class SearchProblem:
 
     def each(self, camera: GroundCamera) -> F64:
         """(n,) error of every sample."""
-        # (n, 8) rows in an image turned clockwise about its centre; boxes keep their size, which small turns
-        # allow.
+        # (n, 8) rows in an image turned clockwise about its centre; boxes keep their size, which small turns allow.
         angle_rad = -camera.roll_rad
         centre = (np.array(self.size) - 1) / 2
         c, s = math.cos(angle_rad), math.sin(angle_rad)

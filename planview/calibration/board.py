@@ -78,8 +78,7 @@ class BoardImages:
             n = min(VideoFile(video).n_frames for video in self._videos)
             if n < 1:
                 raise InputError(f"{path}: expected a video that tells its number of frames, found none")
-            # Frames of a video that are searched for the board, evenly spread: enough to choose 40 good
-            # views from.
+            # Frames of a video that are searched for the board, evenly spread: enough to choose 40 good views from.
             self._frames = sorted({int(i) for i in np.linspace(0, n - 1, min(n, 240))})
         self.names = [_name(files) for files in self._files] + [f"frame {i}" for i in self._frames]
 

@@ -152,8 +152,7 @@ def bodies_of(mask: U8, frame: int) -> list[HumanSample]:
     """Whole people apart from others in a (H, W) foreground mask."""
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((7, 5), np.uint8))
     blobs = find_blobs(np.asarray(closed, dtype=np.uint8))
-    # A person is at least this share of the image's height [1]: smaller ones say nothing about a camera (our
-    # choice).
+    # A person is at least this share of the image's height [1]: smaller ones say nothing about a camera (our choice).
     large = [i for i in range(1, len(blobs)) if max(blobs.box_px[i][2:]) >= 0.06 * mask.shape[0]]
     samples = [_whole_person(blobs, i, mask.shape, frame) for i in large if not _crowded(blobs, i)]
     return [sample for sample in samples if sample is not None]
@@ -187,8 +186,7 @@ def _continue(paths: list[_Path], bodies: Sequence[HumanSample], frame: int) -> 
     for body in bodies:
         overlaps = [_overlap(body, path.samples[-1]) for path in open_paths]
         best = int(np.argmax(overlaps)) if overlaps else -1
-        # Boxes of one walker in frames that follow each other overlap by this part of their union [1] (our
-        # choice).
+        # Boxes of one walker in frames that follow each other overlap by this part of their union [1] (our choice).
         if best >= 0 and overlaps[best] >= 0.3:
             path = open_paths.pop(best)
             path.samples.append(body)

@@ -148,8 +148,7 @@ def cross(stage: Stage, plan: Choreography) -> list[Part]:
 def _walked(stage: Stage, plan: Choreography, ends: list[F64]) -> list[F64]:
     """The ends of a lane in the order in which they are reached, with turns in view where the plan has some."""
     turns = int(stage.rng.integers(1, plan.turns + 1)) if plan.turns else 0
-    # People who turn in view do so at this distance from the end of their lane, with the whole body in the image
-    # [m].
+    # People who turn in view do so at this distance from the end of their lane, with the whole body in the image [m].
     inward = 0.35 * (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
     inside = [ends[0] + inward, ends[1] - inward]
     return [ends[0], *(inside[k % 2] for k in range(1, turns + 1)), ends[(turns + 1) % 2]]

@@ -124,8 +124,7 @@ class _RoomComposer:
             )  # fmt: skip
             outline = _visible_floor(mount, self._size).astype(np.float32)
             places = [(float(u), float(v)) for u, v in _to_camera(mount, seats)]
-            # Seats are at least so far inside the zone: a person who sits on its outline is in and out by
-            # centimetres.
+            # Seats are at least so far inside the zone: a person who sits on its outline is in and out by centimetres.
             if len(outline) > 2 and all(cv2.pointPolygonTest(outline, at, True) >= 0.25 for at in places):
                 return mount, tuple((float(x), float(y)) for x, y in outline)
         raise WorkError(f"no camera of {ATTEMPTS} drawn has all seats in view")

@@ -164,8 +164,7 @@ class Stage:
             size = np.array([self.rig.width, self.rig.height])
             with np.errstate(invalid="ignore"):
                 result &= ((uv > border) & (uv < size - 1 - border)).all(axis=1) & (camera[:, 2] > 0.3)
-            # People stay near enough for this disparity; farther away stereo of the paper's image size is
-            # too coarse.
+            # People stay near enough for this disparity; farther away stereo of the paper's image size is too coarse.
             result &= camera[:, 2] < self.rig.focal_px * self.rig.baseline_m / 4.0
         if not self.is_overhead:
             result &= np.linalg.norm(points - self.camera_xy, axis=1) > MIN_RANGE_M

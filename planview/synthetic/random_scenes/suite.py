@@ -98,8 +98,7 @@ def implausible(scene: Scene, stage: Stage) -> str:
         a, b = places[j][both] - stage.camera_xy, places[i][both] - stage.camera_xy
         far = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
         hidden = np.zeros(len(both), np.bool_)
-        # A person is hidden whose axis is so near to the line of sight to another one's: half a shoulder width
-        # [m].
+        # A person is hidden whose axis is so near to the line of sight to another one's: half a shoulder width [m].
         hidden[both] = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / far < 0.25
         n += int((hidden[1:] & ~hidden[:-1]).sum()) + int(hidden[0])
     # People hide each other at least so many times where a challenge covers occlusion by people.
