@@ -91,6 +91,13 @@ class Estimate:
     low: float
     high: float
 
+    def text(self, digits: int, sign: str = "") -> str:
+        """With its interval in brackets; "-" without a mean."""
+        if math.isnan(self.mean):
+            return "-"
+        interval = "" if math.isnan(self.low) else f" [{self.low:{sign}.{digits}f}, {self.high:{sign}.{digits}f}]"
+        return f"{self.mean:{sign}.{digits}f}{interval}"
+
 
 @dataclass(frozen=True)
 class Ranked:
