@@ -211,6 +211,13 @@ def rigid(value: Any, name: str, unit_m: float) -> SE3:
     return transform(m[:, :3].ravel(), m[:, 3] * unit_m, name)
 
 
+def projected(size: Size, value: Any, name: str, unit_m: float) -> tuple[Camera, SE3]:
+    """The camera of a (3, 4) projection P = K [I | t] of rectified images, and its pose."""
+    p = numbers(value, name, 12).reshape(3, 4)
+    shift = np.asarray(np.linalg.solve(p[:, :3], p[:, 3]) * unit_m, dtype=np.float64)
+    return camera(size, p[:, :3].ravel(), np.empty(0), "brown", name), SE3(np.eye(3), shift)
+
+
 def held(name: str, one: Camera, counts: Mapping[str, int]) -> tuple[LensModel, list[float]]:
     """The lens as a format holds it, if it does so exactly.
 

@@ -26,6 +26,7 @@ from calib.formats.base import (
     number,
     numbers,
     parse_yaml,
+    projected,
     rigid,
     side_of,
     size_of,
@@ -148,7 +149,7 @@ def _rectified(data: Mapping[str, str], name: str, unit_m: float) -> tuple[Camer
     size = _size(data, f"S_rect_{name}")
     if size is None:
         raise ValueError(f"expected the key S_rect_{name}, found none")
-    return _projected(size, data, f"P_rect_{name}", unit_m)
+    return projected(size, entry(data, f"P_rect_{name}"), f"P_rect_{name}", unit_m)
 
 
 def _of_sequence(source: Source, data: Mapping[str, str], choice: Choice) -> StereoRig:
@@ -158,18 +159,11 @@ def _of_sequence(source: Source, data: Mapping[str, str], choice: Choice) -> Ste
     left, right = choice.cameras or next(
         (pair for pair in (("2", "3"), ("0", "1")) if f"P{pair[1]}" in data), ("0", "1")
     )
-    parts = [_projected(choice.size, data, f"P{name}", choice.unit()) for name in (left, right)]
-    (one, left_SE3_zero), (other, right_SE3_zero) = parts
+    (one, left_SE3_zero), (other, right_SE3_zero) = (
+        projected(choice.size, entry(data, f"P{name}"), f"P{name}", choice.unit()) for name in (left, right)
+    )
     name = f"{source.path.name} [cameras {left} {right}, rectified images]"
     return StereoRig(one, other, right_SE3_zero @ left_SE3_zero.inverse(), name)
-
-
-def _projected(size: Size, data: Mapping[str, str], key: str, unit_m: float) -> tuple[Camera, SE3]:
-    """The camera of a (3, 4) projection, and its pose."""
-    p = numbers(entry(data, key), key, 12).reshape(3, 4)
-    one = camera(size, p[:, :3].ravel(), np.empty(0), "brown", f"camera {key}")
-    shift = np.asarray(np.linalg.solve(p[:, :3], p[:, 3]) * unit_m, dtype=np.float64)
-    return one, SE3(np.eye(3), shift)
 
 
 def _kitti_write(rig: StereoRig, path: Path) -> list[Path]:

@@ -21,13 +21,13 @@ from calib.formats.base import (
     parse_json,
     parse_xml,
     parse_yaml,
+    projected,
     size_of,
     table,
     transform,
     whole,
 )
 from calib.io import write_whole
-from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64
 
@@ -89,13 +89,10 @@ def _translation(data: Mapping[str, Any], choice: Choice) -> F64:
 
 def _rectified(data: Mapping[str, Any], size: Size, unit_m: float, name: str) -> StereoRig:
     """The cameras of images that P1 and P2 rectified: P = K [I | t]."""
-    cameras, shifts = [], []
-    for names in (_P1, _P2):
-        p = numbers(entry(data, *names), names[0], 12).reshape(3, 4)
-        cameras.append(camera(size, p[:, :3].ravel(), np.empty(0), "brown", names[0]))
-        shifts.append(np.linalg.solve(p[:, :3], p[:, 3]) * unit_m)
-    pose = SE3(np.eye(3), np.asarray(shifts[1] - shifts[0], dtype=np.float64))
-    return StereoRig(cameras[0], cameras[1], pose, f"{name} [rectified images]")
+    (left, left_SE3_zero), (right, right_SE3_zero) = (
+        projected(size, entry(data, *names), names[0], unit_m) for names in (_P1, _P2)
+    )
+    return StereoRig(left, right, right_SE3_zero @ left_SE3_zero.inverse(), f"{name} [rectified images]")
 
 
 def _parse(text: str) -> Mapping[str, Any]:
