@@ -126,7 +126,6 @@ def collect_samples(
             _continue(paths, bodies_of(observation.foreground, frame.index), frame.index)
         done()
     walking = [path for path in paths if path.walks]
-    # Of all samples of people walking the usual ones, spread over the image.
     walkers = [sample for path in walking for sample in path.samples]
     name = str(video.path)
     upright = [s for s in walkers if s.head_px != s.foot_px]

@@ -277,7 +277,6 @@ class Shader:
                 blockers = [self._furniture if lamp.kind == "sun" else self._solid]
                 blockers += [moving] if moving is not None else []
                 light[lit] *= visibility(lamp, blockers, at.points[lit], at.normals[lit], samples)
-            # (3,) linear BGR.
             result.append(np.asarray(light[:, None] * linear_colour(lamp.colour), np.float32))
         return result
 

@@ -166,7 +166,7 @@ def _positions(path: Path, database: sqlite3.Connection) -> F64:
 def write_parquet(path: Path, file: TrajectoryFile) -> None:
     """Write all rows. Raises InputError: pandas or pyarrow is not installed. WorkError: the file cannot be written."""
     _pandas()
-    # A pandas DataFrame with the columns of tracks.csv; attrs holds fps and walkable_wkt.
+    # attrs holds fps and walkable_wkt.
     frame = file.table.to_dataframe()
     frame.attrs.update(fps=file.fps, walkable_wkt=file.walkable_wkt)
     with replaced(path) as part:

@@ -155,7 +155,6 @@ class Solution:
             plain_floor: found without points, to compare with.
         """
         if self.found is not None:
-            # The values of a camera from people.
             camera, std = self.found.camera, self.found.std
             focal_std = std.focal * camera.focal_px
             return [
