@@ -166,7 +166,14 @@ class WireState:
             return None
         now = Sight(frame, timestamp_s, side_m, along)
         if self._last is not None and (self._last.inside_m >= 0) != (side_m >= 0):
-            self._pass(self._last, now)
+            # The line, or its extension, is passed between two sightings.
+            if 0.0 <= self._last.along + self._last.share_to(now) * (now.along - self._last.along) <= 1.0:
+                self._net += 1 if now.inside_m >= 0 else -1
+                step_m = abs(now.inside_m - self._last.inside_m)
+                # A step over a line that is faster [m/s] and longer [m] is a correction by the tracker and not
+                # a movement (our choice: a sprint, and ten times the noise of a good tracker).
+                self._jumped = step_m > 1.0 and step_m > 8.0 * (now.timestamp_s - self._last.timestamp_s)
+                self._passed = self._last.passed(now)
         self._last = now
         crossing = self._decide(side_m)
         if crossing is not None and self._waiting is not None:
@@ -194,16 +201,6 @@ class WireState:
         again, self._put_back = self._put_back == side, before if back else 0
         way: Direction = "right_to_left" if side > 0 else "left_to_right"
         return None if again or back else Passage(*self._passed, "crossing", way)
-
-    def _pass(self, a: Sight, b: Sight) -> None:
-        """The line, or its extension, is passed between two sightings."""
-        if 0.0 <= a.along + a.share_to(b) * (b.along - a.along) <= 1.0:
-            self._net += 1 if b.inside_m >= 0 else -1
-            step_m = abs(b.inside_m - a.inside_m)
-            # A step over a line that is faster [m/s] and longer [m] is a correction by the tracker and not
-            # a movement (our choice: a sprint, and ten times the noise of a good tracker).
-            self._jumped = step_m > 1.0 and step_m > 8.0 * (b.timestamp_s - a.timestamp_s)
-            self._passed = a.passed(b)
 
 
 @dataclass(eq=False)
