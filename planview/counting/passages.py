@@ -165,15 +165,16 @@ class WireState:
         if not math.isfinite(along):
             return None
         now = Sight(frame, timestamp_s, side_m, along)
-        if self._last is not None and (self._last.inside_m >= 0) != (side_m >= 0):
+        last = self._last
+        if last is not None and (last.inside_m >= 0) != (side_m >= 0):
             # The line, or its extension, is passed between two sightings.
-            if 0.0 <= self._last.along + self._last.share_to(now) * (now.along - self._last.along) <= 1.0:
+            if 0.0 <= last.along + last.share_to(now) * (now.along - last.along) <= 1.0:
                 self._net += 1 if now.inside_m >= 0 else -1
-                step_m = abs(now.inside_m - self._last.inside_m)
+                step_m = abs(now.inside_m - last.inside_m)
                 # A step over a line that is faster [m/s] and longer [m] is a correction by the tracker and not
                 # a movement (our choice: a sprint, and ten times the noise of a good tracker).
-                self._jumped = step_m > 1.0 and step_m > 8.0 * (now.timestamp_s - self._last.timestamp_s)
-                self._passed = self._last.passed(now)
+                self._jumped = step_m > 1.0 and step_m > 8.0 * (now.timestamp_s - last.timestamp_s)
+                self._passed = last.passed(now)
         self._last = now
         crossing = self._decide(side_m)
         if crossing is not None and self._waiting is not None:
