@@ -166,15 +166,15 @@ class WireState:
             return None
         now = Sight(frame, timestamp_s, side_m, along)
         last = self._last
-        if last is not None and (last.inside_m >= 0) != (side_m >= 0):
-            # The line, or its extension, is passed between two sightings.
-            if 0.0 <= last.along + last.share_to(now) * (now.along - last.along) <= 1.0:
-                self._net += 1 if now.inside_m >= 0 else -1
-                step_m = abs(now.inside_m - last.inside_m)
-                # A step over a line that is faster [m/s] and longer [m] is a correction by the tracker and not
-                # a movement (our choice: a sprint, and ten times the noise of a good tracker).
-                self._jumped = step_m > 1.0 and step_m > 8.0 * (now.timestamp_s - last.timestamp_s)
-                self._passed = last.passed(now)
+        # Beyond its ends the line's extension is passed, which does not count.
+        passes = last is not None and (last.inside_m >= 0) != (side_m >= 0)
+        if last is not None and passes and 0.0 <= last.along + last.share_to(now) * (along - last.along) <= 1.0:
+            self._net += 1 if side_m >= 0 else -1
+            step_m = abs(side_m - last.inside_m)
+            # A step over a line that is faster [m/s] and longer [m] is a correction by the tracker and not
+            # a movement (our choice: a sprint, and ten times the noise of a good tracker).
+            self._jumped = step_m > 1.0 and step_m > 8.0 * (timestamp_s - last.timestamp_s)
+            self._passed = last.passed(now)
         self._last = now
         crossing = self._decide(side_m)
         if crossing is not None and self._waiting is not None:
