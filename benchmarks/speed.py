@@ -40,8 +40,6 @@ from stereo.recording import StereoFrame
 Part = Literal["engine", "foreground", "after-disparity", "full-resolution"]
 BLOCK_PX = 5
 """Side of the yardstick's matched block [px]."""
-WIDE_PX = 640
-"""The yardstick searches images up to this width over 64 disparities, wider ones over 128."""
 SETTLED = 100
 """Frames before anything is timed: the background is learned, buffers are warm, kernels compiled."""
 TURN = 4
@@ -50,8 +48,6 @@ PEOPLE = 4
 """People in the frames that count."""
 ENOUGH = 10
 """Fewer frames with so many people are too few: then all frames with people count."""
-OVERHEAD_FRAMES = 200
-"""Of the real overhead pair, after SETTLED: a person walks through the view in the second half."""
 FULL_RESOLUTION = ("rectify.working_px=0", "analysis.width_px=1280")
 LIMITS = {
     "engine_to_yardstick_grey": 0.5,
@@ -85,7 +81,8 @@ class Yardstick:
             cv2.initUndistortRectifyMap(camera.matrix, camera.coefficients, turn, matrix, size, cv2.CV_16SC2)
             for camera, turn, matrix in ((left, r1, p1), (right, r2, p2))
         ]
-        self.disparities = 64 if size[0] <= WIDE_PX else 128
+        # The yardstick searches images up to this width over 64 disparities, wider ones over 128.
+        self.disparities = 64 if size[0] <= 640 else 128
         area = BLOCK_PX * BLOCK_PX * (1 if grey else 3)  # OpenCV's recommendation: 8 and 32 times channels and block
         self._sgbm = cv2.StereoSGBM.create(
             0, self.disparities, BLOCK_PX, 8 * area, 32 * area, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY
@@ -160,7 +157,7 @@ class Speed:
         self.ratios[name], self.quartiles[name] = median, (low, high)
 
 
-class Turns(NamedTuple):
+class SpeedTurns(NamedTuple):
     """What was timed: frames of the engine, and after every TURN of them one of each rival.
 
     Attributes:
@@ -221,7 +218,7 @@ def measure(
     return speed
 
 
-def _add_engine(turns: Turns, suffix: str, speed: Speed) -> None:
+def _add_engine(turns: SpeedTurns, suffix: str, speed: Speed) -> None:
     """Engine from decoded frames to tracks over the yardstick; on one core also times by stage and by people."""
     chosen = counted(turns.people)
     for name, rival_ms in turns.rivals_ms.items():
@@ -246,7 +243,8 @@ def full_resolution(speed: Speed, progress: Progress) -> None:
         return
     for name, overrides in (("overhead", ()), ("full_resolution", FULL_RESOLUTION)):
         progress(f"real overhead pair: {name.replace('_', ' ')}")
-        clip = Clip(recording, SETTLED + OVERHEAD_FRAMES, overrides=overrides)
+        # Of the real overhead pair, after SETTLED: a person walks through the view in the second half.
+        clip = Clip(recording, SETTLED + 200, overrides=overrides)
         with one_core():
             speed.add(name, take_turns(clip, {"grey": Yardstick(clip.rig, grey=True)}).ratios("grey"))
 
@@ -301,7 +299,7 @@ def after_disparity_to_sgbm(clip: Clip, speed: Speed) -> None:
         speed.ratios["one_more_person"] = round(float(np.polyfit(counts, times, 1)[0] / np.median(after[chosen])), 4)
 
 
-def take_turns(clip: Clip, rivals: Mapping[str, Callable[..., object]]) -> Turns:
+def take_turns(clip: Clip, rivals: Mapping[str, Callable[..., object]]) -> SpeedTurns:
     """The engine over a clip's decoded frames, and after SETTLED of them the rivals on every TURN-th."""
     clip.engine.reset()
     # A clip that short is timed in its second half.
@@ -322,7 +320,7 @@ def take_turns(clip: Clip, rivals: Mapping[str, Callable[..., object]]) -> Turns
     timed = len(clip.frames) - settled
     people, stages, matched = zip(*results[-timed:], strict=True)
     rival_ms = {name: np.array(times) for name, times in theirs.items()}
-    return Turns(np.array(spent[-timed:]), np.array(people), rival_ms, list(stages), np.array(matched))
+    return SpeedTurns(np.array(spent[-timed:]), np.array(people), rival_ms, list(stages), np.array(matched))
 
 
 def counted(people: I64) -> Bool:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from calib.errors import InputError
-from calib.io import load_toml, parse_toml, reason, write_whole
+from calib.io import load_toml, parse_toml, quoted, reason, write_whole
 from calib.pose import SE3
 from calib.rig import Floor
 
@@ -27,8 +27,7 @@ def save_world(floor: Floor, path: Path) -> None:
         f"# camera {floor.height_m:.3f} m above the floor, tilt {math.degrees(floor.tilt_rad):.2f} degrees from"
         f" straight down, roll {math.degrees(floor.roll_rad):.2f} degrees",
         "[world_SE3_left]",
-        f"rotation = {floor.world_SE3_left.rotation.tolist()!r}",
-        f"translation_m = {floor.world_SE3_left.translation.tolist()!r}",
+        *floor.world_SE3_left.toml(),
         "",
         "[floor]",
     ]
@@ -45,15 +44,22 @@ def save_world(floor: Floor, path: Path) -> None:
 
 
 def load_world(path: Path) -> Floor:
-    """Read ``world.toml``: a table ``world_SE3_left`` with ``rotation`` and ``translation_m``, or a 4x4 matrix.
-
-    Raises:
-        InputError: unreadable, keys missing, or values that cannot be a camera above a floor.
-    """
+    """Read ``world.toml``: a table ``world_SE3_left`` with ``rotation`` and ``translation_m``, or a 4x4 matrix. Raises
+    InputError: unreadable, keys missing, or values that cannot be a camera above a floor."""
     try:
         data = load_toml(path, "a world.toml")
-        pose = _pose(data["world_SE3_left"])
-        floor = _floor(pose, data.get("floor", {}))
+        pose = data["world_SE3_left"]
+        table = data.get("floor", {})
+        covariance = table.get("covariance")
+        extent = table.get("extent_m")
+        x_min, y_min, x_max, y_max = (float(v) for v in extent or (0, 0, 0, 0))
+        floor = Floor(
+            SE3.from_table(pose) if isinstance(pose, dict) else SE3.from_matrix(pose),
+            float(table.get("inlier_fraction", math.nan)),
+            float(table.get("residual_m", math.nan)),
+            None if covariance is None else np.array(covariance, dtype=np.float64).reshape(3, 3),
+            None if extent is None else (x_min, y_min, x_max, y_max),
+        )
     except KeyError as error:
         raise InputError(f"{path}: expected a world.toml with the key {error}, found none") from error
     except (ValueError, TypeError, AttributeError, OverflowError) as error:
@@ -63,32 +69,6 @@ def load_world(path: Path) -> Floor:
             f"{path}: expected a camera 0-{MAX_HEIGHT_M:g} m above the floor, found {floor.height_m:g} m (wrong units?)"
         )
     return floor
-
-
-def _pose(value: Any) -> SE3:
-    if isinstance(value, dict):
-        return SE3(
-            np.array(value["rotation"], dtype=np.float64),
-            np.array(value["translation_m"], dtype=np.float64),
-        )
-    return SE3.from_matrix(value)
-
-
-def _floor(pose: SE3, table: dict[str, Any]) -> Floor:
-    covariance = table.get("covariance")
-    extent = table.get("extent_m")
-    return Floor(
-        pose,
-        float(table.get("inlier_fraction", math.nan)),
-        float(table.get("residual_m", math.nan)),
-        None if covariance is None else np.array(covariance, dtype=np.float64).reshape(3, 3),
-        None if extent is None else _four(extent),
-    )
-
-
-def _four(values: Any) -> tuple[float, float, float, float]:
-    x_min, y_min, x_max, y_max = (float(v) for v in values)
-    return x_min, y_min, x_max, y_max
 
 
 RIGS_FILE = "rigs.toml"
@@ -125,22 +105,17 @@ def save_rigs(entries: Sequence[RigEntry], path: Path, comment: str = "") -> Non
         lines += [
             "",
             "[[head]]",
-            f"folder = {_quoted(entry.folder)}",
+            f"folder = {quoted(entry.folder)}",
             f"start_s = {entry.start_s!r}",
             "[head.world_SE3_left]",
-            f"rotation = {entry.world_SE3_left.rotation.tolist()!r}",
-            f"translation_m = {entry.world_SE3_left.translation.tolist()!r}",
+            *entry.world_SE3_left.toml(),
         ]
     write_whole(path, "\n".join(lines) + "\n")
 
 
 def load_rigs(path: Path) -> tuple[RigEntry, ...]:
-    """Read ``rigs.toml``.
-
-    Raises:
-        InputError: unreadable, keys missing, or heads that cannot be: none, two of one folder, a folder outside of the
-            file's own, a pose below the floor.
-    """
+    """Read ``rigs.toml``. Raises InputError: unreadable, keys missing, or heads that cannot be: none, two of one
+    folder, a folder outside of the file's own, a pose below the floor."""
     try:
         if path.stat().st_size > MAX_BYTES:
             raise InputError(f"{path}: expected a list of heads, found {path.stat().st_size} bytes")
@@ -166,14 +141,7 @@ def load_rigs(path: Path) -> tuple[RigEntry, ...]:
 
 
 def _entry(table: dict[str, Any]) -> RigEntry:
-    pose = table["world_SE3_left"]
     start_s = float(table.get("start_s", 0.0))
     if not math.isfinite(start_s):
         raise ValueError(f"start_s = {start_s}")
-    rotation, translation = (np.array(pose[key], dtype=np.float64) for key in ("rotation", "translation_m"))
-    return RigEntry(str(table["folder"]), SE3(rotation, translation), start_s)
-
-
-def _quoted(text: str) -> str:
-    escaped = "".join(c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in text)
-    return f'"{escaped}"'
+    return RigEntry(str(table["folder"]), SE3.from_table(table["world_SE3_left"]), start_s)

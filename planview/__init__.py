@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from planview.engine.pipeline import Pipeline
     from planview.engine.setup import set_up
     from planview.engine.single_camera_pipeline import SingleCameraPipeline
-    from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
-    from planview.evaluation.files import evaluate
+    from planview.evaluation.evaluate import EvaluationParams, evaluate, evaluate_tracks
     from planview.evaluation.result import Evaluation
     from planview.foreground.mixture import Foreground
     from planview.maps.builder import MapBuilder
@@ -45,8 +44,7 @@ if TYPE_CHECKING:
     from stereo.rectify import Rectifier
 
 _HOMES = {
-    "planview.evaluation.evaluate": ("EvaluationParams", "evaluate_tracks"),
-    "planview.evaluation.files": ("evaluate",),
+    "planview.evaluation.evaluate": ("EvaluationParams", "evaluate", "evaluate_tracks"),
     "planview.evaluation.result": ("Evaluation",),
     "planview.foreground.mixture": ("Foreground",),
     "planview.maps.builder": ("MapBuilder",),

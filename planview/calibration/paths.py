@@ -22,14 +22,6 @@ from stereo.readers import open_any
 
 TICK_S = 0.1
 """Time between the samples of a path [s]: a walker moves a hand's breadth in it (our choice)."""
-GAP_S = 0.5
-"""Over longer gaps a path is not interpolated [s] (our choice)."""
-MIN_PATH_S = 2.0
-"""Shorter pieces are left out [s] (our choice)."""
-SCENE_FRAMES = 24
-"""Frames, spread over the recording, whose median is the scene without people (our choice)."""
-SCENE_STD_MAX_M = 0.30
-"""Points of the scene with a larger predicted depth deviation are left out [m] (our choice)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +85,8 @@ def paths_of(tracks: Trajectories, effect: DisparityEffect) -> list[WalkedPath]:
     paths = []
     for track_id in np.unique(rows.track_id):
         own = rows.where(rows.track_id == track_id)
-        cuts = np.flatnonzero(np.diff(own.timestamp_s) > GAP_S) + 1
+        # Over longer gaps a path is not interpolated [s] (our choice).
+        cuts = np.flatnonzero(np.diff(own.timestamp_s) > 0.5) + 1
         for part in np.split(np.arange(len(own)), cuts):
             path = _path(own.where(part), effect)
             if path is not None:
@@ -103,7 +96,8 @@ def paths_of(tracks: Trajectories, effect: DisparityEffect) -> list[WalkedPath]:
 
 def _path(own: Trajectories, effect: DisparityEffect) -> WalkedPath | None:
     first, last = math.ceil(own.timestamp_s[0] / TICK_S), math.floor(own.timestamp_s[-1] / TICK_S)
-    if (last - first) * TICK_S < MIN_PATH_S:
+    # Shorter pieces are left out [s] (our choice).
+    if (last - first) * TICK_S < 2.0:
         return None
     ticks = np.arange(first, last + 1) * TICK_S
     xy = np.column_stack([np.interp(ticks, own.timestamp_s, column) for column in (own.x_m, own.y_m)])
@@ -163,7 +157,8 @@ def record_rig(path: Path, config: Config | None = None, done: Callable[[], None
     setup = set_up_any(recording, config)
     engine = Pipeline(recording, setup, config, floor_tracker("template", config))
     collector, disparities = TrajectoryCollector(), []
-    every = max(1, engine.recording.n_frames // SCENE_FRAMES)
+    # Frames, spread over the recording, whose median is the scene without people (our choice).
+    every = max(1, engine.recording.n_frames // 24)
     for result in engine:
         collector.add(result.frame, result.timestamp_s, result.tracks)
         if result.frame % every == 0 and result.disparity is not None:
@@ -179,7 +174,8 @@ def _scene(engine: Pipeline, disparities: list[F32]) -> F32:
         return np.empty((0, 3), dtype=np.float32)
     geometry = engine.stereo.geometry
     disparity = median_image(disparities)
-    farthest = (SCENE_STD_MAX_M / geometry.depth_std_m(1.0)) ** 0.5
+    # Points of the scene with a larger predicted depth deviation are left out [m] (our choice).
+    farthest = (0.30 / geometry.depth_std_m(1.0)) ** 0.5
     with np.errstate(invalid="ignore", divide="ignore"):
         depth = np.float32(geometry.disparity_metre) / disparity
         depth[~((disparity > 0) & (depth < farthest))] = np.nan

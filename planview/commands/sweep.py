@@ -160,16 +160,11 @@ def print_ranking(results: StudyResults, out: Path) -> None:
     for place, row in enumerate(results.ranking, 1):
         print(f"{place}. {printable(row.configuration.label)}")
         known = [objective, *(name for name in FIGURES if name != objective)]
-        figures = [f"{FIGURES[n].label} {_text(row.figures[n], FIGURES[n].digits)}" for n in known if n in row.figures]
+        figures = [f"{FIGURES[n].label} {row.figures[n].text(FIGURES[n].digits)}" for n in known if n in row.figures]
         print("   " + ", ".join([*figures, f"{row.runs} runs" + (f", {row.failed} failed" if row.failed else "")]))
     if results.ranking and (why := why_no_intervals(results.runs)):
         print(why)
     print(f"{out / 'report.html'}")
-
-
-def _text(value: Estimate, digits: int) -> str:
-    interval = "" if math.isnan(value.low) else f" [{value.low:.{digits}f}, {value.high:.{digits}f}]"
-    return f"{value.mean:.{digits}f}{interval}"
 
 
 def _json(results: StudyResults, out: Path) -> dict[str, Any]:

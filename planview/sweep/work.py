@@ -28,8 +28,6 @@ from planview.trajectories.formats import load_tracks, load_truth
 from stereo.readers import OpenOptions
 
 ATTEMPT = ".attempt-"
-FOREIGN_ATTEMPT_S = 86_400.0
-"""Attempts of other machines are left alone for so long [s]."""
 
 
 def track(job: RunJob) -> None:
@@ -69,11 +67,8 @@ def is_done(job: RunJob) -> bool:
 
 
 def track_and_score(job: StudyJob) -> dict[str, float]:
-    """Run unless that is done, and score; the figures are written beside the run.
-
-    Raises:
-        InputError, WorkError: as ``track``; truth that cannot be read.
-    """
+    """Run unless that is done, and score; the figures are written beside the run. Raises InputError, WorkError: as
+    ``track``; truth that cannot be read."""
     track(job.run)
     info = finished_run(job.run.folder)
     if info is None:
@@ -117,7 +112,8 @@ def remove_stale_attempts(out: Path) -> None:
     for folder in out.glob(f"*/{ATTEMPT}*"):
         host, pid = folder.name.removeprefix(ATTEMPT).rsplit("-", 2)[0:2]
         with suppress(OSError):
-            old = time.time() - folder.stat().st_mtime > FOREIGN_ATTEMPT_S
+            # Attempts of other machines are left alone for so long [s].
+            old = time.time() - folder.stat().st_mtime > 86_400.0
             if old if host != _host() else not _alive(int(pid)):
                 shutil.rmtree(folder)
 

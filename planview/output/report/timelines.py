@@ -143,7 +143,7 @@ def timelines(
 
 def held_by(tracks: Trajectories, truth: Trajectories, gate_m: float = GATE_M) -> I64:
     """(N,) id of the confirmed track matched to every row of the truth, UNHELD where there is none."""
-    from planview.evaluation.clear import clear_scores  # brings scipy
+    from planview.evaluation.metrics import clear_scores  # brings scipy
     from planview.evaluation.sequence import build_sequence, floor_similarity
 
     claimed = tracks.where((tracks.state == "confirmed") & np.isfinite(tracks.x_m))
