@@ -19,12 +19,12 @@ from calib.errors import InputError
 from calib.io import reason
 from calib.world import load_rigs
 from planview.engine.config import Config, load_config
-from planview.engine.factory import TrackerName, base_config, is_stereo
-from planview.engine.maps_pipeline import FIXED_MAP_PARAMETERS, FIXED_TABLES
+from planview.engine.open import TrackerName, base_config, is_stereo
+from planview.engine.replay import FIXED_MAP_PARAMETERS, FIXED_TABLES
 from planview.maps.recording import is_maps
 from planview.sweep.study import Configuration, RecordingEntry, Study
 from planview.trajectories.formats import truth_file
-from stereo.readers.open import is_heads, rigs_file
+from stereo.readers.open import is_multi_rig, rigs_file
 
 WHOLE_MAX = 256 * 1024
 """Files up to this size are hashed whole [bytes]."""
@@ -289,7 +289,7 @@ def _input_key(path: Path) -> str:
     """Of all that a recording is read from: several heads may lie anywhere, a calibration beside a video."""
     if is_maps(path):
         return content_key(path)
-    if is_heads(path):
+    if is_multi_rig(path):
         file = rigs_file(path)
         return key_of(content_key(file), *(content_key(file.parent / entry.folder) for entry in load_rigs(file)))
     return key_of(content_key(path), *(content_key(file) for file in files_beside(path)))
@@ -303,6 +303,6 @@ def points_config(config: Config) -> Config:
 
 
 def _records_maps(entry: RecordingEntry, tracker: TrackerName) -> bool:
-    if is_maps(entry.path) or is_heads(entry.path) or tracker == "human-model":
+    if is_maps(entry.path) or is_multi_rig(entry.path) or tracker == "human-model":
         return False
     return tracker == "template" or is_stereo(entry.path, entry.calibration)

@@ -7,23 +7,23 @@ import pytest
 from toy_run import Say, one_sentence, run_few
 
 from calib.world import RigEntry, save_rigs
-from planview.engine.pipeline import Pipeline
+from planview.engine.engine import Engine
 from planview.output.folder import read_run_info
 from planview.trajectories.table import read_tracks
 
 
 @pytest.fixture(scope="module")
-def heads(recording: Path, engine: Pipeline, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def heads(recording: Path, engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two heads at one place that record the same."""
     folder = tmp_path_factory.mktemp("heads")
     for name in ("left_one", "right_one"):
         shutil.copytree(recording, folder / name)
-    pose = engine.setup.floor.world_SE3_left
+    pose = engine.stereo.floor.world_SE3_left
     save_rigs([RigEntry("left_one", pose), RigEntry("right_one", pose)], folder / "rigs.toml")
     return folder
 
 
-def test_a_person_seen_by_two_heads_is_one_person(say: Say, heads: Path, engine: Pipeline, tmp_path: Path) -> None:
+def test_a_person_seen_by_two_heads_is_one_person(say: Say, heads: Path, engine: Engine, tmp_path: Path) -> None:
     status, told = run_few(say, heads, tmp_path / "out", "--rrd", "--debug")
     assert status == 0, told
     tracks = read_tracks(tmp_path / "out" / "tracks.csv")
