@@ -54,7 +54,7 @@ class StereoFrontEnd:
 
     ahead = 2
 
-    def __init__(self, rigs: Sequence[StereoRig], config: Config) -> None:
+    def __init__(self, rigs: Sequence[RigStages], config: Config) -> None:
         """Join the maps of the rigs.
 
         Raises:
@@ -119,7 +119,7 @@ class StereoFrontEnd:
         return {f"{name}{n}": part for n, rig in enumerate(self.rigs) for name, part in rig.memory().items()}
 
 
-class StereoRig:
+class RigStages:
     """The stages of one rig, each adding to its frame.
 
     Attributes:
@@ -333,7 +333,7 @@ def stereo_engine(
         WorkError: no floor is visible.
     """
     config = config or Config()
-    rig = StereoRig(setup or set_up(recording, config), config, matcher)
+    rig = RigStages(setup or set_up(recording, config), config, matcher)
     return Engine(recording, StereoFrontEnd([rig], config), tracker or TemplateTracker(config.template), config)
 
 
@@ -345,7 +345,7 @@ def multi_rig_engine(recording: MultiRigRecording, config: Config, tracker: Trac
         WorkError: a rig has no usable frame or hardly any disparity.
     """
     rigs = [
-        StereoRig(replace(set_up(rig.recording, config), floor_source=RIGS_FILE), config, name=rig.name)
+        RigStages(replace(set_up(rig.recording, config), floor_source=RIGS_FILE), config, name=rig.name)
         for rig in recording.rigs
     ]
     try:
