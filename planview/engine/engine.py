@@ -201,7 +201,7 @@ class FrontEnd(Protocol):
     def prepare(self, frame: Any, clock: StageClock) -> Any:
         """The part of the work that depends on no other frame."""
 
-    def track(self, prepared: Any, tracker: Any, clock: StageClock) -> FrameResult:
+    def track(self, frame: Any, prepared: Any, tracker: Any, clock: StageClock) -> FrameResult:
         """The rest of it: follow people in the next frame, and learn from that."""
 
 
@@ -265,7 +265,7 @@ class Engine:
             InputError, ValueError: images of another size than the calibration's.
         """
         clock = StageClock()
-        return self._track(self.front_end.prepare(frame, clock), clock)
+        return self._track(frame, self.front_end.prepare(frame, clock), clock)
 
     def __iter__(self) -> Iterator[FrameResult]:
         """Track the recording from its first frame; each iteration starts with ``reset``."""
@@ -275,18 +275,18 @@ class Engine:
     def after(self, frame: int) -> Iterator[FrameResult]:
         """Go on tracking after a frame, with the memory of the frames up to it."""
         with closing(prefetch(self._prepared(frame), self.ahead) if self.ahead else self._prepared(frame)) as frames:
-            for prepared, clock in frames:
-                yield self._track(prepared, clock)
+            for prepared in frames:
+                yield self._track(*prepared)
 
-    def _prepared(self, last: int) -> Generator[tuple[Any, StageClock], None, None]:
+    def _prepared(self, last: int) -> Generator[tuple[Any, Any, StageClock], None, None]:
         """The frames after one. Those before are read and passed over: what could not be read is noted again."""
         clock = StageClock()
         for frame in self.recording:
             if frame.index > last:
                 clock.record("read")
-                yield self.front_end.prepare(frame, clock), clock
+                yield frame, self.front_end.prepare(frame, clock), clock
             clock = StageClock()
 
-    def _track(self, prepared: Any, clock: StageClock) -> FrameResult:
+    def _track(self, frame: Any, prepared: Any, clock: StageClock) -> FrameResult:
         clock.start()
-        return self.front_end.track(prepared, self.tracker, clock)
+        return self.front_end.track(frame, prepared, self.tracker, clock)

@@ -88,23 +88,20 @@ class OneCamera:
         """See ``FrontEnd``."""
         return {"one camera": self}
 
-    def prepare(self, frame: VideoFrame, clock: StageClock) -> VideoFrame:
+    def prepare(self, frame: VideoFrame, clock: StageClock) -> None:
         """See ``FrontEnd``."""
-        return frame
 
-    def track(self, prepared: VideoFrame, tracker: ImageTracker, clock: StageClock) -> FrameResult:
+    def track(self, frame: VideoFrame, prepared: None, tracker: ImageTracker, clock: StageClock) -> FrameResult:
         """See ``FrontEnd``.
 
         Raises:
             InputError: a frame of another size.
         """
-        observation = self.observe(prepared, tracker.feedback())
+        observation = self.observe(frame, tracker.feedback())
         clock.record("foreground")
         tracks = tracker.update(observation)
         clock.record("track")
-        return FrameResult(
-            prepared.index, prepared.timestamp_s, tracks, tracker.decisions, observation, clock.stages_ms
-        )
+        return FrameResult(frame.index, frame.timestamp_s, tracks, tracker.decisions, observation, clock.stages_ms)
 
     def observe(self, frame: VideoFrame, feedback: U8 | None = None) -> Observation:
         """Foreground and motion of one frame; none while the camera moves and when the scene is cut.

@@ -80,17 +80,15 @@ class MapsReplay:
         """See ``FrontEnd``."""
         return {"background": self._background}
 
-    def prepare(self, frame: MapsFrame, clock: StageClock) -> MapsFrame:
+    def prepare(self, frame: MapsFrame, clock: StageClock) -> None:
         """See ``FrontEnd``."""
-        return frame
 
-    def track(self, prepared: MapsFrame, tracker: Tracker, clock: StageClock) -> FrameResult:
+    def track(self, frame: MapsFrame, prepared: None, tracker: Tracker, clock: StageClock) -> FrameResult:
         """See ``FrontEnd``.
 
         Raises:
             InputError: damaged maps.
         """
-        frame = prepared
         self._mask[:] = 0
         self._mask.reshape(-1)[frame.pixels] = 255
         self._disparity.reshape(-1)[frame.pixels] = frame.disparities

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -36,14 +36,6 @@ from stereo.rectify import RectifiedPair
 from stereo.sampled_sgm import SampledDisparity
 
 
-class Prepared(NamedTuple):
-    """The frames of one moment, rectified."""
-
-    frame: int
-    timestamp_s: float
-    rigs: tuple[RigFrame | None, ...]
-
-
 class StereoFrontEnd:
     """People from one rig (a pair, or images with depth) or from several above one floor: a ``FrontEnd``.
 
@@ -71,37 +63,42 @@ class StereoFrontEnd:
         self.views: Mapping[str, StereoView] = {rig.name: rig.view for rig in self.rigs} | {rigs[0].name: first}
         self.camera, self.size = first.camera, first.geometry.size
 
-    def prepare(self, frame: StereoFrame | RgbdFrame | MultiRigFrame, clock: StageClock) -> Prepared:
-        """See ``FrontEnd``.
+    def prepare(self, frame: StereoFrame | RgbdFrame | MultiRigFrame, clock: StageClock) -> tuple[RigFrame | None, ...]:
+        """See ``FrontEnd``; None for a rig without a frame at that time.
 
         Raises:
             ValueError: images of another size than the calibration's.
         """
-        frames = frame.frames if isinstance(frame, MultiRigFrame) else (frame,)
-        rectified = tuple(
-            None if one is None else rig.rectify(one, clock) for rig, one in zip(self.rigs, frames, strict=True)
+        recorded = frame.frames if isinstance(frame, MultiRigFrame) else (frame,)
+        return tuple(
+            None if one is None else rig.rectify(one, clock) for rig, one in zip(self.rigs, recorded, strict=True)
         )
-        return Prepared(frame.index, frame.timestamp_s, rectified)
 
-    def track(self, prepared: Prepared, tracker: Tracker, clock: StageClock) -> FrameResult:
+    def track(
+        self,
+        frame: StereoFrame | RgbdFrame | MultiRigFrame,
+        prepared: tuple[RigFrame | None, ...],
+        tracker: Tracker,
+        clock: StageClock,
+    ) -> FrameResult:
         """See ``FrontEnd``."""
-        index, now_s, frames = prepared
-        seeing = [(rig, frame) for rig, frame in zip(self.rigs, frames, strict=True) if frame is not None]
-        for rig, frame in seeing:
-            rig.match(frame, now_s, clock)
-            rig.segment(frame, now_s, clock)
-            rig.back_project(frame)
-        maps = self._build_maps([None if frame is None else frame.points for frame in frames])
+        now_s, first = frame.timestamp_s, prepared[0]
+        seeing = [(rig, seen) for rig, seen in zip(self.rigs, prepared, strict=True) if seen is not None]
+        for rig, seen in seeing:
+            rig.match(seen, now_s, clock)
+            rig.segment(seen, now_s, clock)
+            rig.back_project(seen)
+        maps = self._build_maps([None if seen is None else seen.points for seen in prepared])
         clock.record("maps")
-        views = tuple(rig.classify_pixels(frame, now_s) for rig, frame in seeing)
-        image, mask = (frames[0].analysed, frames[0].foreground) if frames[0] else (None, None)
-        observation = Observation(index, now_s, image, mask, maps=maps, views=views)
+        views = tuple(rig.classify_pixels(seen, now_s) for rig, seen in seeing)
+        image, mask = (first.analysed, first.foreground) if first else (None, None)
+        observation = Observation(frame.index, now_s, image, mask, maps=maps, views=views)
         people = tracker.update(observation)
-        for rig, frame in seeing:
-            rig.feed_back(frame, people)
-        tracks = frames[0].tracks if frames[0] else tuple(map(self.rigs[0].boxes, people))
+        for rig, seen in seeing:
+            rig.feed_back(seen, people)
+        tracks = first.tracks if first else tuple(map(self.rigs[0].boxes, people))
         clock.record("track")
-        return FrameResult(index, now_s, tracks, tracker.decisions, observation, clock.stages_ms, frames)
+        return FrameResult(frame.index, now_s, tracks, tracker.decisions, observation, clock.stages_ms, prepared)
 
     @property
     def checks(self) -> tuple[Check, ...]:
