@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -10,8 +11,10 @@ import pytest
 
 from calib.ground_camera import GroundCamera
 from calib.types import U8
+from calib.world import RigEntry, save_rigs
 from planview.engine.engine import Engine
 from planview.engine.one_camera import one_camera_engine
+from planview.engine.open import open_engine
 from planview.engine.replay import replay_engine
 from planview.engine.setup import set_up
 from planview.engine.stereo import stereo_engine
@@ -90,6 +93,18 @@ def test_a_stereo_engine_resumes(engine: Engine, tracker: str) -> None:
         return stereo_engine(engine.recording, c, chosen, setup=setup)
 
     assert_resumes(make, moments(1, 8, 35))
+
+
+def test_the_engine_of_two_rigs_resumes(engine: Engine, recording: Path, tmp_path: Path) -> None:
+    for name in ("one", "other"):
+        shutil.copytree(recording, tmp_path / name)
+    pose = engine.stereo.floor.world_SE3_left
+    save_rigs([RigEntry("one", pose), RigEntry("other", pose)], tmp_path / "rigs.toml")
+
+    def make() -> Engine:
+        return open_engine(tmp_path, config=engine.config)
+
+    assert_resumes(make, moments(5, 8, 35, 2))
 
 
 def test_the_engine_of_recorded_maps_resumes(engine: Engine, tmp_path: Path) -> None:
