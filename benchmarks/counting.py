@@ -16,7 +16,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.options import BenchOptions, Progress, SceneRendering, number, rendered, scene_files
+from benchmarks.options import BenchOptions, Progress, RenderOptions, number, rendered, scene_files
 from benchmarks.views import VIEWS, drawn_view, full_truth, rules_of
 from calib.errors import InputError
 from planview.counting.events import Direction, Event
@@ -198,7 +198,7 @@ class Scorer:
         progress: takes messages.
     """
 
-    rendering: SceneRendering
+    rendering: RenderOptions
     out: Path
     config: Config
     progress: Progress
@@ -438,7 +438,7 @@ def counting(*, options: CountingOptions | None = None) -> None:
 @contextmanager
 def _scoring(o: CountingOptions) -> Iterator[Scorer]:
     """With a line of progress, and a temporary folder for runs that are not kept."""
-    rendering = SceneRendering(o.cache_folder, frames=o.frames)
+    rendering = RenderOptions(o.cache_folder, frames=o.frames)
     with tempfile.TemporaryDirectory() as temporary, Console(stderr=True, markup=False).status("...") as status:
         yield Scorer(rendering, o.out or Path(temporary), o.settings(), status.update, o.tracker)
 

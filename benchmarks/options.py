@@ -65,7 +65,7 @@ class BenchOptions:
 
 
 @dataclass(frozen=True)
-class SceneRendering:
+class RenderOptions:
     """How scenes are rendered: where they are kept, factor on the image size, at most so many frames."""
 
     cache: Path
@@ -86,7 +86,7 @@ def scene_files(names: Sequence[str] = (), folder: Path = SCENES, ending: str = 
     return [known[name] for name in names or known]
 
 
-def rendered(scene: Scene, name: str, options: SceneRendering, progress: Progress) -> Path:
+def rendered(scene: Scene, name: str, options: RenderOptions, progress: Progress) -> Path:
     """The recording of a scene, rendered unless the cache has it.
 
     The key is a hash of everything in the scene, the renderer's version and the size; a recording appears in the cache

@@ -75,7 +75,7 @@ def blobs(maps: PlanViewMaps) -> list[Blob]:
 
 
 @dataclass
-class _Followed:
+class _Person:
     track_id: int
     kalman: FloorKalman
     height_m: float
@@ -94,7 +94,7 @@ class BlobTracker:
     """Blobs to people: the Hungarian method on distances, one Kalman filter each."""
 
     decisions: tuple[Decision, ...] = ()
-    _people: list[_Followed] = field(default_factory=list)
+    _people: list[_Person] = field(default_factory=list)
     _last_s: float = 0.0
     _next_id: int = 1
 
@@ -120,7 +120,7 @@ class BlobTracker:
         ]
         for j in set(range(len(found))) - {j for _, j in pairs}:
             kalman = FloorKalman.at(found[j].x_m, found[j].y_m, POSITION_STD_M, SPEED_STD_MPS)
-            self._people.append(_Followed(self._next_id, kalman, found[j].height_m, since_s=now_s))
+            self._people.append(_Person(self._next_id, kalman, found[j].height_m, since_s=now_s))
             self._next_id += 1
         return tuple(p.state(now_s) for p in self._people)
 

@@ -159,7 +159,7 @@ class Speed:
         self.ratios[name], self.quartiles[name] = median, (low, high)
 
 
-class TimedTurns(NamedTuple):
+class Turns(NamedTuple):
     """What was timed: frames of the engine, and after every TURN of them one of each rival.
 
     Attributes:
@@ -220,7 +220,7 @@ def measure(
     return speed
 
 
-def _add_engine(turns: TimedTurns, suffix: str, speed: Speed) -> None:
+def _add_engine(turns: Turns, suffix: str, speed: Speed) -> None:
     """Engine from decoded frames to tracks over the yardstick; on one core also times by stage and by people."""
     chosen = counted(turns.people)
     for name, rival_ms in turns.rivals_ms.items():
@@ -301,7 +301,7 @@ def after_disparity_to_sgbm(clip: Clip, speed: Speed) -> None:
         speed.ratios["one_more_person"] = round(float(np.polyfit(counts, times, 1)[0] / np.median(after[chosen])), 4)
 
 
-def take_turns(clip: Clip, rivals: Mapping[str, Callable[..., object]]) -> TimedTurns:
+def take_turns(clip: Clip, rivals: Mapping[str, Callable[..., object]]) -> Turns:
     """The engine over a clip's decoded frames, and after SETTLED of them the rivals on every TURN-th."""
     clip.engine.reset()
     # A clip that short is timed in its second half.
@@ -322,7 +322,7 @@ def take_turns(clip: Clip, rivals: Mapping[str, Callable[..., object]]) -> Timed
     timed = len(clip.frames) - settled
     people, stages, matched = zip(*results[-timed:], strict=True)
     rival_ms = {name: np.array(times) for name, times in theirs.items()}
-    return TimedTurns(np.array(spent[-timed:]), np.array(people), rival_ms, list(stages), np.array(matched))
+    return Turns(np.array(spent[-timed:]), np.array(people), rival_ms, list(stages), np.array(matched))
 
 
 def counted(people: I64) -> Bool:

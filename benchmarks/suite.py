@@ -18,7 +18,7 @@ from pydantic import ValidationError
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from benchmarks.options import BenchOptions, Flag, SceneRendering, rendered, scene_files
+from benchmarks.options import BenchOptions, Flag, RenderOptions, rendered, scene_files
 from benchmarks.passes import PEER, Pass, in_processes, provenance, run_pass
 from benchmarks.scores import SceneScore, print_scores, scores_json
 from calib.errors import InputError
@@ -112,7 +112,7 @@ def suite_recording(path: Path, seed: int, cache: Path) -> tuple[Path, Scene]:
     """The recording of a seed, from the cache when it is whole there; one that was cut off is rendered again."""
     scene = drawn_scene(path, seed)
     for _ in range(2):
-        folder = rendered(scene, f"suite-{path.stem}-{seed}", SceneRendering(cache), lambda _: None)
+        folder = rendered(scene, f"suite-{path.stem}-{seed}", RenderOptions(cache), lambda _: None)
         if is_whole(folder, scene.n_frames):
             break
         shutil.rmtree(folder, ignore_errors=True)

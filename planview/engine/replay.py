@@ -59,11 +59,12 @@ class MapsReplay:
         _refuse_fixed(recording.path, recorded, config)
         self._path, view = recording.path, recording.view
         pose = view.floor.world_SE3_left
-        if MapBuilder(view.geometry, pose, recorded.maps, view.reduction).grid != view.grid:
-            raise InputError(
-                f"{recording.path}: expected the grid of the rig and floor in the file, found one of another rig"
-            )
-        self._maps = MapBuilder(view.geometry, pose, config.maps, view.reduction)
+        try:
+            if MapBuilder(view.geometry, pose, recorded.maps, view.reduction).grid != view.grid:
+                raise ValueError("expected the grid of the rig and floor in the file, found one of another rig")
+            self._maps = MapBuilder(view.geometry, pose, config.maps, view.reduction)
+        except ValueError as error:
+            raise InputError(f"{recording.path}: {error}") from error
         self.views = {"": replace(view, grid=self._maps.grid)}
         self.camera, self.size = view.camera, view.geometry.size
         self._boxes = BodyBoxes(view.geometry, pose)

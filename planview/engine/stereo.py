@@ -326,11 +326,11 @@ def stereo_engine(
         matcher: of whole pairs; SGBM, gated as configured, when None.
         setup: of the recording; ``set_up`` finds it when None.
     Raises:
-        InputError: a matcher for images with depth.
+        InputError: a matcher for images with depth, or a floor of which the camera sees nothing or too much.
         WorkError: no floor is visible.
     """
     config = config or Config()
-    rig = RigStages(setup or set_up(recording, config), config, matcher)
+    rig = _stages(recording, setup or set_up(recording, config), config, matcher)
     return Engine(recording, StereoFrontEnd([rig], config), tracker or TemplateTracker(config.template), config)
 
 
@@ -342,7 +342,7 @@ def multi_rig_engine(recording: MultiRigRecording, config: Config, tracker: Trac
         WorkError: a rig has no usable frame or hardly any disparity.
     """
     rigs = [
-        RigStages(replace(set_up(rig.recording, config), floor_source=RIGS_FILE), config, name=rig.name)
+        _stages(rig.recording, replace(set_up(rig.recording, config), floor_source=RIGS_FILE), config, name=rig.name)
         for rig in recording.rigs
     ]
     try:
@@ -350,3 +350,12 @@ def multi_rig_engine(recording: MultiRigRecording, config: Config, tracker: Trac
     except ValueError as error:
         raise InputError(f"{recording.path}: expected heads of one place, found them far apart: {error}") from error
     return Engine(recording, front_end, tracker, config)
+
+
+def _stages(
+    recording: Recording | RgbdRecording, setup: Setup, config: Config, matcher: Matcher | None = None, name: str = ""
+) -> RigStages:
+    try:
+        return RigStages(setup, config, matcher, name)
+    except ValueError as error:
+        raise InputError(f"{recording.path} (floor: {setup.floor_source}): {error}") from error
