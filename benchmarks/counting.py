@@ -26,7 +26,7 @@ from planview.counting.scoring import CountScores, CrossingScores, OccupancyGrou
 from planview.counting.totals import Clock, Counts, count_tracks, count_truth
 from planview.engine.config import Config
 from planview.engine.engine import Engine
-from planview.engine.factory import open_engine
+from planview.engine.open import open_engine
 from planview.output.script import run
 from planview.synthetic.assets import SCENES
 from planview.synthetic.random_scenes.rooms import random_conference

@@ -20,7 +20,7 @@ from benchmarks.views import VIEWS, drawn_view
 from calib.errors import InputError
 from calib.types import I32, Bool
 from planview.engine.config import Config
-from planview.engine.factory import open_engine
+from planview.engine.open import open_engine
 from planview.synthetic.render import SceneRenderer
 
 CONDITIONS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {

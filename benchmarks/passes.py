@@ -23,7 +23,7 @@ from benchmarks.peer import PeerLog
 from calib.errors import InputError
 from planview.engine.config import Config
 from planview.engine.engine import Engine
-from planview.engine.factory import open_engine
+from planview.engine.open import open_engine
 from planview.maps.recording import MapsRecording
 from planview.output.folder import finished_run
 from planview.output.maps_log import MapsLog

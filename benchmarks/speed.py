@@ -28,8 +28,7 @@ from calib.rig import StereoRig
 from calib.types import F64, I64, U8, AnyArray, Bool
 from planview.engine.config import Config, load_config
 from planview.engine.engine import STAGES, FrameResult
-from planview.engine.pipeline import Pipeline
-from planview.engine.setup import set_up
+from planview.engine.stereo import stereo_engine
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
 from planview.synthetic.assets import DEMO, real_recordings
@@ -129,7 +128,7 @@ class Clip:
         sized = {"rectify": {"working_px": width_px}, "analysis": {"width_px": min(width_px, 400)}}
         config = load_config(overrides=overrides, base=Config.model_validate(sized))
         self.rig = recording.rig
-        self.engine = Pipeline(recording, set_up(recording, config), config)
+        self.engine = stereo_engine(recording, config)
         self.frames: Sequence[StereoFrame] = frames or list(islice(recording, n_frames))
         if len(self.frames) < 2:
             raise WorkError(f"{path}: expected at least 2 frames, found {len(self.frames)}")
@@ -254,9 +253,10 @@ def foreground_to_mog2(clip: Clip, speed: Speed) -> None:
     engine = clip.engine
     engine.reset()
     mog2 = cv2.createBackgroundSubtractorMOG2()
-    ours = Foreground(ForegroundParams(), engine.maps.shape, engine.stereo.geometry.disparity_std_per_px2)
+    (view,) = engine.views.values()
+    ours = Foreground(ForegroundParams(), view.shape, view.geometry.disparity_std_per_px2)
     times: list[tuple[float, float]] = []
-    step = engine.stereo.reduction
+    step = view.reduction
     for frame in clip.frames:
         result = engine.step(frame)
         if result.observation.image is None or result.disparity is None:

@@ -12,10 +12,9 @@ import numpy as np
 from calib.pose import SE3
 from calib.types import F32, F64
 from planview.engine.config import Config
-from planview.engine.factory import floor_tracker
-from planview.engine.pipeline import Pipeline
-from planview.engine.setup import set_up_any
+from planview.engine.stereo import stereo_engine
 from planview.maps.builder import HEAD_M
+from planview.maps.view import StereoView
 from planview.trajectories.table import Trajectories, TrajectoryCollector
 from stereo.depth import back_project, median_image
 from stereo.readers import open_any
@@ -154,8 +153,8 @@ def record_rig(path: Path, config: Config | None = None, done: Callable[[], None
     """
     config = config or Config()
     recording = open_any(path)
-    setup = set_up_any(recording, config)
-    engine = Pipeline(recording, setup, config, floor_tracker("template", config))
+    engine = stereo_engine(recording, config)
+    (view,) = engine.views.values()
     collector, disparities = TrajectoryCollector(), []
     # Frames, spread over the recording, whose median is the scene without people (our choice).
     every = max(1, engine.recording.n_frames // 24)
@@ -164,15 +163,15 @@ def record_rig(path: Path, config: Config | None = None, done: Callable[[], None
         if result.frame % every == 0 and result.disparity is not None:
             disparities.append(result.disparity)
         done()
-    effect = DisparityEffect(engine.stereo.floor.world_SE3_left, engine.stereo.geometry.disparity_metre)
-    return RigRecord(path, effect, collector.trajectories(), _scene(engine, disparities))
+    effect = DisparityEffect(view.floor.world_SE3_left, view.geometry.disparity_metre)
+    return RigRecord(path, effect, collector.trajectories(), _scene(view, disparities))
 
 
-def _scene(engine: Pipeline, disparities: list[F32]) -> F32:
+def _scene(view: StereoView, disparities: list[F32]) -> F32:
     """Points of the median disparity that are known well enough."""
     if not disparities:
         return np.empty((0, 3), dtype=np.float32)
-    geometry = engine.stereo.geometry
+    geometry = view.geometry
     disparity = median_image(disparities)
     # Points of the scene with a larger predicted depth deviation are left out [m] (our choice).
     farthest = (0.30 / geometry.depth_std_m(1.0)) ** 0.5
@@ -181,4 +180,4 @@ def _scene(engine: Pipeline, disparities: list[F32]) -> F32:
         depth[~((disparity > 0) & (depth < farthest))] = np.nan
     points = back_project(np.asarray(depth, dtype=np.float32), geometry).reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
-    return np.asarray(engine.stereo.floor.world_SE3_left @ points, dtype=np.float32)
+    return np.asarray(view.floor.world_SE3_left @ points, dtype=np.float32)

@@ -15,7 +15,8 @@ from calib.images import as_colour
 from calib.people.model import HumanModel
 from calib.people.samples import MIN_SAMPLES, HumanSample, choose_spread
 from calib.types import F64, U8, Bool
-from planview.engine.single_camera import SingleCamera, SingleCameraParams
+from planview.engine.config import SingleCameraParams
+from planview.engine.one_camera import OneCamera
 from planview.foreground.blobs import Blobs, find_blobs
 from stereo.recording import Video
 
@@ -117,7 +118,7 @@ def collect_samples(
     Raises:
         WorkError: fewer than 3 samples, or no size that most of the walkers have.
     """
-    camera = SingleCamera(params or SingleCameraParams(), video.size)
+    camera = OneCamera(params or SingleCameraParams(), video.size)
     paths: list[_Path] = []
     for frame in video:
         observation = camera.observe(frame)

@@ -22,7 +22,7 @@ from planview.counting.rules import load_rules
 from planview.counting.stream import Analytics
 from planview.engine.config import Config, config_of, load_config
 from planview.engine.engine import Engine
-from planview.engine.factory import TrackerName, base_config, open_engine
+from planview.engine.open import TrackerName, base_config, open_engine
 from planview.maps.recording import is_maps
 from planview.output.finished import refine_run
 from planview.output.folder import RunInfo, check_folder, finished_run, folder_lock
@@ -38,7 +38,7 @@ from planview.output.run import run as run_engine
 from planview.output.scene import SceneFrames, open_frames
 from planview.synthetic.assets import DEMO
 from planview.trajectories.table import read_tracks
-from stereo.readers.open import is_heads
+from stereo.readers.open import is_multi_rig
 
 INPUT, TRACKING, OUTPUT = (Group(name, sort_key=place) for place, name in enumerate(("Input", "Tracking", "Output")))
 _In, _How, _Out = (Parameter(group=group) for group in (INPUT, TRACKING, OUTPUT))
@@ -143,7 +143,7 @@ def _opened_and_tracked(
         engine = open_engine(recording, options.tracker, settings, camera, source)
     if options.maps and (engine.stereo is None or is_maps(recording)):
         raise InputError(f"--maps: expected a stereo recording, found {recording}")
-    if options.maps and is_heads(recording):
+    if options.maps and is_multi_rig(recording):
         raise InputError("--maps: expected a recording of one head, whose view maps.h5 holds, found several heads")
     analytics = Analytics(load_rules(options.rules, RulePlane(engine.camera, engine.size))) if options.rules else None
     with folder_lock(out) as stale:

@@ -197,7 +197,7 @@ def export(tracks: Path, *, to: ExportName | None = None, options: ExportOptions
         raise InputError(f"expected --to with a format ({', '.join(FORMATS)}) or --cloud with a file, one of them")
     console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
     if options.cloud is not None:
-        from planview.engine.scene_cloud import write_cloud
+        from planview.engine.setup import write_cloud
         from planview.output.scene import scene_of
 
         _refuse_existing(options.cloud, tracks, options.overwrite)

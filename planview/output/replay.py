@@ -18,8 +18,8 @@ from calib.params import Params
 from calib.types import U8
 from planview.engine.config import Config, config_of
 from planview.engine.engine import Engine, FrameResult
-from planview.engine.factory import TrackerName, open_engine
-from planview.engine.maps_pipeline import FIXED_TABLES
+from planview.engine.open import TrackerName, open_engine
+from planview.engine.replay import FIXED_TABLES
 from planview.evaluation.metrics import clear_scores
 from planview.evaluation.sequence import build_sequence, floor_similarity
 from planview.maps.recording import is_maps

@@ -98,14 +98,14 @@ def digest_of(values: Mapping[str, object]) -> str:
 
 
 def _calibration(recording: Any) -> str:
-    """Digest of what a recording was opened with, besides its images: cameras and times of every head, by number."""
+    """Digest of what a recording was opened with, besides its images: cameras and times of every rig, by number."""
     parts = []
-    for head in getattr(recording, "heads", [None]):
-        opened = recording if head is None else head.recording
+    for one in getattr(recording, "rigs", [None]):
+        opened = recording if one is None else one.recording
         rig = getattr(opened, "rig", None)
         known = [getattr(opened, name, None) for name in ("camera", "sensor", "times_s")]
-        parts.append([rig and replace(rig, source=""), *known, getattr(head, "start_s", 0.0)])
-    return digest_of({"heads": parts})
+        parts.append([rig and replace(rig, source=""), *known, getattr(one, "start_s", 0.0)])
+    return digest_of({"rigs": parts})
 
 
 def _images(path: Path, results: Path) -> str:

@@ -16,21 +16,20 @@ from calib.types import U8
 from planview.drawing.image import ImageCamera
 from planview.engine.config import Config, config_of
 from planview.engine.info import FloorInfo
-from planview.engine.scene_cloud import SceneCloud, scene_cloud
-from planview.engine.setup import set_up_any
+from planview.engine.setup import SceneCloud, scene_cloud, set_up
 from planview.output.folder import RunInfo, read_run_info
 from planview.output.results import source_of
 from stereo.depth import StereoFloorCamera
 from stereo.readers import OpenOptions, holds_pair, open_any, open_video
 from stereo.readers.base import AnyRecording
-from stereo.readers.multi_rig import HeadsRecording, open_heads
-from stereo.readers.open import is_heads
+from stereo.readers.multi_rig import MultiRigRecording, open_rigs
+from stereo.readers.open import is_multi_rig
 from stereo.recording import RgbdRecording
 from stereo.rectify import Rectifier
 from stereo.rgbd import RgbdRectifier
 
-HEADS_FRAMES_MAX = 5000
-"""Recordings of several heads are read from their beginning; pictures are made of so many moments at most."""
+MULTI_RIG_FRAMES_MAX = 5000
+"""Recordings of several rigs are read from their beginning; pictures are made of so many moments at most."""
 _BATCH = 16
 
 
@@ -42,7 +41,7 @@ class SceneImage(NamedTuple):
 
 
 class SceneFrames:
-    """Images of a recording; of several heads those of the first, read from their beginning.
+    """Images of a recording; of several rigs those of the first, read from their beginning.
 
     Args:
         image_of: makes the image of a frame.
@@ -56,8 +55,8 @@ class SceneFrames:
 
     def at(self, frames: Sequence[int]) -> Iterator[SceneImage]:
         """The images of ascending frames, as far as they can be read."""
-        if isinstance(self._recording, HeadsRecording):
-            wanted = {frame for frame in frames if frame < HEADS_FRAMES_MAX}
+        if isinstance(self._recording, MultiRigRecording):
+            wanted = {frame for frame in frames if frame < MULTI_RIG_FRAMES_MAX}
             yield from (image for image in self.through(0, max(wanted, default=-1)) if image.frame in wanted)
             return
         for start in range(0, len(frames), _BATCH):
@@ -67,7 +66,7 @@ class SceneFrames:
     def through(self, first: int, last: int) -> Iterator[SceneImage]:
         """All images from one frame to another, both included."""
         for moment in self._recording if last >= 0 else ():
-            frame = moment.frames[0] if isinstance(self._recording, HeadsRecording) else moment
+            frame = moment.frames[0] if isinstance(self._recording, MultiRigRecording) else moment
             if moment.index > last:
                 return
             if moment.index >= first and frame is not None:
@@ -84,9 +83,9 @@ def open_frames(info: RunInfo) -> SceneFrames:
     if not info.input or not path.exists():
         raise InputError(f"{path}: expected the recording of the run, found nothing there")
     config = config_of(info.config, "run.json")
-    if is_heads(path):
-        heads = open_heads(path)
-        return SceneFrames(heads, *_of_recording(heads.heads[0].recording, info.floor, config))
+    if is_multi_rig(path):
+        rigs = open_rigs(path)
+        return SceneFrames(rigs, *_of_recording(rigs.rigs[0].recording, info.floor, config))
     if info.rig is None or (info.rig.baseline_m is None and info.rig.depth_sensor is None):
         return SceneFrames(open_video(path), ground_camera_of(info), lambda frame: frame.image)
     try:
@@ -136,7 +135,7 @@ def scene_of(path: Path, options: OpenOptions | None = None) -> SceneCloud:
     """Points of what does not move, in the world frame of the run's tracks.
 
     Args:
-        path: folder of a run, whose recording and configuration are taken, or a recording of one stereo head.
+        path: folder of a run, whose recording and configuration are taken, or a recording of one rig.
         options: how the recording is opened.
     Raises:
         InputError: no recording of a pair or of images with depth.
@@ -150,4 +149,4 @@ def scene_of(path: Path, options: OpenOptions | None = None) -> SceneCloud:
     if not recording.exists() or not (calibration or holds_pair(recording)):
         raise InputError(f"{recording}: expected a recording of a stereo pair or of images with depth, found none")
     opened = open_any(recording, options)
-    return scene_cloud(opened, set_up_any(opened, config), config)
+    return scene_cloud(opened, set_up(opened, config), config)

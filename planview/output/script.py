@@ -8,7 +8,7 @@ from pathlib import Path
 
 from planview.engine.config import Config
 from planview.engine.engine import Engine, FrameResult
-from planview.engine.factory import AnyTracker, open_engine
+from planview.engine.open import AnyTracker, open_engine
 from planview.offline.refine import refine
 from planview.output.finished import refine_run
 from planview.output.folder import check_folder, prepare_folder
@@ -37,7 +37,7 @@ def run(
     """Track people in a recording.
 
     Args:
-        source: a recording, or an engine (``Pipeline``), which brings tracker, matcher and configuration of its own.
+        source: a recording, or an engine, which brings tracker, matcher and configuration of its own.
         out: folder for tracks.csv, run.json and report.html as ``planview run`` writes them; None to write nothing.
         tracker: "template", "harville", "human-model", "ellipse-particle", or a tracker of your own.
         matcher: of stereo pairs; SGBM when None.

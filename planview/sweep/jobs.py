@@ -19,12 +19,12 @@ from calib.errors import InputError
 from calib.io import reason
 from calib.world import load_rigs
 from planview.engine.config import Config, load_config
-from planview.engine.factory import TrackerName, base_config, is_stereo
-from planview.engine.maps_pipeline import FIXED_MAP_PARAMETERS, FIXED_TABLES
+from planview.engine.open import TrackerName, base_config, is_stereo
+from planview.engine.replay import FIXED_MAP_PARAMETERS, FIXED_TABLES
 from planview.maps.recording import is_maps
 from planview.sweep.study import Configuration, RecordingEntry, Study
 from planview.trajectories.formats import truth_file
-from stereo.readers.open import is_heads, rigs_file
+from stereo.readers.open import is_multi_rig, rigs_file
 
 WHOLE_MAX = 256 * 1024
 """Files up to this size are hashed whole [bytes]."""
@@ -223,7 +223,7 @@ class Planner:
             return Refused(recording.name, configuration, seed, recording.error)
         entry, study, maps = recording.entry, self._study, None
         full, points = self._effective(configuration, seed, recording.base)
-        single = is_maps(entry.path) or is_heads(entry.path) or study.tracker == "human-model"
+        single = is_maps(entry.path) or is_multi_rig(entry.path) or study.tracker == "human-model"
         if study.maps and not single and (study.tracker == "template" or is_stereo(entry.path, entry.calibration)):
             maps = self._run(entry, recording.key, points, "maps")
         source = RecordingEntry(path=maps.folder / MAPS_FILE) if maps else entry
@@ -273,7 +273,7 @@ def _looked_at(entry: RecordingEntry, name: str) -> _Recording:
         # Several heads may lie anywhere, a calibration beside a video.
         if is_maps(path):
             key = content_key(path)
-        elif is_heads(path):
+        elif is_multi_rig(path):
             file = rigs_file(path)
             key = key_of(content_key(file), *(content_key(file.parent / rig.folder) for rig in load_rigs(file)))
         else:

@@ -16,7 +16,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from calib.errors import InputError
 from calib.io import load_toml, parse_toml
 from calib.params import Params, first_problem
-from planview.engine.factory import TrackerName
+from planview.engine.open import TrackerName
 from planview.evaluation.result import Evaluation
 from planview.output.folder import RunInfo
 

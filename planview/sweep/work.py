@@ -17,8 +17,7 @@ import cv2
 
 from calib.errors import WorkError
 from calib.io import reason
-from planview.engine.factory import open_engine
-from planview.engine.pipeline import Pipeline
+from planview.engine.open import open_engine
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.output.folder import finished_run, write_result
 from planview.output.run import RunLog, RunOptions, run
@@ -47,8 +46,7 @@ def track(job: RunJob) -> None:
         engine = open_engine(
             job.source.path, job.tracker, job.config, job.source.camera, OpenOptions(job.source.calibration)
         )
-        if isinstance(engine, Pipeline):
-            engine.ahead = 0
+        engine.ahead = 0
         logs: list[RunLog] = []
         if job.save_maps:
             from planview.output.maps_log import MapsLog

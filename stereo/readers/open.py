@@ -76,7 +76,7 @@ def rigs_file(path: Path) -> Path:
     return path if path.name == RIGS_FILE else path / RIGS_FILE
 
 
-def is_heads(path: Path) -> bool:
+def is_multi_rig(path: Path) -> bool:
     """Whether a path is a recording of several heads: a folder with ``rigs.toml``, or that file."""
     return rigs_file(path).is_file()
 
@@ -90,7 +90,9 @@ def _refuse_several(path: Path, _options: OpenOptions) -> Layout:
     )
 
 
-MULTI_RIG = Reader("heads", "several heads", "rigs.toml beside the folders of several heads", is_heads, _refuse_several)
+MULTI_RIG = Reader(
+    "heads", "several heads", "rigs.toml beside the folders of several heads", is_multi_rig, _refuse_several
+)
 
 
 class SingleRecording:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.pets import TrackingErrors, tracking_errors
-from planview.engine.factory import open_engine
+from planview.engine.open import open_engine
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.trajectories.formats import load_truth
 from planview.trajectories.table import read_tracks, write_header, write_rows

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from toy_run import FRAMES, Say, one_sentence, run_few
 
-from planview.engine.engine import FrameResult
-from planview.engine.maps_pipeline import MapsPipeline, recorded_config
-from planview.engine.pipeline import Pipeline
+from planview.engine.engine import Engine, FrameResult
+from planview.engine.replay import recorded_config, replay_engine
 from planview.maps.recording import MapsRecording
 from planview.output.folder import read_run_info
 from planview.output.maps_log import MapsLog
@@ -21,7 +20,7 @@ PRODUCTS = ("tracks.csv", "decisions.csv")
 
 
 @pytest.fixture(scope="module")
-def live(engine: Pipeline, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[FrameResult]]:
+def live(engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[FrameResult]]:
     """The folder of a run that saved its maps, and its results."""
     folder = tmp_path_factory.mktemp("live")
     results: list[FrameResult] = []
@@ -48,11 +47,11 @@ def test_maps_are_tracked_again_bit_for_bit(
 
 
 def test_maps_built_from_the_recording_are_those_of_the_run(
-    live: tuple[Path, list[FrameResult]], engine: Pipeline
+    live: tuple[Path, list[FrameResult]], engine: Engine
 ) -> None:
     recording = MapsRecording(live[0] / "maps.h5")
     config = recorded_config(recording)
-    again = list(MapsPipeline(recording, TemplateTracker(config.template), config))
+    again = list(replay_engine(recording, TemplateTracker(config.template), config))
     assert len(again) == len(live[1]) == FRAMES
     for before, after in zip(live[1], again, strict=True):
         old, new = before.observation.maps, after.observation.maps

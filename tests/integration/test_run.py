@@ -13,15 +13,15 @@ from toy_stereo import toy_rig, walking, write_toy_recording
 
 from planview.cli import main
 from planview.engine.config import load_config
-from planview.engine.factory import open_engine
-from planview.engine.pipeline import Pipeline
+from planview.engine.engine import Engine
+from planview.engine.open import open_engine
 from planview.output.folder import read_run_info
 from planview.output.run import run
 from planview.trajectories.table import read_tracks
 
 
 @pytest.fixture(scope="module")
-def folder(engine: Pipeline, recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(engine: Engine, recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run with everything: rules, decisions and the rerun recording, by the command."""
     out = tmp_path_factory.mktemp("run")
     rules = out.parent / "rules.toml"
@@ -92,7 +92,7 @@ def test_nothing_half_written_is_left(folder: Path) -> None:
     assert [file.name for file in folder.iterdir() if file.suffix == ".part"] == []
 
 
-def test_same_input_and_configuration_give_the_same_tracks(engine: Pipeline, folder: Path, tmp_path: Path) -> None:
+def test_same_input_and_configuration_give_the_same_tracks(engine: Engine, folder: Path, tmp_path: Path) -> None:
     run(engine, tmp_path)
     assert (tmp_path / "tracks.csv").read_bytes() == (folder / "tracks.csv").read_bytes()
 
@@ -114,7 +114,7 @@ def test_overwriting_leaves_foreign_files_alone(say: Say, copy: Path, tmp_path: 
     assert read_run_info(out / "run.json").frames_read == 3
 
 
-def test_colour_is_tracked_like_grey(pairs: list[Pair], engine: Pipeline, tmp_path: Path) -> None:
+def test_colour_is_tracked_like_grey(pairs: list[Pair], engine: Engine, tmp_path: Path) -> None:
     tint = np.array([0.8, 1.0, 0.9])
     coloured = [tuple((image[..., None] * tint).astype(np.uint8) for image in pair) for pair in pairs[:26]]
     recording = write_toy_recording(tmp_path / "colour", toy_rig(), coloured)  # type: ignore[arg-type]

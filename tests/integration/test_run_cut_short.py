@@ -15,7 +15,7 @@ from full_disk import fill_disk_after
 from toy_run import EMPTY, FEW, FRAMES, Say, one_sentence, rows_in, run_few
 
 from calib.errors import WorkError
-from planview.engine.pipeline import Pipeline
+from planview.engine.engine import Engine
 from planview.output.folder import read_run_info
 from planview.output.run import run
 from planview.trajectories.table import read_tracks
@@ -68,7 +68,7 @@ def test_a_full_disk_from_the_start_is_told(say: Say, copy: Path, tiny_disk: Pat
 
 
 def test_rerun_is_stopped_before_the_disk_is_full(
-    engine: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    engine: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from planview.output.rerun import log as rerun_log
 

@@ -8,8 +8,8 @@ from toy_run import FEW, Say, one_sentence
 from planview.counting.rules import load_rules
 from planview.counting.stream import Analytics
 from planview.engine.config import load_config
-from planview.engine.engine import FrameResult
-from planview.engine.pipeline import Pipeline
+from planview.engine.engine import Engine, FrameResult
+from planview.engine.open import open_engine
 from planview.output.folder import read_run_info
 from planview.output.maps_log import MapsLog
 from planview.output.resume import checkpoint_of, difference
@@ -44,7 +44,7 @@ def rules(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("frame", [2, 20])
 def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(
-    engine: Pipeline, tmp_path: Path, rules: Path, frame: int
+    engine: Engine, tmp_path: Path, rules: Path, frame: int
 ) -> None:
     alone, stopped = tmp_path / "alone", tmp_path / "stopped"
     run(engine, alone, options_with(rules), [MapsLog(engine, folder_of(alone) / "maps.h5")])
@@ -71,7 +71,7 @@ def folder_of(folder: Path) -> Path:
 
 
 def test_rows_that_were_changed_since_the_checkpoints_are_not_gone_on_from(
-    engine: Pipeline, tmp_path: Path, rules: Path
+    engine: Engine, tmp_path: Path, rules: Path
 ) -> None:
     with pytest.raises(StoppedError):
         run(engine, tmp_path, options_with(rules), (), stop_at(30))
@@ -98,11 +98,11 @@ def test_a_run_goes_on_beside_a_new_read_me_and_with_its_rules_under_another_nam
 ) -> None:
     config = load_config(None, [FEW])
     with pytest.raises(StoppedError):
-        run(Pipeline.from_recording(copy, config), tmp_path / "out", options_with(rules), (), stop_at(5))
+        run(open_engine(copy, config=config), tmp_path / "out", options_with(rules), (), stop_at(5))
     (copy / "README.md").write_text("# What this is\n")
     (copy / "notes.txt").write_text("rain\n")
     renamed = rules.rename(rules.with_name("door.toml"))
-    identity = run_identity(Pipeline.from_recording(copy, config), options_with(renamed), [], tmp_path / "out")
+    identity = run_identity(open_engine(copy, config=config), options_with(renamed), [], tmp_path / "out")
     assert checkpoint_of(tmp_path / "out", identity, print) is not None
 
 
@@ -110,7 +110,7 @@ def test_another_image_or_calibration_is_another_recording(copy: Path, tmp_path:
     config = load_config(None, [FEW])
 
     def identity() -> dict[str, dict[str, object]]:
-        return run_identity(Pipeline.from_recording(copy, config), RunOptions(), [], tmp_path)
+        return run_identity(open_engine(copy, config=config), RunOptions(), [], tmp_path)
 
     before = identity()
     assert difference(before, identity()) == ""

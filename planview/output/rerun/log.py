@@ -28,7 +28,6 @@ from planview.output.rerun.shapes import (
     map_image,
     metre_grid,
     mosaic,
-    other_heads,
     outlines,
     photo,
     point_colours,
@@ -173,8 +172,8 @@ class RerunLog:
             self._scene.take(self._stream, result)
         if result.frame % self._every == 0:
             self._log_images(result)
-        for head in result.heads[1:]:
-            self._log_boxes(f"{head.name}/image", [t for t in head.tracks if not math.isnan(t.box_px[0])])
+        for rig in filter(None, result.rigs[1:]):
+            self._log_boxes(f"{rig.name}/image", [t for t in rig.tracks if not math.isnan(t.box_px[0])])
         self._log_people(result.tracks, result.timestamp_s)
         self._log_decisions(result)
         self._log_series(result)
@@ -211,7 +210,7 @@ class RerunLog:
         if self._stereo is None:
             return
         self._log_camera("world/camera", self._stereo)
-        for name, stereo in other_heads(self._engine):
+        for name, stereo in list(self._engine.views.items())[1:]:
             self._log_camera(f"world/{name}", stereo)
         grid = metre_grid(PlanBounds(*shown_floor(self._stereo)))
         self._stream.log("world/floor", grid, static=True)
@@ -231,8 +230,8 @@ class RerunLog:
     def _log_images(self, result: FrameResult) -> None:
         """What takes room: images, cloud, maps and what the tracker looked at."""
         self._log_image("image", result.image, result.observation.foreground)
-        for head in result.heads[1:]:
-            self._log_image(f"{head.name}/image", head.image, head.foreground)
+        for rig in filter(None, result.rigs[1:]):
+            self._log_image(f"{rig.name}/image", rig.image, rig.foreground)
         if self._stereo:
             self._log_depth(self._stereo, result)
             self._log_maps(self._stereo, result)
@@ -249,7 +248,7 @@ class RerunLog:
         """Disparity, and the foreground cloud in colour."""
         if result.sampled is not None:
             self._stream.log("disparity", disparity_photo(result.sampled, stereo))
-        maps, colours = result.observation.maps, point_colours(stereo, result)
+        maps, colours = result.observation.maps, point_colours(result)
         if maps is None or colours is None:
             return
         step = -(-len(maps.points.xyz) // CLOUD_POINTS_MAX) or 1

@@ -14,7 +14,6 @@ from calib.images import as_colour, encode_image
 from calib.types import F32, I32, U8
 from planview.drawing.plan import PlanBounds
 from planview.engine.engine import Engine, FrameResult
-from planview.engine.heads import HeadsPipeline
 from planview.maps.view import StereoView
 from planview.output.maps_log import at_step
 from planview.tracking.base import Drawing
@@ -107,22 +106,14 @@ def label_places(tracks: Sequence[TrackState]) -> list[tuple[float, float, float
 _SIDES = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
 
 
-def point_colours(stereo: StereoView, result: FrameResult) -> U8 | None:
-    """(N, 3) RGB of the maps' points, each from its head's image; None without an image."""
-    maps, image = result.observation.maps, result.image
-    if maps is None:
-        return None
-    pixels = maps.points.pixels
-    if not result.heads:
-        return None if image is None else _colours_at(image, pixels, stereo.shape[1], stereo.reduction)
-    parts, start = [np.empty((0, 3), dtype=np.uint8)], 0
-    for head in result.heads:
-        mine = pixels[start : start + head.n_points]
-        if (own := head.image) is not None and head.foreground is not None:
-            width = head.foreground.shape[1]
-            parts.append(_colours_at(own, mine, width, -(-own.shape[1] // width)))
-        start += head.n_points
-    return np.concatenate(parts)
+def point_colours(result: FrameResult) -> U8 | None:
+    """(N, 3) RGB of the maps' points, each from its rig's image; None for recorded maps."""
+    parts = [np.empty((0, 3), dtype=np.uint8)]
+    for rig in result.rigs:
+        if rig is not None:
+            image, width = rig.image, rig.foreground.shape[1]
+            parts.append(_colours_at(image, rig.points.pixels, width, -(-image.shape[1] // width)))
+    return np.concatenate(parts) if result.rigs else None
 
 
 def _colours_at(image: U8, pixels: I32, width: int, reduction: int) -> U8:
@@ -280,7 +271,7 @@ def blueprint(engine: Engine, people: PlanBounds | None = None) -> rrb.Blueprint
     if stereo is None:
         return _single(engine, people)
     image: rrb.Spatial2DView | rrb.Tabs = rrb.Spatial2DView(origin="image", name="image, foreground, people")
-    others = [rrb.Spatial2DView(origin=f"{name}/image", name=name) for name, _ in other_heads(engine)]
+    others = [rrb.Spatial2DView(origin=f"{name}/image", name=name) for name in list(engine.views)[1:]]
     if others:
         image = rrb.Tabs(image, *others, active_tab=0)
     world = rrb.Spatial3DView(
@@ -335,14 +326,6 @@ def _plan_view(name: str, layers: list[str], bounds: PlanBounds) -> rrb.Spatial3
     return rrb.Spatial3DView(
         origin="plan", contents=layers, name=name, eye_controls=_eye(bounds, (0.0, -0.001, 0.9)), line_grid=False,
     )  # fmt: skip
-
-
-def other_heads(engine: Engine) -> list[tuple[str, StereoView]]:
-    """Names, which are their paths in the recording, and views of all heads of a recording but the first."""
-    if not isinstance(engine, HeadsPipeline):
-        return []
-    heads = zip(engine.recording.heads, engine.heads, strict=True)
-    return [(head.name, each.stereo) for head, each in heads][1:]
 
 
 def _eye(bounds: PlanBounds, direction: tuple[float, float, float]) -> rrb.EyeControls3D:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from planview.cli import main
-from planview.engine.factory import open_engine
+from planview.engine.open import open_engine
 from planview.output.folder import PaceInfo, read_run_info
 from planview.output.pace import Pace
 from planview.output.run import RunOptions, run

@@ -13,7 +13,7 @@ from calib.ground_camera import GroundCamera, save_ground_camera
 from planview.cli import main
 from planview.engine.config import Config, load_config
 from planview.engine.engine import FrameResult
-from planview.engine.factory import open_engine
+from planview.engine.open import open_engine
 from planview.output.memory import encode
 from planview.output.replay import changed_memory, difference_text, replay_run
 from planview.output.results import read_results

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from calib.ground_camera import GroundCamera
-from planview.engine.single_camera import SingleCamera, SingleCameraParams
+from planview.engine.config import SingleCameraParams
+from planview.engine.one_camera import OneCamera
 from planview.tracking.base import Observation
 from planview.tracking.ellipse_particle import (
     EllipseParticleParams,
@@ -126,7 +127,7 @@ def test_walker_is_found_in_images():
             image=ImagePlaneParams(person_height_px=30, aspect=0.4), filter=ParticleFilterParams(particles=300)
         )
     )
-    source = SingleCamera(SingleCameraParams(), SHAPE[::-1], tracker.foreground_columns)
+    source = OneCamera(SingleCameraParams(), SHAPE[::-1], tracker.foreground_columns)
     for i in range(60):
         image = scene.copy()
         if i >= 20:
@@ -142,7 +143,7 @@ def test_walker_who_stops_is_not_absorbed_by_the_background():
         image=ImagePlaneParams(person_height_px=30, aspect=0.4), filter=ParticleFilterParams(particles=300)
     )
     tracker = image_ellipse_tracker(params)
-    source = SingleCamera(SingleCameraParams(), SHAPE[::-1], tracker.foreground_columns)
+    source = OneCamera(SingleCameraParams(), SHAPE[::-1], tracker.foreground_columns)
     for i in range(150):
         image = scene.copy()
         if i >= 20:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from planview.engine.single_camera_pipeline import SingleCameraPipeline
+from planview.engine.one_camera import one_camera_engine
 from planview.tracking.base import Observation
 from planview.tracking.ellipse_particle import ImagePlane, ImagePlaneParams, image_ellipse_tracker
 from planview.tracking.ellipse_particle.fit.ellipses import paint_union
@@ -98,7 +98,7 @@ class WalkerVideo:
 
 def test_a_recording_is_looked_at_before_it_is_tracked():
     video = WalkerVideo()
-    engine = SingleCameraPipeline.from_recording(video, image_ellipse_tracker())
+    engine = one_camera_engine(video, image_ellipse_tracker(), overview=True)
     assert video.read == video.n_frames
     assert next(iter(engine)).frame == 0
     assert re.match(r"people are taken for 5[01] px high", engine.tracker.notes[0])

@@ -1,13 +1,13 @@
-"""Maps of several heads that look at one floor: whose surface counts, and how they view a place together.
+"""Maps of several rigs that look at one floor: whose surface counts, and how they view a place together.
 
-One head measures the surface of a body that faces it (Harville's occupancy, Z^2/(fu fv) summed). Two heads that see the
+One rig measures the surface of a body that faces it (Harville's occupancy, Z^2/(fu fv) summed). Two rigs that see the
 same body measure two such surfaces, front and back or twice the front; their sum is no property of the body, and every
 rule about visible surface (how much a head, a person, a part of a person shows) is about one view. What is counted is
-therefore the surface that the best of the views shows, shared out among the heads by what each shows:
+therefore the surface that the best of the views shows, shared out among the rigs by what each shows:
 
     O(c) = sum_k a_k(c) O_k(c),   a_k(c) = max_j S_j(c) / sum_j S_j(c)
 
-with O_k the occupancy of head k and S_k its sum over a body's surroundings of the cell. Where one head sees a place the
+with O_k the occupancy of rig k and S_k its sum over a body's surroundings of the cell. Where one rig sees a place the
 factor is 1, and nothing changes when a body walks into or out of the other's view, or is hidden from it (ours).
 """
 
@@ -32,67 +32,67 @@ from planview.maps.builder import (
 from planview.maps.grid import Grid
 
 BODY_M = 0.8
-"""Side of the square in which the heads' shares of a body are compared [m]: 2 W_avg, a template."""
+"""Side of the square in which the rigs' shares of a body are compared [m]: 2 W_avg, a template."""
 WAIST_M = 1.0
-"""A head that has this height of a place in its image counts as viewing it [m]."""
+"""A rig that has this height of a place in its image counts as viewing it [m]."""
 
 
 @dataclass(frozen=True, eq=False)
-class HeadsViewpoint:
+class MultiRigViewpoint:
     """Several cameras above one floor: a ``Viewpoint``.
 
     Attributes:
-        heads: of each camera.
+        rigs: of each camera.
         grid: of the shares.
-        shares: (K, n_rows, n_cols) float32, what each head shows of the surface around a cell; they sum to 1, or are
+        shares: (K, n_rows, n_cols) float32, what each rig shows of the surface around a cell; they sum to 1, or are
             all zero where no surface is.
     """
 
-    heads: tuple[CameraViewpoint, ...]
+    rigs: tuple[CameraViewpoint, ...]
     grid: Grid
     shares: F32
 
     def sees(self, x_m: float, y_m: float, z_m: float) -> bool:
         """Whether a world point lies in an image."""
-        return any(head.sees(x_m, y_m, z_m) for head in self.heads)
+        return any(rig.sees(x_m, y_m, z_m) for rig in self.rigs)
 
     def footprint(
         self, x_m: float, y_m: float, radius_m: float, sigmas: float = 2.0
     ) -> tuple[float, float, tuple[float, float]]:
-        """The ellipse around the ellipses of all heads that view the place, along the longest (see ``Viewpoint``)."""
-        viewing = [head for head in self.heads if head.sees(x_m, y_m, WAIST_M)] or list(self.heads)
-        ellipses = [head.footprint(x_m, y_m, radius_m, sigmas) for head in viewing]
+        """The ellipse around the ellipses of all rigs that view the place, along the longest (see ``Viewpoint``)."""
+        viewing = [rig for rig in self.rigs if rig.sees(x_m, y_m, WAIST_M)] or list(self.rigs)
+        ellipses = [rig.footprint(x_m, y_m, radius_m, sigmas) for rig in viewing]
         _, along, ray = max(ellipses, key=lambda ellipse: ellipse[1])
         return max(_reach(ellipse, (-ray[1], ray[0])) for ellipse in ellipses), along, ray
 
     def viewing(self, people_m: F64) -> tuple[F64, F64]:
-        """Mean direction away from the heads and mean depression, weighted by what each head shows of a person.
+        """Mean direction away from the rigs and mean depression, weighted by what each rig shows of a person.
 
         A camera shows the near side of a body: the centroid of what several show lies in front of the axis by the mean
-        of their single offsets, which nearly vanishes between two opposite heads (see ``Viewpoint``).
+        of their single offsets, which nearly vanishes between two opposite rigs (see ``Viewpoint``).
         """
         weights = self._weights(people_m)
-        each = [head.viewing(people_m) for head in self.heads]
+        each = [rig.viewing(people_m) for rig in self.rigs]
         depression = sum(w * d for w, (_, d) in zip(weights, each, strict=True))
         offset = sum((w * np.cos(d))[:, None] * away for w, (away, d) in zip(weights, each, strict=True))
         return np.asarray(offset / np.cos(depression)[:, None]), np.asarray(depression)
 
     def _weights(self, people_m: F64) -> F64:
-        """(K heads, N) shares at places; the nearest cell of the grid's edge outside, equal where no surface is."""
+        """(K rigs, N) shares at places; the nearest cell of the grid's edge outside, equal where no surface is."""
         g = self.grid
         cols = np.clip((people_m[:, 0] - g.x_min_m) // g.cell_m, 0, g.n_cols - 1).astype(int)
         rows = np.clip((people_m[:, 1] - g.y_min_m) // g.cell_m, 0, g.n_rows - 1).astype(int)
         weights = self.shares[:, rows, cols].astype(np.float64)
         total = weights.sum(axis=0)
-        return np.where(total > 0, weights / np.where(total > 0, total, 1.0), 1.0 / len(self.heads))
+        return np.where(total > 0, weights / np.where(total > 0, total, 1.0), 1.0 / len(self.rigs))
 
 
-class HeadsMapBuilder:
-    """One set of maps from the foreground points of several heads.
+class MultiRigMapBuilder:
+    """One set of maps from the foreground points of several rigs.
 
     Args:
-        grids: of the heads' own maps, with cells of one size; the joint grid covers them all.
-        views: of the heads.
+        grids: of the rigs' own maps, with cells of one size; the joint grid covers them all.
+        views: of the rigs.
         params: of the maps.
     Raises:
         ValueError: the floor covered together is larger than a grid may be.
@@ -113,13 +113,13 @@ class HeadsMapBuilder:
         """The maps of one moment.
 
         Args:
-            points: of each head in the common world, None of a head without a frame. Pixels of the result are those of
-                the heads, one head after the other.
+            points: of each rig in the common world, None of a rig without a frame. Pixels of the result are those of
+                the rigs, one rig after the other.
         """
         present = [p if p is not None else _nothing() for p in points]
         shares, factor = self._shares(present)
         joint = self._joined(present, factor)
-        return maps_of(joint, self._raster, HeadsViewpoint(self._views, self.grid, shares))
+        return maps_of(joint, self._raster, MultiRigViewpoint(self._views, self.grid, shares))
 
     def _shares(self, points: Sequence[FloorPoints]) -> tuple[F32, F32]:
         """Shares (K, n_rows, n_cols) of the surface around every cell, and the factor max S / sum S (0 without S)."""
@@ -144,7 +144,7 @@ class HeadsMapBuilder:
 
 
 def concatenated(points: Sequence[FloorPoints]) -> FloorPoints:
-    """The points of several heads one after the other; colours only when all that have points have them."""
+    """The points of several rigs one after the other; colours only when all that have points have them."""
     coloured = all(p.colours is not None or not len(p.xyz) for p in points)
     colours = [p.colours for p in points if p.colours is not None]
     return FloorPoints(

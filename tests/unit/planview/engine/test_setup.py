@@ -3,7 +3,7 @@ import pytest
 
 from calib.errors import InputError
 from calib.types import F32
-from planview.engine.front_end import refuse_foreign_disparity
+from planview.engine.setup import refuse_foreign_disparity
 from stereo.matcher import DisparityRange
 
 SHAPE, SEARCHED = (48, 64), DisparityRange(0, 64)

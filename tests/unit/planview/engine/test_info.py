@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.ground_camera import GroundCamera
-from planview.engine.describe import ground_camera_info
+from planview.engine.info import ground_camera_info
 
 
 def test_view_with_the_horizon_in_the_image_reaches_far_in_its_directions() -> None:

@@ -1,40 +1,35 @@
-"""From names on the command line to an engine with a tracker."""
+"""A recording opened with the tracker asked for."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, cast, get_args
+from typing import Literal, cast, get_args
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera
 from planview.engine.config import Config
 from planview.engine.engine import Engine
-from planview.engine.pipeline import Pipeline
-from planview.engine.single_camera_pipeline import SingleCameraPipeline
+from planview.engine.one_camera import one_camera_engine
+from planview.engine.replay import recorded_config, replay_engine
+from planview.engine.stereo import multi_rig_engine, stereo_engine
 from planview.maps.recording import MapsRecording, is_maps
 from planview.tracking.base import ImageTracker, Tracker
 from planview.tracking.harville import HarvilleTracker
 from planview.tracking.template import TemplateTracker
 from stereo.matcher import Matcher
-from stereo.readers import OpenOptions, holds_pair, open_video
-from stereo.readers.open import is_heads
+from stereo.readers import OpenOptions, holds_pair, open_any, open_video
+from stereo.readers.multi_rig import open_rigs
+from stereo.readers.open import is_multi_rig
 from stereo.recording import Video
-
-if TYPE_CHECKING:
-    from planview.engine.heads import HeadsPipeline
-    from planview.engine.maps_pipeline import MapsPipeline
 
 TrackerName = Literal["template", "harville", "human-model", "ellipse-particle"]
 FloorTrackerName = Literal["template", "harville", "ellipse-particle"]
 ImageTrackerName = Literal["human-model", "ellipse-particle"]
 AnyTracker = TrackerName | Tracker
-FloorMaker = Callable[[Config], Tracker]
 
 
 def open_engine(
-    path: Path,
+    path: Path | str,
     tracker: AnyTracker = "template",
     config: Config | None = None,
     camera: Path | None = None,
@@ -57,45 +52,41 @@ def open_engine(
         InputError: a recording, camera or calibration that is missing or does not fit.
         WorkError: no floor is visible.
     """
+    path = Path(path)
     if isinstance(tracker, str) and tracker not in get_args(TrackerName):
         raise InputError(f"--tracker: expected one of {', '.join(get_args(TrackerName))}, found {tracker!r}")
     options = options or OpenOptions()
-    if matcher is not None and (is_maps(path) or is_heads(path) or not is_stereo(path, options.calibration)):
+    if matcher is not None and (is_maps(path) or is_multi_rig(path) or not is_stereo(path, options.calibration)):
         raise InputError(f"{path}: expected a recording of one stereo pair for a matcher of your own")
-    on_floor, foreign = _floor_maker(tracker), camera or options.calibration
+    foreign = camera or options.calibration
     if is_maps(path):
-        return _open_maps(path, _required(on_floor, path, tracker), config, foreign)
+        if foreign is not None:
+            raise InputError(f"{foreign}: expected no calibration beside plan-view maps, which hold their own")
+        recording = MapsRecording(path)
+        config = config or recorded_config(recording)
+        return replay_engine(recording, _map_tracker(tracker, config, path), config)
     config = config or Config()
-    if is_heads(path):
-        return _open_heads(path, _required(on_floor, path, tracker), config, foreign)
-    takes_images = tracker == "ellipse-particle" or hasattr(tracker, "foreground_columns")
-    if on_floor and (not takes_images or is_stereo(path, options.calibration)):
-        return Pipeline.from_recording(path, config, options, on_floor(config), matcher)
+    if is_multi_rig(path):
+        if foreign is not None:
+            raise InputError(f"{foreign}: expected the calibration of every head in its own folder")
+        return multi_rig_engine(open_rigs(path), config, _map_tracker(tracker, config, path))
+    takes_images = tracker in get_args(ImageTrackerName) or hasattr(tracker, "foreground_columns")
+    if not takes_images or (tracker != "human-model" and is_stereo(path, options.calibration)):
+        return stereo_engine(open_any(path, options), config, _map_tracker(tracker, config, path), matcher)
     video = open_video(path, options)
     ground_camera = _camera_for(video, camera) if camera else None
-    tracker = _image_tracker(tracker, config, ground_camera)
-    return SingleCameraPipeline.from_recording(video, tracker, config, ground_camera)
-
-
-def _floor_maker(tracker: AnyTracker) -> FloorMaker | None:
-    """What makes the tracker of plan-view maps; None for one that takes images only."""
     if isinstance(tracker, str):
-        return None if tracker == "human-model" else partial(floor_tracker, tracker)
-    return lambda config: tracker
+        tracker = image_tracker(cast(ImageTrackerName, tracker), config, ground_camera)
+    return one_camera_engine(video, cast(ImageTracker, tracker), config, ground_camera, overview=True)
 
 
-def _required(make: FloorMaker | None, path: Path, tracker: AnyTracker) -> FloorMaker:
-    if make is None:
+def _map_tracker(tracker: AnyTracker, config: Config, path: Path) -> Tracker:
+    """A tracker of plan-view maps by its name, or one's own."""
+    if tracker == "human-model":
         raise InputError(
             f"{path}: expected a tracker of plan-view maps (template, harville, ellipse-particle), found {tracker}"
         )
-    return make
-
-
-def _image_tracker(tracker: AnyTracker, config: Config, camera: GroundCamera | None) -> ImageTracker:
-    if not isinstance(tracker, str):
-        return cast(ImageTracker, tracker)
-    return image_tracker(cast(ImageTrackerName, tracker), config, camera)
+    return floor_tracker(tracker, config) if isinstance(tracker, str) else tracker
 
 
 def is_stereo(path: Path, calibration: Path | None = None) -> bool:
@@ -111,27 +102,7 @@ def base_config(path: Path) -> Config:
     """
     if not is_maps(path):
         return Config()
-    from planview.engine.maps_pipeline import recorded_config
-
     return recorded_config(MapsRecording(path))
-
-
-def _open_maps(path: Path, make: FloorMaker, config: Config | None, foreign: Path | None) -> MapsPipeline:
-    if foreign is not None:
-        raise InputError(f"{foreign}: expected no calibration beside plan-view maps, which hold their own")
-    from planview.engine.maps_pipeline import MapsPipeline, recorded_config
-
-    recording = MapsRecording(path)
-    config = config or recorded_config(recording)
-    return MapsPipeline(recording, make(config), config)
-
-
-def _open_heads(path: Path, make: FloorMaker, config: Config, foreign: Path | None) -> HeadsPipeline:
-    if foreign is not None:
-        raise InputError(f"{foreign}: expected the calibration of every head in its own folder")
-    from planview.engine.heads import HeadsPipeline
-
-    return HeadsPipeline.from_recording(path, make(config), config)
 
 
 def floor_tracker(tracker: FloorTrackerName, config: Config) -> Tracker:

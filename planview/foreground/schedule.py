@@ -18,7 +18,7 @@ MAX_STEP_S = 1.0
 """A gap in time counts as at most this much learning [s]: what happened in it was not observed."""
 
 
-class Turns:
+class UpdateSchedule:
     """Whose turn it is to learn, and how much: blocks take turns, so that every pixel learns every TURN_S seconds."""
 
     def __init__(self, params: ForegroundParams) -> None:

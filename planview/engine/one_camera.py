@@ -1,63 +1,62 @@
-"""One camera without depth: frames to observations (foreground and motion)."""
+"""One camera without depth to people: separate foreground and motion, track."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Protocol, runtime_checkable
 
 import cv2
 import numpy as np
-from pydantic import Field
 
 from calib.errors import InputError
+from calib.ground_camera import GroundCamera
 from calib.images import as_grey
-from calib.params import Params
 from calib.types import U8
 from planview.checks.camera import Steadiness, Steady
 from planview.checks.check import Check
+from planview.engine.config import Config, SingleCameraParams
+from planview.engine.engine import Engine, FrameResult, StageClock
 from planview.foreground.blobs import find_blobs
-from planview.foreground.ghosts import GhostParams, find_ghosts, find_still, find_uncovered, moved_lately
+from planview.foreground.ghosts import find_ghosts, find_still, find_uncovered, moved_lately
 from planview.foreground.masks import BACKGROUND, PERSON, WALKER
 from planview.foreground.mixture import Foreground
-from planview.foreground.params import ForegroundParams
-from planview.tracking.base import Observation
-from stereo.recording import VideoFrame
+from planview.maps.view import StereoView
+from planview.tracking.base import ImageTracker, Observation
+from stereo.recording import Video, VideoFrame
+
+OVERVIEW_HZ = 10.0
+"""Frames per second of a recording that are looked at before it is tracked: walkers then overlap themselves from frame
+to frame, and a minute of video takes two or three seconds, a third to two thirds of tracking it. Our choice."""
 
 
-class SingleCameraParams(Params):
-    """Foreground and motion of one camera (Zhang et al. 2008, section 2)."""
+class OneCamera:
+    """Separates the foreground and the motion of one camera, and lets a tracker follow people: a ``FrontEnd``.
 
-    foreground: ForegroundParams = Field(
-        default=ForegroundParams.model_validate(
-            {"remove_colour_shadows": True, "shadow_ratio": 0.5, "luma_noise": 3.0, "chroma_noise": 1.8}
-        )
-    )
-    """The mixture model, here without depth: shadows are removed by their colour, at most twice as dark as the ground
-    (as OpenCV's MOG2 has it), since dark clothes are like deeper shadows. The least noise is that of the sensor alone:
-    where colours are all there is, clothes like the wall behind must be told from it, and noise above is learned."""
-    ghosts: GhostParams = GhostParams()
-    """Foreground without a person: where a person of the first frames, learned as background, has left."""
-    motion_level: float = Field(default=10.0, gt=0, le=255)
-    """Change of luma, averaged over 3x3 pixels, between two frames that is motion (levels of 255). Our choice: 8-bit
-    video has a noise of 3 to 4 levels, 1.3 in the average and 1.9 between two frames; five times that."""
-    motion_interval_s: float = Field(default=0.12, gt=0, le=2)
-    """Time between the two frames compared [s]; at least one frame. Our choice: a hand at 0.2 m/s moves 2.4 cm in it,
-    about a pixel, whatever the frame rate."""
+    Attributes:
+        ahead, camera, size, views: see ``FrontEnd``.
+    """
 
+    ahead = 0
+    views: Mapping[str, StereoView] = {}
 
-class SingleCamera:
-    """Turns the frames of one camera into observations; ``observe`` once per frame, in order."""
-
-    def __init__(self, params: SingleCameraParams, size: tuple[int, int], columns: int | None = None) -> None:
+    def __init__(
+        self,
+        params: SingleCameraParams,
+        size: tuple[int, int],
+        columns: int | None = None,
+        camera: GroundCamera | None = None,
+    ) -> None:
         """Start without a background.
 
         Args:
             size: (width, height) of all frames [px].
             columns: foreground and motion of so many columns are enough; wider frames are reduced by the smallest
                 whole factor that does it, and averaged pixels are less noisy. None: those of the frames.
+            camera: calibration above the floor, None where the tracker needs none.
         """
-        self.params = params
-        self.size = size
+        self.params, self.size, self.camera = params, size, camera
         factor = 1 if columns is None else -(-size[0] // columns)
         self._reduced = max(1, size[0] // factor), max(1, size[1] // factor)
         shape = self._reduced[::-1]
@@ -80,9 +79,29 @@ class SingleCamera:
         self._moved_s[:] = 0.0
         self._searched_s, self._first_s = -math.inf, math.nan
 
+    @property
     def checks(self) -> list[Check]:
         """Whether the camera stands still and shows one scene, from the frames so far."""
         return self._steadiness.checks()
+
+    def memory(self) -> dict[str, object]:
+        """See ``FrontEnd``."""
+        return {"one camera": self}
+
+    def prepare(self, frame: VideoFrame, clock: StageClock) -> None:
+        """See ``FrontEnd``."""
+
+    def track(self, frame: VideoFrame, prepared: None, tracker: ImageTracker, clock: StageClock) -> FrameResult:
+        """See ``FrontEnd``.
+
+        Raises:
+            InputError: a frame of another size.
+        """
+        observation = self.observe(frame, tracker.feedback())
+        clock.record("foreground")
+        tracks = tracker.update(observation)
+        clock.record("track")
+        return FrameResult(frame.index, frame.timestamp_s, tracks, tracker.decisions, observation, clock.stages_ms)
 
     def observe(self, frame: VideoFrame, feedback: U8 | None = None) -> Observation:
         """Foreground and motion of one frame; none while the camera moves and when the scene is cut.
@@ -164,3 +183,41 @@ class SingleCamera:
         self._past.append((now_s, smooth))
         _, motion = cv2.threshold(cv2.absdiff(smooth, before), self.params.motion_level, 255, cv2.THRESH_BINARY)
         return np.asarray(motion, dtype=np.uint8)
+
+
+@runtime_checkable
+class LearnsFirst(Protocol):
+    """A tracker that learns from a recording before its first frame is tracked."""
+
+    def study(self, observations: Iterable[Observation]) -> None:
+        """Take as many observations as are of use, in order; what is learned survives ``reset``."""
+
+
+def one_camera_engine(
+    recording: Video,
+    tracker: ImageTracker,
+    config: Config | None = None,
+    camera: GroundCamera | None = None,
+    overview: bool = False,
+) -> Engine:
+    """An engine for a video.
+
+    Args:
+        camera: calibration above the floor, None where the tracker needs none.
+        overview: a tracker that can learn from the beginning of the recording sees it first; otherwise it learns
+            everything while it tracks, as from a camera that runs.
+    """
+    config = config or Config()
+    front_end = OneCamera(config.single_camera, recording.size, tracker.foreground_columns, camera)
+    if overview and isinstance(tracker, LearnsFirst):
+        tracker.study(_overview(recording, front_end))
+        front_end.reset()
+    return Engine(recording, front_end, tracker, config)
+
+
+def _overview(recording: Video, front_end: OneCamera) -> Iterator[Observation]:
+    """Observations of the recording at about ``OVERVIEW_HZ``, without anybody tracked."""
+    step = max(1, round(recording.fps / OVERVIEW_HZ))
+    for frame in recording:
+        if frame.index % step == 0:
+            yield front_end.observe(frame)

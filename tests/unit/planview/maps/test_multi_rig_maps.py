@@ -9,7 +9,7 @@ from calib.pose import SE3
 from calib.types import F64
 from planview.maps.builder import CameraViewpoint, FloorPoints, MapParams
 from planview.maps.grid import Grid
-from planview.maps.heads import HeadsMapBuilder, HeadsViewpoint
+from planview.maps.multi_rig import MultiRigMapBuilder, MultiRigViewpoint
 from stereo.depth import RectifiedGeometry
 
 GRID = Grid(-2.0, -2.0, 0.04, 100, 100)
@@ -40,8 +40,8 @@ def side(x: float, y: float) -> FloorPoints:
     return points(np.column_stack([np.linspace(x - 0.2, x + 0.2, 400), np.full(400, y)]))
 
 
-def build(*heads: FloorPoints | None, views: tuple[CameraViewpoint, ...] = (SOUTH, NORTH)) -> HeadsMapBuilder:
-    return HeadsMapBuilder([GRID] * len(heads), views, PARAMS)
+def build(*heads: FloorPoints | None, views: tuple[CameraViewpoint, ...] = (SOUTH, NORTH)) -> MultiRigMapBuilder:
+    return MultiRigMapBuilder([GRID] * len(heads), views, PARAMS)
 
 
 def test_surface_of_one_head_counts_whole() -> None:
@@ -82,7 +82,7 @@ def test_heights_are_the_highest_of_all_heads() -> None:
 
 def test_offsets_of_opposite_heads_cancel() -> None:
     shares = np.full((2, *GRID.shape), 0.5, dtype=np.float32)
-    view = HeadsViewpoint((SOUTH, NORTH), GRID, shares)
+    view = MultiRigViewpoint((SOUTH, NORTH), GRID, shares)
     away, depression = view.viewing(np.array([[0.0, 0.0]]))
     assert away == pytest.approx(np.zeros((1, 2)), abs=1e-9)
     assert depression == pytest.approx([0.0])
@@ -91,12 +91,12 @@ def test_offsets_of_opposite_heads_cancel() -> None:
 def test_offset_is_that_of_the_head_that_shows_a_person() -> None:
     shares = np.zeros((2, *GRID.shape), dtype=np.float32)
     shares[1] = 1.0
-    view = HeadsViewpoint((SOUTH, NORTH), GRID, shares)
+    view = MultiRigViewpoint((SOUTH, NORTH), GRID, shares)
     np.testing.assert_allclose(view.viewing(np.array([[0.3, 0.5]]))[0], NORTH.viewing(np.array([[0.3, 0.5]]))[0])
 
 
 def test_footprint_covers_the_noise_along_both_rays() -> None:
-    view = HeadsViewpoint((SOUTH, WEST), GRID, np.zeros((2, *GRID.shape), dtype=np.float32))
+    view = MultiRigViewpoint((SOUTH, WEST), GRID, np.zeros((2, *GRID.shape), dtype=np.float32))
     single = SOUTH.footprint(0.0, 0.0, 0.1)
     across, along, _ = view.footprint(0.0, 0.0, 0.1)
     assert single[1] > 1.5 * single[0]
@@ -104,7 +104,7 @@ def test_footprint_covers_the_noise_along_both_rays() -> None:
 
 
 def test_a_place_is_in_view_when_one_head_sees_it() -> None:
-    view = HeadsViewpoint((SOUTH, NORTH), GRID, np.zeros((2, *GRID.shape), dtype=np.float32))
+    view = MultiRigViewpoint((SOUTH, NORTH), GRID, np.zeros((2, *GRID.shape), dtype=np.float32))
     assert view.sees(0.0, -2.0, 1.6)
     assert view.sees(0.0, 2.5, 1.6)
     assert not view.sees(5.0, 0.0, 1.6)
