@@ -18,8 +18,8 @@ from planview.maps.view import StereoView
 from planview.tracking.base import Decision, Observation, Tracker
 from planview.trajectories.state import TrackState
 from stereo.depth import StereoFloorCamera
+from stereo.matcher import SampledDisparity
 from stereo.recording import Skipped
-from stereo.sampled_sgm import SampledDisparity
 
 AnyFrame = TypeVar("AnyFrame")
 

@@ -9,8 +9,8 @@ from typing import NamedTuple
 from calib.types import F32, U8
 from planview.checks.motion import Thumbnails
 from planview.maps.builder import FloorPoints
+from stereo.matcher import SampledDisparity
 from stereo.rectify import PartialPair
-from stereo.sampled_sgm import SampledDisparity
 
 Picture = Callable[[], U8]
 """Makes a picture when it is asked for, which is seldom."""

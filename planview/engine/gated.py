@@ -17,10 +17,17 @@ from planview.engine._gate_kernels import forgive_known, remember_known
 from planview.foreground.mixture import Foreground
 from planview.trajectories.state import TrackState
 from stereo.gating import SAMPLE, Gate, MatchingParams, Window
-from stereo.matcher import DisparityRange, RangeParams, WindowMatcher, disparity_range, farthest_head_m, right_of
+from stereo.matcher import (
+    DisparityRange,
+    RangeParams,
+    SampledDisparity,
+    SgbmMatcher,
+    disparity_range,
+    farthest_head_m,
+    right_of,
+)
 from stereo.recording import StereoFrame
 from stereo.rectify import PartialPair, Rectifier
-from stereo.sampled_sgm import SampledDisparity
 
 SAME_LEVELS = 12
 """Largest difference of a channel between two images of the same surface in the same light [levels of 255]: three
@@ -81,7 +88,7 @@ class GatedMatching:
     def __init__(
         self,
         rectifier: Rectifier,
-        matcher: WindowMatcher,
+        matcher: SgbmMatcher,
         floor: Floor,
         range_params: RangeParams,
         matching: MatchingParams,

@@ -28,12 +28,11 @@ from planview.maps.view import StereoView
 from planview.tracking.base import Observation, Tracker
 from planview.tracking.template import TemplateTracker
 from planview.trajectories.state import TrackState
-from stereo.matcher import Matcher
+from stereo.matcher import Matcher, SampledDisparity
 from stereo.readers import OpenOptions, open_any
 from stereo.readers.background import prefetch
 from stereo.recording import Recording, RgbdFrame, RgbdRecording, StereoFrame
 from stereo.rectify import RectifiedPair
-from stereo.sampled_sgm import SampledDisparity
 
 AHEAD = 2
 """Frames read and rectified ahead of the tracker."""

@@ -25,7 +25,6 @@ from stereo.recording import Recording, RgbdRecording, StereoFrame
 from stereo.rectify import Rectifier, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
 from stereo.row_offset import VerticalFit, VerticalParams, match_corners
-from stereo.sampled_sgm import SampledMatcher
 
 ORDER_FRAMES = 4
 """Setup frames in which left and right are told apart (our choice)."""
@@ -78,13 +77,12 @@ class Setup:
 
     def gated(self, config: Config, shape: tuple[int, int], reduction: int) -> GatedMatching:
         """Matching where something may have changed; ``shape`` and ``reduction`` are those of the foreground."""
-        geometry, masks = self.rectifier.geometry, (self.rectifier.mask, self.rectifier.right_mask)
-        matcher = self._sgbm(config) if reduction == 1 else SampledMatcher(geometry, config.sgbm, reduction, *masks)
+        matcher = self._sgbm(config, reduction)
         return GatedMatching(self.rectifier, matcher, self.floor, config.range, config.matching, shape)
 
-    def _sgbm(self, config: Config) -> SgbmMatcher:
+    def _sgbm(self, config: Config, step: int = 1) -> SgbmMatcher:
         masks = self.rectifier.mask, self.rectifier.right_mask
-        return SgbmMatcher(self.rectifier.geometry, config.sgbm, self.disparities, *masks)
+        return SgbmMatcher(self.rectifier.geometry, config.sgbm, self.disparities, *masks, step)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from stereo.gating import TILE, Gate, MatchingParams, MatchingWork, Window
 
 SIZE = (320, 240)
 SAMPLES = (120, 160)
-WORK = MatchingWork(20, 0, 33, 60_000)
+WORK = MatchingWork(20, 33, 60_000)
 NOTHING = np.zeros(SAMPLES, np.uint8)
 
 
@@ -83,7 +83,7 @@ def test_whole_image_is_cut_into_bands_where_far_rows_need_fewer_disparities() -
     def searched(window: Window) -> int:
         return 16 if window.bottom <= 240 else 80
 
-    cheap = MatchingWork(12, 12, 20, 25_000)
+    cheap = MatchingWork(12, 20, 25_000)
     whole = Gate((640, 480), 2, MatchingParams(), cheap, searched).whole
     assert len(whole) > 1
     assert [(w.left, w.right) for w in whole] == [(0, 640)] * len(whole)
