@@ -64,11 +64,12 @@ class MapsPipeline(StereoDescription):
         _refuse_fixed(recording.path, recorded, c)
         view = recording.view
         pose = view.floor.world_SE3_left
-        if MapBuilder(view.geometry, pose, recorded.maps, view.reduction).grid != view.grid:
-            raise InputError(
-                f"{recording.path}: expected the grid of the rig and floor in the file, found one of another rig"
-            )
-        self._maps = MapBuilder(view.geometry, pose, c.maps, view.reduction)
+        try:
+            if MapBuilder(view.geometry, pose, recorded.maps, view.reduction).grid != view.grid:
+                raise ValueError("expected the grid of the rig and floor in the file, found one of another rig")
+            self._maps = MapBuilder(view.geometry, pose, c.maps, view.reduction)
+        except ValueError as error:
+            raise InputError(f"{recording.path}: {error}") from error
         self.stereo = replace(view, grid=self._maps.grid)
         self._boxes = BodyBoxes(view.geometry, pose)
         self._background = KeptBackground()

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from calib.errors import InputError
 from calib.types import U8
 from planview.checks.check import Check
 from planview.checks.motion import STEP_PX, sampled_thumbnails, thumbnails
@@ -68,7 +69,10 @@ class Pipeline(StereoDescription):
         self.front_end: FrontEnd = setup.front_end(c, matcher)
         geometry, floor = self.front_end.geometry, setup.floor
         reduction = -(-geometry.width // c.analysis.width_px)
-        self.maps = MapBuilder(geometry, floor.world_SE3_left, c.maps, reduction)
+        try:
+            self.maps = MapBuilder(geometry, floor.world_SE3_left, c.maps, reduction)
+        except ValueError as error:
+            raise InputError(f"{recording.path} (floor: {setup.floor_source}): {error}") from error
         self.foreground = Foreground(c.foreground, self.maps.shape, geometry.disparity_std_per_px2, reduction)
         self.feedback = Feedback(c.feedback)
         self.tracker = tracker or TemplateTracker(c.template)

@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.camera import Camera
 from calib.errors import InputError
-from calib.formats import load_rig
+from calib.formats import load_rig, refuse_strange_camera
 from calib.formats.base import camera as camera_of
 from calib.formats.rgbd import load_rgbd
 from calib.formats.ros import camera_from
@@ -52,6 +52,8 @@ def rig_of(bag: Bag, topics: tuple[str, str], size: tuple[int, int]) -> StereoRi
         else:
             (left, rect_SE3_left), (right, rect_SE3_right) = (camera_from(fields, name) for name, fields, _ in found)
             pose = rect_SE3_right.inverse() @ rect_SE3_left
+        for camera, name in ((left, "left"), (right, "right")):
+            refuse_strange_camera(camera, name)
     except ValueError as error:
         raise InputError(f"{bag.path}: {error}: --calibration FILE gives another") from error
     if np.linalg.norm(pose.translation) == 0:
@@ -301,7 +303,9 @@ def _fitted_rgbd(rig: RgbdRig, bag: Bag, sizes: tuple[Size, Size]) -> RgbdRig:
 
 def _camera_of_topic(fields: dict[str, object], topic: str) -> Camera:
     try:
-        return rectified_camera(fields, topic)[0] if is_rectified(topic) else camera_from(fields, topic)[0]
+        camera = rectified_camera(fields, topic)[0] if is_rectified(topic) else camera_from(fields, topic)[0]
+        refuse_strange_camera(camera, "topic's")
+        return camera
     except ValueError as error:
         raise InputError(f"{topic}: {error}: --calibration FILE gives another") from error
 
@@ -356,10 +360,11 @@ def _stereo_rig(bag: Bag, topics: tuple[str, str], calibration: Path | None, siz
 def stamps_of(topics: tuple[TopicImages, TopicImages]) -> tuple[tuple[I64, I64], tuple[str, ...]]:
     """When the images were taken by their headers; when they were recorded, where the headers hold no times."""
     stamped = all(topic.stamp_ns.any() and (len(topic.stamp_ns) < 2 or np.ptp(topic.stamp_ns)) for topic in topics)
+    notes = topics[0].notes + topics[1].notes
     if stamped:
-        return (topics[0].stamp_ns, topics[1].stamp_ns), ()
+        return (topics[0].stamp_ns, topics[1].stamp_ns), notes
     note = "headers hold no times: the times of recording are taken"
-    return (topics[0].log_ns, topics[1].log_ns), (note,)
+    return (topics[0].log_ns, topics[1].log_ns), (note, *notes)
 
 
 def folder_of(path: Path) -> Path:

@@ -7,13 +7,18 @@ import json
 import re
 import struct
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, Literal, Protocol
 
+import yaml
+
 from calib.errors import InputError
+from calib.io import read_text
 from stereo.readers.bags.messages import stamp_ns
 
 Kind = Literal["image", "compressed", "info", "tf", "other"]
@@ -125,6 +130,7 @@ def error_text(error: Exception) -> str:
 
 MAX_UNPACKED_BYTES = 1 << 28
 """Chunks and messages that unpack to more are damage, or made to fill the memory (recorders write some megabytes)."""
+_ZSTD = b"\x28\xb5\x2f\xfd"
 _TOO_LARGE = f"compressed data of more than {MAX_UNPACKED_BYTES >> 20} MB"
 
 
@@ -140,6 +146,8 @@ class RosBag:
         self._ros1 = ros1
         self._reader = require("rosbags.rosbag1" if ros1 else "rosbags.rosbag2", path).Reader
         try:
+            if not ros1:
+                _refuse_expanding(path)
             with self._reader(path) as reader:
                 self.topics = sorted_topics(
                     [Topic(c.topic, c.msgtype, kind_of(c.msgtype), c.msgcount) for c in reader.connections]
@@ -167,19 +175,47 @@ def _as_it_is(data: bytes) -> bytes:
     return data
 
 
+def _refuse_expanding(path: Path) -> None:
+    """Refuse a folder whose metadata or compressed files stand for more than they hold.
+
+    Raises:
+        ValueError: references in the metadata, which can nest without end, or files that unpack to a hundred times
+            their size.
+    """
+    metadata = read_text(path / "metadata.yaml", "the metadata of a bag") if path.is_dir() else ""
+    for token in yaml.scan(metadata, getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
+        text = token.value if isinstance(token, yaml.ScalarToken) else ""  # profiles are YAML in YAML
+        if isinstance(token, yaml.AliasToken) or re.search(r"\*\w|<<", text):
+            raise ValueError("references in its metadata")
+    for file in path.iterdir() if path.is_dir() else ():
+        with file.open("rb") if file.is_file() else nullcontext(BytesIO()) as content:
+            if content.read(4) != _ZSTD:
+                continue
+            content.seek(0)
+            left = 100 * file.stat().st_size + MAX_UNPACKED_BYTES
+            library = import_module("zstandard")
+            with library.ZstdDecompressor().stream_reader(content, read_across_frames=True) as unpacked:
+                while part := len(unpacked.read(1 << 20)):
+                    left -= part
+                    if left < 0:
+                        raise ValueError("compressed data of more than a hundred times its size")
+
+
 def _bound_chunks(reader: Any) -> Callable[[bytes], bytes]:
     """Have a reader of a ROS 1 bag unpack no more of a chunk than ``MAX_UNPACKED_BYTES``."""
+    lz4 = import_module("lz4.frame")
 
-    def unpack(data: bytes) -> bytes:
-        stream = bz2.BZ2Decompressor()
-        unpacked = stream.decompress(data, MAX_UNPACKED_BYTES)
+    def unpack(make: Callable[[], Any], data: bytes) -> bytes:
+        stream = make()
+        unpacked: bytes = stream.decompress(data, MAX_UNPACKED_BYTES)
         if not stream.eof:
             raise ValueError(_TOO_LARGE)
         return unpacked
 
     for place, chunk in reader.chunks.items():
-        if chunk.decompressor is bz2.decompress:
-            reader.chunks[place] = chunk._replace(decompressor=unpack)
+        for whole, make in ((bz2.decompress, bz2.BZ2Decompressor), (lz4.decompress, lz4.LZ4FrameDecompressor)):
+            if chunk.decompressor is whole:
+                reader.chunks[place] = chunk._replace(decompressor=partial(unpack, make))
     return _as_it_is
 
 

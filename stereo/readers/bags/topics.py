@@ -159,6 +159,8 @@ def _listed(topics: Sequence[Topic]) -> str:
     return names + (f" and {len(topics) - 8} more" if len(topics) > 8 else "")
 
 
+MAX_NS = 2**62
+"""Times beyond the year 2116 are no clock's."""
 AHEAD = 64
 """Messages that are read past rather than looked up anew (our choice)."""
 
@@ -168,22 +170,31 @@ class TopicImages:
 
     Attributes:
         log_ns, stamp_ns: (n,) int64 [ns], when each was recorded and when its header says it was taken.
+        notes: of damage that ends the topic.
     Raises:
         InputError: the topic's messages cannot be read.
     """
+
+    notes: tuple[str, ...] = ()
 
     def __init__(self, bag: Bag, topic: Topic) -> None:
         self.bag, self.topic = bag, topic
         log, stamp = [], []
         try:
             for message in bag.messages(topic.name):
+                if not 0 <= message.log_ns <= MAX_NS:
+                    raise ValueError(f"a message recorded at {message.log_ns} ns")
+                try:
+                    taken = message.stamp(message.data)
+                except Exception:  # a damaged header leaves the time of recording
+                    taken = message.log_ns
                 log.append(message.log_ns)
-                stamp.append(message.stamp(message.data))
+                stamp.append(taken if abs(taken) <= MAX_NS else message.log_ns)
         except Exception as error:  # libraries raise whatever a damaged file provokes
             if not log:
                 raise InputError(f"{bag.path}: expected images in {topic.name}, found {error_text(error)}") from error
-        self.log_ns = np.array(log, dtype=np.int64)
-        self.stamp_ns = np.array(stamp[: len(log)] + log[len(stamp) :], dtype=np.int64)
+            self.notes = (f"{topic.name} ends after {len(log)} messages in damage ({error_text(error)})",)
+        self.log_ns, self.stamp_ns = np.array(log, dtype=np.int64), np.array(stamp, dtype=np.int64)
 
     def at(self, places: Iterable[int]) -> Generator[AnyArray | None, None, None]:
         """The stored values at these places, None where they cannot be decoded; places may be in any order."""

@@ -351,7 +351,7 @@ def test_topics_of_a_recording_that_is_no_bag_are_refused(tmp_path: Path) -> Non
 def test_table_of_times_larger_than_any_recordings_is_refused_by_its_size(tmp_path: Path) -> None:
     with (tmp_path / "timestamps.csv").open("wb") as file:
         file.truncate((1 << 26) + 1)
-    with pytest.raises(InputError, match="at most 64 MB, found 67108865 bytes"):
+    with pytest.raises(InputError, match="up to 67108864 bytes, found 67108865"):
         load_timestamps(tmp_path / "timestamps.csv")
 
 
