@@ -28,9 +28,8 @@ from planview.engine.engine import Engine
 from planview.engine.factory import open_engine
 from planview.maps.recording import MapsRecording
 from planview.output.folder import finished_run
-from planview.output.log import RunLog
 from planview.output.maps_log import MapsLog
-from planview.output.run import RunOptions, run
+from planview.output.run import RunLog, RunOptions, run
 from planview.trajectories.table import read_tracks
 
 PEER = "peer.csv"

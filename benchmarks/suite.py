@@ -26,7 +26,7 @@ from calib.io import parse_toml, read_text, write_whole
 from calib.params import first_problem
 from planview.engine.config import Config
 from planview.evaluation.evaluate import evaluate_tracks
-from planview.output.refine import refine_run
+from planview.output.finished import refine_run
 from planview.synthetic.assets import SCENES
 from planview.synthetic.camera import mount_pose, rectified_world, stereo_rig
 from planview.synthetic.motion import TURNS
@@ -178,7 +178,7 @@ def run_job(job: SuiteJob) -> dict[Way, SceneScore]:
 
 
 def refined_tracks(folder: Path) -> Trajectories:
-    """The tracks of a run refined as ``planview refine`` does, in a copy of its folder."""
+    """The tracks of a run refined as ``planview edit --refine`` does, in a copy of its folder."""
     with tempfile.TemporaryDirectory(prefix="planview-refine-") as temporary:
         copy = Path(shutil.copytree(folder, Path(temporary) / "run"))
         refine_run(copy)

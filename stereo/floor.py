@@ -35,7 +35,7 @@ MIN_VALID = 0.03
 
 _BLIND_PAIR = (
     "left and right are swapped, the calibration belongs to another rig, or the images show no texture "
-    "(planview doctor tells)"
+    "(planview check tells)"
 )
 BLIND_SENSOR = "the depth has another scale than the calibration says, or everything is out of the sensor's range"
 

@@ -18,7 +18,7 @@ from calib.images import as_colour, encode_image
 from calib.io import write_whole
 from calib.types import F64, U8
 from planview.calibration.board import BoardImages
-from planview.drawing.page import page_of
+from planview.drawing.style import page_of
 from stereo.rectify import Rectifier, RectifyParams
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from calib.floor.find import PeopleSeen, floor_from_people, floor_from_points
 from calib.images import as_colour
 from calib.rig import Floor
 from calib.types import F32, F64, U8
-from planview.drawing.projection import Project, grid_lines
+from planview.drawing.image import Project, grid_lines
 from planview.trajectories.table import Trajectories
 from stereo.depth import RectifiedGeometry, StereoFloorCamera, median_image
 from stereo.floor import FloorEstimator, FloorSearch, setup_frames

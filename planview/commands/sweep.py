@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from calib.errors import InputError, WorkError, printable
 from planview.commands.options import JsonFlag
-from planview.output.console import PlainConsole
+from planview.output.progress import PlainConsole
 from planview.sweep.pools import ClusterPool, Pool, ProcessPool
 from planview.sweep.results import Estimate, JobResult, Ranked, why_no_intervals
 from planview.sweep.study import FIGURES, RecordingEntry, Study, load_study, varied
@@ -63,7 +63,7 @@ def sweep(
     Parameters
     ----------
     sources
-        A study file (.toml), or recordings: stereo, single-camera, or maps.h5 that planview run --save-maps wrote.
+        A study file (.toml), or recordings: stereo, single-camera, or maps.h5 that planview run --maps wrote.
     """
     options = options or SweepOptions()
     study, names, out = _study(sources, options)
@@ -95,15 +95,12 @@ def _study(sources: Sequence[Path], options: SweepOptions) -> tuple[Study, list[
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise InputError(f"expected every recording once, found {twice[0]} twice")
-    return _absolute(study), names, out.absolute()
-
-
-def _absolute(study: Study) -> Study:
-    """Workers may have another current folder."""
+    # Workers may have another current folder.
     entries = [
         RecordingEntry(**{name: value and value.absolute() for name, value in entry}) for entry in study.recordings
     ]
-    return study.model_copy(update={"recordings": entries, "config": study.config and study.config.absolute()})
+    config = study.config and study.config.absolute()
+    return study.model_copy(update={"recordings": entries, "config": config}), names, out.absolute()
 
 
 def _name(path: Path, folder: Path) -> str:

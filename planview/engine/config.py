@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from calib.errors import InputError
 from calib.floor.plane import FloorParams
 from calib.io import MAX_DEPTH, load_toml, parse_toml
-from calib.params import Params, first_problem
+from calib.params import Params, dotted, first_problem
 from planview.engine.feedback import FeedbackParams
 from planview.engine.single_camera import SingleCameraParams
 from planview.foreground.params import ForegroundParams
@@ -36,6 +37,18 @@ class AnalysisParams(Params):
     """Frames, spread over the recording, in which floor and vertical residual are measured (our choice)."""
 
 
+class RunParams(Params):
+    """How a run goes on in time and what it keeps; tracks do not depend on it, but in real time."""
+
+    real_time: bool = False
+    """Frames come when their timestamps say, those that cannot be kept up with are dropped, and the latency from a
+    frame's timestamp to its tracks is measured. Such a run writes no checkpoints."""
+    checkpoint_every_s: float = Field(30.0, ge=0, le=86_400)
+    """Time between two checkpoints to resume from [s]; 0 for none (our choice)."""
+    rrd_every: int = Field(1, ge=1, le=100_000)
+    """Images, clouds and maps of every n-th frame only go into run.rrd; people and curves of all (our choice)."""
+
+
 class Config(Params):
     """Every parameter of a run."""
 
@@ -55,6 +68,7 @@ class Config(Params):
     single_camera: SingleCameraParams = SingleCameraParams()
     human_model: HumanModelParams = HumanModelParams()
     ellipse_particle: EllipseParticleParams = EllipseParticleParams()
+    run: RunParams = RunParams()
 
 
 def ungated(config: Config) -> Config:
@@ -115,4 +129,23 @@ def _validate(tables: dict[str, Any], source: str, base: Config | None) -> Confi
     try:
         return Config.model_validate(_over((base or Config()).model_dump(), tables))
     except ValidationError as error:
-        raise InputError(f"{source}: {first_problem(error)}") from error
+        raise InputError(f"{source}: {first_problem(error)}{_suggestion(error)}") from error
+
+
+def _suggestion(error: ValidationError) -> str:
+    """The known name that an unknown one resembles, as the end of its sentence; empty where there is none."""
+    first = error.errors()[0]
+    if first["type"] != "extra_forbidden":
+        return ""
+    names, unknown = list(_names(Config, "")), dotted(first["loc"])
+    near = get_close_matches(unknown, names, n=1, cutoff=0.75)
+    near += [name for name in names if name.rpartition(".")[2] == unknown.rpartition(".")[2]]
+    return f" (did you mean {near[0]}?)" if near else ""
+
+
+def _names(table: type[BaseModel], prefix: str) -> Iterator[str]:
+    """All tables and values below a table, with dots."""
+    for name, field in table.model_fields.items():
+        yield prefix + name
+        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            yield from _names(field.annotation, f"{prefix}{name}.")

@@ -11,7 +11,7 @@ from typing import Any, Protocol, TypeVar
 from calib.ground_camera import GroundCamera
 from calib.types import F32, U8
 from planview.checks.check import Check
-from planview.checks.motion import Thumbnails
+from planview.checks.timing import Thumbnails
 from planview.engine.config import Config
 from planview.engine.info import CameraInfo, FloorInfo
 from planview.maps.view import StereoView

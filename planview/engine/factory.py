@@ -11,7 +11,6 @@ from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera
 from planview.engine.config import Config
 from planview.engine.engine import Engine
-from planview.engine.kept_setup import KeptSetup
 from planview.engine.pipeline import Pipeline
 from planview.engine.single_camera_pipeline import SingleCameraPipeline
 from planview.maps.recording import MapsRecording, is_maps
@@ -41,7 +40,6 @@ def open_engine(
     camera: Path | None = None,
     options: OpenOptions | None = None,
     matcher: Matcher | None = None,
-    kept: KeptSetup | None = None,
 ) -> Engine:
     """Open a recording, or the plan-view maps of one, with the tracker asked for.
 
@@ -54,7 +52,6 @@ def open_engine(
             depth, else one of plan-view maps.
         options: calibration, rate and topics of a stereo recording that are not taken from itself.
         matcher: of stereo pairs; SGBM when None.
-        kept: what an earlier run found out about a recording of one stereo pair, or where this one keeps it.
         config: the defaults when None; of plan-view maps the parameters that made them (see ``base_config``).
     Raises:
         InputError: a recording, camera or calibration that is missing or does not fit.
@@ -73,7 +70,7 @@ def open_engine(
         return _open_heads(path, _required(on_floor, path, tracker), config, foreign)
     takes_images = tracker == "ellipse-particle" or hasattr(tracker, "foreground_columns")
     if on_floor and (not takes_images or is_stereo(path, options.calibration)):
-        return Pipeline.from_recording(path, config, options, on_floor(config), matcher, kept=kept)
+        return Pipeline.from_recording(path, config, options, on_floor(config), matcher)
     video = open_video(path, options)
     ground_camera = _camera_for(video, camera) if camera else None
     tracker = _image_tracker(tracker, config, ground_camera)
@@ -159,7 +156,7 @@ def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamer
 
         return image_ellipse_tracker(config.ellipse_particle, camera, config.seed)
     if camera is None:
-        raise InputError("--camera: the human-model tracker needs a camera.toml (see planview calibrate human)")
+        raise InputError("--calibration: the human-model tracker needs a camera.toml (see planview calibrate human)")
     from planview.tracking.human_model.tracker import HumanModelTracker
 
     return HumanModelTracker(config.human_model, camera)

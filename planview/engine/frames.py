@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from calib.types import F32, U8
-from planview.checks.motion import Thumbnails
+from planview.checks.timing import Thumbnails
 from planview.maps.builder import FloorPoints
 from stereo.matcher import SampledDisparity
 from stereo.rectify import PartialPair

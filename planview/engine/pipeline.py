@@ -12,7 +12,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.types import U8
 from planview.checks.check import Check
-from planview.checks.motion import STEP_PX, sampled_thumbnails, thumbnails
+from planview.checks.timing import STEP_PX, sampled_thumbnails, thumbnails
 from planview.engine.boxes import BodyBoxes
 from planview.engine.config import Config
 from planview.engine.describe import StereoDescription
@@ -20,8 +20,7 @@ from planview.engine.engine import FrameResult, StageClock, beyond
 from planview.engine.feedback import Feedback
 from planview.engine.frames import MatchedFrame, Separated
 from planview.engine.front_end import FrontEnd
-from planview.engine.kept_setup import KeptSetup, set_up_kept
-from planview.engine.setup import AnySetup
+from planview.engine.setup import AnySetup, set_up_any
 from planview.foreground.mixture import Foreground
 from planview.maps.builder import MapBuilder
 from planview.maps.pixels import KeptBackground, PixelRays, SeenPixels, seen_pixels, unmatched_pixels
@@ -93,21 +92,19 @@ class Pipeline(StereoDescription):
         options: OpenOptions | None = None,
         tracker: Tracker | None = None,
         matcher: Matcher | None = None,
-        kept: KeptSetup | None = None,
     ) -> Pipeline:
         """Open a recording, find its floor and get ready.
 
         Args:
             options: how the recording is opened (calibration, rate, topics).
             tracker, matcher: see the constructor.
-            kept: what an earlier run found out, or where this one keeps it.
         Raises:
             InputError: no such recording or calibration.
             WorkError: no floor is visible.
         """
         config = config or Config()
         recording = open_any(Path(path), options)
-        return Pipeline(recording, set_up_kept(recording, config, kept), config, tracker, matcher)
+        return Pipeline(recording, set_up_any(recording, config), config, tracker, matcher)
 
     @property
     def checks(self) -> tuple[Check, ...]:

@@ -12,9 +12,8 @@ import numpy as np
 from calib.errors import WorkError
 from calib.rig import DepthSensor, Floor
 from calib.types import F64
-from planview.checks.alignment import alignment_checks
 from planview.checks.check import Check
-from planview.checks.exposure import image_checks
+from planview.checks.pair import alignment_checks, image_checks
 from planview.checks.scene import floor_checks
 from planview.engine.config import Config
 from planview.engine.front_end import RgbdFrontEnd, StereoFrontEnd
@@ -194,7 +193,7 @@ def refuse_foreign(path: Path, rectifier: Rectifier, matches: F64) -> None:
     if rows > MAX_ROW_OFFSET_PX:
         raise WorkError(
             f"{path}: expected matched corners on the same row, found them {rows:.1f} px of 640 off: "
-            "left and right are swapped, or the calibration is another rig's (planview doctor tells)"
+            "left and right are swapped, or the calibration is another rig's (planview check tells)"
         )
 
 

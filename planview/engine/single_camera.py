@@ -13,8 +13,8 @@ from calib.errors import InputError
 from calib.images import as_grey
 from calib.params import Params
 from calib.types import U8
+from planview.checks.camera import Steadiness, Steady
 from planview.checks.check import Check
-from planview.checks.steadiness import Steadiness, Steady
 from planview.foreground.blobs import find_blobs
 from planview.foreground.ghosts import GhostParams, find_ghosts, find_still, find_uncovered, moved_lately
 from planview.foreground.masks import BACKGROUND, PERSON, WALKER

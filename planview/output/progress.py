@@ -1,16 +1,71 @@
-"""Progress and summary of a run, for people; everything goes to stderr."""
+"""Messages of a run on the terminal."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
-from planview.engine.engine import FrameResult
-from planview.output.info import RunInfo
+from calib.errors import printable
+from planview.output.folder import RunInfo
+
+if TYPE_CHECKING:
+    from planview.engine.engine import FrameResult
+
+
+class PlainConsole(Console):
+    """Console that shows control characters instead of sending them: a folder's name may hold escape codes.
+
+    Markup in square brackets is text too, unless ``markup=True``.
+    """
+
+    def __init__(self, *, markup: bool = False, **options: Any) -> None:
+        super().__init__(markup=markup, **options)
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """See ``rich.console.Console.render_str``."""
+        return super().render_str(printable(text), **options)
+
+
+EVERY_S = 5.0
+"""Time between two lines [s] (our choice)."""
+
+
+@contextmanager
+def compile_notice(console: Console) -> Iterator[None]:
+    """Print a line when the first kernel is compiled, and every EVERY_S while more are; none when all are cached."""
+    from numba.core.event import Event, Listener, install_listener  # half a second, which only a run pays
+
+    class Lines(Listener):
+        """Counts kernels as numba compiles them."""
+
+        kernels, last_s = 0, 0.0
+
+        def on_start(self, event: Event) -> None:
+            """A kernel that no cache holds is about to be compiled."""
+            if not self.last_s:
+                self.say("compiling kernels, once per installation: about a minute")
+
+        def on_end(self, event: Event) -> None:
+            """It is compiled."""
+            self.kernels += 1
+            if time.monotonic() - self.last_s > EVERY_S:
+                self.say(f"compiling kernels: {self.kernels} so far")
+
+        def say(self, text: str) -> None:
+            console.print(text, highlight=False)
+            self.last_s = time.monotonic()
+
+    with install_listener("numba:compile", Lines()):
+        yield
 
 
 class FrameProgress:

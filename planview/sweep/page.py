@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from planview.drawing.page import page_of
+from planview.drawing.style import page_of
 from planview.output.report.plots import COLOURS, new_figure, plain_text, png_bytes
 from planview.sweep.results import DRAWS, LEVEL, Estimate, JobResult, Ranked, why_no_intervals
 from planview.sweep.study import FIGURES, FigureName, Study

@@ -18,7 +18,7 @@ from calib.io import load_toml, parse_toml
 from calib.params import Params, first_problem
 from planview.engine.factory import TrackerName
 from planview.evaluation.result import Evaluation
-from planview.output.info import RunInfo
+from planview.output.folder import RunInfo
 
 FigureName = Literal[
     "mota", "idf1", "hota", "significant_errors", "switches", "position_error_mean_m", "height_error_mean_m",

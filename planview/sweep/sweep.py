@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from calib.errors import InputError
-from planview.output.info import write_result
-from planview.output.lock import folder_lock
+from planview.output.folder import folder_lock, write_result
 from planview.sweep.jobs import Planned, Planner, Refused, StudyJob
 from planview.sweep.pools import Pool, Task, run_tasks
 from planview.sweep.results import JobResult, Ranked, ranked, summary_csv

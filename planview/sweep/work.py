@@ -20,10 +20,8 @@ from calib.io import reason
 from planview.engine.factory import open_engine
 from planview.engine.pipeline import Pipeline
 from planview.evaluation.evaluate import evaluate_tracks
-from planview.output.folder import finished_run
-from planview.output.info import write_result
-from planview.output.log import RunLog
-from planview.output.run import RunOptions, run
+from planview.output.folder import finished_run, write_result
+from planview.output.run import RunLog, RunOptions, run
 from planview.sweep.jobs import MAPS_FILE, RunJob, StudyJob, engine_version
 from planview.sweep.study import run_figures
 from planview.trajectories.formats import load_tracks, load_truth

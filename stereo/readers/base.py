@@ -376,7 +376,7 @@ class Reader:
     """One layout of recordings.
 
     Attributes:
-        key: short name, for ``inspect --json``.
+        key: short name, for ``check --quick --json``.
         name: as messages show it.
         looks_for: what makes a path this layout, for the sentence that lists what was looked for.
         fits: whether a path looks like it; reads names and first bytes only, and never raises InputError.

@@ -29,7 +29,7 @@ from planview.counting.events import read_events
 from planview.counting.rules import load_rules
 from planview.engine.config import load_config
 from planview.maps.recording import MapsRecording
-from planview.output.info import read_run_info
+from planview.output.folder import read_run_info
 from planview.synthetic.scene import load_scene
 from planview.trajectories.file import TrajectoryFile
 from planview.trajectories.formats import FORMATS as EXPORTS

@@ -8,7 +8,7 @@ from toy_run import Say, one_sentence, run_few
 
 from calib.world import RigEntry, save_rigs
 from planview.engine.pipeline import Pipeline
-from planview.output.info import read_run_info
+from planview.output.folder import read_run_info
 from planview.trajectories.table import read_tracks
 
 
@@ -39,7 +39,7 @@ def test_a_person_seen_by_two_heads_is_one_person(say: Say, heads: Path, engine:
 
 
 def test_maps_of_several_heads_are_not_saved_and_why(say: Say, heads: Path, tmp_path: Path) -> None:
-    status, told = run_few(say, heads, tmp_path / "out", "--save-maps")
+    status, told = run_few(say, heads, tmp_path / "out", "--maps")
     assert status == 2
     assert "several heads" in one_sentence(told)
 

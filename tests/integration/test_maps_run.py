@@ -1,4 +1,4 @@
-"""``planview run --save-maps``, and tracking what it wrote."""
+"""``planview run --maps``, and tracking what it wrote."""
 
 import shutil
 from pathlib import Path
@@ -12,7 +12,7 @@ from planview.engine.engine import FrameResult
 from planview.engine.maps_pipeline import MapsPipeline, recorded_config
 from planview.engine.pipeline import Pipeline
 from planview.maps.recording import MapsRecording
-from planview.output.info import read_run_info
+from planview.output.folder import read_run_info
 from planview.output.maps_log import MapsLog
 from planview.output.run import RunOptions, run
 from planview.tracking.template import TemplateTracker
@@ -73,7 +73,7 @@ def test_another_tracker_follows_the_same_maps(say: Say, maps: Path, tmp_path: P
 
 
 def test_the_command_saves_maps_without_any_image(say: Say, copy: Path, tmp_path: Path) -> None:
-    status, told = run_few(say, copy, tmp_path / "out", "--save-maps", "--frames", 12)
+    status, told = run_few(say, copy, tmp_path / "out", "--maps", "--frames", 12)
     assert status == 0, told
     with h5py.File(tmp_path / "out" / "maps.h5") as file:
         assert set(file["points"]) == {"pixel", "disparity", "appearance"}
@@ -87,7 +87,7 @@ def test_the_command_saves_maps_without_any_image(say: Say, copy: Path, tmp_path
         (["--set", "maps.height_max_m=3"], "expected maps.height_max_m as recorded"),
         (["--tracker", "human-model"], "human-model"),
         (["--calibration", "rig.toml"], "rig.toml"),
-        (["--save-maps"], "--save-maps"),
+        (["--maps"], "--maps"),
     ],
 )
 def test_words_that_do_not_go_with_maps_are_refused(

@@ -15,14 +15,14 @@ from planview.engine.maps_pipeline import MapsPipeline
 from planview.engine.pipeline import Pipeline
 from planview.engine.single_camera_pipeline import SingleCameraPipeline
 from planview.maps.recording import MapsRecording
-from planview.output.checkpoint.decode import decode
-from planview.output.checkpoint.encode import Encoded, encode
 from planview.output.maps_log import MapsLog
-from planview.tracking.ellipse_particle import floor_ellipse_tracker, image_ellipse_tracker
-from planview.tracking.human_model import HumanModelParams, HumanModelTracker
+from planview.output.memory import Encoded, decode, encode
+from planview.tracking.ellipse_particle.make import floor_ellipse_tracker, image_ellipse_tracker
+from planview.tracking.human_model import HumanModelParams
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
 from planview.tracking.human_model.params import NewTargetParams
 from planview.tracking.human_model.scene import ModelScene
+from planview.tracking.human_model.tracker import HumanModelTracker
 from planview.tracking.template import TemplateTracker
 from stereo.recording import Skipped, VideoFrame
 

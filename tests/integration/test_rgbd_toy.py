@@ -1,4 +1,4 @@
-"""The engine, its floor and its doctor on exact images with depth."""
+"""The engine, its floor and its checks on exact images with depth."""
 
 import csv
 import shutil
@@ -60,7 +60,7 @@ def test_run_names_the_sensor_and_no_baseline(recording: Path, tmp_path: Path, s
     assert (tmp_path / "out" / "run.rrd").stat().st_size > 0
 
 
-def test_doctor_passes_depth_and_says_what_it_skips(recording: Path) -> None:
+def test_check_passes_depth_and_says_what_it_skips(recording: Path) -> None:
     diagnosis = examine(recording, frames=10, person_height_m=1.75)
     assert diagnosis.ok, [check for check in diagnosis.checks if not check.ok]
     assert any(check.note.startswith("skipped") for check in diagnosis.checks)

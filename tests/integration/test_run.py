@@ -15,7 +15,7 @@ from planview.cli import main
 from planview.engine.config import load_config
 from planview.engine.factory import open_engine
 from planview.engine.pipeline import Pipeline
-from planview.output.info import read_run_info
+from planview.output.folder import read_run_info
 from planview.output.run import run
 from planview.trajectories.table import read_tracks
 

@@ -14,7 +14,7 @@ from calib.errors import WorkError
 from calib.rig import StereoRig, save_rig
 from planview.engine.engine import FrameResult
 from planview.engine.pipeline import Pipeline
-from planview.output.info import read_run_info
+from planview.output.folder import read_run_info
 from planview.output.run import run
 from planview.trajectories.table import read_tracks
 
@@ -145,7 +145,7 @@ def test_a_truncated_video_is_tracked_to_its_end(say: Say, pairs: list[Pair], co
         (["--set", "maps.no_such=1"], "maps.no_such"),
         (["--set", "maps.cell_m=7"], "maps.cell_m"),
         (["--tracker", "telepathy"], "telepathy"),
-        (["--tracker", "human-model"], "--camera"),
+        (["--tracker", "human-model"], "--calibration"),
         (["--frames", "-1"], "--frames"),
         (["--rules", "none.toml"], "none.toml"),
         (["--config", "none.toml"], "none.toml"),

@@ -16,7 +16,7 @@ from toy_run import EMPTY, FEW, FRAMES, Say, one_sentence, rows_in, run_few
 
 from calib.errors import WorkError
 from planview.engine.pipeline import Pipeline
-from planview.output.info import read_run_info
+from planview.output.folder import read_run_info
 from planview.output.run import run
 from planview.trajectories.table import read_tracks
 

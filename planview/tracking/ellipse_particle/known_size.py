@@ -138,7 +138,9 @@ class KnownSize:
         length_px = 2.0 * belief.prior.half_length((view.mask.shape[0] - 1) / 2) * view.scale
         shape = "long" if belief.prior.any_direction else "high"
         told = f"people are taken for {length_px:.0f} px {shape} in the middle of the image"
-        doubt = "" if belief.confidence >= DOUBTFUL else ": set --person-height if that is wrong"
+        doubt = (
+            "" if belief.confidence >= DOUBTFUL else ": set ellipse_particle.image.person_height_px if that is wrong"
+        )
         return (f"{told}, learned from what moves; {belief.confidence:.0%} of it has that size{doubt}",)
 
 

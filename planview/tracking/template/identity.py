@@ -8,11 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from calib.types import F32, F64, I64
+from calib.types import F64
 from planview.maps.colour import CODES
 from planview.maps.pixels import SeenPixels
 from planview.tracking import body
 from planview.tracking.template._kernels import LEGS_TO, PARTS, TORSO_TO
+from planview.tracking.template.explanation import Owned
 from planview.tracking.template.params import TemplateParams
 from planview.tracking.template.person import KNOWN_LOOKS, Person, colour_ratios
 
@@ -22,7 +23,6 @@ DECIDED = 6.0
 """Log-odds at which two people exchange identities: one error in 400."""
 PART_MAX = 2.0
 """Largest evidence of the colours of one part of a body, as log-odds: light differs within a room."""
-Owned = Sequence[tuple[I64, F32, F32]]
 
 
 class Exchanges:
@@ -33,7 +33,7 @@ class Exchanges:
         self._evidence: dict[tuple[int, int], float] = {}
 
     def update(
-        self, people: Sequence[Person], owned: Owned, views: Sequence[SeenPixels], dt: float
+        self, people: Sequence[Person], owned: Sequence[Owned], views: Sequence[SeenPixels], dt: float
     ) -> list[tuple[Person, Person, float]]:
         """Pairs that must exchange their identities, with the log-odds.
 
@@ -69,14 +69,14 @@ class Exchanges:
         return decided
 
 
-def owned_colours(k: int, owned: Owned, views: Sequence[SeenPixels], patch_m: float) -> tuple[F64, float]:
+def owned_colours(k: int, owned: Sequence[Owned], views: Sequence[SeenPixels], patch_m: float) -> tuple[F64, float]:
     """(PARTS, CODES) shares of the colours of a person's pixels, and how many patches they are."""
     total, patches = np.zeros((PARTS, CODES)), 0.0
-    for (owner, share, height), v in zip(owned, views, strict=True):
-        mine = (owner == k) & (share > 0.3)
+    for o, v in zip(owned, views, strict=True):
+        mine = (o.owner == k) & (o.share > 0.3)
         if v.colour is None:
             continue
-        part = np.digitize(height[mine], (LEGS_TO, TORSO_TO))
+        part = np.digitize(o.height[mine], (LEGS_TO, TORSO_TO))
         np.add.at(total, (part, v.colour[mine]), 1.0)
         depth = v.range_m[mine] / v.rays.stretch[mine]
         patches += float((depth * depth).sum()) * v.rays.pixel_sr / patch_m**2

@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calib.errors import InputError
-from planview.offline.params import RefineParams
-from planview.offline.refine import Refined, refine
+from planview.offline.refine import Refined, RefineParams, refine
 from planview.trajectories.table import Trajectories, concatenated, positions_table
 
 

@@ -15,11 +15,17 @@ from calib.errors import InputError
 from planview.foreground.gain import Exposure
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
-from planview.output.checkpoint.decode import decode
-from planview.output.checkpoint.encode import Encoded, encode
-from planview.output.checkpoint.file import LATEST, PREVIOUS, Checkpoint, read_checkpoint, write_checkpoint
-from planview.output.checkpoint.identity import difference, digest_of
-from planview.output.resume import checkpoint_of
+from planview.output.memory import Encoded, decode, encode
+from planview.output.resume import (
+    LATEST,
+    PREVIOUS,
+    Checkpoint,
+    checkpoint_of,
+    difference,
+    digest_of,
+    read_checkpoint,
+    write_checkpoint,
+)
 from planview.tracking.lifecycle import Existence
 
 IDENTITY: dict[str, Any] = {"version": {}, "configuration": {"seed": 0}, "recording": {}, "settings": {}}
@@ -98,7 +104,7 @@ def test_what_is_not_the_projects_is_refused_with_its_place(value: object) -> No
     "node",
     [
         ["object", "os:system", {}],
-        ["object", "planview.output.info:Path", {}],
+        ["object", "planview.output.folder:Path", {}],
         ["object", "planview.output.no_such_module:Thing", {}],
         ["name", "planview.cli:sys"],
         ["record", "planview.tracking.lifecycle:Existence", []],

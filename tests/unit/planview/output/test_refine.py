@@ -1,4 +1,4 @@
-"""``planview refine`` in the folder of a run."""
+"""``planview edit --refine`` in the folder of a run."""
 
 import csv
 import json
@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from planview.cli import main
-from planview.output.info import RunInfo, read_run_info, write_run_info
+from planview.output.folder import RunInfo, read_run_info, write_run_info
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def run(*words: str) -> int:
 
 def test_refine_keeps_the_online_tracks_and_says_so(folder: Path) -> None:
     online = (folder / "tracks.csv").read_text()
-    assert run("refine", str(folder)) == 0
+    assert run("edit", str(folder), "--refine") == 0
     assert (folder / "tracks_online.csv").read_text() == online
     assert "tentative" not in (folder / "tracks.csv").read_text()
     assert read_run_info(folder / "run.json").refined
@@ -42,16 +42,16 @@ def test_refine_keeps_the_online_tracks_and_says_so(folder: Path) -> None:
 
 
 def test_refine_twice_starts_from_the_online_tracks(folder: Path) -> None:
-    run("refine", str(folder))
+    run("edit", str(folder), "--refine")
     once = (folder / "tracks.csv").read_text(), (folder / "tracks_online.csv").read_text()
-    run("refine", str(folder))
+    run("edit", str(folder), "--refine")
     assert ((folder / "tracks.csv").read_text(), (folder / "tracks_online.csv").read_text()) == once
 
 
 def test_evaluate_tells_refined_from_online_tracks(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     truth = folder / "truth.csv"
     truth.write_text("frame,id,x_m,y_m,height_m\n" + "".join(f"{t},1,{0.1 * t:.2f},0,1.7\n" for t in range(30)))
-    run("refine", str(folder))
+    run("edit", str(folder), "--refine")
     capsys.readouterr()
     for name, refined, misses in (("tracks.csv", True, 0), ("tracks_online.csv", False, 4)):
         assert run("evaluate", str(folder / name), str(truth), "--json") == 0
@@ -61,12 +61,12 @@ def test_evaluate_tells_refined_from_online_tracks(folder: Path, capsys: pytest.
 
 def test_refine_needs_a_finished_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_run_info(RunInfo(finished=False), folder / "run.json")
-    assert run("refine", str(folder)) == 2
+    assert run("edit", str(folder), "--refine") == 2
     assert "expected the folder of a finished run" in " ".join(capsys.readouterr().err.split())
 
 
 def test_refine_needs_the_online_tracks_of_a_refined_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run("refine", str(folder))
+    run("edit", str(folder), "--refine")
     (folder / "tracks_online.csv").unlink()
-    assert run("refine", str(folder)) == 2
+    assert run("edit", str(folder), "--refine") == 2
     assert "expected the online tracks" in " ".join(capsys.readouterr().err.split())
