@@ -33,7 +33,7 @@ from stereo.depth import DepthFromDisparity, back_project
 from stereo.floor import FloorSearch
 from stereo.matcher import SampledDisparity
 from stereo.readers import OpenOptions, open_any
-from stereo.readers.base import StereoRecording
+from stereo.recording import StereoRecording
 
 LINE_STEP_PX = 25
 FLOOR_BAND_M = 0.10

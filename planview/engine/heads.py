@@ -20,8 +20,8 @@ from planview.engine.pipeline import AHEAD, Pipeline
 from planview.engine.setup import set_up_any
 from planview.maps.heads import HeadsMapBuilder
 from planview.tracking.base import Observation, Tracker
-from stereo.readers.background import prefetch
 from stereo.readers.multi_rig import HeadsFrame, HeadsRecording, open_heads
+from stereo.recording import prefetch
 
 
 @dataclass(frozen=True, eq=False)

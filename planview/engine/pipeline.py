@@ -30,8 +30,7 @@ from planview.tracking.template import TemplateTracker
 from planview.trajectories.state import TrackState
 from stereo.matcher import Matcher, SampledDisparity
 from stereo.readers import OpenOptions, open_any
-from stereo.readers.background import prefetch
-from stereo.recording import Recording, RgbdFrame, RgbdRecording, StereoFrame
+from stereo.recording import RgbdFrame, RgbdRecording, StereoFrame, StereoRecording, prefetch
 from stereo.rectify import RectifiedPair
 
 AHEAD = 2
@@ -51,7 +50,7 @@ class Pipeline(StereoDescription):
 
     def __init__(
         self,
-        recording: Recording | RgbdRecording,
+        recording: StereoRecording | RgbdRecording,
         setup: AnySetup,
         config: Config | None = None,
         tracker: Tracker | None = None,

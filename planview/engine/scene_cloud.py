@@ -18,7 +18,7 @@ from planview.engine.front_end import FrontEnd
 from planview.engine.setup import AnySetup
 from stereo.depth import DepthFromDisparity, back_project, median_image
 from stereo.floor import Sampled, setup_frames
-from stereo.recording import Recording, RgbdRecording
+from stereo.recording import RgbdRecording, StereoRecording
 
 VOXEL_M = 0.015
 """Points are thinned to one in a cube of this side [m] (our choice: half a cell of the maps)."""
@@ -40,7 +40,7 @@ class SceneCloud:
     colours: U8
 
 
-def scene_cloud(recording: Recording | RgbdRecording, setup: AnySetup, config: Config) -> SceneCloud:
+def scene_cloud(recording: StereoRecording | RgbdRecording, setup: AnySetup, config: Config) -> SceneCloud:
     """Median depth and median colour of frames spread over a recording: people who move are not in it.
 
     Raises:

@@ -20,7 +20,7 @@ from planview.engine.front_end import RgbdFrontEnd, StereoFrontEnd
 from planview.engine.gated import GatedMatching
 from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
 from stereo.matcher import DisparityRange, Matcher, SgbmMatcher, disparity_range
-from stereo.recording import Recording, RgbdRecording, StereoFrame
+from stereo.recording import RgbdRecording, StereoFrame, StereoRecording
 from stereo.rectify import Rectifier, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
 from stereo.row_offset import VerticalFit, VerticalParams, match_corners
@@ -119,7 +119,7 @@ class RgbdSetup:
 AnySetup = Setup | RgbdSetup
 
 
-def set_up_any(recording: Recording | RgbdRecording, config: Config) -> AnySetup:
+def set_up_any(recording: StereoRecording | RgbdRecording, config: Config) -> AnySetup:
     """Make a recording of a pair or of images with depth ready (errors of ``set_up`` and ``set_up_rgbd``)."""
     return set_up_rgbd(recording, config) if isinstance(recording, RgbdRecording) else set_up(recording, config)
 
@@ -139,7 +139,7 @@ def set_up_rgbd(recording: RgbdRecording, config: Config) -> RgbdSetup:
     return RgbdSetup(rectifier, floor, rectifier.disparities(), source, recording.source, recording.sensor)
 
 
-def set_up(recording: Recording, config: Config) -> Setup:
+def set_up(recording: StereoRecording, config: Config) -> Setup:
     """Measure the vertical residual and find the floor in frames spread over the recording.
 
     Raises:

@@ -26,12 +26,27 @@ from calib.formats.rgbd import find_rgbd, load_rgbd
 from calib.io import read_text, reason
 from calib.rig import RgbdRig, StereoRig
 from calib.types import I64
-from stereo.readers.base import OpenOptions, Reader, Stream, both, rate_of
-from stereo.readers.images import ImageFiles, Size, bits_note, bits_of, frame_number, image_files
+from stereo.readers.base import (
+    Layout,
+    OpenOptions,
+    Reader,
+    Stream,
+    TimedFiles,
+    both,
+    clock_of,
+    own_times,
+    pixel_text,
+    rate_of,
+    rig_in,
+    same_size,
+    stereo_layout,
+    timed_layout,
+)
+from stereo.readers.images import DepthFiles, ImageFiles, Size, bits_note, bits_of, frame_number, image_files
 from stereo.readers.pairing import MAX_APART_S, depth_note, nearest_mates
-from stereo.readers.rgbd import DepthFiles, RgbdLayout, rgbd_pairs
-from stereo.readers.stereo_layout import StereoLayout, TimedFiles, clock_of, pixel_text, rig_in, same_size, timed_layout
+from stereo.readers.rgbd import rgbd_layout
 from stereo.readers.times import NS, read_stamps, stamp_list
+from stereo.recording import FrameClock
 
 MAX_ROWS = 10_000_000
 """More rows than a day of 100 Hz are no list of images."""
@@ -42,7 +57,7 @@ def _euroc_fits(path: Path) -> bool:
     return all((root / camera / "data").is_dir() for camera in ("cam0", "cam1"))
 
 
-def _euroc_find(path: Path, options: OpenOptions) -> StereoLayout:
+def _euroc_find(path: Path, options: OpenOptions) -> Layout:
     root = _euroc_root(path)
     first, second = (_euroc_camera(root / name) for name in ("cam0", "cam1"))
     calibration = options.calibration or root
@@ -115,7 +130,7 @@ def _kitti_fits(path: Path) -> bool:
     return path.is_dir() and any(_kitti_pair(drive) for drive in _kitti_drives(path))
 
 
-def _kitti_find(path: Path, options: OpenOptions) -> StereoLayout:
+def _kitti_find(path: Path, options: OpenOptions) -> Layout:
     drives = [drive for drive in _kitti_drives(path) if _kitti_pair(drive)]
     if len(drives) > 1:
         names = ", ".join(drive.name for drive in drives[:6])
@@ -144,7 +159,7 @@ def _kitti_sequence_fits(path: Path) -> bool:
     return (path / "times.txt").is_file() and _kitti_sequence_pair(path) is not None
 
 
-def _kitti_sequence_find(path: Path, options: OpenOptions) -> StereoLayout:
+def _kitti_sequence_find(path: Path, options: OpenOptions) -> Layout:
     pair = _kitti_sequence_pair(path) or KITTI_SEQUENCE_PAIRS[0]
     left, right = (_listed_camera(path / name, path / "times.txt") for name in pair)
 
@@ -248,19 +263,15 @@ def _middlebury_fits(path: Path) -> bool:
     return path.is_dir() and _middlebury_pair(path) is not None
 
 
-def _middlebury_find(path: Path, options: OpenOptions) -> StereoLayout:
+def _middlebury_find(path: Path, options: OpenOptions) -> Layout:
     left, right = _middlebury_pair(path) or (path, path)
     bits = bits_of([left], [right])
     a, b = ImageFiles([left], bits), ImageFiles([right], bits)
-    size, clock = same_size(a, b, left, right), clock_of(path, options, math.nan)
-    streams = tuple(
-        Stream(name, size, 1, None, pixel_text(source.is_grey, bits))
-        for name, source in (("left", a), ("right", b))
-    )  # fmt: skip
-    return StereoLayout(
-        path, path, size, partial(both, a, b), streams, 1, clock.fps, clock.times_s, rig_in(path, options, size),
-        bits_note(bits),
-    )  # fmt: skip
+    size = same_size(a, b, left, right)
+    streams = tuple(Stream(n, size, 1, None, pixel_text(s.is_grey, bits)) for n, s in (("left", a), ("right", b)))
+    return stereo_layout(
+        path, partial(both, a, b), streams, 1, clock_of(path, options), rig_in(path, options, size), bits_note(bits)
+    )
 
 
 def _middlebury_pair(path: Path) -> tuple[Path, Path] | None:
@@ -302,7 +313,7 @@ def _tum_fits(path: Path) -> bool:
     return (path / "rgb.txt").is_file() and (path / "depth.txt").is_file()
 
 
-def _tum_find(path: Path, options: OpenOptions) -> RgbdLayout:
+def _tum_find(path: Path, options: OpenOptions) -> Layout:
     images, depths = _tum_listed(path / "rgb.txt"), _tum_listed(path / "depth.txt")
     associated = next((path / name for name in _ASSOCIATIONS if (path / name).is_file()), None)
     mates = _tum_associated(associated, images, depths) if associated else nearest_mates(images.ns, depths.ns)
@@ -310,12 +321,13 @@ def _tum_find(path: Path, options: OpenOptions) -> RgbdLayout:
         raise InputError(f"{path}: expected images and depth of the same times, found none within {MAX_APART_S:g} s")
     image_files = ImageFiles([_inside(path, name) for name in images.names])
     depth_files = DepthFiles([_inside(path, depths.names[i]) if i >= 0 else None for i in mates], TUM_UNITS_PER_M)
-    times = (images.ns - images.ns[0]) / 1e9 if options.fps is None else np.arange(len(images.ns)) / options.fps
-    return RgbdLayout(
-        path, path, partial(rgbd_pairs, image_files, depth_files),
-        (Stream("image", image_files.size, len(images.ns), (images.ns - images.ns[0]) / 1e9),
-         Stream("depth", depth_files.size, len(depths.ns), (depths.ns - images.ns[0]) / 1e9)),
-        len(images.ns), rate_of(times), np.asarray(times, dtype=np.float64),
+    times = own_times(images.ns) if options.fps is None else np.arange(len(images.ns)) / options.fps
+    streams = (
+        Stream("image", image_files.size, len(images.ns), own_times(images.ns)),
+        Stream("depth", depth_files.size, len(depths.ns), (depths.ns - images.ns[0]) / 1e9),
+    )
+    return rgbd_layout(
+        path, image_files, depth_files, streams, FrameClock(rate_of(times), times),
         partial(_tum_rig, path, options.calibration, image_files.size, depth_files.size),
         (*images.notes, *depths.notes, *_tum_notes(mates, associated, path)),
     )  # fmt: skip

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -10,10 +9,22 @@ from typing import NamedTuple
 
 from calib.errors import InputError
 from stereo.readers import images
-from stereo.readers.base import OpenOptions, Reader, Stream, both
+from stereo.readers.base import (
+    Layout,
+    OpenOptions,
+    Reader,
+    Stream,
+    TimedFiles,
+    both,
+    clock_of,
+    pixel_text,
+    rig_in,
+    same_size,
+    stereo_layout,
+    timed_layout,
+)
 from stereo.readers.images import ImageFiles, bits_note, bits_of, frame_number, image_files
 from stereo.readers.pairing import pair_files, split_sides
-from stereo.readers.stereo_layout import StereoLayout, TimedFiles, clock_of, pixel_text, rig_in, same_size, timed_layout
 from stereo.readers.times import read_stamps, stamp_list, stamps_in_names
 
 
@@ -29,7 +40,7 @@ def _fits(path: Path) -> bool:
     return path.is_dir() and (_folders(path) is not None or _flat(path) is not None)
 
 
-def _find(path: Path, options: OpenOptions) -> StereoLayout:
+def _find(path: Path, options: OpenOptions) -> Layout:
     sides = _sides(path)
     timed = _timed(path, sides)
     if timed is not None:
@@ -37,15 +48,14 @@ def _find(path: Path, options: OpenOptions) -> StereoLayout:
     pairs = pair_files(*sides.files, sides.number)
     bits = bits_of(*sides.files)
     a, b = (ImageFiles([pair[side] for pair in pairs], bits) for side in (0, 1))
-    size, clock = same_size(a, b, *sides.folders), clock_of(path, options, math.nan)
+    size, clock = same_size(a, b, *sides.folders), clock_of(path, options)
     streams = tuple(
         Stream(name, size, len(files), clock.times_s, pixel_text(source.is_grey, bits))
         for name, files, source in zip(("left", "right"), sides.files, (a, b), strict=True)
     )
-    return StereoLayout(
-        path, path, size, partial(both, a, b), streams, len(pairs), clock.fps, clock.times_s,
-        rig_in(path, options, size), (*clock.notes, *bits_note(bits)), clock.even,
-        sum(None in pair for pair in pairs),
+    return stereo_layout(
+        path, partial(both, a, b), streams, len(pairs), clock, rig_in(path, options, size), bits_note(bits),
+        unpaired=sum(None in pair for pair in pairs),
     )  # fmt: skip
 
 

@@ -18,17 +18,15 @@ from calib.formats import load_rig
 from calib.images import as_grey
 from calib.rig import StereoRig
 from calib.types import U8
-from stereo.readers.background import newest
-from stereo.readers.base import Decoded, DecodedPair, OpenOptions, Reader, Stream, is_grey
-from stereo.readers.images import Size
+from stereo.readers.base import Layout, OpenOptions, Reader, Stream, pixel_text, same_size, stereo_layout
+from stereo.readers.images import is_grey
 from stereo.readers.side_by_side import packed_layout
-from stereo.readers.stereo_layout import LiveLayout, pixel_text
+from stereo.recording import DEFAULT_FPS, Decoded, DecodedPair, FrameClock, newest
 
 TIMEOUT_MS = 10_000
 """An address that does not answer, or a stream without a frame, for this long is given up [ms] (our choice)."""
 FIRST_FRAMES = 3
 """Frames read at the start to tell size and layout; cameras need some to adapt to the light."""
-DEFAULT_FPS = 30.0
 _DROPPED = "came while earlier frames were tracked"
 _ADDRESS = re.compile(r"(rtsps?|https?|rtmps?|udp|tcp|srt):/+", re.IGNORECASE)
 _DEVICE = re.compile(r"\d{1,3}")
@@ -138,36 +136,42 @@ def _fits(path: Path) -> bool:
     return not path.exists() and bool(_addresses(path))
 
 
-def _find(path: Path, options: OpenOptions) -> LiveLayout:
-    addresses = _addresses(path)
+def _find(path: Path, options: OpenOptions) -> Layout:
+    addresses, calibration = _addresses(path), options.calibration
     if len(addresses) > 2:
         raise InputError(f"{path}: expected one or two cameras, found {len(addresses)}")
     named = Path(",".join(address.text for address in addresses))
-    folder = _folder(options)
-    if len(addresses) == 1:
-        source = LiveSource(addresses[0])
-        rig = None if options.calibration else partial(_no_calibration, named)
-        layout = packed_layout(named, named, folder, source, source.pictures, options)
-        return LiveLayout.of(layout, rig, not addresses[0].drops)
-    sources = LiveSource(addresses[0]), LiveSource(addresses[1])
-    if sources[0].size != sources[1].size:
-        raise InputError(f"{named}: expected cameras of one size, found {sources[0].size} and {sources[1].size}")
-    size = sources[0].size
+    waits = not any(address.drops for address in addresses)
+    folder = Path("no-calibration")  # where world.toml lies: beside the calibration
+    if calibration is not None:
+        folder = calibration if calibration.is_dir() else calibration.parent
+    sources = tuple(LiveSource(address) for address in addresses)
+
+    def rig() -> StereoRig:
+        if calibration is None:
+            raise InputError(
+                f"{named}: expected the calibration of the cameras, found none: --calibration FILE gives it"
+            )
+        return load_rig(calibration, sources[0].size)
+
+    if len(sources) == 1:
+        return packed_layout(
+            named, named, folder, sources[0], sources[0].pictures, options,
+            rig=None if calibration else rig, live_waits=waits,
+        )  # fmt: skip
+    size = same_size(sources[0], sources[1], addresses[0].text, addresses[1].text)
     streams = tuple(
         Stream(name, size, 0, None, pixel_text(source.is_grey, None))
         for name, source in zip(("left", "right"), sources, strict=True)
     )
+    clock = FrameClock(options.fps or sources[0].fps, even=options.fps is not None)
     note = "two cameras that run freely: their images are paired as they come"
-    return LiveLayout(
-        named, folder, size, partial(_together, sources), streams, 0, options.fps or sources[0].fps, None,
-        partial(_rig, options, named, size), (note,), options.fps is not None,
-        waits=not any(address.drops for address in addresses),
-    )  # fmt: skip
+    return stereo_layout(
+        named, partial(_together, sources), streams, 0, clock, rig, (note,), folder=folder, live_waits=waits
+    )
 
 
-def _together(
-    sources: tuple[LiveSource, LiveSource], indices: Sequence[int] | None
-) -> Generator[DecodedPair, None, None]:
+def _together(sources: Sequence[LiveSource], indices: Sequence[int] | None) -> Generator[DecodedPair, None, None]:
     one, other = (iter(source) if indices is None else source.at(indices) for source in sources)
     for left, right in zip(one, other, strict=False):
         yield left, Decoded(left.index, right.timestamp_s, right.image, right.why)
@@ -193,21 +197,6 @@ def _open(address: Address) -> cv2.VideoCapture:
     if not capture.isOpened():
         raise InputError(f"{address.text}: expected a camera or a stream, found nothing that answers")
     return capture
-
-
-def _folder(options: OpenOptions) -> Path:
-    """Where world.toml lies: beside the calibration."""
-    if options.calibration is None:
-        return Path("no-calibration")
-    return options.calibration if options.calibration.is_dir() else options.calibration.parent
-
-
-def _rig(options: OpenOptions, named: Path, size: Size) -> StereoRig:
-    return load_rig(options.calibration, size) if options.calibration else _no_calibration(named)
-
-
-def _no_calibration(named: Path) -> StereoRig:
-    raise InputError(f"{named}: expected the calibration of the cameras, found none: --calibration FILE gives it")
 
 
 READER = Reader("live", "live cameras", "a camera's number or an address (rtsp://, http://)", _fits, _find)

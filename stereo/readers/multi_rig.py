@@ -9,10 +9,9 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.world import RigEntry, load_rigs
-from stereo.readers.background import prefetch
-from stereo.readers.base import AnyRecording, StereoRecording
+from stereo.readers.base import AnyRecording
 from stereo.readers.open import open_any, rigs_file
-from stereo.recording import RgbdFrame, Skipped, StereoFrame
+from stereo.recording import RgbdFrame, Skipped, StereoFrame, StereoRecording, prefetch
 
 AnyFrame = StereoFrame | RgbdFrame
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import F64, I64
-from stereo.readers.base import DEFAULT_FPS
 from stereo.readers.images import frame_number
+from stereo.recording import DEFAULT_FPS
 
 _WORD = re.compile(r"left|right|(?<![a-z])[lr](?![a-z])", re.IGNORECASE)
 _NUMBER = re.compile(

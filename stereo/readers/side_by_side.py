@@ -17,9 +17,18 @@ from calib.images import as_grey
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64, U8, AnyArray
-from stereo.readers.base import FrameSource, OpenOptions, Reader, Stream, is_grey, split_pairs
-from stereo.readers.images import Size
-from stereo.readers.stereo_layout import StereoLayout, clock_of, pixel_text
+from stereo.readers.base import (
+    FrameSource,
+    Layout,
+    OpenOptions,
+    Reader,
+    Stream,
+    clock_of,
+    pixel_text,
+    split_pairs,
+    stereo_layout,
+)
+from stereo.readers.images import Size, is_grey
 from stereo.readers.video import SUFFIXES, VideoFile, video_files
 from stereo.row_offset import VerticalParams, match_corners
 
@@ -274,15 +283,23 @@ def _fits(path: Path) -> bool:
     return _video(path) is not None
 
 
-def _find(path: Path, options: OpenOptions) -> StereoLayout:
+def _find(path: Path, options: OpenOptions) -> Layout:
     video = _video(path) or path
     source = VideoFile(video)
     return packed_layout(path, video, video.parent, source, sampled(source), options)
 
 
 def packed_layout(
-    path: Path, named: Path, folder: Path, source: FrameSource, pictures: Sequence[U8], options: OpenOptions
-) -> StereoLayout:
+    path: Path,
+    named: Path,
+    folder: Path,
+    source: FrameSource,
+    pictures: Sequence[U8],
+    options: OpenOptions,
+    *,
+    rig: Callable[[], StereoRig] | None = None,
+    live_waits: bool | None = None,
+) -> Layout:
     """Tell how the two views share a source's pictures, and which is the left one.
 
     Args:
@@ -290,6 +307,8 @@ def packed_layout(
         named: the video, for messages.
         folder: where calibration, times and world.toml lie.
         pictures: a few of the source.
+        rig: reads another calibration than the folder's, when given.
+        live_waits: see ``stereo_layout``.
     Raises:
         InputError: the pictures are no two views of one scene.
     """
@@ -300,15 +319,24 @@ def packed_layout(
     size = packing.size(source.size)
     order, assumed = _order(calibration, size, shared)
     swapped, rectified = (order.swapped, order.rectified) if order else (False, False)
-    clock = clock_of(folder, options, source.fps)
-    stored = (size[0], size[1] // 2) if packing.stacked and packing.squeezed else size
-    stored = (size[0] // 2, size[1]) if packing.squeezed and not packing.stacked else stored
+    width, height = size
+    if packing.squeezed:
+        width, height = (width, height // 2) if packing.stacked else (width // 2, height)
     pixels = pixel_text(is_grey(pictures[0]), None)
-    streams = tuple(Stream(name, stored, source.n_frames, None, pixels) for name in ("left", "right"))
-    split = partial(_views, packing, swapped)
-    return StereoLayout(
-        path, folder, size, partial(split_pairs, source, split), streams, source.n_frames, clock.fps, clock.times_s,
-        _rig(calibration, size, rectified), (*_notes(packing, order, assumed), *clock.notes), clock.even,
+    streams = tuple(Stream(name, (width, height), source.n_frames, None, pixels) for name in ("left", "right"))
+
+    def views(picture: U8) -> Halves:
+        first, second = packing.split(picture)
+        return (second, first) if swapped else (first, second)
+
+    def own_rig() -> StereoRig:
+        found = load_rig(calibration, size)
+        return rectified_rig(partial(load_rig, calibration, size, rectified=True), found)[0] if rectified else found
+
+    return stereo_layout(
+        path, partial(split_pairs, source, views), streams, 0 if live_waits is not None else source.n_frames,
+        clock_of(folder, options, source.fps), rig or own_rig, _notes(packing, order, assumed), folder=folder,
+        live_waits=live_waits,
     )  # fmt: skip
 
 
@@ -317,11 +345,6 @@ def sampled(source: FrameSource) -> list[U8]:
     spread = sorted({round(float(i)) for i in np.linspace(0, max(0, source.n_frames - 1), LOOKED_AT)})
     found = [frame.image for frame in source.at(spread) if frame.image is not None]
     return found or [frame.image for frame in source.at([0]) if frame.image is not None]
-
-
-def _views(packing: Packing, swapped: bool, picture: U8) -> tuple[U8, U8]:
-    first, second = packing.split(picture)
-    return (second, first) if swapped else (first, second)
 
 
 def _aspect(calibration: Path) -> float | None:
@@ -342,14 +365,6 @@ def _order(calibration: Path, size: Size, shared: Common) -> tuple[Order | None,
     except InputError:
         return None, ""
     return tell_order(shared.matches, rig, rectified), assumed
-
-
-def _rig(calibration: Path, size: Size, rectified: bool) -> Callable[[], StereoRig]:
-    def load() -> StereoRig:
-        rig = load_rig(calibration, size)
-        return rectified_rig(partial(load_rig, calibration, size, rectified=True), rig)[0] if rectified else rig
-
-    return load
 
 
 def _notes(packing: Packing, order: Order | None, assumed: str) -> list[str]:

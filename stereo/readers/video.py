@@ -12,9 +12,20 @@ import numpy as np
 from calib.errors import InputError
 from calib.images import as_grey
 from calib.types import U8
-from stereo.readers.base import Decoded, OpenOptions, Reader, both, is_grey
+from stereo.readers.base import (
+    Layout,
+    OpenOptions,
+    Reader,
+    Stream,
+    both,
+    clock_of,
+    rig_in,
+    same_size,
+    stereo_layout,
+)
+from stereo.readers.images import is_grey
 from stereo.readers.pairing import split_sides
-from stereo.readers.stereo_layout import StereoLayout, clock_of, rig_in, same_size, stream
+from stereo.recording import Decoded
 
 SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg"})
 MAX_BROKEN_RUN = 25
@@ -127,14 +138,14 @@ def _fits(path: Path) -> bool:
     return path.is_dir() and _sides(path) is not None
 
 
-def _find(path: Path, options: OpenOptions) -> StereoLayout:
+def _find(path: Path, options: OpenOptions) -> Layout:
     left, right = _sides(path) or (path, path)
     a, b = VideoFile(left), VideoFile(right)
-    size, n_frames = same_size(a, b, left, right), max(a.n_frames, b.n_frames)
-    clock = clock_of(path, options, a.fps)
-    return StereoLayout(
-        path, path, size, partial(both, a, b), (stream("left", a), stream("right", b)), n_frames, clock.fps,
-        clock.times_s, rig_in(path, options, size), clock.notes, clock.even,
+    size = same_size(a, b, left, right)
+    streams = tuple(Stream(name, size, source.n_frames) for name, source in (("left", a), ("right", b)))
+    return stereo_layout(
+        path, partial(both, a, b), streams, max(a.n_frames, b.n_frames), clock_of(path, options, a.fps),
+        rig_in(path, options, size),
     )  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from functools import partial
 from itertools import islice
@@ -21,15 +21,26 @@ from calib.formats.ros import camera_from
 from calib.io import size_text
 from calib.pose import SE3
 from calib.rig import IDENTITY, RgbdRig, StereoRig
-from calib.types import I64, AnyArray
+from calib.types import I64
 from stereo.readers.bags.messages import camera_fields, frame_id, transforms
 from stereo.readers.bags.storage import Bag, McapFile, RosBag, error_text
-from stereo.readers.bags.topics import TopicFrames, TopicImages, bits_in, choose_topics, info_topic, stored_at
-from stereo.readers.base import Decoded, DecodedDepth, Layout, OpenOptions, Reader, Stream, both
-from stereo.readers.images import Size, bits_note
+from stereo.readers.bags.topics import TopicDepth, TopicFrames, TopicImages, choose_topics, info_topic
+from stereo.readers.base import (
+    Layout,
+    OpenOptions,
+    Reader,
+    Stream,
+    both,
+    check_paired,
+    clock_of_pairs,
+    own_times,
+    pixel_text,
+    same_size,
+    stereo_layout,
+)
+from stereo.readers.images import Size, bits_note, true_bits
 from stereo.readers.pairing import depth_note, nearest_mates, pair_stamps
-from stereo.readers.rgbd import UNITS_PER_M, RgbdLayout, metres
-from stereo.readers.stereo_layout import StereoLayout, check_paired, own_times, pixel_text, same_size, times_of
+from stereo.readers.rgbd import rgbd_layout
 
 MAX_TRANSFORMS = 2000
 """Messages of tf_static that are read: drivers send some dozens (our choice)."""
@@ -175,79 +186,6 @@ def _fitted_pair(rig: StereoRig, bag: Bag, size: tuple[int, int]) -> StereoRig:
 _REGISTERED = re.compile(r"registered|aligned|depth_to_(rgb|colou?r)", re.IGNORECASE)
 
 
-class TopicDepth:
-    """The images of a depth topic in the order of the recording: 16UC1 in millimetres, 32FC1 in metres (REP 118).
-
-    Raises:
-        InputError: the topic's images are no depth.
-    """
-
-    def __init__(self, images: TopicImages, places: I64, sample: Sequence[AnyArray], units_per_m: float) -> None:
-        """Args: places in the topic by frame index, -1 where there is none; a few of its images."""
-        if not sample or sample[0].ndim != 2 or sample[0].dtype not in (np.uint16, np.float32, np.float64):
-            raise InputError(
-                f"{images.bag.path}: expected depth in {images.topic.name} (16UC1, 32FC1, compressedDepth), found none"
-            )
-        self._images, self._places, self._sample, self._units = images, places, sample, units_per_m
-        self.size = sample[0].shape[1], sample[0].shape[0]
-
-    def __iter__(self) -> Iterator[DecodedDepth]:
-        return self.at(range(len(self._places)))
-
-    def at(self, indices: Iterable[int]) -> Iterator[DecodedDepth]:
-        """Only these frames."""
-        for index, stored in stored_at(self._images, self._places, indices):
-            if self._places[index] < 0:
-                yield DecodedDepth(index, None, None, "image is missing")
-            elif stored is None or stored.shape != self._sample[0].shape:
-                why = f"a message of {self._images.topic.name} is no depth of {size_text(self.size)}"
-                yield DecodedDepth(index, None, None, why)
-            else:
-                yield DecodedDepth(index, None, metres(stored, self._units))
-
-    def scaled(self, units_per_m: float) -> TopicDepth:
-        """The same topic with another scale."""
-        return TopicDepth(self._images, self._places, self._sample, units_per_m)
-
-
-def rgbd_layout(
-    path: Path, bag: Bag, topics: tuple[TopicImages, TopicImages], stamps: tuple[I64, I64], options: OpenOptions,
-    notes: Sequence[str],
-) -> RgbdLayout:  # fmt: skip
-    """Pair an image topic with a depth topic by their times.
-
-    Args:
-        topics: of the image and of its depth.
-        stamps: (n,) and (m,) int64 [ns], when each was taken.
-    Raises:
-        InputError: no image has a depth image, or the topics hold something else.
-    """
-    names = topics[0].topic.name, topics[1].topic.name
-    frames = pair_stamps(stamps[0], stamps[0], (names[0], names[0]))
-    mates = _mates(*stamps)
-    depth_places = np.where(frames.left >= 0, mates[frames.left], -1)
-    if not (depth_places >= 0).any():
-        raise InputError(f"{path}: expected images and depth of the same times, found none")
-    samples = [topic.sample() for topic in topics]
-    bits = bits_in(samples[:1])
-    images = TopicFrames(topics[0], frames.left, samples[0], bits)
-    depths = TopicDepth(topics[1], depth_places, samples[1], UNITS_PER_M)
-    registered, assumed = _is_registered(bag, names)
-    kinds = pixel_text(images.is_grey, bits), "depth"
-    streams = tuple(
-        Stream(name, size, len(own), own_times(own), kind)
-        for name, size, own, kind in zip(names, (images.size, depths.size), stamps, kinds, strict=True)
-    )
-    times, fps = times_of(frames, options)
-    rig = partial(_rgbd_rig, bag, names, options.calibration, (images.size, depths.size), registered)
-    return RgbdLayout(
-        path, path if path.is_dir() else path.parent, partial(_rgbd_pairs, images, depths), (streams[0], streams[1]),
-        len(frames.left), fps, times, rig,
-        (*notes, *frames.notes, *depth_note(depth_places), *bits_note(bits), *assumed),
-        unpaired=int(np.count_nonzero(depth_places < 0)),
-    )  # fmt: skip
-
-
 def _mates(images: I64, depths: I64) -> I64:
     """Place of each image's depth, -1 without one, whatever the order of recording."""
     order, depth_order = np.argsort(images, kind="stable"), np.argsort(depths, kind="stable")
@@ -255,12 +193,6 @@ def _mates(images: I64, depths: I64) -> I64:
     mates = np.full(len(images), -1)
     mates[order] = np.where(found >= 0, depth_order[found], -1)
     return mates
-
-
-def _rgbd_pairs(
-    images: TopicFrames, depths: TopicDepth, units_per_m: float | None, indices: Sequence[int] | None
-) -> Generator[tuple[Decoded, DecodedDepth], None, None]:
-    return both(images, depths if units_per_m is None else depths.scaled(units_per_m), indices)
 
 
 def _is_registered(bag: Bag, names: tuple[str, str]) -> tuple[bool, tuple[str, ...]]:
@@ -322,39 +254,45 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     bag = _open(path)
     choice = choose_topics(bag, options.topics)
     named = {topic.name: topic for topic in bag.topics}
-    topics = TopicImages(bag, named[choice.first]), TopicImages(bag, named[choice.second])
+    names = choice.first, choice.second
+    first, second = topics = TopicImages(bag, named[names[0]]), TopicImages(bag, named[names[1]])
+    stamps, said = stamps_of(topics)
+    samples = first.sample(), second.sample()
     if choice.kind == "rgbd":
-        stamps, note = stamps_of(topics)
-        return rgbd_layout(path, bag, topics, stamps, options, note)
-    return _stereo(path, bag, topics, options)
-
-
-def _stereo(path: Path, bag: Bag, topics: tuple[TopicImages, TopicImages], options: OpenOptions) -> StereoLayout:
-    names = topics[0].topic.name, topics[1].topic.name
-    stamps, clock_note = stamps_of(topics)
-    pairs = pair_stamps(*stamps, names)
-    check_paired(pairs, path)
-    samples = [topic.sample() for topic in topics]
-    bits = bits_in(samples)
-    a, b = (
-        TopicFrames(topic, places, sample, bits)
-        for topic, places, sample in zip(topics, (pairs.left, pairs.right), samples, strict=True)
-    )
-    size = same_size(a, b, Path(names[0]), Path(names[1]))
+        pairs = pair_stamps(stamps[0], stamps[0], (names[0], names[0]))
+        mates = np.where(pairs.left >= 0, _mates(*stamps)[pairs.left], -1)
+        if not (mates >= 0).any():
+            raise InputError(f"{path}: expected images and depth of the same times, found none")
+        bits = true_bits(samples[0])
+        images, depths = TopicFrames(first, pairs.left, samples[0], bits), TopicDepth(second, mates, samples[1])
+        sizes, kinds = (images.size, depths.size), (pixel_text(images.is_grey, bits), "depth")
+        said += (*depth_note(mates), *bits_note(bits))
+    else:
+        pairs = pair_stamps(*stamps, names)
+        check_paired(pairs, path)
+        bits = true_bits([*samples[0], *samples[1]])
+        a, b = TopicFrames(first, pairs.left, samples[0], bits), TopicFrames(second, pairs.right, samples[1], bits)
+        sizes = (same_size(a, b, *names),) * 2
+        kinds = pixel_text(a.is_grey, bits), pixel_text(b.is_grey, bits)
+        said += bits_note(bits)
     streams = tuple(
-        Stream(name, size, len(own), own_times(own), pixel_text(source.is_grey, bits))
-        for name, own, source in zip(names, stamps, (a, b), strict=True)
+        Stream(name, size, len(own), own_times(own), kind)
+        for name, size, own, kind in zip(names, sizes, stamps, kinds, strict=True)
     )
-    times, fps = times_of(pairs, options)
-    return StereoLayout(
-        path, folder_of(path), size, partial(both, a, b), streams, len(pairs.left), fps, times,
-        partial(_stereo_rig, bag, names, options.calibration, size), (*clock_note, *pairs.notes, *bits_note(bits)),
-        unpaired=pairs.unpaired,
+    clock = clock_of_pairs(pairs, options)
+    if choice.kind == "rgbd":
+        registered, assumed = _is_registered(bag, names)
+        rig = partial(_rgbd_rig, bag, names, options.calibration, sizes, registered)
+        lacking = int(np.count_nonzero(mates < 0))
+        return rgbd_layout(path, images, depths, streams, clock, rig, (*said, *assumed), unpaired=lacking)
+
+    def stereo_rig() -> StereoRig:
+        return load_rig(options.calibration, sizes[0]) if options.calibration else rig_of(bag, names, sizes[0])
+
+    return stereo_layout(
+        path, partial(both, a, b), streams, len(pairs.left), clock, stereo_rig, said, unpaired=pairs.unpaired,
+        folder=path if path.is_dir() else path.parent,
     )  # fmt: skip
-
-
-def _stereo_rig(bag: Bag, topics: tuple[str, str], calibration: Path | None, size: Size) -> StereoRig:
-    return load_rig(calibration, size) if calibration else rig_of(bag, topics, size)
 
 
 def stamps_of(topics: tuple[TopicImages, TopicImages]) -> tuple[tuple[I64, I64], tuple[str, ...]]:
@@ -365,11 +303,6 @@ def stamps_of(topics: tuple[TopicImages, TopicImages]) -> tuple[tuple[I64, I64],
         return (topics[0].stamp_ns, topics[1].stamp_ns), notes
     note = "headers hold no times: the times of recording are taken"
     return (topics[0].log_ns, topics[1].log_ns), (note, *notes)
-
-
-def folder_of(path: Path) -> Path:
-    """Where world.toml lies: in the folder of the bag."""
-    return path if path.is_dir() else path.parent
 
 
 def _open(path: Path) -> Bag:

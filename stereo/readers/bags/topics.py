@@ -13,12 +13,12 @@ import numpy as np
 from calib.errors import InputError
 from calib.images import as_grey
 from calib.io import size_text
-from calib.types import I64, U8, AnyArray
+from calib.types import I64, AnyArray
 from stereo.readers.bags.messages import image_message, stored_pixels
 from stereo.readers.bags.storage import Bag, Message, Topic, error_text
-from stereo.readers.base import Decoded, is_grey
-from stereo.readers.images import FRAMES, to_8_bits, true_bits
+from stereo.readers.images import FRAMES, UNITS_PER_M, is_grey, metres, to_8_bits
 from stereo.readers.pairing import split_sides
+from stereo.recording import Decoded
 
 _TRANSPORT = re.compile(r"/(compressed|compressedDepth|theora|ffmpeg|zstd)$")
 _DEPTH = re.compile(r"depth|disparity", re.IGNORECASE)
@@ -225,60 +225,66 @@ class TopicImages:
 
 
 class TopicFrames:
-    """A ``FrameSource`` of a topic's images in the order of the recording.
+    """The images of a topic in the order of the recording (a ``FrameSource``).
 
     Raises:
         InputError: none of a few images can be decoded.
     """
 
     fps = np.nan
+    _expected = "images in {}, found none that can be decoded"
 
-    def __init__(self, images: TopicImages, places: I64, sample: Sequence[AnyArray], bits: int | None) -> None:
+    def __init__(self, images: TopicImages, places: I64, sample: Sequence[AnyArray], bits: int | None = None) -> None:
         """Args: places in the topic by frame index, -1 where the camera has none; a few of its images."""
-        if not sample:
-            raise InputError(
-                f"{images.bag.path}: expected images in {images.topic.name}, found none that can be decoded"
-            )
-        self._images, self._places, self._bits = images, places, bits
+        if not sample or not self._fits(sample[0]):
+            raise InputError(f"{images.bag.path}: expected {self._expected.format(images.topic.name)}")
+        self._images, self._places, self._sample, self._bits = images, places, sample, bits
         self.n_frames = len(places)
         self.size = sample[0].shape[1], sample[0].shape[0]
-        self.is_grey = is_grey(to_8_bits(sample[0], bits)) if _is_image(sample[0]) else True
+        self.is_grey = sample[0].dtype in (np.uint8, np.uint16) and is_grey(to_8_bits(sample[0], bits))
 
     def __iter__(self) -> Iterator[Decoded]:
         return self.at(range(self.n_frames))
 
     def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
         """See ``FrameSource``."""
-        for index, stored in stored_at(self._images, self._places, indices):
-            yield self._decoded(index, stored)
+        listed, name = list(indices), self._images.topic.name
+        with closing(self._images.at(int(self._places[i]) for i in listed if self._places[i] >= 0)) as found:
+            for index in listed:
+                if self._places[index] < 0:
+                    yield Decoded(index, None, None, "image is missing")
+                    continue
+                stored = next(found)
+                if stored is None or not self._fits(stored):
+                    yield Decoded(index, None, None, f"a message of {name} cannot be decoded")
+                elif (size := (stored.shape[1], stored.shape[0])) != self.size:
+                    why = f"an image of {name} is {size_text(size)}, not {size_text(self.size)}"
+                    yield Decoded(index, None, None, why)
+                else:
+                    yield Decoded(index, None, self._given(stored))
 
-    def _decoded(self, index: int, stored: AnyArray | None) -> Decoded:
-        name = self._images.topic.name
-        if self._places[index] < 0:
-            return Decoded(index, None, None, "image is missing")
-        if stored is None or not _is_image(stored):
-            return Decoded(index, None, None, f"a message of {name} cannot be decoded")
-        if (stored.shape[1], stored.shape[0]) != self.size:
-            found = size_text((stored.shape[1], stored.shape[0]))
-            return Decoded(index, None, None, f"an image of {name} is {found}, not {size_text(self.size)}")
-        image: U8 = to_8_bits(stored, self._bits)
-        return Decoded(index, None, as_grey(image) if self.is_grey else image)
+    def _fits(self, stored: AnyArray) -> bool:
+        return stored.dtype in (np.uint8, np.uint16)
 
-
-def stored_at(
-    images: TopicImages, places: I64, indices: Iterable[int]
-) -> Generator[tuple[int, AnyArray | None], None, None]:
-    """Index and stored values of these frames; None where the camera has none, or none that can be decoded."""
-    listed = list(indices)
-    with closing(images.at(int(places[i]) for i in listed if places[i] >= 0)) as found:
-        for index in listed:
-            yield index, next(found) if places[index] >= 0 else None
+    def _given(self, stored: AnyArray) -> AnyArray:
+        image = to_8_bits(stored, self._bits)
+        return as_grey(image) if self.is_grey else image
 
 
-def bits_in(samples: Sequence[Sequence[AnyArray]]) -> int | None:
-    """Bits that the images of all cameras use; None for 8-bit images."""
-    return true_bits(image for sample in samples for image in sample)
+class TopicDepth(TopicFrames):
+    """The images of a depth topic: 16UC1 in millimetres, 32FC1 in metres (REP 118)."""
 
+    _expected = "depth in {} (16UC1, 32FC1, compressedDepth), found none"
+    _units_per_m = UNITS_PER_M
 
-def _is_image(stored: AnyArray) -> bool:
-    return stored.dtype in (np.uint8, np.uint16)
+    def scaled(self, units_per_m: float) -> TopicDepth:
+        """The same topic with another scale."""
+        other = TopicDepth(self._images, self._places, self._sample)
+        other._units_per_m = units_per_m
+        return other
+
+    def _fits(self, stored: AnyArray) -> bool:
+        return stored.ndim == 2 and stored.dtype in (np.uint16, np.float32, np.float64)
+
+    def _given(self, stored: AnyArray) -> AnyArray:
+        return metres(stored, self._units_per_m)

@@ -11,9 +11,9 @@ from calib.errors import InputError
 from calib.rig import save_rig
 from calib.types import U8
 from stereo.readers import OpenOptions, open_recording, open_video
-from stereo.readers.background import prefetch
 from stereo.readers.pairing import even_sequence, pair_files
 from stereo.readers.times import load_timestamps
+from stereo.recording import prefetch
 
 W, H = 32, 24
 
