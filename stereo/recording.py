@@ -200,7 +200,7 @@ PairsOf = Callable[[Sequence[int] | None], Generator[DecodedPair, None, None]]
 """Decodes the pairs of these ascending indices, or all."""
 
 
-class _Recorded(ABC, Generic[Frame]):
+class Recorded(ABC, Generic[Frame]):
     """Frames made of the images of one or two cameras; each iteration starts at the first frame.
 
     A frame that a camera lacks is passed over and noted in ``skipped``; indices and times keep the gap.
@@ -277,7 +277,7 @@ class _Recorded(ABC, Generic[Frame]):
         return Skipped(first.index, "; ".join(side + part.why for side, part in reasons if part.why))
 
 
-class StereoRecording(_Recorded[StereoFrame]):
+class StereoRecording(Recorded[StereoFrame]):
     """Frames of two cameras.
 
     Attributes:
@@ -334,7 +334,7 @@ class LiveRecording(StereoRecording):
         return frames
 
 
-class RgbdRecording(_Recorded[RgbdFrame]):
+class RgbdRecording(Recorded[RgbdFrame]):
     """Images with registered depth.
 
     Attributes:
@@ -369,7 +369,7 @@ class RgbdRecording(_Recorded[RgbdFrame]):
         return RgbdFrame(index, timestamp_s, image, self._register(depth_m))
 
 
-class Video(_Recorded[VideoFrame]):
+class Video(Recorded[VideoFrame]):
     """Frames of one camera: a video file or a folder of images.
 
     Attributes:

@@ -17,8 +17,8 @@ from planview.engine.config import Config
 from planview.engine.front_end import FrontEnd
 from planview.engine.setup import AnySetup
 from stereo.depth import DepthFromDisparity, back_project, median_image
-from stereo.floor import Sampled, setup_frames
-from stereo.recording import RgbdRecording, StereoRecording
+from stereo.floor import setup_frames
+from stereo.recording import Recorded, RgbdRecording, StereoRecording
 
 VOXEL_M = 0.015
 """Points are thinned to one in a cube of this side [m] (our choice: half a cell of the maps)."""
@@ -47,7 +47,7 @@ def scene_cloud(recording: StereoRecording | RgbdRecording, setup: AnySetup, con
         WorkError: no usable frame.
     """
     front_end: FrontEnd = setup.front_end(config)
-    sampled: Sampled[Any] = recording
+    sampled: Recorded[Any] = recording
     images, disparities = [], []
     for frame in setup_frames(sampled, config.analysis.setup_frames):
         rectified = front_end.rectify(frame)

@@ -37,14 +37,7 @@ _NAMED[".svo2"] = _NAMED[".svo"]
 _ARCHIVES = frozenset({".zip", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".7z", ".rar", ".zst"})
 
 
-def content_text(path: Path) -> str:
-    """What there is instead of a recording, for a message."""
-    if path.is_dir():
-        return ", ".join(sorted(f.name for f in path.iterdir())[:6]) or "an empty folder"
-    return "another file" if path.is_file() else "neither a file nor a folder"
-
-
-def foreign_text(path: Path) -> str | None:
+def _foreign_text(path: Path) -> str | None:
     """What a file is that is known to be no recording, or none that can be read here, and the way out."""
     if not path.is_file():
         return None
@@ -56,9 +49,7 @@ def foreign_text(path: Path) -> str | None:
     if pointer := _POINTER.match(head):
         return f"a git-lfs pointer instead of the file of {int(pointer[1])} bytes: git lfs pull fetches it"
     suffix = path.suffix.lower()
-    if suffix in _ARCHIVES:
-        return "an archive: unpack it"
-    return _NAMED.get(suffix, None if head else "an empty file")
+    return "an archive: unpack it" if suffix in _ARCHIVES else _NAMED.get(suffix, None if head else "an empty file")
 
 
 def rigs_file(path: Path) -> Path:
@@ -111,10 +102,13 @@ def find_reader(path: Path) -> Reader:
             return reader
     if not path.exists():
         raise InputError(f"{path}: expected a recording (folder or file), found nothing there")
-    if foreign := foreign_text(path):
+    if foreign := _foreign_text(path):
         raise InputError(f"{path}: expected a recording, found {foreign}")
     looked_for = "; ".join(reader.looks_for for reader in READERS)
-    raise InputError(f"{path}: expected a recording ({looked_for}), found {content_text(path)}")
+    found = "another file" if path.is_file() else "neither a file nor a folder"
+    if path.is_dir():
+        found = ", ".join(sorted(f.name for f in path.iterdir())[:6]) or "an empty folder"
+    raise InputError(f"{path}: expected a recording ({looked_for}), found {found}")
 
 
 def holds_pair(path: Path) -> bool:

@@ -186,15 +186,6 @@ def _fitted_pair(rig: StereoRig, bag: Bag, size: tuple[int, int]) -> StereoRig:
 _REGISTERED = re.compile(r"registered|aligned|depth_to_(rgb|colou?r)", re.IGNORECASE)
 
 
-def _mates(images: I64, depths: I64) -> I64:
-    """Place of each image's depth, -1 without one, whatever the order of recording."""
-    order, depth_order = np.argsort(images, kind="stable"), np.argsort(depths, kind="stable")
-    found = nearest_mates(images[order], depths[depth_order])
-    mates = np.full(len(images), -1)
-    mates[order] = np.where(found >= 0, depth_order[found], -1)
-    return mates
-
-
 def _is_registered(bag: Bag, names: tuple[str, str]) -> tuple[bool, tuple[str, ...]]:
     """Whether depth lies in the image's own pixels, and what is assumed where the bag does not say."""
     if _REGISTERED.search(names[1]):
@@ -260,7 +251,7 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     samples = first.sample(), second.sample()
     if choice.kind == "rgbd":
         pairs = pair_stamps(stamps[0], stamps[0], (names[0], names[0]))
-        mates = np.where(pairs.left >= 0, _mates(*stamps)[pairs.left], -1)
+        mates = np.where(pairs.left >= 0, nearest_mates(*stamps)[pairs.left], -1)
         if not (mates >= 0).any():
             raise InputError(f"{path}: expected images and depth of the same times, found none")
         bits = true_bits(samples[0])
