@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import nullcontext, suppress
+from dataclasses import replace
 from functools import partial
+from io import BytesIO
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -46,7 +48,7 @@ MAX_TRANSFORMS = 2000
 """Messages of tf_static that are read: drivers send some dozens (our choice)."""
 
 
-def rig_of(bag: Bag, topics: tuple[str, str], size: tuple[int, int]) -> StereoRig:
+def rig_of(bag: Bag, topics: tuple[str, str], size: Size) -> StereoRig:
     """The rig from the camera_info of two image topics.
 
     Topics whose names say that their images are rectified take the rectified camera P instead of K and D.
@@ -54,23 +56,26 @@ def rig_of(bag: Bag, topics: tuple[str, str], size: tuple[int, int]) -> StereoRi
     Raises:
         InputError: no camera_info, one that is not calibrated, or no baseline.
     """
-    found = [info_of(bag, topic) for topic in topics]
-    source = f"camera_info of {bag.path.name}"
-    try:
-        if all(is_rectified(topic) for topic in topics):
-            (left, left_shift), (right, right_shift) = (rectified_camera(fields, name) for name, fields, _ in found)
-            pose = SE3(np.eye(3), right_shift - left_shift)
-        else:
-            (left, rect_SE3_left), (right, rect_SE3_right) = (camera_from(fields, name) for name, fields, _ in found)
-            pose = rect_SE3_right.inverse() @ rect_SE3_left
-        for camera, name in ((left, "left"), (right, "right")):
-            refuse_strange_camera(camera, name)
-    except ValueError as error:
-        raise InputError(f"{bag.path}: {error}: --calibration FILE gives another") from error
+    first, second = infos = [info_of(bag, topic) for topic in topics]
+    rectified, source = all(is_rectified(topic) for topic in topics), f"camera_info of {bag.path.name}"
+    (left, rect_SE3_left), (right, rect_SE3_right) = (_camera(bag, info, rectified) for info in infos)
+    pose = rect_SE3_right.inverse() @ rect_SE3_left
     if np.linalg.norm(pose.translation) == 0:
-        pose, source = _from_tf(bag, found[0][2], found[1][2]), source + " and tf_static"
+        found = pose_between(static_poses(bag), second.frame, first.frame)
+        if found is None:
+            raise InputError(
+                f"{bag.path}: expected a baseline, found none in P and no transform from {first.frame} to "
+                f"{second.frame} in /tf_static: --calibration FILE gives one"
+            )
+        pose, source = found, source + " and tf_static"
     rig = StereoRig(left, right, pose, source)
-    return _fitted_pair(rig, bag, size).check(f"{bag.path} (camera_info)")
+    if not left.size == right.size == size:
+        if left.size != right.size or size[0] * left.height != size[1] * left.width:
+            raise InputError(
+                f"{bag.path}: expected camera_info for images of {size_text(size)}, found {size_text(left.size)}"
+            )
+        rig = replace(rig.scaled(*size), source=f"{source} (scaled from {size_text(left.size)})")
+    return rig.check(f"{bag.path} (camera_info)")
 
 
 def is_rectified(topic: str) -> bool:
@@ -78,31 +83,28 @@ def is_rectified(topic: str) -> bool:
     return re.search(r"(?<![a-z])rect", topic) is not None
 
 
-def rectified_camera(fields: Mapping[str, Any], name: str) -> tuple[Camera, Any]:
-    """The camera of rectified images, and where the rectified left frame's origin lies in its frame [m].
-
-    Raises:
-        ValueError: P is no projection.
-    """
-    projection = np.array(fields["P"], dtype=np.float64).reshape(3, 4)
-    one = camera_of(
-        (fields["width"], fields["height"]), projection[:, :3].ravel(), np.empty(0), "brown", f"P of {name}"
-    )
-    return one, np.linalg.solve(projection[:, :3], projection[:, 3])
-
-
 class CameraMessage(NamedTuple):
-    """The first camera_info of an image topic.
-
-    Attributes:
-        topic: its own name.
-        fields: as ``calib.formats.ros.camera_from`` takes them.
-        frame: of reference.
-    """
+    """The first camera_info of an image topic: its own topic, the fields of ROS's YAML files, frame of reference."""
 
     topic: str
     fields: dict[str, Any]
     frame: str
+
+
+def _camera(bag: Bag, info: CameraMessage, rectified: bool) -> tuple[Camera, SE3]:
+    """The camera of a camera_info, or of its rectified images by P, and rect_SE3_camera."""
+    try:
+        if rectified:
+            p = np.array(info.fields["P"], dtype=np.float64).reshape(3, 4)
+            size = info.fields["width"], info.fields["height"]
+            camera = camera_of(size, p[:, :3].ravel(), np.empty(0), "brown", f"P of {info.topic}")
+            pose = SE3(np.eye(3), np.asarray(-np.linalg.solve(p[:, :3], p[:, 3]), dtype=np.float64))
+        else:
+            camera, pose = camera_from(info.fields, info.topic)
+        refuse_strange_camera(camera, info.topic)
+    except ValueError as error:
+        raise InputError(f"{bag.path}: {error}: --calibration FILE gives another") from error
+    return camera, pose
 
 
 def info_of(bag: Bag, topic: str) -> CameraMessage:
@@ -131,18 +133,6 @@ def info_of(bag: Bag, topic: str) -> CameraMessage:
     return CameraMessage(name, fields, frame.lstrip("/"))
 
 
-def _from_tf(bag: Bag, left: str, right: str) -> SE3:
-    """right_SE3_left of two frames, from the static transforms."""
-    poses = static_poses(bag)
-    found = pose_between(poses, right, left)
-    if found is None:
-        raise InputError(
-            f"{bag.path}: expected a baseline, found none in P and no transform from {left} to {right} in /tf_static: "
-            "--calibration FILE gives one"
-        )
-    return found
-
-
 def static_poses(bag: Bag) -> dict[str, tuple[str, SE3]]:
     """Parent frame and parent_SE3_child by child frame."""
     poses: dict[str, tuple[str, SE3]] = {}
@@ -157,30 +147,16 @@ def static_poses(bag: Bag) -> dict[str, tuple[str, SE3]]:
 
 def pose_between(poses: Mapping[str, tuple[str, SE3]], target: str, source: str) -> SE3 | None:
     """target_SE3_source over their common ancestor; None when they have none."""
-    up_source, up_target = _chain(poses, source), _chain(poses, target)
-    common = next((frame for frame in up_source if frame in up_target), None)
-    return None if common is None else up_target[common].inverse() @ up_source[common]
-
-
-def _chain(poses: Mapping[str, tuple[str, SE3]], frame: str) -> dict[str, SE3]:
-    """ancestor_SE3_frame by ancestor, the frame itself first; a loop ends it."""
-    chain = {frame: SE3.identity()}
-    at = frame
-    while at in poses and poses[at][0] not in chain:
-        parent, pose = poses[at]
-        chain[parent] = pose @ chain[at]
-        at = parent
-    return chain
-
-
-def _fitted_pair(rig: StereoRig, bag: Bag, size: tuple[int, int]) -> StereoRig:
-    if rig.left.size == rig.right.size == size:
-        return rig
-    (width, height), (w, h) = size, rig.left.size
-    if rig.left.size != rig.right.size or width * h != height * w:
-        raise InputError(f"{bag.path}: expected camera_info for images of {width}x{height}, found {w}x{h}")
-    scaled = rig.scaled(*size)
-    return StereoRig(scaled.left, scaled.right, rig.right_SE3_left, f"{rig.source} (scaled from {w}x{h})")
+    chains = []
+    for frame in (source, target):
+        chain = {frame: SE3.identity()}  # ancestor_SE3_frame by ancestor; a loop ends it
+        while frame in poses and poses[frame][0] not in chain:
+            parent, pose = poses[frame]
+            chain[parent] = pose @ chain[frame]
+            frame = parent
+        chains.append(chain)
+    common = next((frame for frame in chains[0] if frame in chains[1]), None)
+    return None if common is None else chains[1][common].inverse() @ chains[0][common]
 
 
 _REGISTERED = re.compile(r"registered|aligned|depth_to_(rgb|colou?r)", re.IGNORECASE)
@@ -200,45 +176,24 @@ def _is_registered(bag: Bag, names: tuple[str, str]) -> tuple[bool, tuple[str, .
     return False, (f"{note} (--calibration FILE says otherwise)",)
 
 
-def _rgbd_rig(
-    bag: Bag, names: tuple[str, str], calibration: Path | None, sizes: tuple[Size, Size], registered: bool
-) -> RgbdRig:
-    if calibration is not None:
-        return load_rgbd(calibration, *sizes)
+def _rgbd_rig(bag: Bag, names: tuple[str, str], sizes: tuple[Size, Size], registered: bool) -> RgbdRig:
     image, source = info_of(bag, names[0]), f"camera_info of {bag.path.name}"
-    camera = _camera_of_topic(image.fields, names[0])
-    if registered:
-        return _fitted_rgbd(RgbdRig(camera, source=source), bag, sizes)
-    depth = info_of(bag, names[1])
-    pose = IDENTITY if image.frame == depth.frame else pose_between(static_poses(bag), image.frame, depth.frame)
-    depth_camera = _camera_of_topic(depth.fields, names[1])
-    return _fitted_rgbd(RgbdRig(camera, depth_camera, pose or IDENTITY, source=source), bag, sizes)
-
-
-def _fitted_rgbd(rig: RgbdRig, bag: Bag, sizes: tuple[Size, Size]) -> RgbdRig:
-    for one, size in ((rig.camera, sizes[0]), (rig.depth_camera, sizes[1])):
-        if one is not None and one.width * size[1] != one.height * size[0]:
-            found = size_text(one.size)
+    rig = RgbdRig(_camera(bag, image, is_rectified(names[0]))[0], source=source)
+    if not registered:
+        depth = info_of(bag, names[1])
+        same = image.frame == depth.frame
+        pose = None if same else pose_between(static_poses(bag), image.frame, depth.frame)
+        depth_camera = _camera(bag, depth, is_rectified(names[1]))[0]
+        rig = replace(rig, depth_camera=depth_camera, camera_SE3_depth=pose or IDENTITY)
+    cameras = [(rig.camera, sizes[0]), *([(rig.depth_camera, sizes[1])] if rig.depth_camera else [])]
+    for camera, size in cameras:
+        if camera.width * size[1] != camera.height * size[0]:
+            found = size_text(camera.size)
             raise InputError(f"{bag.path}: expected camera_info for images of {size_text(size)}, found {found}")
-    same = rig.camera.size == sizes[0] and (rig.depth_camera is None or rig.depth_camera.size == sizes[1])
-    return rig if same else rig.scaled(*sizes)
-
-
-def _camera_of_topic(fields: dict[str, object], topic: str) -> Camera:
-    try:
-        camera = rectified_camera(fields, topic)[0] if is_rectified(topic) else camera_from(fields, topic)[0]
-        refuse_strange_camera(camera, "topic's")
-        return camera
-    except ValueError as error:
-        raise InputError(f"{topic}: {error}: --calibration FILE gives another") from error
+    return rig if all(camera.size == size for camera, size in cameras) else rig.scaled(*sizes)
 
 
 _MAGIC = {b"#ROSBAG V2.0": "ros1", b"\x89MCAP0\r\n": "mcap", b"SQLite format 3\0": "sqlite"}
-_SUFFIXES = {".bag": "ros1", ".mcap": "mcap", ".db3": "sqlite"}
-
-
-def _fits(path: Path) -> bool:
-    return _bag_file(path) is not None
 
 
 def _find(path: Path, options: OpenOptions) -> Layout:
@@ -273,7 +228,9 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     clock = clock_of_pairs(pairs, options)
     if choice.kind == "rgbd":
         registered, assumed = _is_registered(bag, names)
-        rig = partial(_rgbd_rig, bag, names, options.calibration, sizes, registered)
+        rig = partial(_rgbd_rig, bag, names, sizes, registered)
+        if options.calibration:
+            rig = partial(load_rgbd, options.calibration, *sizes)
         lacking = int(np.count_nonzero(mates < 0))
         return rgbd_layout(path, images, depths, streams, clock, rig, (*said, *assumed), unpaired=lacking)
 
@@ -298,9 +255,7 @@ def stamps_of(topics: tuple[TopicImages, TopicImages]) -> tuple[tuple[I64, I64],
 
 def _open(path: Path) -> Bag:
     file = _bag_file(path) or path
-    if file.is_dir():
-        return RosBag(file, ros1=False)
-    kind = _kind(file)
+    kind = None if file.is_dir() else _kind(file)
     return McapFile(file) if kind == "mcap" else RosBag(file, ros1=kind == "ros1")
 
 
@@ -310,28 +265,30 @@ def _bag_file(path: Path) -> Path | None:
         return path if _kind(path) else None
     if not path.is_dir():
         return None
-    if (path / "metadata.yaml").is_file() and _is_ros2(path / "metadata.yaml"):
+    if b"rosbag2_bagfile_information" in _head(path / "metadata.yaml", 4096):
         return path
-    found = [file for file in sorted(path.iterdir()) if file.suffix in _SUFFIXES and file.is_file() and _kind(file)]
+    found = [file for file in sorted(path.iterdir()) if file.suffix in (".bag", ".mcap", ".db3") and _kind(file)]
     return found[0] if len(found) == 1 else None
 
 
 def _kind(file: Path) -> str | None:
-    try:
-        with file.open("rb") as content:
-            head = content.read(16)
-    except OSError:
-        return None
+    head = _head(file, 16)
     found = next((kind for magic, kind in _MAGIC.items() if head.startswith(magic)), None)
     return None if found == "sqlite" and file.suffix != ".db3" else found
 
 
-def _is_ros2(metadata: Path) -> bool:
+def _head(file: Path, length: int) -> bytes:
     try:
-        with metadata.open("rb") as file:
-            return b"rosbag2_bagfile_information" in file.read(4096)
+        with file.open("rb") if file.is_file() else nullcontext(BytesIO()) as content:
+            return content.read(length)
     except OSError:
-        return False
+        return b""
 
 
-READER = Reader("bag", "a bag", "a ROS 1 bag, a ROS 2 bag or an MCAP file with images", _fits, _find)
+READER = Reader(
+    "bag",
+    "a bag",
+    "a ROS 1 bag, a ROS 2 bag or an MCAP file with images",
+    lambda path: _bag_file(path) is not None,
+    _find,
+)

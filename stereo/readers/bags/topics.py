@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing
-from pathlib import Path
+from itertools import takewhile
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -43,10 +43,21 @@ def choose_topics(bag: Bag, named: Sequence[str]) -> TopicChoice:
     """
     there = [topic for topic in bag.topics if topic.kind in ("image", "compressed") and topic.count]
     if named:
-        return _named(bag.path, there, named)
+        for name in named:
+            if name not in [topic.name for topic in there]:
+                raise InputError(
+                    f"--topics: expected image topics of {bag.path.name} ({_listed(there)}), found {name!r}"
+                )
+        first, second = named
+        if is_depth(first) and not is_depth(second):
+            first, second = second, first
+        return TopicChoice("rgbd" if is_depth(second) else "stereo", first, second)
     if not there:
         raise InputError(f"{bag.path}: expected image topics of two cameras, found {_listed(bag.topics)}")
-    pairs = _stereo(there) or _rgbd(there)
+    by_base: dict[str, Topic] = {}  # each image once: raw before compressed
+    for topic in sorted(there, key=lambda topic: topic.kind == "compressed"):
+        by_base.setdefault(_base(topic.name), topic)
+    pairs = _stereo(list(by_base)) or _rgbd(list(by_base))
     if not pairs and len(there) == 1:
         raise InputError(
             f"{bag.path}: expected image topics of two cameras, or an image and its depth, "
@@ -58,23 +69,26 @@ def choose_topics(bag: Bag, named: Sequence[str]) -> TopicChoice:
             f"{bag.path}: expected one pair of image topics, found {what} among {_listed(there)}: "
             "--topics LEFT,RIGHT or IMAGE,DEPTH names them"
         )
-    return pairs[0]
+    kind, first, second = pairs[0]
+    return TopicChoice(kind, by_base[first].name, by_base[second].name)
 
 
 def info_topic(topics: Iterable[Topic], image: str) -> str | None:
     """The camera_info topic beside an image topic: of the same camera, else the one that shares most of its name."""
     infos = [topic.name for topic in topics if topic.kind == "info" and topic.count]
     base = _base(image)
-    beside = base.rsplit("/", 1)[0]
-    for name in (f"{beside}/camera_info", f"{base}/camera_info"):
+    for name in (f"{base.rsplit('/', 1)[0]}/camera_info", f"{base}/camera_info"):
         if name in infos:
             return name
-    shared = {name: _shared(name, base) for name in infos}
-    best = max(shared.values(), default=0)
-    nearest = [name for name in infos if shared[name] == best]
+
+    def shared(name: str) -> int:
+        parts = zip(name.strip("/").split("/"), base.strip("/").split("/"), strict=False)
+        return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], parts))
+
+    best = max(map(shared, infos), default=0)
     if len(infos) > 1 and not best:
         return None
-    return min(nearest, key=len, default=None)
+    return min((name for name in infos if shared(name) == best), key=len, default=None)
 
 
 def is_depth(topic: str) -> bool:
@@ -82,52 +96,24 @@ def is_depth(topic: str) -> bool:
     return _DEPTH.search(topic) is not None
 
 
-def _named(path: Path, there: Sequence[Topic], named: Sequence[str]) -> TopicChoice:
-    names = [topic.name for topic in there]
-    for name in named:
-        if name not in names:
-            raise InputError(f"--topics: expected image topics of {path.name} ({_listed(there)}), found {name!r}")
-    first, second = named
-    depth = [is_depth(name) for name in (first, second)]
-    return TopicChoice("rgbd", second, first) if depth[0] and not depth[1] else TopicChoice(
-        "rgbd" if depth[1] else "stereo", first, second
-    )  # fmt: skip
-
-
-def _stereo(there: Sequence[Topic]) -> list[TopicChoice]:
+def _stereo(bases: Sequence[str]) -> list[TopicChoice]:
     """Left and right topics whose names differ in the side alone, one pair for each rig."""
-    images = [
-        topic for topic in _one_transport(there) if not is_depth(topic.name) and not _COLOUR.search(_camera(topic))
-    ]
-    sided = split_sides([_base(topic.name) for topic in images])
+    images = [base for base in bases if not is_depth(base) and not _COLOUR.search(base.rsplit("/", 1)[0])]
+    sided = split_sides(images)
     if sided is None:
         return []
-    rights = {sided.rest[i]: images[i].name for i in sided.right}
-    pairs = {sided.rest[i]: TopicChoice("stereo", images[i].name, rights[sided.rest[i]])
+    rights = {sided.rest[i]: images[i] for i in sided.right}
+    pairs = {sided.rest[i]: TopicChoice("stereo", images[i], rights[sided.rest[i]])
              for i in sided.left if sided.rest[i] in rights}  # fmt: skip
     return [pairs[rest] for rest in _preferred(pairs)]
 
 
-def _rgbd(there: Sequence[Topic]) -> list[TopicChoice]:
+def _rgbd(bases: Sequence[str]) -> list[TopicChoice]:
     """Images of colour, or whatever is not depth, with the depth topic of the same camera."""
-    topics = _one_transport(there)
-    depths = {topic.name: topic.name for topic in topics if is_depth(topic.name)}
-    images = [topic.name for topic in topics if topic.name not in depths]
-    images = [name for name in images if _COLOUR.search(name)] or images
-    depths = {name: name for name in _preferred({_base(d): d for d in depths})}
-    images = _preferred({_base(i): i for i in images})
-    names = {_base(topic.name): topic.name for topic in topics}
-    if len(depths) == 1 and len(images) == 1:
-        return [TopicChoice("rgbd", names[images[0]], names[next(iter(depths))])]
-    return [TopicChoice("rgbd", names[i], names[d]) for i in images for d in depths]
-
-
-def _one_transport(there: Sequence[Topic]) -> list[Topic]:
-    """Each image once: raw before compressed."""
-    by_base: dict[str, Topic] = {}
-    for topic in sorted(there, key=lambda topic: topic.kind == "compressed"):
-        by_base.setdefault(_base(topic.name), topic)
-    return list(by_base.values())
+    depths = _preferred([base for base in bases if is_depth(base)])
+    images = [base for base in bases if not is_depth(base)]
+    images = _preferred([base for base in images if _COLOUR.search(base)] or images)
+    return [TopicChoice("rgbd", image, depth) for image in images for depth in depths]
 
 
 def _preferred(names: Iterable[str]) -> list[str]:
@@ -141,17 +127,6 @@ def _preferred(names: Iterable[str]) -> list[str]:
 
 def _base(topic: str) -> str:
     return _TRANSPORT.sub("", topic)
-
-
-def _camera(topic: Topic) -> str:
-    """Name of the camera: all but the last part."""
-    return _base(topic.name).rsplit("/", 1)[0]
-
-
-def _shared(a: str, b: str) -> int:
-    """Leading parts that two names share."""
-    parts = list(zip(a.strip("/").split("/"), b.strip("/").split("/"), strict=False))
-    return next((i for i, (one, other) in enumerate(parts) if one != other), len(parts))
 
 
 def _listed(topics: Sequence[Topic]) -> str:
