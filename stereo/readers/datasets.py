@@ -33,17 +33,12 @@ from stereo.readers.base import (
     Reader,
     Stream,
     TimedFiles,
-    both,
-    clock_of,
     own_times,
-    pixel_text,
     rate_of,
-    rig_in,
-    same_size,
-    stereo_layout,
     timed_layout,
 )
-from stereo.readers.images import DepthFiles, ImageFiles, bits_note, bits_of, frame_number, image_files
+from stereo.readers.folders import files_layout
+from stereo.readers.images import DepthFiles, ImageFiles, frame_number, image_files
 from stereo.readers.pairing import MAX_APART_S, depth_note, nearest_mates
 from stereo.readers.rgbd import rgbd_layout
 from stereo.readers.times import MAX_BYTES, NS, read_stamps, stamp_list
@@ -212,14 +207,7 @@ def _middlebury_fits(path: Path) -> bool:
 
 
 def _middlebury_find(path: Path, options: OpenOptions) -> Layout:
-    left, right = _middlebury_pair(path) or (path, path)
-    bits = bits_of([left], [right])
-    a, b = ImageFiles([left], bits), ImageFiles([right], bits)
-    size = same_size(a, b, left, right)
-    streams = tuple(Stream(n, size, 1, None, pixel_text(s.is_grey, bits)) for n, s in (("left", a), ("right", b)))
-    return stereo_layout(
-        path, partial(both, a, b), streams, 1, clock_of(path, options), rig_in(path, options, size), bits_note(bits)
-    )
+    return files_layout(path, [_middlebury_pair(path) or (None, None)], options)
 
 
 def _middlebury_pair(path: Path) -> tuple[Path, Path] | None:

@@ -77,11 +77,11 @@ class HeadsRecording:
 
     def __iter__(self) -> Iterator[HeadsFrame]:
         with ExitStack() as stack:
-            first = min(head.start_s for head in self.heads)
-            streams = [
-                _Stream(stack.enter_context(closing(_ahead(h.recording))), h.start_s - first, 1 / h.recording.fps)
-                for h in self.heads
-            ]
+            first, streams = min(head.start_s for head in self.heads), []
+            for head in self.heads:
+                items: Iterable[AnyFrame] = head.recording
+                frames = stack.enter_context(closing(prefetch(items)))
+                streams.append(_Stream(frames, head.start_s - first, 1 / head.recording.fps))
             yield from moments(streams, 1 / self.fps)
 
 
@@ -118,11 +118,6 @@ def moments(streams: Sequence[_Stream], period_s: float) -> Iterator[HeadsFrame]
         index += 1
 
 
-def _ahead(recording: AnyRecording) -> Generator[AnyFrame, None, None]:
-    frames: Iterable[AnyFrame] = recording
-    return prefetch(frames)
-
-
 def open_heads(path: Path) -> HeadsRecording:
     """Open every head that ``rigs.toml`` lists.
 
@@ -135,16 +130,14 @@ def open_heads(path: Path) -> HeadsRecording:
 
 def heads_in(folder: Path, entries: Sequence[RigEntry]) -> HeadsRecording:
     """Open heads whose folders lie in one folder (same errors as ``open_heads``)."""
-    return HeadsRecording(folder, [_opened(folder, entry) for entry in entries])
-
-
-def _opened(folder: Path, entry: RigEntry) -> Head:
-    path = folder / entry.folder
-    if not path.exists():
-        raise InputError(f"{folder}: expected a recording in {entry.folder!r}, found nothing there")
-    recording = open_any(path)
-    if isinstance(recording, StereoRecording):
-        recording.world_SE3_left = entry.world_SE3_left
-    else:
-        recording.world_SE3_camera = entry.world_SE3_left
-    return Head(entry.folder, recording, entry.start_s)
+    heads = []
+    for entry in entries:
+        if not (folder / entry.folder).exists():
+            raise InputError(f"{folder}: expected a recording in {entry.folder!r}, found nothing there")
+        recording = open_any(folder / entry.folder)
+        if isinstance(recording, StereoRecording):
+            recording.world_SE3_left = entry.world_SE3_left
+        else:
+            recording.world_SE3_camera = entry.world_SE3_left
+        heads.append(Head(entry.folder, recording, entry.start_s))
+    return HeadsRecording(folder, heads)

@@ -28,6 +28,7 @@ _MAX_STEP = {"s": 2, "ms": 2_000, "us": 2_000_000}
 by a factor of 1000, the periods of cameras (1 to 250 Hz) by 250 (our choice)."""
 _NUMBER = re.compile(r"[+-]?\d{1,20}(\.\d{0,30})?([eE][+-]?\d{1,2})?")
 _DATE = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?\d*(?:Z|\+00:?00)?")
+_DAY = re.compile(r"\d{4}-\d\d-\d\d ")
 _MAX_NS = 2**62
 _NAME = re.compile(r"(?<![\d.])(\d{7,20}(?:\.\d{1,9}|_\d{6,9})?|\d{1,6}\.\d{2,9})(?![\d.])")
 
@@ -55,7 +56,9 @@ def read_stamps(texts: Sequence[str], unit: str | None = None) -> Stamps:
     """
     dates = [_DATE.fullmatch(text.strip()) for text in texts]
     if texts and all(dates):
-        unit, values = "date", [_date_ns(match) for match in dates if match]
+        # Of a date the whole seconds and the digits behind them.
+        days = [(datetime.fromisoformat(match[1]).replace(tzinfo=UTC), match[2] or "0") for match in dates if match]
+        unit, values = "date", [round(day.timestamp()) * NS["s"] + int(digits.ljust(9, "0")) for day, digits in days]
     else:
         numbers = [_number(text) for text in texts]
         unit = unit or unit_of(numbers)
@@ -111,11 +114,6 @@ def _number(text: str) -> Decimal:
     return number
 
 
-def _date_ns(match: re.Match[str]) -> int:
-    seconds = datetime.fromisoformat(match[1]).replace(tzinfo=UTC).timestamp()
-    return round(seconds) * NS["s"] + int((match[2] or "0").ljust(9, "0"))
-
-
 LISTS = ("timestamps.txt", "times.txt", "timestamp.txt")
 """Names of lists with one time a line."""
 MAX_BYTES = 1 << 26
@@ -123,13 +121,6 @@ MAX_BYTES = 1 << 26
 _FRAME = ("frame", "frame_id", "index", "id")
 _TIME = re.compile(r"#?\s*(timestamp|time|stamp|t)s?(?:[ _]?[\[(]?(ns|us|ms|s|sec|nsec|usec|msec)[\])]?)?")
 _UNITS = {"sec": "s", "nsec": "ns", "usec": "us", "msec": "ms"}
-
-
-class StampList(NamedTuple):
-    """One time a line, as text."""
-
-    path: Path
-    texts: Sequence[str]
 
 
 class TimeTable(NamedTuple):
@@ -177,8 +168,8 @@ def load_timestamps(path: Path) -> TimeTable:
     return TimeTable(times, (*note, *paired.notes))
 
 
-def stamp_list(folder: Path) -> StampList | None:
-    """The list of times in a folder; None without one.
+def stamp_list(folder: Path) -> tuple[Path, list[str]] | None:
+    """The list of times in a folder and its entries as text, one a line; None without one.
 
     Raises:
         InputError: there is one that cannot be read.
@@ -187,12 +178,9 @@ def stamp_list(folder: Path) -> StampList | None:
     if path is None:
         return None
     lines = [line.strip() for line in read_text(path, "a list of times", MAX_BYTES).splitlines()]
-    return StampList(path, [_first_field(line) for line in lines if line and not line.startswith("#")])
-
-
-def _first_field(line: str) -> str:
-    """The time of a line: a date with its blank, or what comes before the first blank or comma."""
-    return line if re.match(r"\d{4}-\d\d-\d\d ", line) else re.split(r"[\s,;]", line)[0]
+    # A date with its blank, or what comes before the first blank or comma.
+    first = ((_DAY.match(line) and line) or re.split(r"[\s,;]", line)[0] for line in lines if line and line[0] != "#")
+    return path, list(first)
 
 
 def _rows(path: Path) -> tuple[list[tuple[int, str]], str | None]:
