@@ -51,8 +51,13 @@ class VideoFile:
         try:
             found, first = capture.read()
             self._start_ms = float(capture.get(cv2.CAP_PROP_POS_MSEC))
-            self.n_frames = _announced(capture, path)
-            fps = capture.get(cv2.CAP_PROP_FPS)
+            fps, announced = capture.get(cv2.CAP_PROP_FPS), capture.get(cv2.CAP_PROP_FRAME_COUNT)
+            self.n_frames = int(announced) if np.isfinite(announced) and announced > 0 else 0
+            if self.n_frames > path.stat().st_size / MIN_FRAME_BYTES:  # a file too small for so many: they are counted
+                count = 1
+                while count < self.n_frames and capture.grab():
+                    count += 1
+                self.n_frames = count
         finally:
             capture.release()
         if not found or first is None:
@@ -105,19 +110,6 @@ class VideoFile:
     def _as_stored(self, image: object) -> U8:
         pixels = np.asarray(image, dtype=np.uint8)
         return as_grey(pixels) if self._grey else pixels
-
-
-def _announced(capture: cv2.VideoCapture, path: Path) -> int:
-    """Frames that the header announces; of a file too small for so many they are counted instead."""
-    announced = capture.get(cv2.CAP_PROP_FRAME_COUNT)
-    if not np.isfinite(announced) or announced < 0:
-        return 0
-    if announced <= path.stat().st_size / MIN_FRAME_BYTES:
-        return int(announced)
-    count = 1
-    while count < announced and capture.grab():
-        count += 1
-    return count
 
 
 def video_files(folder: Path) -> list[Path]:
