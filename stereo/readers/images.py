@@ -46,11 +46,6 @@ def header_size(data: bytes) -> Size | None:
     return abs(int(width)), abs(int(height))
 
 
-def is_image_size(size: Size | None) -> bool:
-    """Whether an announced size is one that may be decoded."""
-    return size is not None and min(size) > 0 and size[0] * size[1] <= MAX_PIXELS
-
-
 def _jpeg(data: bytes) -> Size | None:
     at = 2
     while at + 9 <= len(data):
@@ -288,7 +283,8 @@ def decode_image(data: bytes) -> AnyArray | None:
 
 def decode(data: bytes, flags: int) -> AnyArray | None:
     """What OpenCV makes of it; the size that the header announces is checked before memory is taken for the image."""
-    if not is_image_size(header_size(data)):
+    width, height = header_size(data) or (0, 0)
+    if not 0 < width * height <= MAX_PIXELS:
         return None
     try:
         image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.world import RigEntry, load_rigs
+from calib.world import load_rigs
 from stereo.readers.base import AnyRecording
 from stereo.readers.open import open_any, rigs_file
 from stereo.recording import RgbdFrame, Skipped, StereoFrame, StereoRecording, prefetch
@@ -125,13 +125,8 @@ def open_heads(path: Path) -> HeadsRecording:
         InputError: no or a wrong rigs.toml, or a head that cannot be opened.
     """
     file = rigs_file(path)
-    return heads_in(file.parent, load_rigs(file))
-
-
-def heads_in(folder: Path, entries: Sequence[RigEntry]) -> HeadsRecording:
-    """Open heads whose folders lie in one folder (same errors as ``open_heads``)."""
-    heads = []
-    for entry in entries:
+    folder, heads = file.parent, []
+    for entry in load_rigs(file):
         if not (folder / entry.folder).exists():
             raise InputError(f"{folder}: expected a recording in {entry.folder!r}, found nothing there")
         recording = open_any(folder / entry.folder)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -32,7 +32,7 @@ from stereo.readers.base import (
     world_pose,
 )
 from stereo.readers.images import DepthFiles, ImageFiles, Size, image_files, read_depth
-from stereo.readers.pairing import depth_note, nearest_mates, pair_files
+from stereo.readers.pairing import Pair, depth_note, nearest_mates, pair_files
 from stereo.readers.times import stamps_in_names
 from stereo.recording import DEFAULT_FPS, FrameClock, RgbdFrame, RgbdRecording
 
@@ -200,8 +200,9 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     if sides is None:
         raise InputError(f"{path}: expected images and depth, found neither")
     timed = None if (path / "timestamps.csv").is_file() else _timed(*sides)
-    pairs = timed.pairs if timed else pair_files(*sides)
-    clock = clock_of(path, options) if timed is None or options.fps is not None else timed.clock
+    pairs, clock = timed or (pair_files(*sides), clock_of(path, options))
+    if options.fps is not None:
+        clock = clock_of(path, options)
     images, depths = ImageFiles([pair[0] for pair in pairs]), DepthFiles([pair[1] for pair in pairs])
     streams = (
         Stream("image", images.size, len(sides[0]), clock.times_s),
@@ -211,28 +212,18 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     return rgbd_layout(path, images, depths, streams, clock, rig)
 
 
-class _Timed(NamedTuple):
-    """Images with the depth of their times."""
-
-    pairs: list[tuple[Path | None, Path | None]]
-    clock: FrameClock
-
-
-def _timed(images: list[Path], depths: list[Path]) -> _Timed | None:
-    """Pairs by the times that the names of the files hold; None where they number the frames."""
-    stamps = stamps_in_names([file.stem for file in images]), stamps_in_names([file.stem for file in depths])
-    if stamps[0] is None or stamps[1] is None:
+def _timed(images: list[Path], depths: list[Path]) -> tuple[list[Pair], FrameClock] | None:
+    """Images with the depth of the times that the names of the files hold; None where they number the frames."""
+    stamps, depth_stamps = (stamps_in_names([file.stem for file in files]) for files in (images, depths))
+    if stamps is None or depth_stamps is None:
         return None
-    order, depth_order = np.argsort(stamps[0].ns), np.argsort(stamps[1].ns)
-    ns, depth_ns = stamps[0].ns[order], stamps[1].ns[depth_order]
-    mates = nearest_mates(ns, depth_ns)
+    order = np.argsort(stamps.ns)
+    ns, mates = stamps.ns[order], nearest_mates(stamps.ns[order], depth_stamps.ns)
     if not (mates >= 0).any():
         return None
     times = np.asarray((ns - ns[0]) / 1e9, dtype=np.float64)
-    pairs: list[tuple[Path | None, Path | None]] = [
-        (images[i], depths[depth_order[mate]] if mate >= 0 else None) for i, mate in zip(order, mates, strict=True)
-    ]
-    return _Timed(pairs, FrameClock(rate_of(times), times, tuple(depth_note(mates))))
+    pairs = [(images[i], depths[mate] if mate >= 0 else None) for i, mate in zip(order, mates, strict=True)]
+    return list(pairs), FrameClock(rate_of(times), times, tuple(depth_note(mates)))
 
 
 READER = Reader("rgbd", "images with depth", "rgb/ (or color/) and depth/ with images of 16 bits", _fits, _find)

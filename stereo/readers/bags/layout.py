@@ -23,7 +23,6 @@ from calib.formats.ros import camera_from
 from calib.io import size_text
 from calib.pose import SE3
 from calib.rig import IDENTITY, RgbdRig, StereoRig
-from calib.types import I64
 from stereo.readers.bags.messages import camera_fields, frame_id, transforms
 from stereo.readers.bags.storage import Bag, McapFile, RosBag, error_text
 from stereo.readers.bags.topics import TopicDepth, TopicFrames, TopicImages, choose_topics, info_topic
@@ -201,8 +200,11 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     choice = choose_topics(bag, options.topics)
     named = {topic.name: topic for topic in bag.topics}
     names = choice.first, choice.second
-    first, second = topics = TopicImages(bag, named[names[0]]), TopicImages(bag, named[names[1]])
-    stamps, said = stamps_of(topics)
+    first, second = TopicImages(bag, named[names[0]]), TopicImages(bag, named[names[1]])
+    stamps, said = (first.stamp_ns, second.stamp_ns), first.notes + second.notes
+    if not all(own.any() and (len(own) < 2 or np.ptp(own)) for own in stamps):
+        stamps = first.log_ns, second.log_ns
+        said = ("headers hold no times: the times of recording are taken", *said)
     samples = first.sample(), second.sample()
     if choice.kind == "rgbd":
         pairs = pair_stamps(stamps[0], stamps[0], (names[0], names[0]))
@@ -241,16 +243,6 @@ def _find(path: Path, options: OpenOptions) -> Layout:
         path, partial(both, a, b), streams, len(pairs.left), clock, stereo_rig, said, unpaired=pairs.unpaired,
         folder=path if path.is_dir() else path.parent,
     )  # fmt: skip
-
-
-def stamps_of(topics: tuple[TopicImages, TopicImages]) -> tuple[tuple[I64, I64], tuple[str, ...]]:
-    """When the images were taken by their headers; when they were recorded, where the headers hold no times."""
-    stamped = all(topic.stamp_ns.any() and (len(topic.stamp_ns) < 2 or np.ptp(topic.stamp_ns)) for topic in topics)
-    notes = topics[0].notes + topics[1].notes
-    if stamped:
-        return (topics[0].stamp_ns, topics[1].stamp_ns), notes
-    note = "headers hold no times: the times of recording are taken"
-    return (topics[0].log_ns, topics[1].log_ns), (note, *notes)
 
 
 def _open(path: Path) -> Bag:
