@@ -7,6 +7,7 @@ import time
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 from functools import partial
+from itertools import count, islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,7 +18,6 @@ from calib.errors import InputError
 from calib.formats import load_rig
 from calib.images import as_grey
 from calib.rig import StereoRig
-from calib.types import U8
 from stereo.readers.base import Layout, OpenOptions, Reader, Stream, pixel_text, same_size, stereo_layout
 from stereo.readers.images import is_grey
 from stereo.readers.side_by_side import packed_layout
@@ -52,22 +52,25 @@ class Address(NamedTuple):
 class LiveSource:
     """Images of a camera from now on (a ``FrameSource`` whose end is not known).
 
+    Their times are the stream's own while these increase, else the machine's clock.
+
+    Attributes:
+        pictures: the first ones.
     Raises:
         InputError: nothing answers there, or it gives no image.
     """
 
     n_frames = 0
+    is_grey = False
 
     def __init__(self, address: Address) -> None:
-        self.address = address
+        self.address, self.fps = address, DEFAULT_FPS
         with closing(self._capture()) as frames:
-            self.first = [image for _, image in zip(range(FIRST_FRAMES), (f.image for f in frames), strict=False)]
-        pictures = [image for image in self.first if image is not None]
-        if not pictures:
+            self.pictures = [np.asarray(f.image, dtype=np.uint8) for f in islice(frames, FIRST_FRAMES)]
+        if not self.pictures:
             raise InputError(f"{address.text}: expected a camera or a stream of images, found none")
-        self.pictures: list[U8] = pictures
-        self.size = pictures[-1].shape[1], pictures[-1].shape[0]
-        self.is_grey = is_grey(pictures[-1])
+        self.size = self.pictures[-1].shape[1], self.pictures[-1].shape[0]
+        self.is_grey = is_grey(self.pictures[-1])
 
     def __iter__(self) -> Iterator[Decoded]:
         return with_gaps(newest(self._capture())) if self.address.drops else self._capture()
@@ -83,23 +86,31 @@ class LiveSource:
                     return
 
     def _capture(self) -> Generator[Decoded, None, None]:
-        capture = _open(self.address)
-        rate = capture.get(cv2.CAP_PROP_FPS)
-        self.fps = float(rate) if np.isfinite(rate) and 0 < rate <= 1000 else DEFAULT_FPS
-        clock, index = _LiveClock(), 0
+        if isinstance(self.address.opens, int):
+            capture = cv2.VideoCapture(self.address.opens)
+        else:
+            limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, TIMEOUT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, TIMEOUT_MS]
+            capture = cv2.VideoCapture(self.address.opens, cv2.CAP_FFMPEG, limits)
         try:
-            while True:
+            if not capture.isOpened():
+                raise InputError(f"{self.address.text}: expected a camera or a stream, found nothing that answers")
+            rate = capture.get(cv2.CAP_PROP_FPS)
+            self.fps = float(rate) if np.isfinite(rate) and 0 < rate <= 1000 else DEFAULT_FPS
+            start_s = zero_s = last_s = 0.0
+            own = True
+            for index in count():
                 found, image = capture.read()
                 if not found or image is None:
                     return
+                now_s, stream_s = time.monotonic(), capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3
+                if index == 0:
+                    start_s, zero_s, last_s = now_s, stream_s, -1.0
+                own = own and stream_s - zero_s > last_s
+                last_s = stream_s - zero_s if own else max(now_s - start_s, last_s + 1e-3)
                 pixels = np.asarray(image, dtype=np.uint8)
-                yield Decoded(index, clock.now(capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3), self._as_stored(pixels))
-                index += 1
+                yield Decoded(index, last_s, as_grey(pixels) if self.is_grey else pixels)
         finally:
             capture.release()
-
-    def _as_stored(self, pixels: U8) -> U8:
-        return as_grey(pixels) if getattr(self, "is_grey", False) else pixels
 
 
 def with_gaps(frames: Generator[Decoded, None, None]) -> Generator[Decoded, None, None]:
@@ -110,26 +121,6 @@ def with_gaps(frames: Generator[Decoded, None, None]) -> Generator[Decoded, None
             yield from (Decoded(lost, None, None, _DROPPED) for lost in range(next_index, frame.index))
             yield frame
             next_index = frame.index + 1
-
-
-class _LiveClock:
-    """Seconds since the first frame by the stream's own times while these increase, else by the machine's clock."""
-
-    def __init__(self) -> None:
-        self._start_s: float | None = None
-        self._zero_s = 0.0
-        self._last_s = -1.0
-        self._own = True
-
-    def now(self, stream_s: float) -> float:
-        if self._start_s is None:
-            self._start_s, self._zero_s = time.monotonic(), stream_s
-        seconds = stream_s - self._zero_s
-        self._own = self._own and seconds > self._last_s
-        if not self._own:
-            seconds = max(time.monotonic() - self._start_s, self._last_s + 1e-3)
-        self._last_s = seconds
-        return seconds
 
 
 def _fits(path: Path) -> bool:
@@ -186,17 +177,6 @@ def _addresses(path: Path) -> list[Address]:
         return []
     addresses = [_ADDRESS.sub(lambda match: f"{match[1]}://", part, count=1) for part in parts]
     return [Address(address, not address.lower().startswith("http")) for address in addresses]
-
-
-def _open(address: Address) -> cv2.VideoCapture:
-    if isinstance(address.opens, int):
-        capture = cv2.VideoCapture(address.opens)
-    else:
-        limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, TIMEOUT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, TIMEOUT_MS]
-        capture = cv2.VideoCapture(address.opens, cv2.CAP_FFMPEG, limits)
-    if not capture.isOpened():
-        raise InputError(f"{address.text}: expected a camera or a stream, found nothing that answers")
-    return capture
 
 
 READER = Reader("live", "live cameras", "a camera's number or an address (rtsp://, http://)", _fits, _find)
