@@ -351,18 +351,22 @@ class RgbdRecording(Recorded[RgbdFrame]):
         path: Path,
         rig: RgbdRig,
         sensor: DepthSensor,
+        register: Callable[[F32], F32],
         pairs: PairsOf,
         n_frames: int,
         clock: FrameClock,
         notes: Iterable[str] = (),
         world_SE3_camera: SE3 | None = None,
     ) -> None:
+        """Prepare.
+
+        Args:
+            register: moves depth into the pixels of the image.
+        """
         super().__init__(path, pairs, n_frames, clock, notes)
         self.camera, self.source, self.sensor = rig.camera, rig.source, sensor
         self.world_SE3_camera = world_SE3_camera
-        from stereo.rgbd import DepthRegistration  # its kernels: only depth in a camera of its own needs numba
-
-        self._register = DepthRegistration(rig)
+        self._register = register
 
     def _joined(self, index: int, timestamp_s: float, *images: Any) -> RgbdFrame:
         image, depth_m = images

@@ -148,6 +148,8 @@ def rgbd_layout(
     notes = tuple(notes)
 
     def opened() -> RgbdRecording:
+        from stereo.rgbd import DepthRegistration  # its kernels: only images with depth need numba here
+
         found, depth, said = rig(), depths.size, list(clock.notes if not assumed else ()) + list(notes)
         if found.depth_camera is None and images.size != depth:
             said.append(f"depth of {size_text(depth)} without a calibration of its own counts as registered")
@@ -156,7 +158,15 @@ def rgbd_layout(
         measured = depths if found.units_per_m is None else depths.scaled(found.units_per_m)
         folder = path if path.is_dir() else path.parent
         recording = RgbdRecording(
-            path, found, sensor, partial(both, images, measured), images.n_frames, clock, said, world_pose(folder)
+            path,
+            found,
+            sensor,
+            DepthRegistration(found),
+            partial(both, images, measured),
+            images.n_frames,
+            clock,
+            said,
+            world_pose(folder),
         )
         if assumed:
             rate = rate_by_movement(recording.at, recording.n_frames, recording.camera)
