@@ -16,7 +16,7 @@ from calib.rig import Floor
 from calib.types import F32, U8
 from stereo._kernels import disparity_from_fixed
 from stereo.depth import RectifiedGeometry
-from stereo.gating import MatchingWork, Window
+from stereo.gating import Window
 
 STEP = 16
 """SGBM counts disparities in multiples of 16, and returns sixteenths of a pixel."""
@@ -205,7 +205,6 @@ class SgbmMatcher:
     Attributes:
         disparities: the range searched.
         step: n.
-        work: what matching windows costs (``MatchingWork``); several threads may do so at once.
     """
 
     def __init__(
@@ -226,10 +225,6 @@ class SgbmMatcher:
         self.params = p = params or SgbmParams()
         self.geometry, self.step = geometry, step
         self.disparities = disparities or disparity_range(geometry)
-        # Rows: what OpenCV's four stripes overlap. Per sample: the prefilter, the tests after matching. Per window:
-        # calls and buffers (0.2 ms). Measured on windows of 64x48 to 256x384 px over 16 to 80 disparities, and holds
-        # within a quarter.
-        self.work = MatchingWork(rows_px=20, per_sample=33, per_window=60_000 // step**2)
         whole = np.full((geometry.height, geometry.width), 255, np.uint8)
         left, right = (valid_mask(whole if m is None else m, p) for m in (mask, right_mask))
         self._mask, self._right_mask = left[::step, ::step], right[::step]
@@ -250,7 +245,7 @@ class SgbmMatcher:
         return self._matched(left_grey, right_grey, whole, self.disparities, self.disparities.count)
 
     def part(self, left_grey: U8, right_grey: U8, window: Window, disparities: DisparityRange) -> F32:
-        """Match a window of a rectified pair.
+        """Match a window of a rectified pair; several threads may do so at once.
 
         Args:
             left_grey: (h, w) uint8 of the window, whose corner is a sample.

@@ -104,7 +104,7 @@ class GatedMatching:
         self._floor, self._range = floor, range_params
         self._shape = shape
         size, searched = rectifier.geometry.size, lambda window: self._searched(window).count
-        gate = Gate(size, matcher.step, matching, matcher.work, searched)
+        gate = Gate(size, matcher.step, matching, searched)
         self._range_of = lru_cache(maxsize=1024)(self._searched)
         self.memory = MatchingMemory(gate, shape)
         head_px = rectifier.geometry.focal_u_px * HEAD_M / farthest_head_m(rectifier.geometry, floor)
