@@ -11,12 +11,30 @@ from typing import Any
 import numpy as np
 
 from calib.errors import InputError
-from calib.io import load_toml, parse_toml, quoted, reason, write_whole
+from calib.io import load_toml, quoted, write_whole
 from calib.pose import SE3
 from calib.rig import Floor
 
-MAX_HEIGHT_M = 100.0
-"""A camera higher than this above the floor means wrong units."""
+MIN_HEIGHT_M, MAX_HEIGHT_M = 0.01, 100.0
+"""A camera lower or higher than this above the floor means wrong units."""
+MAX_AWAY_M = 1e4
+"""Farther from the origin, float32 keeps less than a millimetre."""
+
+
+def refuse_strange_pose(pose: SE3) -> None:
+    """A camera that is not above a floor, or that lies farther from its origin than positions can be told.
+
+    Raises:
+        ValueError: what was expected and found.
+    """
+    x, y, height_m = (float(v) for v in pose.translation)
+    if not MIN_HEIGHT_M <= height_m <= MAX_HEIGHT_M:
+        raise ValueError(
+            f"expected a camera {MIN_HEIGHT_M:g}-{MAX_HEIGHT_M:g} m above the floor, found {height_m:g} m "
+            "(wrong units?)"
+        )
+    if max(abs(x), abs(y)) > MAX_AWAY_M:
+        raise ValueError(f"expected a camera within {MAX_AWAY_M:g} m of the origin, found it at ({x:g}, {y:g}) m")
 
 
 def save_world(floor: Floor, path: Path) -> None:
@@ -48,34 +66,49 @@ def load_world(path: Path) -> Floor:
     InputError: unreadable, keys missing, or values that cannot be a camera above a floor."""
     try:
         data = load_toml(path, "a world.toml")
-        pose = data["world_SE3_left"]
-        table = data.get("floor", {})
-        covariance = table.get("covariance")
-        extent = table.get("extent_m")
-        x_min, y_min, x_max, y_max = (float(v) for v in extent or (0, 0, 0, 0))
-        floor = Floor(
-            SE3.from_table(pose) if isinstance(pose, dict) else SE3.from_matrix(pose),
-            float(table.get("inlier_fraction", math.nan)),
-            float(table.get("residual_m", math.nan)),
-            None if covariance is None else np.array(covariance, dtype=np.float64).reshape(3, 3),
-            None if extent is None else (x_min, y_min, x_max, y_max),
-        )
+        floor = _floor(_pose(data["world_SE3_left"]), data.get("floor", {}))
     except KeyError as error:
         raise InputError(f"{path}: expected a world.toml with the key {error}, found none") from error
     except (ValueError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(f"{path}: expected a world.toml, found {error}") from error
-    if not 0.0 < floor.height_m <= MAX_HEIGHT_M:
-        raise InputError(
-            f"{path}: expected a camera 0-{MAX_HEIGHT_M:g} m above the floor, found {floor.height_m:g} m (wrong units?)"
-        )
+    try:
+        refuse_strange_pose(floor.world_SE3_left)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from error
     return floor
+
+
+def _pose(value: Any) -> SE3:
+    if isinstance(value, dict):
+        return SE3(
+            np.array(value["rotation"], dtype=np.float64),
+            np.array(value["translation_m"], dtype=np.float64),
+        )
+    return SE3.from_matrix(value)
+
+
+def _floor(pose: SE3, table: dict[str, Any]) -> Floor:
+    covariance = table.get("covariance")
+    extent = table.get("extent_m")
+    return Floor(
+        pose,
+        float(table.get("inlier_fraction", math.nan)),
+        float(table.get("residual_m", math.nan)),
+        None if covariance is None else np.array(covariance, dtype=np.float64).reshape(3, 3),
+        None if extent is None else _four(extent),
+    )
+
+
+def _four(values: Any) -> tuple[float, float, float, float]:
+    x_min, y_min, x_max, y_max = (float(v) for v in values)
+    if not (-math.inf < x_min < x_max < math.inf and -math.inf < y_min < y_max < math.inf):
+        raise ValueError(f"an extent_m of {values!r:.80}")
+    return x_min, y_min, x_max, y_max
 
 
 RIGS_FILE = "rigs.toml"
 MAX_HEADS = 32
 """More heads than this in one world are a mistake (our choice)."""
-MAX_BYTES = 1_000_000
-"""A larger file is no list of heads."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,14 +150,11 @@ def load_rigs(path: Path) -> tuple[RigEntry, ...]:
     """Read ``rigs.toml``. Raises InputError: unreadable, keys missing, or heads that cannot be: none, two of one
     folder, a folder outside of the file's own, a pose below the floor."""
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: expected a list of heads, found {path.stat().st_size} bytes")
-        data = parse_toml(path.read_text(encoding="utf-8"))
-        entries = tuple(_entry(table) for table in data["head"])
+        entries = tuple(_entry(table) for table in load_toml(path, "a rigs.toml")["head"])
     except KeyError as error:
         raise InputError(f"{path}: expected a rigs.toml with the key {error}, found none") from error
-    except (OSError, UnicodeDecodeError, ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(f"{path}: expected a rigs.toml, found {reason(error)}") from error
+    except (ValueError, TypeError, AttributeError, OverflowError) as error:
+        raise InputError(f"{path}: expected a rigs.toml, found {error}") from error
     if not 1 <= len(entries) <= MAX_HEADS:
         raise InputError(f"{path}: expected 1 to {MAX_HEADS} heads, found {len(entries)}")
     inside = path.parent.resolve()
@@ -134,9 +164,10 @@ def load_rigs(path: Path) -> tuple[RigEntry, ...]:
     for entry, folder in zip(entries, folders, strict=True):
         if not folder.is_relative_to(inside):
             raise InputError(f"{path}: expected heads inside {path.parent}, found {entry.folder!r}")
-        height_m = float(entry.world_SE3_left.translation[2])
-        if not 0.0 < height_m <= 100.0:
-            raise InputError(f"{path}: {entry.folder}: expected a camera 0-100 m above the floor, found {height_m:g} m")
+        try:
+            refuse_strange_pose(entry.world_SE3_left)
+        except ValueError as error:
+            raise InputError(f"{path}: {entry.folder}: {error}") from error
     return entries
 
 

@@ -146,6 +146,9 @@ MAX_TURN_DEG = 45.0
 """Cameras turned further against each other share no view worth matching (our choice)."""
 MIN_FOCAL_WIDTHS, MAX_FOCAL_WIDTHS = 0.1, 30.0
 """A focal length outside these multiples of the image width is in other units (fisheye of 200 deg: 0.2)."""
+MAX_BENT = 10.0
+"""Rays through the middle half of an image lie within this factor of where they were without distortion; a fisheye of
+200 deg has 2.4 (our choice)."""
 
 __all__ = ["FORMATS", "calibration_files", "load_rig", "refuse_strange_camera", "write_rig"]
 
@@ -243,7 +246,11 @@ def _detail(error: Exception) -> str:
 
 
 def refuse_strange_camera(one: Camera, side: str) -> None:
-    """A camera whose numbers belong to another image size or another unit."""
+    """A camera whose numbers belong to another image size or another unit, or whose lens shows no picture.
+
+    Raises:
+        ValueError: what was expected and found.
+    """
     if not MIN_FOCAL_WIDTHS <= one.fx / one.width <= MAX_FOCAL_WIDTHS or not 0.5 <= one.fx / one.fy <= 2.0:
         raise ValueError(
             f"expected a {side} focal length in pixels of {one.width}x{one.height}, found fx={one.fx:g} fy={one.fy:g}"
@@ -255,6 +262,13 @@ def refuse_strange_camera(one: Camera, side: str) -> None:
             f"expected a {side} principal point inside the image of {one.width}x{one.height}, "
             f"found ({one.cx:.1f}, {one.cy:.1f})"
         )
+    u, v = (grid.ravel() for grid in np.meshgrid(*(np.linspace(0.25, 0.75, 5) * length for length in one.size)))
+    straight = np.hypot((u - one.cx) / one.fx, (v - one.cy) / one.fy)
+    with np.errstate(all="ignore"):
+        bent = np.linalg.norm(one.unproject(np.column_stack([u, v]))[:, :2], axis=1)
+    if not ((bent <= MAX_BENT * straight + 1e-3) & (straight <= MAX_BENT * bent + 1e-3)).all():
+        shown = ", ".join(f"{k:g}" for k in one.distortion)
+        raise ValueError(f"expected a {side} lens that shows the middle of its image, found distortion ({shown})")
 
 
 def _fitted(rig: StereoRig, name: str, size: tuple[int, int] | None) -> StereoRig:

@@ -19,7 +19,7 @@ from planview.drawing.image import Project, grid_lines
 from planview.trajectories.table import Trajectories
 from stereo.depth import RectifiedGeometry, StereoFloorCamera, median_image
 from stereo.floor import FloorEstimator, FloorSearch, setup_frames
-from stereo.readers.base import StereoRecording
+from stereo.recording import StereoRecording
 from stereo.rectify import aligned_rectifier
 
 PATCH_PX = 4

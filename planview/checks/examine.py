@@ -31,9 +31,9 @@ from planview.drawing.style import Entry, Rgb, as_bgr, with_colour_bar, with_leg
 from planview.maps.view import StereoView
 from stereo.depth import DepthFromDisparity, back_project
 from stereo.floor import FloorSearch
+from stereo.matcher import SampledDisparity
 from stereo.readers import OpenOptions, open_any
-from stereo.readers.base import StereoRecording
-from stereo.sampled_sgm import SampledDisparity
+from stereo.recording import StereoRecording
 
 LINE_STEP_PX = 25
 FLOOR_BAND_M = 0.10

@@ -16,8 +16,7 @@ from calib.types import F32, F64, U8
 from stereo.depth import DepthFromDisparity
 from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
 from stereo.matcher import DisparityRange
-from stereo.readers.base import StereoRecording
-from stereo.recording import RgbdRecording, StereoFrame
+from stereo.recording import RgbdRecording, StereoFrame, StereoRecording
 from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
 from stereo.row_offset import VerticalFit, VerticalParams, match_corners

@@ -36,9 +36,8 @@ from planview.engine.setup import floor_search
 from planview.output.progress import PlainConsole
 from planview.trajectories.table import read_tracks
 from stereo.readers import OpenOptions, open_recording
-from stereo.readers.base import StereoRecording
 from stereo.readers.open import open_video
-from stereo.recording import Video
+from stereo.recording import StereoRecording, Video
 
 
 @Parameter(name="*")

@@ -21,8 +21,9 @@ from planview.engine.config import load_config
 from planview.engine.setup import floor_search
 from planview.output.progress import PlainConsole
 from stereo.readers import find_layout
-from stereo.readers.base import Layout, Reader, StereoRecording, Stream
+from stereo.readers.base import Layout, Reader, Stream
 from stereo.readers.times import rate_of_times
+from stereo.recording import StereoRecording
 
 
 def check(

@@ -27,10 +27,9 @@ from planview.maps.view import StereoView
 from planview.tracking.base import Decision, Observation, Tracker
 from planview.trajectories.state import TrackState
 from stereo.depth import StereoFloorCamera
-from stereo.readers.background import prefetch
-from stereo.recording import Skipped
+from stereo.matcher import SampledDisparity
+from stereo.recording import Skipped, prefetch
 from stereo.rectify import PartialPair
-from stereo.sampled_sgm import SampledDisparity
 
 STAGES = ("read", "rectify", "match", "foreground", "maps", "track")
 """Stages timed, in order."""

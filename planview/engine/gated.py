@@ -15,10 +15,17 @@ from calib.types import F32, U8
 from planview.foreground.mixture import Foreground
 from planview.trajectories.state import TrackState
 from stereo.gating import SAMPLE, Gate, MatchingParams, Window
-from stereo.matcher import DisparityRange, RangeParams, WindowMatcher, disparity_range, farthest_head_m, right_of
+from stereo.matcher import (
+    DisparityRange,
+    RangeParams,
+    SampledDisparity,
+    SgbmMatcher,
+    disparity_range,
+    farthest_head_m,
+    right_of,
+)
 from stereo.recording import StereoFrame
 from stereo.rectify import PartialPair, Rectifier
-from stereo.sampled_sgm import SampledDisparity
 
 SAME_LEVELS = 12
 """Largest difference of a channel between two images of the same surface in the same light [levels of 255]: three
@@ -65,7 +72,7 @@ class GatedMatching:
     def __init__(
         self,
         rectifier: Rectifier,
-        matcher: WindowMatcher,
+        matcher: SgbmMatcher,
         floor: Floor,
         range_params: RangeParams,
         matching: MatchingParams,
@@ -81,7 +88,7 @@ class GatedMatching:
         self._floor, self._range = floor, range_params
         self._shape = shape
         size, searched = rectifier.geometry.size, lambda window: self._searched(window).count
-        gate = Gate(size, matcher.step, matching, matcher.work, searched)
+        gate = Gate(size, matcher.step, matching, searched)
         self._range_of = lru_cache(maxsize=1024)(self._searched)
         self.memory = MatchingMemory(gate, shape)
         head_px = rectifier.geometry.focal_u_px * HEAD_M / farthest_head_m(rectifier.geometry, floor)

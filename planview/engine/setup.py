@@ -22,13 +22,12 @@ from planview.checks.scene import floor_checks
 from planview.engine.config import Config
 from planview.engine.gated import GatedMatching
 from stereo.depth import DepthFromDisparity, back_project, median_image
-from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, Sampled, floor_in, setup_frames
+from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
 from stereo.matcher import DisparityRange, Matcher, SgbmMatcher, disparity_range
-from stereo.recording import Recording, RgbdRecording, StereoFrame
+from stereo.recording import Recorded, RgbdRecording, StereoFrame, StereoRecording
 from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
 from stereo.row_offset import VerticalParams, match_corners
-from stereo.sampled_sgm import SampledMatcher
 
 ORDER_FRAMES = 4
 """Setup frames in which left and right are told apart (our choice)."""
@@ -102,13 +101,12 @@ class Setup:
         rectifier = self.rectifier
         if not isinstance(rectifier, Rectifier) or not config.matching.gated:
             return None
-        sampled = SampledMatcher(rectifier.geometry, config.sgbm, reduction, rectifier.mask, rectifier.right_mask)
-        matcher = self._sgbm(rectifier, config) if reduction == 1 else sampled
+        matcher = self._sgbm(rectifier, config, reduction)
         return GatedMatching(rectifier, matcher, self.floor, config.range, config.matching, shape)
 
-    def _sgbm(self, rectifier: Rectifier, config: Config) -> SgbmMatcher:
+    def _sgbm(self, rectifier: Rectifier, config: Config, step: int = 1) -> SgbmMatcher:
         masks = rectifier.mask, rectifier.right_mask
-        return SgbmMatcher(rectifier.geometry, config.sgbm, self.disparities, *masks)
+        return SgbmMatcher(rectifier.geometry, config.sgbm, self.disparities, *masks, step)
 
 
 class WholeMatching:
@@ -166,7 +164,7 @@ def refuse_foreign_disparity(disparity: F32, shape: tuple[int, int], searched: D
         )
 
 
-def set_up(recording: Recording | RgbdRecording, config: Config) -> Setup:
+def set_up(recording: StereoRecording | RgbdRecording, config: Config) -> Setup:
     """Find the floor in frames spread over a recording; of a pair also measure the vertical residual.
 
     Raises:
@@ -265,14 +263,14 @@ class SceneCloud:
     colours: U8
 
 
-def scene_cloud(recording: Recording | RgbdRecording, setup: Setup, config: Config) -> SceneCloud:
+def scene_cloud(recording: StereoRecording | RgbdRecording, setup: Setup, config: Config) -> SceneCloud:
     """Median depth and median colour of frames spread over a recording: people who move are not in it.
 
     Raises:
         WorkError: no usable frame.
     """
     whole: Any = setup.whole(config)
-    sampled: Sampled[Any] = recording
+    sampled: Recorded[Any] = recording
     images, disparities = [], []
     for frame in setup_frames(sampled, config.analysis.setup_frames):
         rectified = whole(frame)

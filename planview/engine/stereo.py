@@ -29,11 +29,10 @@ from planview.tracking.base import Observation, Tracker
 from planview.tracking.template import TemplateTracker
 from planview.trajectories.state import TrackState
 from stereo.depth import RectifiedGeometry
-from stereo.matcher import Matcher
+from stereo.matcher import Matcher, SampledDisparity
 from stereo.readers.multi_rig import MultiRigFrame, MultiRigRecording
-from stereo.recording import Recording, RgbdFrame, RgbdRecording, StereoFrame
+from stereo.recording import RgbdFrame, RgbdRecording, StereoFrame, StereoRecording
 from stereo.rectify import RectifiedPair
-from stereo.sampled_sgm import SampledDisparity
 
 
 class StereoFrontEnd:
@@ -313,7 +312,7 @@ class BodyBoxes:
 
 
 def stereo_engine(
-    recording: Recording | RgbdRecording,
+    recording: StereoRecording | RgbdRecording,
     config: Config | None = None,
     tracker: Tracker | None = None,
     matcher: Matcher | None = None,
@@ -353,7 +352,11 @@ def multi_rig_engine(recording: MultiRigRecording, config: Config, tracker: Trac
 
 
 def _stages(
-    recording: Recording | RgbdRecording, setup: Setup, config: Config, matcher: Matcher | None = None, name: str = ""
+    recording: StereoRecording | RgbdRecording,
+    setup: Setup,
+    config: Config,
+    matcher: Matcher | None = None,
+    name: str = "",
 ) -> RigStages:
     try:
         return RigStages(setup, config, matcher, name)

@@ -13,7 +13,7 @@ from calib.types import F32
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.recording import MapsFrame, MapsRecording
 from planview.maps.writer import MapsWriter
-from stereo.sampled_sgm import SampledDisparity
+from stereo.matcher import SampledDisparity
 
 
 class MapsLog:

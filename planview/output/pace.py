@@ -11,7 +11,7 @@ from typing import Protocol
 from planview.engine.engine import AnyRecording, Engine, FrameResult
 from planview.output.folder import PaceInfo
 from planview.output.totals import StageTimes
-from stereo.readers.background import newest
+from stereo.recording import newest
 
 
 class TimedFrame(Protocol):

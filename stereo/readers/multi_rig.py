@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.world import RigEntry, load_rigs
-from stereo.readers.background import prefetch
-from stereo.readers.base import AnyRecording, StereoRecording
+from calib.world import load_rigs
+from stereo.readers.base import AnyRecording
 from stereo.readers.open import open_any, rigs_file
-from stereo.recording import RgbdFrame, Skipped, StereoFrame
+from stereo.recording import RgbdFrame, Skipped, StereoFrame, StereoRecording, prefetch
 
 AnyFrame = StereoFrame | RgbdFrame
 
@@ -78,11 +77,11 @@ class MultiRigRecording:
 
     def __iter__(self) -> Iterator[MultiRigFrame]:
         with ExitStack() as stack:
-            first = min(rig.start_s for rig in self.rigs)
-            streams = [
-                _Stream(stack.enter_context(closing(_ahead(h.recording))), h.start_s - first, 1 / h.recording.fps)
-                for h in self.rigs
-            ]
+            first, streams = min(rig.start_s for rig in self.rigs), []
+            for rig in self.rigs:
+                items: Iterable[AnyFrame] = rig.recording
+                frames = stack.enter_context(closing(prefetch(items)))
+                streams.append(_Stream(frames, rig.start_s - first, 1 / rig.recording.fps))
             yield from moments(streams, 1 / self.fps)
 
 
@@ -119,11 +118,6 @@ def moments(streams: Sequence[_Stream], period_s: float) -> Iterator[MultiRigFra
         index += 1
 
 
-def _ahead(recording: AnyRecording) -> Generator[AnyFrame, None, None]:
-    frames: Iterable[AnyFrame] = recording
-    return prefetch(frames)
-
-
 def open_rigs(path: Path) -> MultiRigRecording:
     """Open every rig that ``rigs.toml`` lists.
 
@@ -131,21 +125,14 @@ def open_rigs(path: Path) -> MultiRigRecording:
         InputError: no or a wrong rigs.toml, or a rig that cannot be opened.
     """
     file = rigs_file(path)
-    return rigs_in(file.parent, load_rigs(file))
-
-
-def rigs_in(folder: Path, entries: Sequence[RigEntry]) -> MultiRigRecording:
-    """Open rigs whose folders lie in one folder (same errors as ``open_rigs``)."""
-    return MultiRigRecording(folder, [_opened(folder, entry) for entry in entries])
-
-
-def _opened(folder: Path, entry: RigEntry) -> RigRecording:
-    path = folder / entry.folder
-    if not path.exists():
-        raise InputError(f"{folder}: expected a recording in {entry.folder!r}, found nothing there")
-    recording = open_any(path)
-    if isinstance(recording, StereoRecording):
-        recording.world_SE3_left = entry.world_SE3_left
-    else:
-        recording.world_SE3_camera = entry.world_SE3_left
-    return RigRecording(entry.folder, recording, entry.start_s)
+    folder, rigs = file.parent, []
+    for entry in load_rigs(file):
+        if not (folder / entry.folder).exists():
+            raise InputError(f"{folder}: expected a recording in {entry.folder!r}, found nothing there")
+        recording = open_any(folder / entry.folder)
+        if isinstance(recording, StereoRecording):
+            recording.world_SE3_left = entry.world_SE3_left
+        else:
+            recording.world_SE3_camera = entry.world_SE3_left
+        rigs.append(RigRecording(entry.folder, recording, entry.start_s))
+    return MultiRigRecording(folder, rigs)

@@ -11,13 +11,13 @@ from planview.evaluation.evaluate import evaluate_tracks
 from planview.synthetic.assets import DEMO
 from planview.trajectories.table import TrajectoryCollector, read_truth
 from stereo.readers import open_recording
-from stereo.recording import Recording, StereoFrame
+from stereo.recording import StereoFrame, StereoRecording
 
 
 class EverySecondFrame:
     """A recording without its odd frames, with the timestamps of the even ones."""
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: StereoRecording) -> None:
         self._recording = recording
 
     def __iter__(self) -> Iterator[StereoFrame]:

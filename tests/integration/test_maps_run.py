@@ -146,9 +146,9 @@ def damage_codes(file: h5py.File) -> None:
         (damage_version, "version 1 to 2, found 99"),
         (damage_parameters, "another version"),
         (damage_rig, "another rig"),
-        (damage_columns, "columns of points"),
-        (damage_pixels, "outside"),
-        (damage_disparity, "damaged"),
+        (damage_columns, "points/disparity of (3,)"),
+        (damage_pixels, "expected pixels in order inside"),
+        (damage_disparity, "expected disparities of points"),
         (damage_codes, "another version"),
     ],
 )

@@ -19,7 +19,7 @@ from planview.output.maps_log import at_step
 from planview.tracking.base import Drawing
 from planview.trajectories.state import TrackState
 from stereo.depth import DepthFromDisparity, back_project
-from stereo.sampled_sgm import SampledDisparity
+from stereo.matcher import SampledDisparity
 
 JPEG_QUALITY = 50
 """Of the camera's image: 0.6 of the size of quality 80, and people are as well to be recognised (our choice)."""

@@ -7,9 +7,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from stereo.readers.base import StereoRecording
 from stereo.readers.multi_rig import MultiRigRecording, RigRecording
-from stereo.recording import Skipped, StereoFrame
+from stereo.recording import Skipped, StereoFrame, StereoRecording
 
 BLACK = np.zeros((2, 2), dtype=np.uint8)
 

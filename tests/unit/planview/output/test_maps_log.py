@@ -7,7 +7,7 @@ import pytest
 
 from planview.checks.examine import STEP, RecordingWatch
 from planview.output.maps_log import at_step
-from stereo.sampled_sgm import SampledDisparity
+from stereo.matcher import SampledDisparity
 
 
 @pytest.mark.parametrize("measured_step", [1, 2, 4])
