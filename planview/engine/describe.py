@@ -30,6 +30,7 @@ def stereo_camera_info(view: StereoView) -> CameraInfo:
         baseline_m=geometry.baseline_m if view.sensor is None else None,
         depth_sensor=view.sensor,
         calibration=view.calibration or None,
+        correction=view.correction or None,
         vertical_residual_px=None if math.isnan(residual_px) else residual_px,
         view_m=_outline(rays, pose.translation, VIEW_DISTANCE_M),
     )

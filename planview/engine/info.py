@@ -51,6 +51,8 @@ class CameraInfo(InfoPart):
     """How the depth of images with depth was measured; None for others."""
     calibration: str | None = None
     """File or folder the calibration came from."""
+    correction: str | None = None
+    """How the recording corrects that calibration, in a sentence; None where that was not looked at."""
     vertical_residual_px: float | None = None
     """Mean vertical offset left after rectification, as measured and corrected [px]."""
     view_m: list[tuple[float, float]] = Field(default_factory=list)

@@ -76,7 +76,7 @@ class Pipeline(StereoDescription):
         self.rays = PixelRays.of(geometry, floor.world_SE3_left, self.maps.shape, reduction)
         self.stereo = StereoView(
             geometry, floor, setup.floor_source, setup.calibration, setup.vertical_residual_px, setup.disparities,
-            self.maps.grid, reduction, setup.sensor,
+            self.maps.grid, reduction, setup.sensor, str(setup.correction),
         )  # fmt: skip
         self.gated = setup.gated(c, self.maps.shape, reduction) if matcher is None and c.matching.gated else None
         self._boxes = BodyBoxes(geometry, floor.world_SE3_left)

@@ -1,4 +1,4 @@
-"""What must be known before the first frame: rows aligned, disparities to search, the floor."""
+"""What must be known before the first frame: the rig as it is, disparities to search, the floor."""
 
 from __future__ import annotations
 
@@ -23,21 +23,20 @@ from stereo.matcher import DisparityRange, Matcher, SgbmMatcher, disparity_range
 from stereo.recording import Recording, RgbdRecording, StereoFrame
 from stereo.rectify import Rectifier, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
-from stereo.row_offset import VerticalFit, VerticalParams, match_corners
+from stereo.rig_correction import MatchParams, RigCorrection, match_corners
 from stereo.sampled_sgm import SampledMatcher
 
 ORDER_FRAMES = 4
 """Setup frames in which left and right are told apart (our choice)."""
 MIN_ORDER_MATCHES = 40
 """Fewest corners matched in both images by which they are (our choice)."""
-ORDER_SEARCH = VerticalParams(search_px=24)
+ORDER_SEARCH = MatchParams(search_px=24)
 """Rows are wide apart when the wrong calibration is taken to an image."""
 MIN_NEARER = 0.5
 """Smallest share of corners nearer than infinity: of swapped images nearly all are beyond (our choice)."""
-MAX_ROW_OFFSET_PX = 5.0
-"""Largest median row offset of the corners [px of 640]. It could be taken out, but a rig that is so far off its rows is
-as far off along them, where it cannot be measured, and all depth is wrong (our choice; a worn factory calibration has
-0.5)."""
+MAX_ROW_OFFSET_DEG = 1.0
+"""Largest median row offset of the corners as an angle: a camera that turned by more has lost its calibration (our
+choice; a worn factory calibration has 0.1)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +44,11 @@ class Setup:
     """A stereo recording made ready.
 
     Attributes:
-        rectifier: with the measured vertical residual taken out.
+        rectifier: of the calibration as the recording corrects it.
         floor: found in the recording or read from ``world.toml``.
         disparities: range that people on that floor can have.
         floor_source: "found" or the file that gave it.
-        vertical: the row offset that was measured, before and after.
+        correction: what the recording tells of the calibration.
         checks: what these frames tell of the calibration.
     """
 
@@ -57,7 +56,7 @@ class Setup:
     floor: Floor
     disparities: DisparityRange
     floor_source: str
-    vertical: VerticalFit
+    correction: RigCorrection
     sensor: DepthSensor | None = None
     checks: tuple[Check, ...] = ()
 
@@ -69,7 +68,7 @@ class Setup:
     @property
     def vertical_residual_px(self) -> float:
         """Row offset left after rectification [px]."""
-        return self.vertical.after_px
+        return self.correction.after_px
 
     def front_end(self, config: Config, matcher: Matcher | None = None) -> StereoFrontEnd:
         """The stages before the foreground; with SGBM over the disparities when there is no matcher."""
@@ -95,6 +94,7 @@ class RgbdSetup:
         floor, disparities, floor_source: as of ``Setup``, the disparities being equivalent ones.
         calibration: file or folder it came from.
         sensor: how the depth was measured.
+        correction: of the calibration: none, as there is nothing to match.
     """
 
     rectifier: RgbdRectifier
@@ -104,6 +104,7 @@ class RgbdSetup:
     calibration: str
     sensor: DepthSensor
     vertical_residual_px: float = math.nan
+    correction: str = ""
 
     @property
     def checks(self) -> tuple[Check, ...]:
@@ -142,7 +143,7 @@ def set_up_rgbd(recording: RgbdRecording, config: Config) -> RgbdSetup:
 
 
 def set_up(recording: Recording, config: Config) -> Setup:
-    """Measure the vertical residual and find the floor in frames spread over the recording.
+    """Correct the calibration and find the floor in frames spread over the recording.
 
     Raises:
         WorkError: no usable frame, left and right swapped, hardly any disparity, or no floor visible.
@@ -152,15 +153,14 @@ def set_up(recording: Recording, config: Config) -> Setup:
     plain = Rectifier(recording.rig, config.rectify)
     matches = _corners(plain, frames)
     refuse_foreign(recording.path, plain, matches)
-    rectifier, vertical = aligned_rectifier(recording.rig, frames, config.rectify)
+    rectifier, correction = aligned_rectifier(recording.rig, frames, config.rectify)
     if recording.world_SE3_left is not None:
         floor, source = Floor(recording.world_SE3_left), "world.toml"
     else:
         floor, source = FloorEstimator(rectifier, search)(frames), "found"
-    checks = *image_checks(frames), *alignment_checks(plain, matches, vertical), *floor_checks(floor)
-    return Setup(
-        rectifier, floor, disparity_range(rectifier.geometry, config.range, floor), source, vertical, checks=checks
-    )
+    checks = *image_checks(frames), *alignment_checks(plain, matches, correction), *floor_checks(floor)
+    searched = disparity_range(rectifier.geometry, config.range, floor)
+    return Setup(rectifier, floor, searched, source, correction, checks=checks)
 
 
 def floor_search(config: Config) -> FloorSearch:
@@ -191,10 +191,10 @@ def refuse_foreign(path: Path, rectifier: Rectifier, matches: F64) -> None:
             f"{path}: expected the left camera's images left and the right one's right, found {beyond:.0%} of "
             "the matched corners beyond infinity: left and right are swapped, or the calibration is wrong"
         )
-    rows = float(np.median(np.abs(matches[:, 3]))) * 640.0 / rectifier.geometry.width
-    if rows > MAX_ROW_OFFSET_PX:
+    rows_deg = math.degrees(float(np.median(np.abs(matches[:, 3]))) / rectifier.geometry.focal_v_px)
+    if rows_deg > MAX_ROW_OFFSET_DEG:
         raise WorkError(
-            f"{path}: expected matched corners on the same row, found them {rows:.1f} px of 640 off: "
+            f"{path}: expected matched corners on the same row, found them {rows_deg:.1f} degrees off: "
             "left and right are swapped, or the calibration is another rig's (planview check tells)"
         )
 
