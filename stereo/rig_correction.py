@@ -66,11 +66,16 @@ class RigCorrection:
         """(3,) which angles differ from the calibration by more than chance."""
         return np.asarray(np.abs(self.angles) > _DEVIATIONS * self.deviations, dtype=np.bool_)
 
+    @property
+    def applied(self) -> F64:
+        """(3,) angles [rad], 0 for one that is kept as calibrated."""
+        return np.where(self.is_applied, self.angles, 0.0)
+
     def __call__(self, rig: StereoRig) -> StereoRig:
         """The calibration with the right camera turned by the applied angles; the rig itself when there are none."""
         if not self.is_applied.any():
             return rig
-        turn = Rotation.from_rotvec(np.where(self.is_applied, self.angles, 0.0)).as_matrix()
+        turn = Rotation.from_rotvec(self.applied).as_matrix()
         left, right = rig.rectifying_rotations()
         rotation = right.T @ turn.T @ left
         return replace(rig, right_SE3_left=SE3(rotation, -rotation @ rig.right_SE3_left.inverse().translation))

@@ -54,7 +54,7 @@ class CameraInfo(InfoPart):
     correction: str | None = None
     """How the recording corrects that calibration, in a sentence; None where that was not looked at."""
     vertical_residual_px: float | None = None
-    """Mean vertical offset left after rectification, as measured and corrected [px]."""
+    """Median row offset that the corrected calibration leaves [px]."""
     view_m: list[tuple[float, float]] = Field(default_factory=list)
     """Outline of the view on the floor, world frame (x, y) [m], when known."""
     name: str = ""

@@ -163,7 +163,7 @@ class PairedFrames(ABC, Generic[AnyFrame, Second]):
     def sample(self, count: int) -> list[AnyFrame]:
         """Up to ``count`` usable frames spread evenly over the recording; ``skipped`` is not touched.
 
-        For what must be known before the first frame (row offset, floor, exposure) without decoding everything.
+        For what must be known before the first frame (rig, floor, exposure) without decoding everything.
         """
         spread = np.unique(np.linspace(0, self.n_frames - 1, max(1, min(count, self.n_frames))).round().astype(int))
         return self.at([int(i) for i in spread])
