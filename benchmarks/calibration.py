@@ -370,6 +370,11 @@ def calibration(*, only: Family | None = None, json_output: JsonFlag = False) ->
     """
     with Console(stderr=True, markup=False).status("...") as status:
         rows = [row for name, measure in FAMILIES.items() if only in (None, name) for row in measure(status.update)]
+    show_rows(rows, json_output)
+
+
+def show_rows(rows: Sequence[Row], json_output: bool) -> None:
+    """Print figures as a table, or as one JSON object on stdout."""
     if json_output:
         listed = [
             {key: value if value == value and value != math.inf else None for key, value in row._asdict().items()}

@@ -20,7 +20,7 @@ from stereo.recording import Frame, Recorded, StereoFrame
 from stereo.rectify import RectifiedPair, Rectifier, RectifyParams
 
 SETUP_FRAMES = 24
-"""Frames, spread over a recording, in which floor and row offset are measured (our choice)."""
+"""Frames, spread over a recording, in which floor and rig are measured (our choice)."""
 STEP_PX = 3
 """The floor is fitted to every n-th row and column."""
 MIN_WATCHED, NEARER = 5, 1.15
@@ -53,7 +53,7 @@ class FloorEstimator:
     """The floor in rectified pairs of one rig (see ``calib.floor.find.find_floor``).
 
     Attributes:
-        rectifier: of the rig, the row offset taken out.
+        rectifier: of the rig as the recording corrects it.
         disparities: range searched, from infinity to ``range.nearest_m``.
     """
 

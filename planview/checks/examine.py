@@ -172,7 +172,7 @@ def examine(
         geometry = [Check("alignment of a pair", True, math.nan, note=skipped)]
     else:
         light = image_checks(evidence.spread)
-        geometry = alignment_checks(pair.plain, pair.matches, pair.vertical)
+        geometry = alignment_checks(pair.plain, pair.matches, pair.correction)
     source = recording.rig.source if isinstance(recording, StereoRecording) else recording.source
     checks = [
         Check("calibration and layout", True, 1.0, note=source),

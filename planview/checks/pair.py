@@ -10,21 +10,17 @@ import numpy as np
 from calib.images import as_grey
 from calib.types import F64, U8
 from planview.checks.check import Check, at_least, at_most
-from stereo.depth import RectifiedGeometry
 from stereo.recording import StereoFrame
 from stereo.rectify import Rectifier
-from stereo.row_offset import VerticalFit, VerticalModel, fit_affine
+from stereo.rig_correction import RigCorrection, fit_correction
 
 MIN_MATCHES = 60
 """Fewest corners found in both images on which the geometry is judged."""
 MAX_OFFSET = 1.5
-"""Row offset of the calibration as it is [px of 640]: a factory calibration after some years has up to 0.5. The offset
-itself is taken out of the images, but a rig that moved this far has also moved along the rows, where it cannot be
-measured."""
+"""Row offset of the calibration as it is [px of 640]: a factory calibration after some years has up to 0.5. A run takes
+out the turn that explains it, but a rig that moved this far is better calibrated again."""
 MAX_RESIDUAL = 0.5
 """Row offset that is left [px]: block matching loses half of its matches beyond (our choice)."""
-MAX_TREND = 4.0
-"""Change of the row offset over the image [px of 640]: 0.4 degrees of roll."""
 MIN_POSITIVE = 0.8
 """Share of corners whose right place is to the left of the left one; far corners may err by calibration."""
 MAX_TURN_DEG = 0.5
@@ -36,31 +32,25 @@ MIN_TURN_DEG = 0.3
 """Poses with less rotation look the same mirrored."""
 
 
-def alignment_checks(plain: Rectifier, matches: F64, vertical: VerticalFit) -> list[Check]:
-    """Row offset, its trend and what turn of a camera explains it, left-right order and mirrored pose.
+def alignment_checks(plain: Rectifier, matches: F64, correction: RigCorrection) -> list[Check]:
+    """Row offset and what turn of a camera explains it, left-right order and mirrored pose.
 
     Args:
         plain: rectifier of the calibration as it is.
-        matches: (N, 4) float64 [px] in its images, as from ``match_corners``.
-        vertical: row offset before and after it is taken out.
+        matches: (N, 4) float64 [px] in its images, as from ``match_corners``; rows far off were searched.
+        correction: that a run makes, from rows less far off.
     """
-    width = plain.geometry.width
     enough = len(matches) >= MIN_MATCHES
-    model = fit_affine(matches) if enough else VerticalModel(math.nan)
-    scale = 640.0 / width
-    offset = float(np.median(np.abs(matches[:, 3]))) * scale if enough else math.nan
+    offset = float(np.median(np.abs(matches[:, 3]))) * 640.0 / plain.geometry.width if enough else math.nan
     positive = float(np.mean(matches[:, 0] - matches[:, 2] > -0.5)) if enough else math.nan
-    turn = np.degrees(turn_of(matches, plain.geometry)) if enough else np.full(3, math.nan)
-    turned_deg, axes = float(np.linalg.norm(turn)), ", ".join(f"{t:+.2f}" for t in turn)
+    turn = fit_correction(matches, plain.geometry)
+    turned_deg = math.degrees(float(np.linalg.norm(turn.applied))) if enough else math.nan
     return [
         at_least("matched corners", float(len(matches)), MIN_MATCHES, "", "corners that both cameras show"),
         at_least("left-right order", positive, MIN_POSITIVE, "", "share of corners nearer than infinity"),
-        at_most("row offset", offset, MAX_OFFSET, "px", "median, of 640 px, before it is taken out"),
-        at_most("row offset trend", trend(model, plain) * scale, MAX_TREND, "px", "change over the image"),
-        at_most(
-            "camera turn", turned_deg, MAX_TURN_DEG, "deg", f"right camera since calibration: {axes} about x, y, z"
-        ),
-        at_most("row residual", vertical.after_px, MAX_RESIDUAL, "px", "median, after it is taken out"),
+        at_most("row offset", offset, MAX_OFFSET, "px", "median, of 640 px, before the rig is corrected"),
+        at_most("camera turn", turned_deg, MAX_TURN_DEG, "deg", f"right camera since calibration; {correction}"),
+        at_most("row residual", correction.after_px, MAX_RESIDUAL, "px", "median, after the rig is corrected"),
         at_most(
             "mirrored pose",
             mirror_ratio(plain, matches),
@@ -69,39 +59,6 @@ def alignment_checks(plain: Rectifier, matches: F64, vertical: VerticalFit) -> l
             "row error of the pose over its mirror image",
         ),
     ]
-
-
-def trend(model: VerticalModel, rectifier: Rectifier) -> float:
-    """Largest less smallest row offset of the model over the image [px]."""
-    right, bottom = rectifier.geometry.width - 1.0, rectifier.geometry.height - 1.0
-    corners = model(np.array([0.0, right, 0.0, right]), np.array([0.0, 0.0, bottom, bottom]))
-    return float(np.ptp(corners))
-
-
-def turn_of(matches: F64, geometry: RectifiedGeometry) -> F64:
-    """Rotation of the right camera that explains the row offsets.
-
-    To first order a rotation (a, b, c) about x, y and z moves the point (x, y) at unit depth by
-    a (1 + y^2) - b x y - c x along its column (Longuet-Higgins and Prazdny 1980); depth has no part in it, so that even
-    pan shows, which shifts disparities. Fitted by iteratively reweighted least squares.
-
-    Args:
-        matches: (N, 4) as from ``match_corners``.
-    Returns:
-        (3,) rotation vector [rad], from the camera as calibrated to the camera as it is, up to its sign.
-    """
-    focal = geometry.focal_v_px
-    x, y, _ = geometry.rays(matches[:, [2, 1]]).T
-    target = matches[:, 3] / focal
-    columns = np.column_stack([1.0 + y * y, -x * y, -x])
-    turn: F64 = np.zeros(3)
-    for _ in range(20):
-        residual = np.abs(target - columns @ turn)
-        scale = max(1.4826 * float(np.median(residual)), 0.02 / focal)
-        weight = np.where(residual < 4.0 * scale, 1.0 / np.maximum(residual, scale), 0.0)
-        normal, pull = columns.T @ (columns * weight[:, None]), columns.T @ (weight * target)
-        turn = np.asarray(np.linalg.lstsq(normal, pull, rcond=None)[0], dtype=np.float64)
-    return turn
 
 
 def mirror_ratio(rectifier: Rectifier, matches: F64) -> float:

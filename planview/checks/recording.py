@@ -19,11 +19,11 @@ from stereo.matcher import DisparityRange
 from stereo.recording import RgbdRecording, StereoFrame, StereoRecording
 from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
-from stereo.row_offset import VerticalFit, VerticalParams, match_corners
+from stereo.rig_correction import MatchParams, RigCorrection, match_corners
 
 MATCHED_FRAMES = 8
 """Frames in which corners are matched (our choice, for speed)."""
-WIDE_SEARCH = VerticalParams(search_px=24, features=200)
+WIDE_SEARCH = MatchParams(search_px=24, features=200)
 """Row offsets looked for in a pair that may be badly calibrated: a rig turned by 2 degrees still matches."""
 
 
@@ -34,13 +34,13 @@ class PairEvidence(NamedTuple):
         plain: rectifier of the calibration as it is.
         matches: (N, 4) float64 [px] of ``plain``'s images: u, v, u in the right image, row offset; disparities of
             both signs were searched.
-        vertical: row offset before and after it is taken out.
-        rectified: spread frames, the row offset taken out.
+        correction: of the calibration, as a run makes it.
+        rectified: spread frames, by the corrected rig.
     """
 
     plain: Rectifier
     matches: F64
-    vertical: VerticalFit
+    correction: RigCorrection
     rectified: list[RectifiedPair]
 
 
@@ -51,7 +51,7 @@ class Evidence:
     Attributes:
         spread: frames spread over the recording, those that a run measures its floor in.
         run: consecutive frames where most moves.
-        rectifier: of a pair with the row offset taken out.
+        rectifier: of a pair by the corrected rig.
         lefts: (H, W) uint8 grey of each spread frame, rectified; the left one of a pair.
         disparities: (H, W) float32 [px] of each; of images with depth equivalent to it.
         searched: range of the disparities.
@@ -89,13 +89,13 @@ def gather(recording: StereoRecording | RgbdRecording, frames: int, search: Floo
     rectifier: Rectifier | RgbdRectifier
     if isinstance(recording, StereoRecording):
         plain = Rectifier(recording.rig, search.rectify)
-        rectifier, vertical = aligned_rectifier(recording.rig, spread, search.rectify)
+        rectifier, correction = aligned_rectifier(recording.rig, spread, search.rectify)
         estimator = FloorEstimator(rectifier, search)
         pairs = [rectifier(f.left, f.right) for f in spread]
         lefts, disparities = [p.left_grey for p in pairs], [estimator.disparity(pair) for pair in pairs]
         searched, to_depth = estimator.disparities, DepthFromDisparity(rectifier.geometry)
         find = partial(estimator.floor, map(to_depth, disparities))
-        pair = PairEvidence(plain, _matches(plain, spread, searched), vertical, pairs)
+        pair = PairEvidence(plain, _matches(plain, spread, searched), correction, pairs)
     else:
         rectifier = depth_rectifier = RgbdRectifier(recording.camera, recording.sensor, search.rectify)
         rectified = [depth_rectifier(frame) for frame in spread]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from rich.table import Table
 
 from calib.errors import InputError, WorkError
 from calib.io import parse_length
+from calib.rig import save_rig
 from planview.checks.check import Check
 from planview.checks.examine import Diagnosis, examine, write_pictures
 from planview.commands.options import Flag, JsonFlag, open_options
@@ -36,6 +38,7 @@ def check(
     person_height: str | None = None,
     frames: int = 60,
     out: Path | None = None,
+    corrected_rig: Path | None = None,
     config: Path | None = None,
     json_output: JsonFlag = False,
 ) -> None:
@@ -64,6 +67,8 @@ def check(
         Consecutive frames to look at for movement, besides those in which a run measures its floor.
     out
         Folder for pictures: rectified rows, disparity, floor, exposure.
+    corrected_rig
+        File to write the calibration to as the recording corrects it (rig.toml), for other recordings of the rig.
     config
         TOML file with the parameters of the run to come: analysis.setup_frames and tables rectify, sgbm, range, floor.
     json_output
@@ -90,6 +95,17 @@ def check(
     if out is not None and diagnosis.evidence is not None:
         for path in write_pictures(diagnosis.evidence, out):
             PlainConsole(stderr=True).print(f"wrote {path}", highlight=False)
+    pair = diagnosis.evidence.pair if diagnosis.evidence else None
+    corrects = pair is not None and bool(pair.correction.is_applied.any())
+    if corrected_rig is not None and (pair is None or not corrects):
+        raise WorkError(f"{recording}: nothing to write to {corrected_rig}: {pair.correction if pair else 'no pair'}")
+    if pair is not None and corrects:
+        said = f"planview check {shlex.quote(str(recording))} --corrected-rig rig.toml writes the corrected calibration"
+        if corrected_rig is not None:
+            rig = pair.correction(pair.plain.rig)
+            save_rig(replace(rig, source=f"{rig.source}, {pair.correction}"), corrected_rig)
+            said = f"wrote {corrected_rig}"
+        PlainConsole(stderr=True).print(f"{pair.correction}: {said}", highlight=False)
     failed = [check for check in diagnosis.checks if not check.ok]
     if failed:
         raise WorkError(

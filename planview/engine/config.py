@@ -33,7 +33,7 @@ class AnalysisParams(Params):
     """Foreground and maps use every n-th row and column, n the smallest that brings the width down to this [px].
     Harville 2002, section 5, ran at 320x240; a head at 8 m is then still 5 px wide."""
     setup_frames: int = Field(SETUP_FRAMES, ge=3, le=500)
-    """Frames, spread over the recording, in which floor and vertical residual are measured (our choice)."""
+    """Frames, spread over the recording, in which floor and rig are measured (our choice)."""
 
 
 class FeedbackParams(Params):

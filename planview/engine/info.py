@@ -67,8 +67,10 @@ class CameraInfo(InfoPart):
     """How the depth of images with depth was measured; None for others."""
     calibration: str | None = None
     """File or folder the calibration came from."""
+    correction: str | None = None
+    """How the recording corrects that calibration, in a sentence; None where that was not looked at."""
     vertical_residual_px: float | None = None
-    """Mean vertical offset left after rectification, as measured and corrected [px]."""
+    """Median row offset that the corrected calibration leaves [px]."""
     view_m: list[tuple[float, float]] = Field(default_factory=list)
     """Outline of the view on the floor, world frame (x, y) [m], when known."""
     name: str = ""
@@ -104,6 +106,7 @@ def stereo_camera_info(view: StereoView) -> CameraInfo:
         baseline_m=geometry.baseline_m if view.sensor is None else None,
         depth_sensor=view.sensor,
         calibration=view.calibration or None,
+        correction=view.correction or None,
         vertical_residual_px=None if math.isnan(residual_px) else residual_px,
         view_m=_outline(rays, pose.translation, VIEW_DISTANCE_M),
     )

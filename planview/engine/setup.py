@@ -1,4 +1,4 @@
-"""A recording made ready before its first frame: rows, disparities to search, the floor, and what stands on it."""
+"""A recording made ready before its first frame: the rig as it is, disparities to search, the floor and the scene."""
 
 from __future__ import annotations
 
@@ -27,20 +27,19 @@ from stereo.matcher import DisparityRange, Matcher, SgbmMatcher, disparity_range
 from stereo.recording import Recorded, RgbdRecording, StereoFrame, StereoRecording
 from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
-from stereo.row_offset import VerticalParams, match_corners
+from stereo.rig_correction import MatchParams, RigCorrection, match_corners
 
 ORDER_FRAMES = 4
 """Setup frames in which left and right are told apart (our choice)."""
 MIN_ORDER_MATCHES = 40
 """Fewest corners matched in both images by which they are (our choice)."""
-ORDER_SEARCH = VerticalParams(search_px=24)
+ORDER_SEARCH = MatchParams(search_px=24)
 """Rows are wide apart when the wrong calibration is taken to an image."""
 MIN_NEARER = 0.5
 """Smallest share of corners nearer than infinity: of swapped images nearly all are beyond (our choice)."""
-MAX_ROW_OFFSET_PX = 5.0
-"""Largest median row offset of the corners [px of 640]. It could be taken out, but a rig that is so far off its rows is
-as far off along them, where it cannot be measured, and all depth is wrong (our choice; a worn factory calibration has
-0.5)."""
+MAX_ROW_OFFSET_DEG = 1.0
+"""Largest median row offset of the corners as an angle: a camera that turned by more has lost its calibration (our
+choice; a worn factory calibration has 0.1)."""
 
 CHECK_EVERY = 50
 """Disparities are looked at in every n-th frame (our choice, for speed)."""
@@ -59,7 +58,7 @@ class Setup:
     """A recording of a pair, or of images with depth, made ready.
 
     Attributes:
-        rectifier: of a pair with the measured vertical residual taken out; of images with depth without distortion.
+        rectifier: of a pair, of the calibration as the recording corrects it; of images with depth without distortion.
         floor: found in the recording or read from ``world.toml``.
         disparities: range that people on that floor can have; of images with depth equivalent ones.
         floor_source: "found" or the file that gave it.
@@ -67,6 +66,7 @@ class Setup:
         sensor: how depth was measured; None for a pair.
         vertical_residual_px: row offset left after rectification [px]; NaN for images with depth.
         checks: what these frames tell of the calibration.
+        correction: what the recording tells of the calibration of a pair; None for images with depth.
     """
 
     rectifier: Rectifier | RgbdRectifier
@@ -77,6 +77,7 @@ class Setup:
     sensor: DepthSensor | None = None
     vertical_residual_px: float = math.nan
     checks: tuple[Check, ...] = ()
+    correction: RigCorrection | None = None
 
     def whole(self, config: Config, matcher: Matcher | None = None) -> WholeMatching | RgbdRectifier:
         """Rectification, and the disparity of all pixels; with SGBM over the disparities when there is no matcher.
@@ -165,7 +166,7 @@ def refuse_foreign_disparity(disparity: F32, shape: tuple[int, int], searched: D
 
 
 def set_up(recording: StereoRecording | RgbdRecording, config: Config) -> Setup:
-    """Find the floor in frames spread over a recording; of a pair also measure the vertical residual.
+    """Find the floor in frames spread over a recording; of a pair correct the calibration first.
 
     Raises:
         WorkError: no usable frame, left and right swapped, hardly any disparity or depth, or no floor visible.
@@ -177,20 +178,16 @@ def set_up(recording: StereoRecording | RgbdRecording, config: Config) -> Setup:
     plain = Rectifier(recording.rig, config.rectify)
     matches = _corners(plain, frames)
     refuse_foreign(recording.path, plain, matches)
-    rectifier, vertical = aligned_rectifier(recording.rig, frames, config.rectify)
+    rectifier, correction = aligned_rectifier(recording.rig, frames, config.rectify)
     if recording.world_SE3_left is not None:
         floor, source = Floor(recording.world_SE3_left), "world.toml"
     else:
         floor, source = FloorEstimator(rectifier, search)(frames), "found"
+    checks = *image_checks(frames), *alignment_checks(plain, matches, correction), *floor_checks(floor)
+    searched = disparity_range(rectifier.geometry, config.range, floor)
     return Setup(
-        rectifier,
-        floor,
-        disparity_range(rectifier.geometry, config.range, floor),
-        source,
-        rectifier.rig.source,
-        vertical_residual_px=vertical.after_px,
-        checks=(*image_checks(frames), *alignment_checks(plain, matches, vertical), *floor_checks(floor)),
-    )
+        rectifier, floor, searched, source, rectifier.rig.source, None, correction.after_px, checks, correction
+    )  # fmt: skip
 
 
 def _set_up_rgbd(recording: RgbdRecording, config: Config) -> Setup:
@@ -232,10 +229,10 @@ def refuse_foreign(path: Path, rectifier: Rectifier, matches: F64) -> None:
             f"{path}: expected the left camera's images left and the right one's right, found {beyond:.0%} of "
             "the matched corners beyond infinity: left and right are swapped, or the calibration is wrong"
         )
-    rows = float(np.median(np.abs(matches[:, 3]))) * 640.0 / rectifier.geometry.width
-    if rows > MAX_ROW_OFFSET_PX:
+    rows_deg = math.degrees(float(np.median(np.abs(matches[:, 3]))) / rectifier.geometry.focal_v_px)
+    if rows_deg > MAX_ROW_OFFSET_DEG:
         raise WorkError(
-            f"{path}: expected matched corners on the same row, found them {rows:.1f} px of 640 off: "
+            f"{path}: expected matched corners on the same row, found them {rows_deg:.1f} degrees off: "
             "left and right are swapped, or the calibration is another rig's (planview check tells)"
         )
 

@@ -149,7 +149,7 @@ class RigStages:
         self.background, self.rays = KeptBackground(), PixelRays.of(geometry, pose, shape, step)
         self.view = StereoView(
             geometry, setup.floor, setup.floor_source, setup.calibration, setup.vertical_residual_px,
-            setup.disparities, self.maps.grid, step, setup.sensor,
+            setup.disparities, self.maps.grid, step, setup.sensor, str(setup.correction or ""),
         )  # fmt: skip
         self.boxes = BodyBoxes(geometry, pose)
 

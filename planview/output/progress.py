@@ -112,6 +112,8 @@ def summary(console: Console, info: RunInfo, folder: Path) -> None:
     table.add_row("frames", f"{info.frames_read} read{skipped}, {rate:.1f} per second")
     for note in info.notes:
         table.add_row("note", note)
+    if info.rig and info.rig.correction:
+        table.add_row("calibration", info.rig.correction)
     if info.floor:
         floor = info.floor
         table.add_row(

@@ -30,7 +30,7 @@ from stereo.readers.base import (
 )
 from stereo.readers.images import Size, is_grey
 from stereo.readers.video import SUFFIXES, VideoFile, video_files
-from stereo.row_offset import VerticalParams, match_corners
+from stereo.rig_correction import MatchParams, match_corners
 
 MIN_MATCHES = 40
 """Fewest matched corners by which the order is told (our choice)."""
@@ -138,7 +138,7 @@ Halves = tuple[U8, U8]
 
 REDUCED_PX = 320
 """Width to which halves are reduced for matching."""
-SEARCH = VerticalParams(features=150, search_px=24)
+SEARCH = MatchParams(features=150, search_px=24)
 """Rows of unrectified cameras may be 24 of 320 px apart."""
 REACH = 0.3
 """Disparities are searched up to this share of the width, each way (our choice)."""

@@ -10,7 +10,8 @@ import pytest
 from toy_stereo import SIZE, ToyWorld, toy_rig, walking, write_toy_recording
 
 from calib.camera import Camera
-from calib.errors import InputError
+from calib.errors import InputError, WorkError
+from calib.formats import load_rig
 from calib.pose import SE3
 from calib.rig import StereoRig, save_rig
 from calib.types import U8
@@ -18,6 +19,7 @@ from planview.checks.check import at_least, at_most, between
 from planview.checks.examine import Diagnosis, examine
 from planview.checks.timing import best_lag, longest_step
 from planview.cli import main
+from planview.commands.recordings import check
 
 RIG = toy_rig(rotation_deg=(0.4, -0.6, 1.0))
 COUNT = 30
@@ -85,7 +87,7 @@ def test_fault_vertical_shift(tmp_path: Path, pairs: Pairs) -> None:
 
 def test_fault_camera_turned_since_calibration(tmp_path: Path, pairs: Pairs) -> None:
     folder = write_toy_recording(tmp_path / "r", RIG, pairs[:8], claimed=turned(RIG, (0.0, 0.0, 2.0)))
-    assert "row offset trend" in failed(folder)
+    assert "camera turn" in failed(folder)
 
 
 def test_fault_camera_panned_since_calibration(tmp_path: Path, pairs: Pairs) -> None:
@@ -93,6 +95,20 @@ def test_fault_camera_panned_since_calibration(tmp_path: Path, pairs: Pairs) -> 
     diagnosis = examine(folder, frames=8)
     check = next(c for c in diagnosis.checks if c.name == "camera turn")
     assert not check.ok and check.value == pytest.approx(2.0, abs=0.2)
+
+
+def test_check_writes_the_rig_that_the_recording_corrects(
+    tmp_path: Path, pairs: Pairs, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_toy_recording(tmp_path / "r", RIG, pairs[:8], claimed=turned(RIG, (0.1, 0.0, 0.3)))
+    check(folder, frames=8)
+    assert "--corrected-rig rig.toml writes the corrected calibration" in capsys.readouterr().err.replace("\n", " ")
+    check(folder, frames=8, corrected_rig=tmp_path / "rig.toml")
+    assert "roll corrected by" in capsys.readouterr().err
+    left = (load_rig(tmp_path / "rig.toml").right_SE3_left @ RIG.right_SE3_left.inverse()).rotvec
+    assert np.degrees(np.abs(left)).max() < 0.03
+    with pytest.raises(WorkError, match="nothing to write to"):  # it needs no other correction
+        check(folder, frames=8, calibration=tmp_path / "rig.toml", corrected_rig=tmp_path / "other.toml")
 
 
 def test_fault_late_right_camera(tmp_path: Path, pairs: Pairs) -> None:
