@@ -20,7 +20,7 @@ from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, Protocol
 
-from calib.errors import WorkError
+from calib.errors import InputError, WorkError
 from planview.counting.stream import Analytics
 from planview.counting.totals import Counts, Span
 from planview.engine.engine import Engine, FrameResult
@@ -242,7 +242,12 @@ class _Run:
         """Results from the first frame, or from the one after the checkpoint, as many as asked for."""
         self._engine.reset()
         if checkpoint is not None:
-            decode(checkpoint.memory, self._memory())
+            try:
+                decode(checkpoint.memory, self._memory())
+            except ValueError as error:
+                raise InputError(
+                    f"{self._folder}: the checkpoint cannot be gone on from: {error}; --overwrite begins anew"
+                ) from error
         limit = self._options.max_frames
         if limit and self._totals.frames >= limit:
             return
