@@ -139,7 +139,8 @@ def _found(path: Path, reader: Reader, layout: Layout) -> dict[str, Any]:
     except InputError as error:
         text = str(error)
         missing = [text if "--calibration" in text else f"{text} (--calibration FILE gives one)"]
-    cameras = [_camera(stream, layout.fps) for stream in layout.streams]
+    fps = layout.fps if opened is None else opened.fps  # estimated, where the images have no times
+    cameras = [_camera(stream, fps) for stream in layout.streams]
     durations = [camera["duration_s"] for camera in cameras if camera["duration_s"] is not None]
     size, calibration, has_world = layout.streams[0].size, None, False
     if opened is not None:
@@ -162,13 +163,13 @@ def _found(path: Path, reader: Reader, layout: Layout) -> dict[str, Any]:
         "cameras": cameras,
         "frames": layout.n_frames,
         "unpaired": layout.unpaired,
-        "fps": layout.fps,
-        "duration_s": max(durations, default=layout.n_frames / layout.fps),
+        "fps": fps,
+        "duration_s": max(durations, default=layout.n_frames / fps),
         "size": list(size),
         "calibration": calibration,
         "floor": "world.toml" if has_world else "to be found in the recording",
         "missing": missing,
-        "notes": list(layout.notes),
+        "notes": list(getattr(opened, "notes", layout.notes)),
     }
 
 

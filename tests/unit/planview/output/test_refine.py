@@ -57,6 +57,19 @@ def test_evaluate_tells_refined_from_online_tracks(folder: Path, capsys: pytest.
         assert json.loads(capsys.readouterr().out)["refined"] == refined
 
 
+def test_evaluate_takes_the_truth_of_the_runs_recording(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording = folder / "recording"
+    recording.mkdir()
+    assert run("evaluate", str(folder)) == 2
+    write_run_info(RunInfo(finished=True, frames_read=30, input=str(recording)), folder / "run.json")
+    assert run("evaluate", str(folder)) == 2
+    assert "expected the truth of the run's recording, found none" in " ".join(capsys.readouterr().err.split())
+    rows = "".join(f"{t},1,{0.1 * t:.2f},0,1.7\n" for t in range(30))
+    (recording / "truth.csv").write_text("frame,id,x_m,y_m,height_m\n" + rows)
+    assert run("evaluate", str(folder)) == 0
+    assert "strict_identity_changes those that last" in " ".join(capsys.readouterr().out.split())
+
+
 def test_refine_needs_a_finished_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_run_info(RunInfo(finished=False), folder / "run.json")
     assert run("edit", str(folder), "--refine") == 2
