@@ -14,7 +14,6 @@ from rich.table import Table
 
 from calib.errors import InputError, WorkError
 from calib.io import parse_length
-from planview.checks.check import Check
 from planview.checks.examine import Diagnosis, examine, write_pictures
 from planview.commands.options import Flag, JsonFlag, open_options
 from planview.engine.config import load_config
@@ -107,20 +106,9 @@ def table(diagnosis: Diagnosis) -> Table:
     result.add_column("meaning")
     for check in diagnosis.checks:
         mark = "[green]ok[/]" if check.ok else "[bold red]NO[/]"
-        result.add_row(mark, check.name, value_text(check), limit_text(check), check.note)
+        value = f"{check.value:.3g} {check.unit}".strip() if math.isfinite(check.value) else "-"
+        result.add_row(mark, check.name, value, check.limit_text, check.note)
     return result
-
-
-def value_text(check: Check) -> str:
-    """Value with unit; a dash when it could not be measured."""
-    return f"{check.value:.3g} {check.unit}".strip() if math.isfinite(check.value) else "-"
-
-
-def limit_text(check: Check) -> str:
-    """The bound in words."""
-    if isinstance(check.limit, tuple):
-        return f"{check.limit[0]:.3g} to {check.limit[1]:.3g}"
-    return "" if check.limit is None else f"{check.rule} {check.limit:.3g}"
 
 
 def _height(text: str) -> float:

@@ -190,9 +190,7 @@ def print_evaluation(result: Evaluation, console: Console, title: str, *, listed
     if result.alignment is not None:
         console.print("tracks laid over the truth:", values["alignment"])
     for error in result.significant if listed else []:
-        ids = [f"person {error.truth_id}"] if error.truth_id is not None else []
-        ids += [f"track {error.track_id}"] if error.track_id is not None else []
-        console.print(f"frame {error.frame}: {error.kind}: {', '.join(ids)}: {error.note}", highlight=False)
+        console.print(f"frame {error.frame}: {error.kind}: {error.who}: {error.note}", highlight=False)
 
 
 def _figure(value: float | int | None) -> str:

@@ -41,7 +41,7 @@ def identity_of(engine: Engine, settings: dict[str, Any], folder: Path) -> dict[
     named = {"calibration": True, "heads": {"__all__": {"calibration"}}}
     return {
         "version": {"planview": _code(), "python": platform.python_version()} | _libraries(),
-        "configuration": configuration_of(engine),
+        "configuration": engine.config.model_dump(mode="json", exclude={"run"}),
         "recording": {
             "images": _images(recording.path, folder),
             "calibration": _calibration(recording),
@@ -52,11 +52,6 @@ def identity_of(engine: Engine, settings: dict[str, Any], folder: Path) -> dict[
         },
         "settings": settings,
     }
-
-
-def configuration_of(engine: Engine) -> dict[str, Any]:
-    """The parameters that decide tracks, as JSON."""
-    return engine.config.model_dump(mode="json", exclude={"run"})
 
 
 def difference(found: dict[str, Any], expected: dict[str, Any]) -> str:

@@ -324,7 +324,7 @@ class _Run:
                 "notes": [*self._info.notes, *getattr(self._engine.tracker, "notes", ())],
                 "frames_skipped": len(skipped),
                 "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:SKIPPED_MAX]],
-                "stages_ms": {stage: times.median_ms for stage, times in totals.stages.items()},
+                "stages_ms": {stage: times.percentile_ms(50) for stage, times in totals.stages.items()},
                 "pace": self._options.pace and self._options.pace.info(),
                 "people": len(totals.people),
                 "remark": totals.remark(),
@@ -362,22 +362,17 @@ def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str], folde
 
 
 def _info_of(engine: Engine, options: RunOptions) -> RunInfo:
+    versions: dict[str, str] = {}
+    for name in LIBRARIES:
+        with suppress(PackageNotFoundError):  # OpenCV comes under several names
+            versions[name] = version(name)
     return RunInfo(
         input=os.fspath(engine.recording.path),
         tracker=options.tracker,
         started_at=datetime.now(UTC).astimezone().isoformat(timespec="seconds"),
-        versions={"python": platform.python_version(), **_versions()},
+        versions={"python": platform.python_version(), **versions},
         config=engine.config.model_dump(mode="json"),
         rig=engine.camera_info(),
         floor=engine.floor_info(),
         notes=list(getattr(engine.recording, "notes", ())),
     )
-
-
-def _versions() -> dict[str, str]:
-    """Of what is installed: OpenCV comes under several names."""
-    found = {}
-    for name in LIBRARIES:
-        with suppress(PackageNotFoundError):
-            found[name] = version(name)
-    return found

@@ -100,9 +100,7 @@ def log_assessment(stream: rr.RecordingStream, folder: Path) -> RunResults | Non
     for error in errors:
         stream.set_time("frame", sequence=error.frame)
         stream.set_time("time", duration=float(results.clock.at(np.array([error.frame]))[0]))
-        who = [f"person {error.truth_id}"] if error.truth_id is not None else []
-        who += [f"track {error.track_id}"] if error.track_id is not None else []
-        text = f"{error.kind.replace('_', ' ')}: {', '.join(who)}: {error.note}"
+        text = f"{error.kind.replace('_', ' ')}: {error.who}: {error.note}"
         stream.log("errors", rr.TextLog(text, level=rr.TextLogLevel.ERROR))
     return results
 
