@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from planview.engine.open import base_config
 from rich.console import Console
 
 from benchmarks.calibration import FLOOR_FRAMES, FLOOR_SCENE, HIGH_M, LOW_M, Row, show_rows
@@ -17,6 +16,7 @@ from calib.pose import SE3
 from calib.rig import Floor, StereoRig
 from calib.types import F64
 from planview.engine.config import load_config
+from planview.engine.open import base_config
 from planview.output.script import run
 from planview.synthetic.assets import real_recordings
 from planview.synthetic.render import SceneRenderer

@@ -29,6 +29,7 @@ REASONS = {
     errno.ENOTDIR: "a file where a folder is expected",
     errno.EISDIR: "a folder",
     errno.ENOSPC: "no space left on the disk",
+    errno.EFBIG: "no room for a file of this size",
     errno.EDQUOT: "no space left in the quota",
     errno.EROFS: "a file system that is read-only",
     errno.ENAMETOOLONG: "a name that is too long",

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from typing import Literal
+from contextlib import suppress
+from typing import Literal, TextIO
 
 from cyclopts import App, Group
 
@@ -105,6 +107,8 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
     from calib.io import reason
 
     words = sys.argv[1:] if argv is None else argv
+    if argv is None:
+        sys.stderr = UnheardOutput(sys.stderr)
     _stop_on_signals()
     try:
         _refuse_empty(words)
@@ -127,6 +131,32 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
             _fail(" ".join(str(error).split()), 2)
         what = " ".join(str(error).split())
         _fail(f"unexpected {type(error).__name__}: {what} (how it came about is in {_traceback_file(error)})", 1)
+
+
+class UnheardOutput(io.TextIOBase):
+    """Messages to where they may not arrive, a full disk or a pipe that nobody reads: the work goes on without them."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        with suppress(OSError):
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with suppress(OSError):
+            self._stream.flush()
+
+    def fileno(self) -> int:
+        return self._stream.fileno()
+
+    def isatty(self) -> bool:
+        return self._stream.isatty()
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        return self._stream.encoding
 
 
 def _traceback_file(error: Exception) -> str:

@@ -22,7 +22,7 @@ from planview.checks.scene import (
     height_check,
     heights_above_floor,
     large_heights,
-    people_checks,
+    person_heights,
     scene_checks,
     standing_things,
 )
@@ -180,7 +180,7 @@ def examine(
         *light,
         *geometry,
         *scene_checks(evidence),
-        *people_checks(evidence, person_height_m),
+        height_check(person_heights(evidence), person_height_m),
     ]
     return Diagnosis(tuple(checks), evidence)
 
@@ -248,7 +248,5 @@ def refuse_unless_ok(checks: list[Check], source: str) -> None:
 
 def sentence(check: Check) -> str:
     """One clause on a check that failed."""
-    limit = f"{check.limit[0]:g} to {check.limit[1]:g}" if isinstance(check.limit, tuple) else f"{check.limit:.3g}"
-    rule = "" if check.rule == "between" else f"{check.rule} "
     unit = f" {check.unit}" if check.unit else ""
-    return f"{check.name}: expected {rule}{limit}{unit}, found {check.value:.3g} ({check.note})"
+    return f"{check.name}: expected {check.limit_text}{unit}, found {check.value:.3g} ({check.note})"

@@ -31,11 +31,6 @@ TALLEST_PERCENTILE = 98.0
 """Percentile of a person's points taken for the top of the head: single points above it are wrong matches."""
 
 
-def people_checks(evidence: Evidence, person_height_m: float | None) -> list[Check]:
-    """Measured height of people against the known one, or against what people can be."""
-    return [height_check(person_heights(evidence), person_height_m)]
-
-
 def height_check(heights: F64, person_height_m: float | None = None) -> Check:
     """Measured (N,) heights [m] of people against the known one, or against what people can be."""
     # Cut by the image's edge or half hidden, people look smaller, never taller.

@@ -16,7 +16,6 @@ from rich.table import Table
 from calib.errors import InputError, WorkError
 from calib.io import parse_length
 from calib.rig import save_rig
-from planview.checks.check import Check
 from planview.checks.examine import Diagnosis, examine, write_pictures
 from planview.commands.options import Flag, JsonFlag, open_options
 from planview.engine.config import load_config
@@ -124,20 +123,9 @@ def table(diagnosis: Diagnosis) -> Table:
     result.add_column("meaning")
     for check in diagnosis.checks:
         mark = "[green]ok[/]" if check.ok else "[bold red]NO[/]"
-        result.add_row(mark, check.name, value_text(check), limit_text(check), check.note)
+        value = f"{check.value:.3g} {check.unit}".strip() if math.isfinite(check.value) else "-"
+        result.add_row(mark, check.name, value, check.limit_text, check.note)
     return result
-
-
-def value_text(check: Check) -> str:
-    """Value with unit; a dash when it could not be measured."""
-    return f"{check.value:.3g} {check.unit}".strip() if math.isfinite(check.value) else "-"
-
-
-def limit_text(check: Check) -> str:
-    """The bound in words."""
-    if isinstance(check.limit, tuple):
-        return f"{check.limit[0]:.3g} to {check.limit[1]:.3g}"
-    return "" if check.limit is None else f"{check.rule} {check.limit:.3g}"
 
 
 def _height(text: str) -> float:
@@ -156,7 +144,8 @@ def _found(path: Path, reader: Reader, layout: Layout) -> dict[str, Any]:
     except InputError as error:
         text = str(error)
         missing = [text if "--calibration" in text else f"{text} (--calibration FILE gives one)"]
-    cameras = [_camera(stream, layout.fps) for stream in layout.streams]
+    fps = layout.fps if opened is None else opened.fps  # estimated, where the images have no times
+    cameras = [_camera(stream, fps) for stream in layout.streams]
     durations = [camera["duration_s"] for camera in cameras if camera["duration_s"] is not None]
     size, calibration, has_world = layout.streams[0].size, None, False
     if opened is not None:
@@ -179,13 +168,13 @@ def _found(path: Path, reader: Reader, layout: Layout) -> dict[str, Any]:
         "cameras": cameras,
         "frames": layout.n_frames,
         "unpaired": layout.unpaired,
-        "fps": layout.fps,
-        "duration_s": max(durations, default=layout.n_frames / layout.fps),
+        "fps": fps,
+        "duration_s": max(durations, default=layout.n_frames / fps),
         "size": list(size),
         "calibration": calibration,
         "floor": "world.toml" if has_world else "to be found in the recording",
         "missing": missing,
-        "notes": list(layout.notes),
+        "notes": list(getattr(opened, "notes", layout.notes)),
     }
 
 

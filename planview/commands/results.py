@@ -61,7 +61,7 @@ class RenderOptions:
     """What is drawn, and where it goes."""
 
     video: Path | None = None
-    """Video to write: .mp4, .webm (plays in browsers), .avi or .mkv. [default: scene.mp4 in the folder]"""
+    """Video to write: .webm (plays in browsers), .mp4, .avi or .mkv. [default: scene.webm in the folder]"""
     frame: int | None = None
     """Draw this frame only, as a picture."""
     png: Path | None = None
@@ -85,7 +85,7 @@ def render(folder: Path, *, options: RenderOptions | None = None) -> None:
 
     The images are read from the recording again; where it is not there any more, the floor alone is drawn.
 
-    Example: planview render out --video out.mp4
+    Example: planview render out --video out.webm
 
     Example of a picture: planview render out --frame 120 --png still.png
 
@@ -117,7 +117,7 @@ def render(folder: Path, *, options: RenderOptions | None = None) -> None:
         write_still(composer, frames, options.frame, path)
         console.print(str(path))
         return
-    path = options.video or folder / "scene.mp4"
+    path = options.video or folder / "scene.webm"
     first, last = frame_span(options.frames) if options.frames else (0, end)
     known = results.tracks.frame
     if first > end or not len(known):

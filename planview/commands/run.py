@@ -16,7 +16,7 @@ from calib.images import write_image
 from calib.io import load_toml
 from planview.commands.options import Flag, JsonFlag, open_options
 from planview.commands.results import RenderOptions, render
-from planview.commands.scores import EvaluateOptions, evaluate
+from planview.commands.scores import EvaluateOptions, evaluate, print_counts
 from planview.counting.geometry import RulePlane
 from planview.counting.rules import load_rules
 from planview.counting.stream import Analytics
@@ -130,6 +130,8 @@ def run(recording: Path, *, out: Annotated[Path, _Out], options: TrackingOptions
         with compile_notice(console):
             info = _opened_and_tracked(recording, out, options, settings, console)
     summary(console, info, out)
+    if info.counts:
+        print_counts(info.counts, console)
     if options.json_output:
         print(info.model_dump_json())
 

@@ -28,6 +28,7 @@ from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
 from planview.output.folder import RunInfo, read_run_info, unfinished_beside
 from planview.output.progress import PlainConsole
+from planview.output.results import source_of
 from planview.trajectories.file import limited
 from planview.trajectories.formats import FilePair, file_pairs, load_file, load_tracks, load_truth, tracks_file
 
@@ -59,12 +60,14 @@ class EvaluateOptions:
     """Print one JSON object."""
 
 
-def evaluate(tracks: Path, truth: Path, *, options: EvaluateOptions | None = None) -> None:
+def evaluate(tracks: Path, truth: Path | None = None, *, options: EvaluateOptions | None = None) -> None:
     """Score tracks against truth: CLEAR, IDF1, HOTA, position errors and significant errors.
 
     Of two folders every recording is scored by name, then all together.
 
-    Example: planview evaluate out/tracks.csv recording/truth.csv --json
+    Example: planview evaluate out
+
+    Example of another truth: planview evaluate out/tracks.csv recording/truth.csv --json
 
     Example on PETS: planview evaluate out/tracks.csv gt.txt --gate 1 --align --frames 0:399
 
@@ -76,9 +79,10 @@ def evaluate(tracks: Path, truth: Path, *, options: EvaluateOptions | None = Non
         tracks.csv of a run, the folder of the run, trajectories in a format of planview export, or a folder of these.
     truth
         truth.csv (frame,id,x_m,y_m,height_m[,visible]), rows of PETS or MOTChallenge (gt.txt), another format of
-        planview export, or a folder of these.
+        planview export, or a folder of these; truth.csv of the run's recording where not given.
     """
     options = options or EvaluateOptions()
+    truth = truth or _truth_of(tracks)
     params = checked(
         EvaluationParams,
         gate_m=options.gate,
@@ -105,6 +109,17 @@ def evaluate(tracks: Path, truth: Path, *, options: EvaluateOptions | None = Non
         print_evaluation(results[pair.name], console, f"{pair.tracks}{kind}")
     if len(pairs) > 1:
         print_evaluation(together, console, f"{len(pairs)} recordings together", listed=False)
+
+
+def _truth_of(tracks: Path) -> Path:
+    """The truth of the recording that a run tracked."""
+    run = (tracks if tracks.is_dir() else tracks.parent) / "run.json"
+    if not run.is_file():
+        raise InputError(f"{tracks}: expected a file of truth after it, since no run.json tells its recording")
+    truth = source_of(read_run_info(run)) / "truth.csv"
+    if not truth.is_file():
+        raise InputError(f"{truth}: expected the truth of the run's recording, found none; name a file of truth")
+    return truth
 
 
 def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, int] | None) -> Evaluation:
@@ -159,6 +174,11 @@ def print_evaluation(result: Evaluation, console: Console, title: str, *, listed
     for name in ("strict_identity_changes", "strict_per_10_min"):
         table.add_row(name, _figure(values[name]))
     console.print(table)
+    console.print(
+        "switches count every change of a person's id, flickers between people in contact included; "
+        "strict_identity_changes those that last, of two people who take each other's ids twice",
+        highlight=False, soft_wrap=True,
+    )  # fmt: skip
     table = Table("group", "truth rows", "matched [%]", "position error [m]", "deviation [m]")
     for key, text in (("by_distance", "{} m away"), ("by_visibility", "{} visible"), ("by_people", "{} people")):
         for row in values[key]:
@@ -170,9 +190,7 @@ def print_evaluation(result: Evaluation, console: Console, title: str, *, listed
     if result.alignment is not None:
         console.print("tracks laid over the truth:", values["alignment"])
     for error in result.significant if listed else []:
-        ids = [f"person {error.truth_id}"] if error.truth_id is not None else []
-        ids += [f"track {error.track_id}"] if error.track_id is not None else []
-        console.print(f"frame {error.frame}: {error.kind}: {', '.join(ids)}: {error.note}", highlight=False)
+        console.print(f"frame {error.frame}: {error.kind}: {error.who}: {error.note}", highlight=False)
 
 
 def _figure(value: float | int | None) -> str:

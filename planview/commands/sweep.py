@@ -17,7 +17,7 @@ from calib.errors import InputError, WorkError, printable
 from planview.commands.options import JsonFlag
 from planview.output.progress import PlainConsole
 from planview.sweep.pools import ClusterPool, Pool, ProcessPool
-from planview.sweep.results import Estimate, JobResult, Ranked, why_no_intervals
+from planview.sweep.results import Estimate, JobResult, why_no_intervals
 from planview.sweep.study import FIGURES, RecordingEntry, Study, load_study, varied
 from planview.sweep.sweep import StudyResults, run_study
 
@@ -172,15 +172,14 @@ def _json(results: StudyResults, out: Path) -> dict[str, Any]:
         "out": str(out),
         "objective": results.study.objective,
         "runs": [run.to_json() for run in results.runs],
-        "ranking": [_ranked_json(row) for row in results.ranking],
+        "ranking": [
+            {"settings": list(row.configuration.settings), "runs": row.runs, "failed": row.failed}
+            | {name: _estimate_json(value) for name, value in row.figures.items()}
+            for row in results.ranking
+        ],
         "no_intervals": why_no_intervals(results.runs) or None,
         "failed": len(results.failed),
     }
-
-
-def _ranked_json(row: Ranked) -> dict[str, Any]:
-    figures: dict[str, Any] = {name: _estimate_json(value) for name, value in row.figures.items()}
-    return {"settings": list(row.configuration.settings), "runs": row.runs, "failed": row.failed} | figures
 
 
 def _estimate_json(value: Estimate) -> dict[str, float | None]:

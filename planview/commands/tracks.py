@@ -14,8 +14,7 @@ from cyclopts import Parameter
 
 from calib.errors import InputError
 from calib.io import read_text
-from planview.commands.options import Flag, JsonFlag, checked, open_options
-from planview.offline.refine import RefineParams
+from planview.commands.options import Flag, JsonFlag, open_options
 from planview.output.finished import edit_run, read_steps, refine_run, undo_edits
 from planview.output.progress import PlainConsole
 from planview.trajectories.file import limited, region_of
@@ -23,7 +22,6 @@ from planview.trajectories.formats import FORMATS, ExportName, load_file, prepar
 from planview.trajectories.text_formats import stream_jsonl, write_petrack
 
 _Many = Annotated[Sequence[str], Parameter(negative="")]
-_DEFAULTS = RefineParams()
 
 
 @Parameter(name="*")
@@ -55,13 +53,8 @@ class EditOptions:
     undo_all: Flag = False
     """Take all calls back: tracks.csv is what it was."""
     refine: Flag = False
-    """Improve the tracks instead, since the whole recording is known: they begin where the person appeared, gaps are
-    filled, positions are smoothed backwards, and fragments of one person are joined. tracks_online.csv keeps the online
-    tracks; refinement.csv gives the reason of every change."""
-    refine_join: float = _DEFAULTS.join_s
-    """Longest time between two fragments that --refine joins, in seconds; 0 joins none."""
-    refine_fill: float = _DEFAULTS.fill_s
-    """Longest gap that --refine fills, in seconds; 0 fills none."""
+    """Improve the tracks instead, since the whole recording is known: fragments of one person are joined, and positions
+    smoothed backwards. tracks_online.csv keeps the online tracks; refinement.csv gives the reason of every change."""
     json_output: JsonFlag = False
     """Print one JSON object."""
 
@@ -90,7 +83,13 @@ def edit(out: Path, *, options: EditOptions | None = None) -> None:
     if options.undo + options.undo_all + options.refine + bool(lines) > 1:
         raise InputError("expected edits, --undo, --undo-all or --refine, found several of these")
     if options.refine:
-        _refine(out, options)
+        refined = refine_run(out).refined
+        counts = dict.fromkeys(("join", "smooth"), 0) | Counter(change.kind for change in refined.changes)
+        if options.json_output:
+            print(json.dumps({"changes": counts, "rows": len(refined.tracks)}))
+        else:
+            text = ", ".join(f"{kind} {number}" for kind, number in counts.items())
+            PlainConsole(stderr=True, soft_wrap=True).print(f"{out / 'tracks.csv'}: {text}")
         return
     if options.undo or options.undo_all:
         result = undo_edits(out, len(read_steps(out)) if options.undo_all else 1)
@@ -128,18 +127,6 @@ def _lines(options: EditOptions) -> list[str]:
 def _listed(path: Path) -> list[str]:
     lines = (line.partition("#")[0].strip() for line in read_text(path, "a list of edits").splitlines())
     return [line for line in lines if line]
-
-
-def _refine(out: Path, options: EditOptions) -> None:
-    params = checked(RefineParams, join_s=options.refine_join, fill_s=options.refine_fill)
-    refined = refine_run(out, params).refined
-    kinds = Counter(change.kind for change in refined.changes)
-    counts = {kind: kinds[kind] for kind in ("join", "begin", "fill", "smooth")}
-    if options.json_output:
-        print(json.dumps({"changes": counts, "rows": len(refined.tracks)}))
-    else:
-        text = ", ".join(f"{kind} {number}" for kind, number in counts.items())
-        PlainConsole(stderr=True, soft_wrap=True).print(f"{out / 'tracks.csv'}: {text}")
 
 
 @Parameter(name="*")

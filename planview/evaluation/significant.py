@@ -64,6 +64,12 @@ class SignificantError:
     duration_s: float | None
     note: str
 
+    @property
+    def who(self) -> str:
+        """Person and track, as far as there are any."""
+        named = (("person", self.truth_id), ("track", self.track_id))
+        return ", ".join(f"{what} {number}" for what, number in named if number is not None)
+
 
 @dataclass(frozen=True, eq=False)
 class PersonHistory:

@@ -271,15 +271,18 @@ def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -
 
     Raises:
         InputError: another process writes into the folder, it holds results and ``overwrite`` is not set, it holds the
-            input, or it is a file.
+            input, it is a file, or what is named as a file of a run in it is none (a pipe could wait for ever).
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder for the results, found a file")
     is_product = recording is not None and any(fnmatch(recording.name, pattern) for pattern in PRODUCTS)
     if recording is not None and is_product and recording.resolve().parent == folder.resolve():
         raise InputError(f"{folder}: expected another folder than that of the input, found {recording} in it")
-    check_unlocked(folder)
     found = products_in(folder)
+    for path in [*found, *folder.glob(LOCK_NAME)]:
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: expected a file of a run, found a folder, a pipe or a device")
+    check_unlocked(folder)
     if overwrite or not found:
         return
     # Results of any kind are worth keeping: of a run, finished or not, and of others who use the same names.

@@ -10,6 +10,7 @@ the object in whose place the restored one goes.
 from __future__ import annotations
 
 import ctypes
+import math
 import sys
 from collections import deque
 from collections.abc import Mapping
@@ -211,7 +212,7 @@ def decode(encoded: Encoded, present: Mapping[str, object]) -> dict[str, Any]:
             if _kind_of(type(root)) == "object":
                 decoder.fill(int(encoded.roots[name]["#"]), root, name)
         return {name: decoder.value(value, present.get(name)) for name, value in encoded.roots.items()}
-    except (KeyError, IndexError, TypeError, AttributeError, RecursionError) as error:
+    except (KeyError, IndexError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise ValueError(f"expected the memory of a run, found {type(error).__name__}: {error}") from error
 
 
@@ -314,6 +315,8 @@ class _Decoder:
         kind = np.lib.format.descr_to_dtype(descr)
         if kind.hasobject:
             raise ValueError("expected numbers in an array, found objects")
+        if math.prod(shape) * kind.itemsize > max(1, sum(len(part) for part in self._encoded.blocks)):
+            raise ValueError(f"expected an array within the memory of the run, found one of shape {shape}")
         made: AnyArray = np.ndarray(tuple(shape), kind, self._encoded.blocks[block], offset, tuple(strides))
         made.flags.writeable = writeable
         return made

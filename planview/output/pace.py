@@ -6,19 +6,12 @@ import math
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import closing
-from typing import Protocol
+from typing import Any
 
 from planview.engine.engine import AnyRecording, Engine, FrameResult
 from planview.output.folder import PaceInfo
 from planview.output.totals import StageTimes
 from stereo.recording import newest
-
-
-class TimedFrame(Protocol):
-    """A frame with its time in the recording [s]."""
-
-    @property
-    def timestamp_s(self) -> float: ...
 
 
 class Pace:
@@ -66,9 +59,9 @@ class Pace:
             frames_dropped=self._dropped, latency_median_ms=median, latency_95_ms=late, latency_99_ms=latest
         )
 
-    def _newest_due(self, recording: AnyRecording) -> Generator[TimedFrame, None, None]:
+    def _newest_due(self, recording: AnyRecording) -> Generator[Any, None, None]:
         """Frames of a source that waits; the next one is read before this one is due."""
-        frames: Iterator[TimedFrame] = iter(recording)
+        frames = iter(recording)
         frame = next(frames, None)
         if frame is not None:
             self._start_s = self._now_s() - frame.timestamp_s
@@ -81,14 +74,14 @@ class Pace:
             yield frame
             frame = following
 
-    def _arriving(self, recording: AnyRecording) -> Generator[TimedFrame, None, None]:
+    def _arriving(self, recording: AnyRecording) -> Generator[Any, None, None]:
         """Frames of a device, which set its clock as they come."""
         for frame in recording:
             self._start_s = min(self._start_s, self._now_s() - frame.timestamp_s)
             yield frame
 
-    def _lateness_s(self, frame: TimedFrame) -> float:
-        return self._now_s() - self._start_s - frame.timestamp_s
+    def _lateness_s(self, frame: Any) -> float:
+        return self._now_s() - self._start_s - float(frame.timestamp_s)
 
-    def _drop(self, frame: TimedFrame) -> None:
+    def _drop(self, frame: Any) -> None:
         self._dropped += 1

@@ -81,6 +81,7 @@ class FrameProgress:
             TextColumn("{task.fields[people]}"),
             console=console,
         )
+        self._frames = 0
         self._task = self._progress.add_task("tracking", total=n_frames, rate="", people="")
 
     def __enter__(self) -> FrameProgress:
@@ -94,11 +95,12 @@ class FrameProgress:
 
     def __call__(self, result: FrameResult) -> None:
         people = sum(track.state == "confirmed" for track in result.tracks)
-        speed = self._progress.tasks[0].speed
+        self._frames += 1
+        elapsed_s = self._progress.tasks[0].elapsed
         self._progress.update(
             self._task,
             completed=result.frame + 1,
-            rate=f"{speed:.0f} frames/s" if speed else "",
+            rate=f"{self._frames / elapsed_s:.1f} frames/s" if elapsed_s else "",
             people=f"{people} in view",
         )
 
@@ -109,7 +111,7 @@ def summary(console: Console, info: RunInfo, folder: Path) -> None:
     table.add_row("people seen", str(info.people) + (f": {info.remark}" if info.remark else ""))
     skipped = f", {info.frames_skipped} skipped ({info.skipped[0].why})" if info.skipped else ""
     rate = info.frames_read / info.elapsed_s if info.elapsed_s else 0.0
-    table.add_row("frames", f"{info.frames_read} read{skipped}, {rate:.1f} per second")
+    table.add_row("frames", f"{info.frames_read} read{skipped}, {rate:.1f} per second, results written")
     for note in info.notes:
         table.add_row("note", note)
     if info.rig and info.rig.correction:
@@ -120,7 +122,7 @@ def summary(console: Console, info: RunInfo, folder: Path) -> None:
             "camera", f"{floor.height_m:.2f} m above the floor, tilt {floor.tilt_deg:.1f} deg ({floor.source})"
         )
     stages = ", ".join(f"{name} {ms:.1f}" for name, ms in info.stages_ms.items() if ms is not None)
-    table.add_row("ms per frame", stages)
+    table.add_row("ms per stage", f"{stages} (medians; reading runs beside the others)")
     if info.pace and info.pace.latency_median_ms is not None:
         pace = info.pace
         table.add_row("dropped", f"{pace.frames_dropped} frames that were due while earlier ones were tracked")

@@ -88,7 +88,7 @@ class SceneComposer:
         self._trail = round(trail_s / results.clock.frame_s)
         self._truth = results.truth if truth else None
         self._tally = Tally(results.events)
-        self._with_plan = plan
+        self._with_plan = plan and results.on_floor
         self._image = ImagePainter(frames.camera if frames else None, results.rules, self._bounds)
         self._plan: PlanPainter | None = None
 

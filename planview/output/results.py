@@ -79,6 +79,11 @@ class RunResults:
         return max(last, self.info.frames_read + self.info.frames_skipped)
 
     @property
+    def on_floor(self) -> bool:
+        """Whether the floor is known: without a camera, people are in pixels alone."""
+        return self.info.floor is not None or bool(np.isfinite(self.tracks.x_m).any())
+
+    @property
     def rules(self) -> list[Rule]:
         """Tripwires and zones that can be drawn."""
         return rules_of(self.rule_counts)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import platform
 import zipfile
@@ -12,7 +13,7 @@ from dataclasses import replace
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 
@@ -40,7 +41,7 @@ def identity_of(engine: Engine, settings: dict[str, Any], folder: Path) -> dict[
     named = {"calibration": True, "heads": {"__all__": {"calibration"}}}
     return {
         "version": {"planview": _code(), "python": platform.python_version()} | _libraries(),
-        "configuration": configuration_of(engine),
+        "configuration": engine.config.model_dump(mode="json", exclude={"run"}),
         "recording": {
             "images": _images(recording.path, folder),
             "calibration": _calibration(recording),
@@ -51,11 +52,6 @@ def identity_of(engine: Engine, settings: dict[str, Any], folder: Path) -> dict[
         },
         "settings": settings,
     }
-
-
-def configuration_of(engine: Engine) -> dict[str, Any]:
-    """The parameters that decide tracks, as JSON."""
-    return engine.config.model_dump(mode="json", exclude={"run"})
 
 
 def difference(found: dict[str, Any], expected: dict[str, Any]) -> str:
@@ -144,8 +140,10 @@ _END_BYTES = 64 * 1024
 
 
 LATEST, PREVIOUS = "checkpoint.npz", "checkpoint.previous.npz"
-FORMAT = 1
+FORMAT = 2
 """Changes when an older reader would misunderstand the file."""
+DIGEST_BYTES = 32
+"""After the archive its digest, so that nothing is taken from a file that was changed."""
 
 
 class Checkpoint(NamedTuple):
@@ -177,8 +175,9 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
     path = folder / LATEST
     try:
         with whole_file(path) as part:
-            with part.open("wb") as file:
+            with part.open("w+b") as file:
                 np.savez(file, document=text, **blocks)
+                file.write(_digest(file))
             if path.exists():
                 os.replace(path, folder / PREVIOUS)
     except OSError as error:
@@ -192,6 +191,10 @@ def read_checkpoint(path: Path) -> Checkpoint:
         ValueError: damaged, cut short, or of another format.
     """
     try:
+        with path.open("rb") as file:
+            digest = _digest(file, end=path.stat().st_size - DIGEST_BYTES)
+            if file.read() != digest:
+                raise ValueError("not as it was written")
         _refuse_swollen(path)
         with np.load(path, allow_pickle=False) as file:
             document = json.loads(file["document"].tobytes())
@@ -200,8 +203,18 @@ def read_checkpoint(path: Path) -> Checkpoint:
             raise ValueError(f"format {document['format']}, not {FORMAT}")
         memory = Encoded(document["roots"], document["nodes"], blocks)
         return Checkpoint(document["identity"], document["written"], memory)
-    except (OSError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
+    except (OSError, KeyError, TypeError, AttributeError, EOFError, RecursionError, zipfile.BadZipFile) as error:
         raise ValueError(" ".join(str(error).split()) or type(error).__name__) from error
+
+
+def _digest(file: IO[bytes], end: int | None = None) -> bytes:
+    """Of a file from its beginning to its end, or to a place in it, where the file is left."""
+    file.seek(0)
+    digest, left = hashlib.blake2b(digest_size=DIGEST_BYTES), math.inf if end is None else end
+    while left > 0 and (part := file.read(int(min(left, 1 << 20)))):
+        digest.update(part)
+        left -= len(part)
+    return digest.digest()
 
 
 def _refuse_swollen(path: Path) -> None:

@@ -20,7 +20,7 @@ from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, Protocol
 
-from calib.errors import WorkError
+from calib.errors import InputError, WorkError
 from planview.counting.stream import Analytics
 from planview.counting.totals import Counts, Span
 from planview.engine.engine import Engine, FrameResult
@@ -242,7 +242,12 @@ class _Run:
         """Results from the first frame, or from the one after the checkpoint, as many as asked for."""
         self._engine.reset()
         if checkpoint is not None:
-            decode(checkpoint.memory, self._memory())
+            try:
+                decode(checkpoint.memory, self._memory())
+            except ValueError as error:
+                raise InputError(
+                    f"{self._folder}: the checkpoint cannot be gone on from: {error}; --overwrite begins anew"
+                ) from error
         limit = self._options.max_frames
         if limit and self._totals.frames >= limit:
             return
@@ -319,7 +324,7 @@ class _Run:
                 "notes": [*self._info.notes, *getattr(self._engine.tracker, "notes", ())],
                 "frames_skipped": len(skipped),
                 "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:SKIPPED_MAX]],
-                "stages_ms": {stage: times.median_ms for stage, times in totals.stages.items()},
+                "stages_ms": {stage: times.percentile_ms(50) for stage, times in totals.stages.items()},
                 "pace": self._options.pace and self._options.pace.info(),
                 "people": len(totals.people),
                 "remark": totals.remark(),
@@ -357,22 +362,17 @@ def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str], folde
 
 
 def _info_of(engine: Engine, options: RunOptions) -> RunInfo:
+    versions: dict[str, str] = {}
+    for name in LIBRARIES:
+        with suppress(PackageNotFoundError):  # OpenCV comes under several names
+            versions[name] = version(name)
     return RunInfo(
         input=os.fspath(engine.recording.path),
         tracker=options.tracker,
         started_at=datetime.now(UTC).astimezone().isoformat(timespec="seconds"),
-        versions={"python": platform.python_version(), **_versions()},
+        versions={"python": platform.python_version(), **versions},
         config=engine.config.model_dump(mode="json"),
         rig=engine.camera_info(),
         floor=engine.floor_info(),
         notes=list(getattr(engine.recording, "notes", ())),
     )
-
-
-def _versions() -> dict[str, str]:
-    """Of what is installed: OpenCV comes under several names."""
-    found = {}
-    for name in LIBRARIES:
-        with suppress(PackageNotFoundError):
-            found[name] = version(name)
-    return found

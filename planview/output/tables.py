@@ -56,7 +56,7 @@ class FrameFile:
     """
 
     def __init__(
-        self, path: Path, write_header: Callable[[IO[str]], None], position: FilePosition | None = None
+        self, path: Path, write_header: Callable[[IO[str]], object], position: FilePosition | None = None
     ) -> None:
         self.path = path
         if position is not None:
@@ -90,7 +90,7 @@ class FrameFile:
         self._guarded(lambda: os.fsync(self._descriptor))
         return self._position
 
-    def add(self, write: Callable[[IO[str]], None]) -> None:
+    def add(self, write: Callable[[IO[str]], object]) -> None:
         """Append what ``write`` writes.
 
         Raises:
@@ -139,9 +139,9 @@ class RunTables:
         self, folder: Path, events: bool, decisions: bool, positions: Mapping[str, FilePosition] | None = None
     ) -> None:
         self._files: dict[str, FrameFile] = {}
-        headers: dict[str, Callable[[IO[str]], None]] = {"tracks.csv": write_header}
+        headers: dict[str, Callable[[IO[str]], object]] = {"tracks.csv": write_header}
         headers |= {"events.csv": write_event_header} if events else {}
-        headers |= {"decisions.csv": _decision_header} if decisions else {}
+        headers |= {"decisions.csv": lambda file: file.write(",".join(DECISION_COLUMNS) + "\n")} if decisions else {}
         for name, header in headers.items():
             self._files[name] = FrameFile(folder / name, header, positions[name] if positions else None)
 
@@ -162,10 +162,6 @@ class RunTables:
         """Close all files."""
         for file in self._files.values():
             file.close()
-
-
-def _decision_header(file: IO[str]) -> None:
-    csv.writer(file, lineterminator="\n").writerow(DECISION_COLUMNS)
 
 
 def _decision_rows(file: IO[str], frame: int, timestamp_s: float, decisions: tuple[Decision, ...]) -> None:

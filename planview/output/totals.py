@@ -41,11 +41,6 @@ class StageTimes:
         if len(self.times_ms) == TIMES_MAX:
             self.times_ms, self.every = self.times_ms[::2], 2 * self.every
 
-    @property
-    def median_ms(self) -> float:
-        """Median [ms]."""
-        return self.percentile_ms(50)
-
     def percentile_ms(self, percent: float) -> float:
         """The time that so many percent of the times do not exceed [ms], interpolated."""
         return float(np.percentile(self.times_ms, percent))

@@ -376,7 +376,10 @@ def _no_pair(size: Size, pictures: Sequence[U8], shared: Common) -> str:
                 f"{expected} a grey and a coloured half with {len(shared.matches)} of {shared.corners} corners alike: "
                 "a picture of depth beside its colour image holds no depth in metres"
             )
-    return f"{expected} one picture of {width}x{height}: a stereo recording needs both cameras"
+    return (
+        f"{expected} one picture of {width}x{height}: a stereo recording needs both cameras; "
+        "one camera is tracked with --tracker ellipse-particle, or --tracker human-model --calibration camera.toml"
+    )
 
 
 def _video(path: Path) -> Path | None:

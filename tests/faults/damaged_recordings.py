@@ -29,8 +29,6 @@ import numpy as np
 if __name__ == "__main__":
     sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[2])]
 
-from planview.engine.maps_pipeline import MapsPipeline
-from planview.engine.pipeline import Pipeline
 from toy_bags import COUNT, stereo_bag
 from toy_maps import write_toy_maps
 from toy_stereo import ToyWorld, toy_rig, walking, write_toy_recording
@@ -39,8 +37,9 @@ from calib.errors import InputError, WorkError
 from calib.rig import Floor
 from calib.world import RigEntry, load_rigs, save_rigs, save_world
 from planview.engine.config import Config
-from planview.engine.setup import RgbdSetup, set_up_any
-from planview.tracking.template import TemplateTracker
+from planview.engine.open import open_engine
+from planview.engine.setup import set_up
+from planview.engine.stereo import stereo_engine
 from stereo.readers import open_any, open_recording
 
 SECONDS, MEMORY = 10, 4 << 30
@@ -156,7 +155,7 @@ def try_maps(folder: Path, rng: random.Random) -> None:
         with h5py.File(path, "r+") as file:
             for _ in range(rng.randint(1, 2)):
                 damage_table(file, rng)
-    for _ in MapsPipeline.from_recording(path, TemplateTracker()):
+    for _ in open_engine(path):
         pass
 
 
@@ -207,9 +206,7 @@ def try_text(folder: Path, rng: random.Random) -> None:
     recording = open_any(path)
     list(recording)
     if place == "images":
-        setup = set_up_any(recording, Config())
-        assert not isinstance(setup, RgbdSetup)
-        Pipeline(recording, setup)
+        stereo_engine(recording, Config(), setup=set_up(recording, Config()))
 
 
 CASES: dict[str, Callable[[Path, random.Random], None]] = {"bag": try_bag, "maps": try_maps, "text": try_text}

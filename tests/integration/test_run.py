@@ -1,9 +1,12 @@
 """``planview run`` over a small exact world: the contract of its folder."""
 
 import csv
+import io
 import json
+import re
 import subprocess
 import sysconfig
+from contextlib import redirect_stderr
 from pathlib import Path
 
 import numpy as np
@@ -27,10 +30,19 @@ def folder(engine: Engine, recording: Path, tmp_path_factory: pytest.TempPathFac
     rules = out.parent / "rules.toml"
     rules.write_text('[[tripwire]]\nname = "gate"\nfrom_m = [-0.6, 1.0]\nto_m = [-0.6, 6.0]\n')
     words = ["run", str(recording), "--out", str(out), "--set", FEW, "--rules", str(rules), "--rrd", "--debug"]
-    with pytest.raises(SystemExit) as left:
+    told = io.StringIO()
+    with redirect_stderr(told), pytest.raises(SystemExit) as left:
         main(words)
     assert left.value.code in (0, None)
+    (out.parent / "told.txt").write_text(told.getvalue())
     return out
+
+
+def test_the_summary_tells_the_counts_and_one_speed_with_its_meaning(folder: Path) -> None:
+    told = " ".join((folder.parent / "told.txt").read_text().split())
+    assert re.search(r"gate │ tripwire │ left_to_right \d, right_to_left \d, people 1", told)
+    assert re.search(r"\d per second, results written", told)
+    assert "medians; reading runs beside the others" in told
 
 
 def test_tracks_have_the_columns_of_the_contract(folder: Path) -> None:

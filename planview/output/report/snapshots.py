@@ -230,10 +230,7 @@ def _strips(results: RunResults, errors: Sequence[SignificantError]) -> list[_Wa
     for error in errors[:ERRORS_MAX]:
         steps = [round(s / results.clock.frame_s) for s in STRIP_S]
         frames = tuple(int(np.clip(error.frame + step, 0, last)) for step in steps)
-        kind = error.kind.replace("_", " ")
-        who = [f"person {error.truth_id}"] if error.truth_id is not None else []
-        who += [f"track {error.track_id}"] if error.track_id is not None else []
-        title = f"{kind}: {', '.join(who)}"
+        title = f"{error.kind.replace('_', ' ')}: {error.who}"
         note = f"{_when(results, error.frame)}: {error.note}"
         wanted.append(_Wanted(title, note, frames, (error.truth_id, error.track_id), STRIP_S))
     return wanted

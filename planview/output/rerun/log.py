@@ -12,6 +12,7 @@ import numpy as np
 import rerun as rr
 
 from calib.errors import InputError, WorkError
+from calib.io import reason
 from calib.types import U8
 from planview.drawing.plan import PlanBounds, bounds_of
 from planview.drawing.style import person_rgb
@@ -98,9 +99,7 @@ def log_assessment(stream: rr.RecordingStream, folder: Path) -> RunResults | Non
     for error in errors:
         stream.set_time("frame", sequence=error.frame)
         stream.set_time("time", duration=float(results.clock.at(np.array([error.frame]))[0]))
-        who = [f"person {error.truth_id}"] if error.truth_id is not None else []
-        who += [f"track {error.track_id}"] if error.track_id is not None else []
-        text = f"{error.kind.replace('_', ' ')}: {', '.join(who)}: {error.note}"
+        text = f"{error.kind.replace('_', ' ')}: {error.who}: {error.note}"
         stream.log("errors", rr.TextLog(text, level=rr.TextLogLevel.ERROR))
     return results
 
@@ -113,6 +112,8 @@ CLOUD_POINTS_MAX = 1500
 """Foreground points logged per frame at most: enough to recognise five people, in 24 kB (our choice)."""
 FLUSH_FRAMES = 100
 """So many frames may wait for rerun's thread: on a busy machine they would pile up in memory."""
+FLUSH_S = 60.0
+"""Longest wait for rerun's thread [s]: a slow disk takes 6 GB in that time."""
 FREE_BYTES_MIN = 64 * 2**20
 """Free disk space for the next frames [bytes]: rerun writes in a thread of its own, which hangs on a full disk."""
 
@@ -156,7 +157,7 @@ class RerunLog:
     def mark(self) -> dict[str, int]:
         """See ``RunLog``."""
         self._series.flush(self._stream)
-        self._stream.flush()
+        self._flush()
         return self._file.position()
 
     def frame(self, result: FrameResult) -> None:
@@ -179,7 +180,7 @@ class RerunLog:
         self._log_series(result)
         self._frames += 1
         if self._frames % FLUSH_FRAMES == 0:
-            self._stream.flush()
+            self._flush()
             self._every = self._thinned()
 
     def close(self) -> None:
@@ -189,13 +190,22 @@ class RerunLog:
         if self._bounds is not None:
             self._stream.log("plan/grid", metre_grid(self._bounds), static=True)
             self._stream.send_blueprint(blueprint(self._engine, self._bounds))
-        self._stream.flush()
-        size = self._file.open_path.stat().st_size
-        self._stream.disconnect()
+        try:
+            self._flush()
+            size = self._file.open_path.stat().st_size
+        finally:
+            self._stream.disconnect()
         self._file.close(size)
 
     def finish(self) -> None:
         """See ``RunLog``."""
+
+    def _flush(self) -> None:
+        """Wait for rerun's thread, which ends when it cannot write; what waits on a disk that hangs is given up."""
+        try:
+            self._stream.flush(timeout_sec=FLUSH_S)
+        except (RuntimeError, ValueError) as error:
+            raise WorkError(f"{self._path}: cannot be written ({reason(error)}); earlier frames are kept") from error
 
     def _check_room(self) -> None:
         free = shutil.disk_usage(self._path.parent).free

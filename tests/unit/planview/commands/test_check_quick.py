@@ -4,10 +4,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from toy_rgbd import write_toy_rgbd
 from toy_stereo import toy_rig
 
 from calib.rig import save_rig
+from planview.cli import main
 from planview.commands.recordings import check
+from stereo.readers import open_any, rgbd
 
 
 def recording(folder: Path) -> Path:
@@ -43,6 +46,33 @@ def test_inspect_names_the_option_that_supplies_what_is_missing(
 ) -> None:
     found = inspected(recording(tmp_path), capsys)
     assert found["calibration"] is None and "--calibration FILE" in str(found["missing"])
+
+
+def test_the_rate_of_images_without_times_is_the_one_that_a_run_takes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = write_toy_rgbd(tmp_path / "rgbd")
+    (folder / "timestamps.csv").unlink(missing_ok=True)
+    monkeypatch.setattr(rgbd, "rate_by_movement", lambda *_: 6.7)
+    found = inspected(folder, capsys)
+    assert found["fps"] == open_any(folder).fps == 6.7
+    notes = [note for note in found["notes"] if "frames per second are assumed" in note]  # type: ignore[attr-defined]
+    assert len(notes) == 1 and "no timestamps: 6.7" in notes[0]
+
+
+@pytest.mark.parametrize("words", [["check", "--quick"], ["check"], ["run", "--out", "out"]])
+def test_a_video_of_one_camera_names_its_trackers(
+    tmp_path: Path, words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    writer = cv2.VideoWriter("street.avi", cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (64, 48))
+    for _ in range(4):
+        writer.write(np.zeros((48, 64, 3), np.uint8))
+    writer.release()
+    with pytest.raises(SystemExit):
+        main([words[0], "street.avi", *words[1:]])
+    told = " ".join(capsys.readouterr().err.split())
+    assert "--tracker ellipse-particle, or --tracker human-model --calibration camera.toml" in told
 
 
 def test_inspect_shows_a_table_for_people(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

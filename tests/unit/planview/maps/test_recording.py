@@ -8,12 +8,11 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from planview.engine.maps_pipeline import MapsPipeline
 from toy_maps import write_toy_maps
 
 from calib.errors import InputError
+from planview.engine.open import open_engine
 from planview.maps.recording import MapsRecording
-from planview.tracking.template import TemplateTracker
 from stereo.recording import Skipped
 
 FIELDS = (
@@ -34,7 +33,7 @@ def maps(good: Path, tmp_path: Path) -> Path:
 
 
 def track(path: Path) -> int:
-    return sum(1 for _ in MapsPipeline.from_recording(path, TemplateTracker()))
+    return sum(1 for _ in open_engine(path))
 
 
 def test_frames_are_read_as_they_were_written(maps: Path) -> None:

@@ -1,5 +1,6 @@
 """Checkpoints: graphs of objects through plain values and back, files that are damaged, and what must fit."""
 
+import io
 import json
 import math
 from collections import deque
@@ -110,6 +111,8 @@ def test_what_is_not_the_projects_is_refused_with_its_place(value: object) -> No
         ["record", "planview.tracking.lifecycle:Existence", []],
         ["array", "|O", [1], [8], True, 0, 0],
         ["array", "<f8", [9], [8], True, 0, 0],
+        ["array", "<f8", [10**9], [0], True, 0, 0],
+        ["array", "<f8", [1], [10**30], True, 0, 0],
         ["generator", "Generator", 1],
         ["spell", 1],
     ],
@@ -136,14 +139,17 @@ def test_the_last_two_checkpoints_are_kept(tmp_path: Path) -> None:
     assert len(list(tmp_path.iterdir())) == 2
 
 
-@pytest.mark.parametrize("damage", ["cut", "flip", "empty"])
+@pytest.mark.parametrize("damage", ["cut", "flip", "empty", "rewritten"])
 def test_a_damaged_checkpoint_gives_way_to_the_one_before(tmp_path: Path, damage: str) -> None:
     write(tmp_path, 1)
     write(tmp_path, 2)
     data = bytearray((tmp_path / LATEST).read_bytes())
     middle = len(data) // 2
     data[middle] ^= 0x55
-    kept = {"cut": bytes(data[:middle]), "flip": bytes(data), "empty": b""}[damage]
+    rewritten = io.BytesIO()
+    with np.load(tmp_path / LATEST) as file:
+        np.savez(rewritten, **{**file, "block0": np.zeros(8, np.uint8)})
+    kept = {"cut": bytes(data[:middle]), "flip": bytes(data), "empty": b"", "rewritten": rewritten.getvalue()}[damage]
     (tmp_path / LATEST).write_bytes(kept)
     told: list[str] = []
     assert frame_in(checkpoint_of(tmp_path, IDENTITY, told.append)) == 1

@@ -83,6 +83,13 @@ def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path: Path) -> None:
         check_folder(tmp_path / "out", overwrite=True)
 
 
+@pytest.mark.parametrize("name", ["run.lock", "tracks.csv", "checkpoint.npz"])
+def test_a_pipe_in_the_place_of_a_file_is_refused_and_not_waited_for(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(InputError, match=rf"{name}: expected a file of a run, found a folder, a pipe or a device"):
+        prepare_folder(tmp_path, overwrite=True)
+
+
 def test_a_folder_that_cannot_be_made_is_a_failure_of_work(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(WorkError, match="cannot be written"):

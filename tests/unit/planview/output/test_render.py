@@ -11,6 +11,7 @@ from planview.cli import main
 from planview.counting.events import Event
 from planview.drawing.style import as_bgr, person_rgb
 from planview.output.render import Tally
+from planview.output.report.page import write_report
 
 
 def render(*words: object) -> None:
@@ -24,6 +25,25 @@ def test_video_has_a_picture_per_frame_at_the_rate_of_the_run(street: Path, tmp_
     assert capture.get(cv2.CAP_PROP_FRAME_COUNT) == 10
     assert capture.get(cv2.CAP_PROP_FPS) == pytest.approx(10)
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["scene.mp4"]
+
+
+def test_without_a_floor_there_is_no_plan_of_it(street: Path, tmp_path: Path) -> None:
+    info = json.loads((street / "run.json").read_text())
+    (street / "run.json").write_text(json.dumps({**info, "rig": None, "floor": None}))
+    rows = "".join(f"{n},{n / 10:.4f},4,,,,confirmed,20,10,20,60\n" for n in range(30))
+    (street / "tracks.csv").write_text(
+        "frame,timestamp_s,id,x_m,y_m,height_m,state,left_px,top_px,width_px,height_px\n" + rows
+    )
+    render(street, "--frame", "4", "--png", tmp_path / "still.png", "--no-truth")
+    picture = cv2.imread(str(tmp_path / "still.png"))
+    assert picture is not None and picture.shape[1] == 640
+    page = write_report(street).read_text()
+    assert "Boxes: people" in page and "metres" not in page
+
+
+def test_the_usual_video_plays_in_browsers(street: Path) -> None:
+    render(street, "--frames", "5:7")
+    assert (street / "scene.webm").is_file()
 
 
 def test_still_shows_the_image_beside_the_floor(street: Path, tmp_path: Path) -> None:
