@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from planview.maps.builder import MapBuilder
     from planview.output.script import run
     from planview.tracking.base import Decision, Observation, Tracker, TrackerDebug
-    from planview.tracking.ellipse_particle.make import floor_ellipse_tracker, image_ellipse_tracker
+    from planview.tracking.ellipse_particle.tracker import EllipseParticleTracker
     from planview.tracking.harville import HarvilleTracker
     from planview.tracking.human_model.tracker import HumanModelTracker
     from planview.tracking.template import TemplateTracker
@@ -58,7 +58,7 @@ _HOMES = {
     "planview.engine.setup": ("set_up",),
     "planview.output.script": ("run",),
     "planview.tracking.base": ("Decision", "Observation", "Tracker", "TrackerDebug"),
-    "planview.tracking.ellipse_particle.make": ("floor_ellipse_tracker", "image_ellipse_tracker"),
+    "planview.tracking.ellipse_particle.tracker": ("EllipseParticleTracker",),
     "planview.tracking.human_model.tracker": ("HumanModelTracker",),
     "planview.tracking.harville": ("HarvilleTracker",),
     "planview.tracking.template": ("TemplateTracker",),
@@ -73,6 +73,7 @@ _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names
 __all__ = [
     "Config",
     "Decision",
+    "EllipseParticleTracker",
     "Engine",
     "Evaluation",
     "EvaluationParams",
@@ -96,8 +97,6 @@ __all__ = [
     "TrajectoryCollector",
     "evaluate",
     "evaluate_tracks",
-    "floor_ellipse_tracker",
-    "image_ellipse_tracker",
     "load_config",
     "open_engine",
     "open_recording",

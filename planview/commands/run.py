@@ -44,7 +44,7 @@ class TrackingOptions:
     """How the recording is tracked, and what is written."""
 
     tracker: TrackerName = "template"
-    """Plan-view templates (stereo), a human model (one camera), or ellipses and particles (either)."""
+    """Plan-view templates, or harville, the paper's (stereo); a human model, or ellipses and particles (one camera)."""
     camera: Path | None = None
     """camera.toml of a single camera (planview calibrate human writes it)."""
     person_height: float | None = None
@@ -96,7 +96,7 @@ def run(recording: Path, *, out: Path, options: TrackingOptions | None = None) -
     Example: planview run my_recording --out out --rrd
 
     Example of saving the plan-view maps and tracking them again: planview run my_recording --out out --save-maps, then
-    planview run out/maps.h5 --out again --tracker ellipse-particle
+    planview run out/maps.h5 --out again --tracker harville
 
     Example with one camera: planview run street.mp4 --tracker human-model --camera camera.toml --out out
 
@@ -234,4 +234,4 @@ def _settings(options: TrackingOptions) -> list[str]:
         raise InputError(f"--person-height: expected --tracker ellipse-particle with it, found {options.tracker}")
     if not 0 < height <= 20_000:
         raise InputError(f"--person-height: expected a height from 0 to 20000 px, found {height:g}")
-    return [*options.set_, f"ellipse_particle.image.person_height_px={height}"]
+    return [*options.set_, f"ellipse_particle.size.person_height_px={height}"]

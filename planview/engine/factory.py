@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from planview.engine.maps_pipeline import MapsPipeline
 
 TrackerName = Literal["template", "harville", "human-model", "ellipse-particle"]
-FloorTrackerName = Literal["template", "harville", "ellipse-particle"]
+FloorTrackerName = Literal["template", "harville"]
 ImageTrackerName = Literal["human-model", "ellipse-particle"]
 AnyTracker = TrackerName | Tracker
 FloorMaker = Callable[[Config], Tracker]
@@ -45,9 +45,8 @@ def open_engine(
 ) -> Engine:
     """Open a recording, or the plan-view maps of one, with the tracker asked for.
 
-    The template tracker needs a stereo recording, images with depth, or the maps of either; the human-model tracker a
-    video and its ``camera.toml``; the ellipse-particle tracker takes any: with depth it tracks the plan-view occupancy
-    map.
+    The template and harville trackers need a stereo recording, images with depth, or the maps of either; the
+    human-model tracker a video and its ``camera.toml``; the ellipse-particle tracker a video.
 
     Args:
         tracker: a name, or a tracker of your own: an ``ImageTracker`` where the recording is of one camera without
@@ -71,8 +70,8 @@ def open_engine(
     config = config or Config()
     if is_heads(path):
         return _open_heads(path, _required(on_floor, path, tracker), config, foreign)
-    takes_images = tracker == "ellipse-particle" or hasattr(tracker, "foreground_columns")
-    if on_floor and (not takes_images or is_stereo(path, options.calibration)):
+    if (on_floor and not hasattr(tracker, "foreground_columns")) or is_stereo(path, options.calibration):
+        on_floor = _required(on_floor, path, tracker)
         return Pipeline.from_recording(path, config, options, on_floor(config), matcher, kept=kept)
     video = open_video(path, options)
     ground_camera = _camera_for(video, camera) if camera else None
@@ -83,14 +82,16 @@ def open_engine(
 def _floor_maker(tracker: AnyTracker) -> FloorMaker | None:
     """What makes the tracker of plan-view maps; None for one that takes images only."""
     if isinstance(tracker, str):
-        return None if tracker == "human-model" else partial(floor_tracker, tracker)
+        name = cast(FloorTrackerName, tracker)
+        return partial(floor_tracker, name) if tracker in get_args(FloorTrackerName) else None
     return lambda config: tracker
 
 
 def _required(make: FloorMaker | None, path: Path, tracker: AnyTracker) -> FloorMaker:
     if make is None:
         raise InputError(
-            f"{path}: expected a tracker of plan-view maps (template, harville, ellipse-particle), found {tracker}"
+            f"{path}: expected a tracker of stereo recordings and plan-view maps (template, harville), found "
+            f"{tracker}, which tracks one camera without depth"
         )
     return make
 
@@ -141,11 +142,7 @@ def floor_tracker(tracker: FloorTrackerName, config: Config) -> Tracker:
     """A tracker of plan-view maps with its parameters."""
     if tracker == "template":
         return TemplateTracker(config.template)
-    if tracker == "harville":
-        return HarvilleTracker(config.harville, config.maps.height_max_m)
-    from planview.tracking.ellipse_particle.make import floor_ellipse_tracker
-
-    return floor_ellipse_tracker(config.ellipse_particle, config.seed)
+    return HarvilleTracker(config.harville, config.maps.height_max_m)
 
 
 def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamera | None) -> ImageTracker:
@@ -155,9 +152,9 @@ def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamer
         InputError: the human-model tracker without a camera.
     """
     if tracker == "ellipse-particle":
-        from planview.tracking.ellipse_particle.make import image_ellipse_tracker
+        from planview.tracking.ellipse_particle.tracker import EllipseParticleTracker
 
-        return image_ellipse_tracker(config.ellipse_particle, camera, config.seed)
+        return EllipseParticleTracker(config.ellipse_particle, camera, config.seed)
     if camera is None:
         raise InputError("--camera: the human-model tracker needs a camera.toml (see planview calibrate human)")
     from planview.tracking.human_model.tracker import HumanModelTracker

@@ -10,7 +10,7 @@ from calib.types import U8
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.pipeline import Pipeline
 from planview.engine.single_camera_pipeline import SingleCameraPipeline
-from planview.tracking.ellipse_particle import image_ellipse_tracker
+from planview.tracking.ellipse_particle import EllipseParticleTracker
 from stereo.recording import Skipped, VideoFrame
 
 SHOWN = EMPTY + 12
@@ -55,7 +55,7 @@ def test_reset_forgets_the_background_of_a_stereo_engine(engine: Pipeline) -> No
 
 
 def test_steps_of_a_single_camera_engine_give_the_tracks_of_its_iteration() -> None:
-    engine = SingleCameraPipeline(SquareVideo(), image_ellipse_tracker())
+    engine = SingleCameraPipeline(SquareVideo(), EllipseParticleTracker())
     assert [r.tracks for r in stepped(engine, 12)] == [r.tracks for r in engine]
 
 
@@ -64,6 +64,6 @@ def test_an_engine_without_stereo_says_what_it_knows_of_its_camera(known: bool) 
     from calib.ground_camera import GroundCamera
 
     camera = GroundCamera(160, 120, 130.0, 4.0, 1.0) if known else None
-    engine = SingleCameraPipeline(SquareVideo(), image_ellipse_tracker(), camera=camera)
+    engine = SingleCameraPipeline(SquareVideo(), EllipseParticleTracker(), camera=camera)
     assert engine.stereo is None
     assert (engine.camera_info() is not None, engine.floor_info() is not None) == (known, known)

@@ -18,7 +18,7 @@ from planview.maps.recording import MapsRecording
 from planview.output.checkpoint.decode import decode
 from planview.output.checkpoint.encode import Encoded, encode
 from planview.output.maps_log import MapsLog
-from planview.tracking.ellipse_particle import floor_ellipse_tracker, image_ellipse_tracker
+from planview.tracking.ellipse_particle import EllipseParticleTracker
 from planview.tracking.human_model import HumanModelParams, HumanModelTracker
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
 from planview.tracking.human_model.params import NewTargetParams
@@ -79,12 +79,10 @@ def moments(seed: int, first: int, last: int, count: int = 3) -> tuple[int, ...]
     return tuple(int(n) for n in np.random.default_rng(seed).integers(first, last, count))
 
 
-@pytest.mark.parametrize("tracker", ["template", "ellipse"])
-def test_a_stereo_engine_resumes(engine: Pipeline, tracker: str) -> None:
+def test_a_stereo_engine_resumes(engine: Pipeline) -> None:
     def make() -> Engine:
         c = engine.config
-        chosen = TemplateTracker(c.template) if tracker == "template" else floor_ellipse_tracker(c.ellipse_particle, 3)
-        return Pipeline(engine.recording, engine.setup, c, chosen)
+        return Pipeline(engine.recording, engine.setup, c, TemplateTracker(c.template))
 
     assert_resumes(make, moments(1, 8, 35))
 
@@ -111,6 +109,6 @@ def test_the_engine_of_one_camera_resumes() -> None:
 @pytest.mark.parametrize("compose", [SingleCameraPipeline, SingleCameraPipeline.from_recording])
 def test_the_ellipse_engine_of_one_camera_resumes(compose: Callable[..., Engine]) -> None:
     def make() -> Engine:
-        return compose(CrossingVideo(), image_ellipse_tracker())
+        return compose(CrossingVideo(), EllipseParticleTracker())
 
     assert_resumes(make, moments(4, 2, 58, 3))
