@@ -13,7 +13,7 @@ from scipy.special import gammainc
 
 from calib.ground_camera import GroundCamera
 from calib.types import F32, F64, U8, Bool
-from planview.foreground.masks import PERSON
+from planview.foreground.masks import WALKER
 from planview.tracking.base import Decision, Drawing, Observation, TrackerDebug
 from planview.tracking.ellipse_particle._kernels import VX, VY, Y
 from planview.tracking.ellipse_particle.fit import fit_ellipses, painted
@@ -255,7 +255,7 @@ class EllipseParticleTracker:
             self._states, self._objects = self._states[index], [self._objects[n] for n in keep]
 
     def feedback(self) -> U8 | None:
-        """(H, W) uint8, PERSON in the outlines of confirmed people who are measured; None before the first image."""
+        """(H, W) uint8, WALKER in the outlines of confirmed people who are measured; None before the first image."""
         size = self._size()
         if self._image_size is None:
             return None
@@ -263,7 +263,7 @@ class EllipseParticleTracker:
         if size is not None and self._shape is not None:
             for t, e in zip(self._objects, ellipses_of(self._states, size.on(self._scale)), strict=True):
                 if t.who.confirmed and t.measured:
-                    cv2.fillPoly(mask, [np.round(self._outline(e)).astype(np.int32)], PERSON)
+                    cv2.fillPoly(mask, [np.round(self._outline(e)).astype(np.int32)], WALKER)
         return mask
 
     def debug(self) -> TrackerDebug:

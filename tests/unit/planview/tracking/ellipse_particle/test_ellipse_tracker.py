@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 
 from calib.ground_camera import GroundCamera
 from planview.engine.single_camera import SingleCamera, SingleCameraParams
-from planview.foreground.masks import NO_FEEDBACK, PERSON
+from planview.foreground.masks import NO_FEEDBACK, WALKER
 from planview.tracking.base import Observation
 from planview.tracking.ellipse_particle import EllipseParticleParams, EllipseParticleTracker
 from planview.tracking.ellipse_particle.fit import painted
@@ -238,7 +238,7 @@ def test_feedback_is_where_confirmed_people_are():
     follow(tracker, [foreground((60 + i, 60)) for i in range(10)])
     mask = tracker.feedback()
     assert mask is not None
-    assert (mask[60, 69], mask[60, 20]) == (PERSON, NO_FEEDBACK)
+    assert (mask[60, 69], mask[60, 20]) == (WALKER, NO_FEEDBACK)
 
 
 @settings(max_examples=15, deadline=None)
