@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from planview.maps.builder import MapBuilder
     from planview.output.script import run
     from planview.tracking.base import Decision, Observation, Tracker, TrackerDebug
-    from planview.tracking.ellipse_particle.make import floor_ellipse_tracker, image_ellipse_tracker
+    from planview.tracking.ellipse_particle.tracker import EllipseParticleTracker
     from planview.tracking.harville import HarvilleTracker
     from planview.tracking.human_model.tracker import HumanModelTracker
     from planview.tracking.template import TemplateTracker
@@ -56,7 +56,7 @@ _HOMES = {
     "planview.engine.stereo": ("stereo_engine",),
     "planview.output.script": ("run",),
     "planview.tracking.base": ("Decision", "Observation", "Tracker", "TrackerDebug"),
-    "planview.tracking.ellipse_particle.make": ("floor_ellipse_tracker", "image_ellipse_tracker"),
+    "planview.tracking.ellipse_particle.tracker": ("EllipseParticleTracker",),
     "planview.tracking.human_model.tracker": ("HumanModelTracker",),
     "planview.tracking.harville": ("HarvilleTracker",),
     "planview.tracking.template": ("TemplateTracker",),
@@ -71,6 +71,7 @@ _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names
 __all__ = [
     "Config",
     "Decision",
+    "EllipseParticleTracker",
     "Engine",
     "Evaluation",
     "EvaluationParams",
@@ -92,8 +93,6 @@ __all__ = [
     "TrajectoryCollector",
     "evaluate",
     "evaluate_tracks",
-    "floor_ellipse_tracker",
-    "image_ellipse_tracker",
     "load_config",
     "one_camera_engine",
     "open_engine",

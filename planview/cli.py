@@ -173,7 +173,7 @@ FORMER_OPTIONS = {
     "--pace": "--set run.real_time=true",
     "--checkpoint-every": "--set run.checkpoint_every_s=SECONDS",
     "--rrd-every": "--set run.rrd_every=N",
-    "--person-height": "--set ellipse_particle.image.person_height_px=PIXELS",
+    "--person-height": "--set ellipse_particle.size.person_height_px=PIXELS",
     "--fresh": "no option, since nothing is kept between runs",
 }
 """Options that ``planview run`` had, and what takes their place."""

@@ -61,7 +61,7 @@ class TrackingOptions:
     strict: Annotated[Flag, _In] = False
     """Refuse a recording that fails one of the cheap checks (exit status 2) instead of warning of it."""
     tracker: Annotated[TrackerName, _How] = "template"
-    """Plan-view templates (stereo), a human model (one camera), or ellipses and particles (either)."""
+    """Plan-view templates, or harville, the paper's (stereo); a human model, or ellipses and particles (one camera)."""
     config: Annotated[Path | None, _How] = None
     """TOML file with parameters, a table per stage."""
     set_: Annotated[Sequence[str], _How, Parameter(name="--set", negative="")] = ()
@@ -90,7 +90,7 @@ def run(recording: Path, *, out: Annotated[Path, _Out], options: TrackingOptions
     Example: planview run my_recording --out out --rrd
 
     Example of saving the plan-view maps and tracking them again: planview run my_recording --out out --maps, then
-    planview run out/maps.h5 --out again --tracker ellipse-particle
+    planview run out/maps.h5 --out again --tracker harville
 
     Example with one camera: planview run street.mp4 --tracker human-model --calibration camera.toml --out out
 

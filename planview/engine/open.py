@@ -23,7 +23,7 @@ from stereo.readers.open import is_multi_rig
 from stereo.recording import Video
 
 TrackerName = Literal["template", "harville", "human-model", "ellipse-particle"]
-FloorTrackerName = Literal["template", "harville", "ellipse-particle"]
+FloorTrackerName = Literal["template", "harville"]
 ImageTrackerName = Literal["human-model", "ellipse-particle"]
 AnyTracker = TrackerName | Tracker
 
@@ -38,9 +38,8 @@ def open_engine(
 ) -> Engine:
     """Open a recording, or the plan-view maps of one, with the tracker asked for.
 
-    The template tracker needs a stereo recording, images with depth, or the maps of either; the human-model tracker a
-    video and its ``camera.toml``; the ellipse-particle tracker takes any: with depth it tracks the plan-view occupancy
-    map.
+    The template and harville trackers need a stereo recording, images with depth, or the maps of either; the
+    human-model tracker a video and its ``camera.toml``; the ellipse-particle tracker a video.
 
     Args:
         tracker: a name, or a tracker of your own: an ``ImageTracker`` where the recording is of one camera without
@@ -71,7 +70,7 @@ def open_engine(
             raise InputError(f"{foreign}: expected the calibration of every head in its own folder")
         return multi_rig_engine(open_rigs(path), config, _map_tracker(tracker, config, path))
     takes_images = tracker in get_args(ImageTrackerName) or hasattr(tracker, "foreground_columns")
-    if not takes_images or (tracker != "human-model" and is_stereo(path, options.calibration)):
+    if not takes_images or is_stereo(path, options.calibration):
         return stereo_engine(open_any(path, options), config, _map_tracker(tracker, config, path), matcher)
     video = open_video(path, options)
     ground_camera = _camera_for(video, camera) if camera else None
@@ -82,11 +81,12 @@ def open_engine(
 
 def _map_tracker(tracker: AnyTracker, config: Config, path: Path) -> Tracker:
     """A tracker of plan-view maps by its name, or one's own."""
-    if tracker == "human-model":
+    if tracker in get_args(ImageTrackerName):
         raise InputError(
-            f"{path}: expected a tracker of plan-view maps (template, harville, ellipse-particle), found {tracker}"
+            f"{path}: expected a tracker of stereo recordings and plan-view maps (template, harville), found "
+            f"{tracker}, which tracks one camera without depth"
         )
-    return floor_tracker(tracker, config) if isinstance(tracker, str) else tracker
+    return floor_tracker(cast(FloorTrackerName, tracker), config) if isinstance(tracker, str) else tracker
 
 
 def is_stereo(path: Path, calibration: Path | None = None) -> bool:
@@ -109,11 +109,7 @@ def floor_tracker(tracker: FloorTrackerName, config: Config) -> Tracker:
     """A tracker of plan-view maps with its parameters."""
     if tracker == "template":
         return TemplateTracker(config.template)
-    if tracker == "harville":
-        return HarvilleTracker(config.harville, config.maps.height_max_m)
-    from planview.tracking.ellipse_particle.make import floor_ellipse_tracker
-
-    return floor_ellipse_tracker(config.ellipse_particle, config.seed)
+    return HarvilleTracker(config.harville, config.maps.height_max_m)
 
 
 def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamera | None) -> ImageTracker:
@@ -123,9 +119,9 @@ def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamer
         InputError: the human-model tracker without a camera.
     """
     if tracker == "ellipse-particle":
-        from planview.tracking.ellipse_particle.make import image_ellipse_tracker
+        from planview.tracking.ellipse_particle.tracker import EllipseParticleTracker
 
-        return image_ellipse_tracker(config.ellipse_particle, camera, config.seed)
+        return EllipseParticleTracker(config.ellipse_particle, camera, config.seed)
     if camera is None:
         raise InputError("--calibration: the human-model tracker needs a camera.toml (see planview calibrate human)")
     from planview.tracking.human_model.tracker import HumanModelTracker

@@ -9,7 +9,7 @@ from toy_run import EMPTY
 from calib.types import U8
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.one_camera import one_camera_engine
-from planview.tracking.ellipse_particle import image_ellipse_tracker
+from planview.tracking.ellipse_particle import EllipseParticleTracker
 from stereo.recording import Skipped, VideoFrame
 
 SHOWN = EMPTY + 12
@@ -54,7 +54,7 @@ def test_reset_forgets_the_background_of_a_stereo_engine(engine: Engine) -> None
 
 
 def test_steps_of_a_single_camera_engine_give_the_tracks_of_its_iteration() -> None:
-    engine = one_camera_engine(SquareVideo(), image_ellipse_tracker())
+    engine = one_camera_engine(SquareVideo(), EllipseParticleTracker())
     assert [r.tracks for r in stepped(engine, 12)] == [r.tracks for r in engine]
 
 
@@ -63,6 +63,6 @@ def test_an_engine_without_stereo_says_what_it_knows_of_its_camera(known: bool) 
     from calib.ground_camera import GroundCamera
 
     camera = GroundCamera(160, 120, 130.0, 4.0, 1.0) if known else None
-    engine = one_camera_engine(SquareVideo(), image_ellipse_tracker(), camera=camera)
+    engine = one_camera_engine(SquareVideo(), EllipseParticleTracker(), camera=camera)
     assert engine.stereo is None
     assert (engine.camera_info() is not None, engine.floor_info() is not None) == (known, known)

@@ -65,10 +65,10 @@ def test_maps_built_from_the_recording_are_those_of_the_run(
 
 def test_another_tracker_follows_the_same_maps(say: Say, maps: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    status, told = say("run", maps, "--out", out, "--tracker", "ellipse-particle", "--set", "seed=3")
+    status, told = say("run", maps, "--out", out, "--tracker", "harville", "--set", "seed=3")
     assert status == 0, told
     info = read_run_info(out / "run.json")
-    assert (info.tracker, info.config["seed"], info.frames_read) == ("ellipse-particle", 3, FRAMES)
+    assert (info.tracker, info.config["seed"], info.frames_read) == ("harville", 3, FRAMES)
 
 
 def test_the_command_saves_maps_without_any_image(say: Say, copy: Path, tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from planview.engine.stereo import stereo_engine
 from planview.maps.recording import MapsRecording
 from planview.output.maps_log import MapsLog
 from planview.output.memory import Encoded, decode, encode
-from planview.tracking.ellipse_particle.make import floor_ellipse_tracker, image_ellipse_tracker
+from planview.tracking.ellipse_particle import EllipseParticleTracker
 from planview.tracking.human_model import HumanModelParams
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
 from planview.tracking.human_model.params import NewTargetParams
@@ -83,14 +83,12 @@ def moments(seed: int, first: int, last: int, count: int = 3) -> tuple[int, ...]
     return tuple(int(n) for n in np.random.default_rng(seed).integers(first, last, count))
 
 
-@pytest.mark.parametrize("tracker", ["template", "ellipse"])
-def test_a_stereo_engine_resumes(engine: Engine, tracker: str) -> None:
+def test_a_stereo_engine_resumes(engine: Engine) -> None:
     setup = set_up(engine.recording, engine.config)
 
     def make() -> Engine:
         c = engine.config
-        chosen = TemplateTracker(c.template) if tracker == "template" else floor_ellipse_tracker(c.ellipse_particle, 3)
-        return stereo_engine(engine.recording, c, chosen, setup=setup)
+        return stereo_engine(engine.recording, c, TemplateTracker(c.template), setup=setup)
 
     assert_resumes(make, moments(1, 8, 35))
 
@@ -129,6 +127,6 @@ def test_the_engine_of_one_camera_resumes() -> None:
 @pytest.mark.parametrize("overview", [False, True])
 def test_the_ellipse_engine_of_one_camera_resumes(overview: bool) -> None:
     def make() -> Engine:
-        return one_camera_engine(CrossingVideo(), image_ellipse_tracker(), overview=overview)
+        return one_camera_engine(CrossingVideo(), EllipseParticleTracker(), overview=overview)
 
     assert_resumes(make, moments(4, 2, 58, 3))

@@ -139,8 +139,8 @@ def test_colour_is_tracked_like_grey(pairs: list[Pair], engine: Engine, tmp_path
 def test_json_is_one_object_on_stdout_whatever_the_tracker(
     copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["run", str(copy), "--out", str(tmp_path / "[/out]"), "--tracker", "ellipse-particle", "--json"]
+    words = ["run", str(copy), "--out", str(tmp_path / "[/out]"), "--tracker", "harville", "--json"]
     with pytest.raises(SystemExit):
         main([*words, "--set", FEW])
     info = json.loads(capsys.readouterr().out)
-    assert (info["tracker"], info["finished"], info["frames_read"]) == ("ellipse-particle", True, FRAMES)
+    assert (info["tracker"], info["finished"], info["frames_read"]) == ("harville", True, FRAMES)

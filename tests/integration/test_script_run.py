@@ -39,6 +39,11 @@ def test_dataframe_has_the_columns_of_the_file(engine: planview.Engine, tmp_path
     assert frame.state.iloc[-1] in ("tentative", "confirmed")
 
 
+def test_tracker_of_one_camera_is_refused_for_a_stereo_recording(copy: Path) -> None:
+    with pytest.raises(InputError, match="expected a tracker of stereo recordings and plan-view maps"):
+        planview.run(copy, tracker="ellipse-particle")
+
+
 def test_matcher_for_a_recording_without_a_pair_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="expected a recording of one stereo pair"):
         planview.run(tmp_path, tracker="ellipse-particle", matcher=lambda left, right: np.zeros(left.shape, np.float32))
