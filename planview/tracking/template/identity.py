@@ -21,6 +21,8 @@ CONTACT_M = 0.7
 """People nearer than this may be taken for each other [m]: a body, and an arm's movement."""
 NEW_HEIGHT_STD_M = 0.12
 """Deviation of the height of somebody who comes into view, at first in part [m]."""
+KNOWN_AGAIN = 0.3
+"""Log-odds from which a newcomer is somebody known before: where nothing tells, a stranger."""
 DECIDED = 6.0
 """Log-odds at which two people exchange identities: one error in 400."""
 PART_MAX = 2.0
@@ -90,8 +92,8 @@ def continued(
 ) -> dict[int, tuple[Person, float]]:
     """Newcomers, by index, who are people known before, with the log-odds: the best joint assignment."""
     odds = np.array([[_log_odds(q, b, known, params) for q in known] for b in born]).reshape(len(born), -1)
-    rows, cols = linear_sum_assignment(np.maximum(odds, 0.0), maximize=True)
-    return {int(i): (known[j], float(odds[i, j])) for i, j in zip(rows, cols, strict=True) if odds[i, j] > 0}
+    rows, cols = linear_sum_assignment(np.maximum(odds, KNOWN_AGAIN), maximize=True)
+    return {int(i): (known[j], float(odds[i, j])) for i, j in zip(rows, cols, strict=True) if odds[i, j] > KNOWN_AGAIN}
 
 
 def _log_odds(q: Person, b: Person, known: Sequence[Person], params: TemplateParams) -> float:

@@ -201,7 +201,8 @@ class TemplateTracker:
         farther = max(0.0, math.dist(q.origin_m, q.at_m) - q.walked_m)
         q.walked_m += farther
         if near > body.REACH_M:
-            q.moved = min(q.moved + farther / body.TORSO.torso_radius_m, p.evidence_max)
+            step_m = math.sqrt(body.TORSO.torso_radius_m**2 + q.kalman.c_xx + q.kalman.c_yy)
+            q.moved = min(q.moved + farther / step_m, p.evidence_max)
 
     # -- who is who, who comes, who goes ----------------------------------------------------------------------------
     def _learn(self, frame: Explanation, owned: Sequence[Owned], dt: float) -> None:
