@@ -254,6 +254,8 @@ PARALLEL_DEG = 10.0
 """Normals closer than this are one direction: a small plane's own is known to a few degrees only."""
 MIN_MOVED = 500
 """Points that must have moved before they speak against a plane: a fifth of a person in a few frames."""
+MOUNT_M, MOUNT_SPREAD = 2.7, 0.5
+"""Median height of cameras above their floors [m], a room's ceiling, and the deviation of its logarithm (our choice)."""
 LEANING_DEG = -5.0
 """Below this tilt a camera leans backwards; an overhead mount is off by a few degrees."""
 
@@ -333,7 +335,10 @@ def _beneath(plane: Plane, view: Rays, params: FloorParams) -> Bool:
 
 
 def choose_floor(candidates: Sequence[Candidate], params: FloorParams) -> Candidate | None:
-    """The floor among planes: the largest that a camera can stand above, and of parallel ones the lowest.
+    """The floor among planes: the likeliest that a camera can stand above, and of parallel ones the lowest.
+
+    Large planes are likely, those with something beneath less so; and a camera hangs at the height of a ceiling rather
+    than at twice that: a partition seen straight on is a floor far below.
 
     A camera near the horizontal sees the wall in front as a camera leaning backwards sees its floor. Where both
     readings are open the upright camera is the likelier, so a plane that asks for leaning back gives way.
@@ -343,7 +348,7 @@ def choose_floor(candidates: Sequence[Candidate], params: FloorParams) -> Candid
     possible = upright or possible
     if not possible:
         return None
-    largest = max(possible, key=lambda c: c.inlier_fraction)
+    largest = max(possible, key=_log_likelihood)
     enough = largest.inlier_fraction * params.max_below_fraction / (1.0 - params.max_below_fraction)
     parallel = [
         c
@@ -352,6 +357,11 @@ def choose_floor(candidates: Sequence[Candidate], params: FloorParams) -> Candid
         and float(c.plane.normal @ largest.plane.normal) > math.cos(math.radians(PARALLEL_DEG))
     ]
     return max(parallel, key=lambda c: c.plane.distance_m)
+
+
+def _log_likelihood(c: Candidate) -> float:
+    off = math.log(c.plane.distance_m / MOUNT_M) / MOUNT_SPREAD
+    return math.log(c.inlier_fraction) - c.below_fraction / c.inlier_fraction - 0.5 * off * off
 
 
 def nothing_found(candidates: Sequence[Candidate], n_frames: int, params: FloorParams) -> str:
