@@ -236,6 +236,7 @@ def _read_view(file: Any) -> StereoView:
         grid=Grid(**_fields(dict(file["grid"].attrs), Grid)),
         reduction=int(_number(rig["reduction"], "reduction", *RANGES["reduction"])),
         sensor=sensor,
+        correction=str(rig.get("correction", "")),
     )  # fmt: skip
 
 

@@ -138,7 +138,7 @@ class MapsWriter:
 def _write_view(file: Any, view: StereoView) -> None:
     floor, rig = view.floor, asdict(view.geometry) | asdict(view.disparities)
     rig |= {"reduction": view.reduction, "calibration": view.calibration}
-    rig["vertical_residual_px"] = view.vertical_residual_px
+    rig |= {"vertical_residual_px": view.vertical_residual_px, "correction": view.correction}
     if view.sensor is not None:
         rig["sensor"] = view.sensor
     file.create_group("rig").attrs.update(rig)

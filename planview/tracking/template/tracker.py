@@ -122,7 +122,7 @@ class TemplateTracker:
         for i, q in enumerate(self._people):
             self._measure(i, q, frame, samples, people, predicted[i], others[i], bent[i], dt)
             if not flooded:
-                self._weigh(q, dt)
+                self._weigh(q, dt, alone=len(others[i]) == 0)
             self._say(q, [self._people[k] for k in others[i]])
 
     def _information(self, q: Person) -> F64:
@@ -185,8 +185,11 @@ class TemplateTracker:
         both += s.believed(poses[j], tall[j], people.apart(rest))
         return both - alone
 
-    def _weigh(self, q: Person, dt: float) -> None:
-        """Existence: survival, then the evidence of this look; personhood: height and moving by itself."""
+    def _weigh(self, q: Person, dt: float, alone: bool) -> None:
+        """Existence: survival, then the evidence of this look; personhood: height and moving by itself.
+
+        What moves before, behind or beside a person may be its shadow, or be carried or pushed.
+        """
         p, looks = self.params, min(1.0, dt / self.params.errors_s)
         if q.share < p.visible_min:
             away_s = p.leave_s if q.inside < INSIDE else p.stay_s
@@ -197,10 +200,9 @@ class TemplateTracker:
         if q.share < p.visible_min:
             return
         q.learn_height(looks, p.low_share)
-        near = min((math.dist(q.at_m, o.at_m) for o in self._people if o is not q), default=math.inf)
         farther = max(0.0, math.dist(q.origin_m, q.at_m) - q.walked_m)
         q.walked_m += farther
-        if near > body.REACH_M:
+        if alone:
             step_m = math.sqrt(body.TORSO.torso_radius_m**2 + q.kalman.c_xx + q.kalman.c_yy)
             q.moved = min(q.moved + farther / step_m, p.evidence_max)
 
