@@ -255,7 +255,7 @@ PARALLEL_DEG = 10.0
 MIN_MOVED = 500
 """Points that must have moved before they speak against a plane: a fifth of a person in a few frames."""
 MOUNT_M, MOUNT_SPREAD = 2.7, 0.5
-"""Median height of cameras above their floors [m], a room's ceiling, and the deviation of its logarithm (our choice)."""
+"""Median height of cameras over floors [m], that of a ceiling, and the deviation of its logarithm (our choice)."""
 LEANING_DEG = -5.0
 """Below this tilt a camera leans backwards; an overhead mount is off by a few degrees."""
 

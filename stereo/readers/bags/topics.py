@@ -169,6 +169,8 @@ class TopicImages:
             if not log:
                 raise InputError(f"{bag.path}: expected images in {topic.name}, found {error_text(error)}") from error
             self.notes = (f"{topic.name} ends after {len(log)} messages in damage ({error_text(error)})",)
+        if not log:
+            raise InputError(f"{bag.path}: expected images in {topic.name}, found no message")
         self.log_ns, self.stamp_ns = np.array(log, dtype=np.int64), np.array(stamp, dtype=np.int64)
 
     def at(self, places: Iterable[int]) -> Generator[AnyArray | None, None, None]:
