@@ -21,7 +21,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from benchmarks.options import BenchOptions, Flag, Rendering, rendered, scene_files
 from benchmarks.passes import PEER, Pass, in_processes, provenance, run_pass
 from benchmarks.scores import SceneScore, print_scores, scores_json
-from calib.errors import InputError
+from calib.errors import InputError, WorkError
 from calib.io import parse_toml, read_text, write_whole
 from calib.params import first_problem
 from planview.engine.config import Config
@@ -237,9 +237,18 @@ def suite(*, options: SuiteOptions | None = None) -> None:
     settings, files = o.settings(), scene_files(o.scene, o.scenes)
     drawn = [(s, path) for s in seeds for path in chosen_files(files, s, o.minutes)]
     chosen = dealt_files(files, seeds) if o.deal else drawn
-    work = [SuiteJob(p, s, o.cache_folder, o.out, settings, o.tracker, o.refine, o.peer) for s, p in chosen]
+    work, left_out = [], []
+    for seed, path in chosen:
+        try:
+            drawn_scene(path, seed)
+        except WorkError as error:
+            left_out.append(str(error))
+            console.print(f"left out: {left_out[-1]}", style="yellow")
+            continue
+        work.append(SuiteJob(path, seed, o.cache_folder, o.out, settings, o.tracker, o.refine, o.peer))
     ways = _watched(work, o.jobs, console)
-    result = {"seeds": seeds, **provenance()} | {way: scores_json(scores) for way, scores in ways.items()}
+    result = {"seeds": seeds, "left_out": left_out, **provenance()}
+    result |= {way: scores_json(scores) for way, scores in ways.items()}
     if o.out is not None:
         o.out.mkdir(parents=True, exist_ok=True)
         write_whole(o.out / "suite.json", json.dumps(result, indent=2) + "\n")
