@@ -27,7 +27,7 @@ Drawn = tuple[float, float, tuple[int, int, int]]
 def outline(x_m: float, y_m: float, height_m: float = 1.76) -> list[F64]:
     """(K, 2) hulls [px] of head, torso and legs of a person."""
     model = HumanModel().scaled(height_m)
-    circles = model.circles().reshape(4, -1, 3) + (x_m, y_m, 0.0)
+    circles = model.circles().reshape(4, -1, 3) + np.array([x_m, y_m, 0.0])
     legs, hip, shoulder, top = (CAMERA.project(c) for c in circles)
     return [np.concatenate(pair) for pair in ((legs, hip), (hip, shoulder), (0.5 * (shoulder + top), top))]
 

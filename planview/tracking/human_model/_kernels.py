@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
 from numba import njit
 
 from calib.types import F32, F64, I32, I64, U8, Bool
@@ -51,7 +50,9 @@ class Beliefs(NamedTuple):
 
 
 @njit(cache=True, nogil=True, fastmath=True, inline="always")
-def _look(x: float, y: float, h: float, ex: float, ey: float, cos: float, sin: float, angle: int, cover: F32, b: Beliefs):  # type: ignore[no-untyped-def]  # fmt: skip
+def _look(  # type: ignore[no-untyped-def]
+    x: float, y: float, h: float, ex: float, ey: float, cos: float, sin: float, angle: int, cover: F32, b: Beliefs
+):
     """Cover of a body on a ray, and the relative height of the point of its axis that the ray passes."""
     dz = 0.5 * h - b.camera_m
     along = x * ex + y * ey
@@ -347,5 +348,7 @@ def hull_scores(total: F64, boxes: I32, scores: F32) -> None:
     ``total`` (H + 1, W + 1): the residual's integral image; ``boxes`` (N, 4) left, top, right, bottom, clipped.
     """
     for i in range(len(boxes)):
-        l, t, r, d = boxes[i]
-        scores[i] = total[d, r] - total[t, r] - total[d, l] + total[t, l] if r > l and d > t else 0.0
+        left, top, right, down = boxes[i]
+        scores[i] = 0.0
+        if right > left and down > top:
+            scores[i] = total[down, right] - total[top, right] - total[down, left] + total[top, left]

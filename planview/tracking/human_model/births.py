@@ -66,7 +66,7 @@ class Places:
 def births(
     places: Places, frame: Explanation, people: People, shares: Shares, now_s: float
 ) -> tuple[list[Walker], F64]:
-    """People who are born in this frame, without ids, and (N, 3) poses of those known, who may account for more elsewhere.
+    """People who are born in this frame, without ids, and (N, 3) poses of those known, who may be better elsewhere.
 
     Tries one more person wherever the residual is strongest.
     """

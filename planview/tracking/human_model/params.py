@@ -17,7 +17,7 @@ class HumanModelParams(Params):
     """pF, share of a body's pixels that are foreground."""
     seen_on_background: float = Field(0.03, gt=0, lt=0.5)
     """pB, share of the background's pixels that are foreground."""
-    seen_near_people: float = Field(0.12, gt=0, lt=1)
+    seen_near_people: float = Field(0.15, gt=0, lt=1)
     """The same within an arm's reach of a person: arms, shadows and what is carried."""
     hidden: float = Field(0.05, ge=0, lt=1)
     """How probably furniture hides a pixel on the lower part of somebody who stands."""
@@ -51,8 +51,8 @@ class HumanModelParams(Params):
     leave_s: float = Field(0.7, gt=0.01, le=60)
     """Mean time that a person beyond the border stays unknown and near [s]."""
     inanimate_s: float = Field(20.0, gt=0, le=600)
-    """Time without any motion after which something that has moved by a metre is a thing [s] (section 4: the chair); who
-    walked farther is believed in for longer in proportion."""
+    """Time without any motion after which something that has moved by a metre is a thing [s] (section 4: the chair);
+    who walked farther is believed in for longer in proportion."""
     report: float = Field(0.9, gt=0.5, lt=1)
     """Probability of existence from which a person is confirmed."""
     visible_min: float = Field(0.08, gt=0, lt=1)

@@ -30,8 +30,8 @@ PARTS = (
     (0.86, 0.98, 0.10, 1.0, 1.0),
     (0.98, 1.00, 0.07, 1.0, 1.0),
 )
-"""Striding legs, shins, thighs, torso, arms, shoulders, head and crown: from and to [of the height], half breadth [m] of a
-body of 1.76 m, depth over breadth, and how often it covers (Zhang's cylinders with the width of arms and of a stride)."""
+"""Striding legs, shins, thighs, torso, arms, shoulders, head, crown: from and to [of the height], half breadth [m] of a
+body of 1.76 m, depth over breadth, and how often it covers (Zhang's cylinders, as wide as arms and a stride)."""
 BLUR_M = 0.035
 """Deviation of the outline [m]: clothes and posture."""
 

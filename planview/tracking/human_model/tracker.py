@@ -20,7 +20,7 @@ from planview.tracking.human_model.births import Places, births
 from planview.tracking.human_model.explanation import STEPS_M, Explanation, People, Samples, Shares, View
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
-from planview.tracking.human_model.walker import Match, Walker, matches
+from planview.tracking.human_model.walker import Walker, matches
 from planview.tracking.template.identity import Exchanges, continued
 from planview.tracking.template.params import TemplateParams
 from planview.tracking.template.person import colour_ratios
@@ -34,6 +34,8 @@ INSIDE = 0.3
 """Share of a body in the image below which a person is at the border."""
 BOX_WIDTH = 1.35
 """Width of a person's box over the hull's: arms and stride."""
+LEFT = 0.6
+"""Visibility ratio below which a person without evidence has left the view, and whoever comes later is a stranger."""
 NEVER_WALKED = 0.1
 """Part of ``inanimate_s`` for which something that has not walked yet may be without motion."""
 LIVELY = 0.01
@@ -43,8 +45,8 @@ LIVELY = 0.01
 class HumanModelTracker:
     """People as projected human models that explain every pixel of the foreground jointly.
 
-    Existence by the Bernoulli filter of Vo, Vo and Pham 2010; new targets, split, merge and clean (figure 8) follow from
-    it: a newcomer is born where foreground is left over, and a person without evidence ends.
+    Existence by the Bernoulli filter of Vo, Vo and Pham 2010; new targets, split, merge and clean (figure 8) follow
+    from it: a newcomer is born where foreground is left over, and a person without evidence ends.
     """
 
     def __init__(self, params: HumanModelParams, camera: GroundCamera, model_map: HumanModelMap | None = None) -> None:
@@ -315,7 +317,7 @@ class HumanModelTracker:
                 continue
             why = "stationary: a thing" if thing else f"existence {q.existence:.2f}, evidence {q.evidence:.1f}"
             self._note(q, "pruned", why, q.existence)
-            if q.confirmed and not thing:
+            if q.confirmed and not thing and q.inside >= LEFT:
                 self._departed.append(q)
         self._people = keep
         self._departed = [q for q in self._departed if self._now_s - q.seen_s <= p.remember_s]

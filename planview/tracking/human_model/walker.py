@@ -1,4 +1,4 @@
-"""One person in the view of one camera: the two automata of Zhang et al. 2008, section 4, and the match of equation 1."""
+"""One person in the view of one camera: the automata of Zhang et al. 2008, section 4, and the match of equation 1."""
 
 from __future__ import annotations
 
@@ -34,6 +34,9 @@ class Match(NamedTuple):
         return self.recall + self.precision - self.overlap
 
 
+NO_MATCH = Match()
+
+
 class Sample(NamedTuple):
     """One frame in a person's recent past: time [s], place [m], and how much of the body is visible."""
 
@@ -58,7 +61,7 @@ class Walker(Person):
     motion: Motion = "moving"
     stability: Stability = "appearing"
     posture: Posture = "standing"
-    match: Match = Match()
+    match: Match = NO_MATCH
     observed: bool = True
     trail: deque[Sample] = field(default_factory=lambda: deque(maxlen=256))
 

@@ -113,7 +113,7 @@ def test_silhouette_is_widest_at_the_arms_and_round_from_above() -> None:
     level, above = table.cover[6], table.cover[24]
     wide = level.sum(axis=0)
     assert wide[44:60].mean() > 1.5 * wide[15:30].mean()
-    assert 0.0 <= table.cover.min() and table.cover.max() <= 1.0
+    assert ((table.cover >= 0.0) & (table.cover <= 1.0)).all()
     assert (above > 0.3).sum() < (level > 0.3).sum() / 2
 
 
