@@ -58,7 +58,7 @@ class Places:
     def scores(self, residual: F32) -> F32:
         """(N,) what one more person would gain at each place, about [log-odds of pixels]."""
         scores = np.empty(len(self.scale), np.float32)
-        total = np.asarray(cv2.integral(residual, sdepth=cv2.CV_64F))
+        total = np.asarray(cv2.integral(residual, sdepth=cv2.CV_64F), dtype=np.float64)
         kernels.hull_scores(total, self.boxes, scores)
         return scores
 

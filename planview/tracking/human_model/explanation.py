@@ -225,9 +225,8 @@ class Explanation:
     def share_out(self, people: People) -> Shares:
         """Who owns each pixel of foreground."""
         v, shape = self.view, self.kind.shape
-        s = Shares(
-            np.empty(shape, np.int64), *(np.zeros(shape, np.float32) for _ in range(4)), np.empty(shape, np.bool_)
-        )
+        share, height, range_m, residual = np.zeros((4, *shape), np.float32)
+        s = Shares(np.empty(shape, np.int64), share, height, range_m, residual, np.empty(shape, np.bool_))
         kernels.share_out(
             people.poses, people.sure, people.tall, people.ratios, np.argsort(people.away()),
             v.boxes(people.poses, NEAR_M), v.rays, v.angle, self.kind, self.code, v.table.cover, v.beliefs,

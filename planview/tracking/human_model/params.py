@@ -17,7 +17,7 @@ class HumanModelParams(Params):
     """pF, share of a body's pixels that are foreground."""
     seen_on_background: float = Field(0.03, gt=0, lt=0.5)
     """pB, share of the background's pixels that are foreground."""
-    seen_near_people: float = Field(0.15, gt=0, lt=1)
+    seen_near_people: float = Field(0.2, gt=0, lt=1)
     """The same within an arm's reach of a person: arms, shadows and what is carried."""
     hidden: float = Field(0.05, ge=0, lt=1)
     """How probably furniture hides a pixel on the lower part of somebody who stands."""

@@ -23,7 +23,7 @@ from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.walker import Walker, matches
 from planview.tracking.template.identity import Exchanges, continued
 from planview.tracking.template.params import TemplateParams
-from planview.tracking.template.person import colour_ratios
+from planview.tracking.template.person import Person, colour_ratios
 from planview.trajectories.state import State, TrackState
 
 WALKER_M = 2.0
@@ -365,7 +365,7 @@ class HumanModelTracker:
             q.confirmed = True
             self._note(q, "confirmed", f"existence {q.existence:.2f}, walked {q.walked_m:.2f} m", q.existence)
 
-    def _note(self, q: Walker, kind: DecisionKind, reason: str, value: float) -> None:
+    def _note(self, q: Person, kind: DecisionKind, reason: str, value: float) -> None:
         self._log.append(Decision(q.track_id, kind, reason, value))
 
     def _hull(self, at_m: tuple[float, float], height_m: float) -> F64 | None:
