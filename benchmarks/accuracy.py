@@ -11,7 +11,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
-from benchmarks.options import BenchOptions, Progress, RenderOptions, rendered, scene_files
+from benchmarks.options import BenchOptions, Progress, Rendering, rendered, scene_files
 from benchmarks.passes import bench_engine
 from benchmarks.scores import SceneScore, print_scores, scores_json, totals
 from calib.errors import InputError
@@ -28,7 +28,7 @@ LIMITS = {"significant_errors": 1, "position_error_m": 0.10, "height_error_m": 0
 
 
 def score_scene(
-    path: Path, seed: int, rendering: RenderOptions, out: Path | None, config: Config, tracker: str, progress: Progress
+    path: Path, seed: int, rendering: Rendering, out: Path | None, config: Config, tracker: str, progress: Progress
 ) -> SceneScore:
     """Render, track and score one scene.
 
@@ -85,7 +85,7 @@ def accuracy(*, options: AccuracyOptions | None = None) -> None:
         raise InputError(
             f"expected --seeds and --frames from 1, --scale 0.05 to 4, found {o.seeds}, {o.frames}, {o.scale:g}"
         )
-    settings, rendering = o.settings(), RenderOptions(o.cache_folder, o.scale, o.frames)
+    settings, rendering = o.settings(), Rendering(o.cache_folder, o.scale, o.frames)
     with Console(stderr=True, markup=False).status("...") as status:
         scores = [
             score_scene(path, seed, rendering, o.out, settings, o.tracker, status.update)

@@ -16,7 +16,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.options import BenchOptions, Progress, RenderOptions, number, rendered, scene_files
+from benchmarks.options import BenchOptions, Progress, Rendering, number, rendered, scene_files
 from benchmarks.views import VIEWS, drawn_view, full_truth, rules_of
 from calib.errors import InputError
 from planview.counting.events import Direction, Event
@@ -26,10 +26,10 @@ from planview.counting.scoring import CountScores, CrossingScores, OccupancyGrou
 from planview.counting.totals import Clock, Counts, count_tracks, count_truth
 from planview.engine.config import Config
 from planview.engine.engine import Engine
-from planview.engine.factory import open_engine
+from planview.engine.open import open_engine
 from planview.output.script import run
 from planview.synthetic.assets import SCENES
-from planview.synthetic.random_scenes.conference import random_conference
+from planview.synthetic.random_scenes.rooms import random_conference
 from planview.synthetic.scene import Scene, load_scene
 from planview.trajectories.formats import read_laboratory
 from planview.trajectories.table import Trajectories, read_truth
@@ -48,10 +48,6 @@ ROOM_RIGHT_MIN_PERCENT = {"0": 98.0, "1-2": 98.0, "3-5": 97.0, "6-9": 95.0, "10+
 PAPER_RIGHT_PERCENT = {"0": 96.6, "1-2": 97.4, "3-5": 99.1, "6-9": 95.2, "10+": 85.2}
 """Time with the right occupancy by true number: the aim, that of drawn rooms, and table 4 of Zhang et al. 2008."""
 TRAJECTORIES = ("uo-050-180-180.txt", "boa-300-frei.txt")
-PAVEMENT_UP = (96, 154, 828, 918, 1001, 1021, 1296, 1306)
-PAVEMENT_DOWN = 351
-PAVEMENT_FPS = 30.0
-"""True crossings of the line y = 200 (frames), from the README of the recordings."""
 SingleTracker = Literal["human-model", "ellipse-particle"]
 
 
@@ -198,7 +194,7 @@ class Scorer:
         progress: takes messages.
     """
 
-    rendering: RenderOptions
+    rendering: Rendering
     out: Path
     config: Config
     progress: Progress
@@ -315,10 +311,13 @@ def passages(tracks: Trajectories) -> list[Event]:
 def pavement_truth() -> list[Event]:
     """The true crossings of the pavement clip, a person for each; up the image is from the right of the line to its
     left."""
-    ways: list[tuple[int, Direction]] = [(frame, "right_to_left") for frame in PAVEMENT_UP]
+    ways: list[tuple[int, Direction]] = [
+        (frame, "right_to_left") for frame in (96, 154, 828, 918, 1001, 1021, 1296, 1306)
+    ]
+    # True crossings of the line y = 200 (frames), from the README of the recordings.
     return [
-        Event(frame, frame / PAVEMENT_FPS, "y = 200", "crossing", person, way)
-        for person, (frame, way) in enumerate([*ways, (PAVEMENT_DOWN, "left_to_right")], start=1)
+        Event(frame, frame / 30.0, "y = 200", "crossing", person, way)
+        for person, (frame, way) in enumerate([*ways, (351, "left_to_right")], start=1)
     ]
 
 
@@ -438,7 +437,7 @@ def counting(*, options: CountingOptions | None = None) -> None:
 @contextmanager
 def _scoring(o: CountingOptions) -> Iterator[Scorer]:
     """With a line of progress, and a temporary folder for runs that are not kept."""
-    rendering = RenderOptions(o.cache_folder, frames=o.frames)
+    rendering = Rendering(o.cache_folder, frames=o.frames)
     with tempfile.TemporaryDirectory() as temporary, Console(stderr=True, markup=False).status("...") as status:
         yield Scorer(rendering, o.out or Path(temporary), o.settings(), status.update, o.tracker)
 

@@ -15,12 +15,12 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.options import BenchOptions, Progress, RenderOptions, rendered, scene_files
+from benchmarks.options import BenchOptions, Progress, Rendering, rendered, scene_files
 from benchmarks.views import VIEWS, drawn_view
 from calib.errors import InputError
 from calib.types import I32, Bool
 from planview.engine.config import Config
-from planview.engine.factory import open_engine
+from planview.engine.open import open_engine
 from planview.synthetic.render import SceneRenderer
 
 CONDITIONS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
@@ -58,7 +58,7 @@ class ForegroundScore:
     false: float
 
 
-class Tally:
+class PixelTally:
     """Pixels of one method: add frame by frame."""
 
     def __init__(self) -> None:
@@ -80,7 +80,7 @@ class Tally:
 
 
 def score_foreground(
-    path: Path, seed: int, condition: str, rendering: RenderOptions, config: Config, progress: Progress
+    path: Path, seed: int, condition: str, rendering: Rendering, config: Config, progress: Progress
 ) -> list[ForegroundScore]:
     """The engine's own foreground (with the ellipse-particle tracker's feedback), MOG2 and KNN on one condition.
 
@@ -91,7 +91,7 @@ def score_foreground(
     progress(f"{name} of seed {seed}, {condition}")
     engine = open_engine(recording, "ellipse-particle", config)
     others = {"MOG2": cv2.createBackgroundSubtractorMOG2(), "KNN": cv2.createBackgroundSubtractorKNN()}
-    tallies = {method: Tally() for method in ("planview", *others)}
+    tallies = {method: PixelTally() for method in ("planview", *others)}
     renderer = SceneRenderer(view.scene)
     for result in engine:
         image, own = result.observation.image, result.observation.foreground
@@ -138,7 +138,7 @@ def foreground(*, options: ForegroundOptions | None = None) -> None:
         raise InputError(f"--frames: expected at least 1, found {o.frames}")
     if not o.seeds or min(o.seeds) < 0:
         raise InputError("--seeds: expected numbers from 0")
-    settings, rendering = o.settings(), RenderOptions(o.cache_folder, frames=o.frames)
+    settings, rendering = o.settings(), Rendering(o.cache_folder, frames=o.frames)
     with Console(stderr=True, markup=False).status("...") as status:
         scores = [
             score

@@ -56,16 +56,12 @@ class BenchOptions:
         return self.cache or cache_folder()
 
     def settings(self) -> Config:
-        """The parameters of the engine.
-
-        Raises:
-            InputError: an unknown parameter, or a value out of its range.
-        """
+        """The parameters of the engine. Raises InputError: an unknown parameter, or a value out of its range."""
         return load_config(self.config, self.set_)
 
 
 @dataclass(frozen=True)
-class RenderOptions:
+class Rendering:
     """How scenes are rendered: where they are kept, factor on the image size, at most so many frames."""
 
     cache: Path
@@ -74,11 +70,7 @@ class RenderOptions:
 
 
 def scene_files(names: Sequence[str] = (), folder: Path = SCENES, ending: str = ".toml") -> list[Path]:
-    """Files of a folder by their names without the ending; all when none is named.
-
-    Raises:
-        InputError: no such scene.
-    """
+    """Files of a folder by their names without the ending; all when none is named. Raises InputError: no such scene."""
     known = {path.name.removesuffix(ending): path for path in sorted(folder.glob(f"*{ending}"))}
     for name in names:
         if name not in known:
@@ -86,7 +78,7 @@ def scene_files(names: Sequence[str] = (), folder: Path = SCENES, ending: str = 
     return [known[name] for name in names or known]
 
 
-def rendered(scene: Scene, name: str, options: RenderOptions, progress: Progress) -> Path:
+def rendered(scene: Scene, name: str, options: Rendering, progress: Progress) -> Path:
     """The recording of a scene, rendered unless the cache has it.
 
     The key is a hash of everything in the scene, the renderer's version and the size; a recording appears in the cache
@@ -112,11 +104,8 @@ def rendered(scene: Scene, name: str, options: RenderOptions, progress: Progress
 
 
 def new_folder(parent: Path, name: str) -> Path:
-    """An empty folder in which something is written before it gets its place in the cache.
-
-    Raises:
-        WorkError: the cache cannot be written.
-    """
+    """An empty folder in which something is written before it gets its place in the cache. Raises WorkError: the cache
+    cannot be written."""
     try:
         parent.mkdir(parents=True, exist_ok=True)
         return Path(tempfile.mkdtemp(prefix=f".{name}-", dir=parent))

@@ -15,9 +15,7 @@ from typing import Any, TypeVar, cast
 import cv2
 from joblib import Parallel, delayed, parallel_config
 
-import calib
 import planview
-import stereo
 from benchmarks import peaks, peer
 from benchmarks.options import new_folder
 from benchmarks.peaks import PeakTracker
@@ -25,19 +23,18 @@ from benchmarks.peer import PeerLog
 from calib.errors import InputError
 from planview.engine.config import Config
 from planview.engine.engine import Engine
-from planview.engine.factory import open_engine
+from planview.engine.open import open_engine
 from planview.maps.recording import MapsRecording
 from planview.output.folder import finished_run
-from planview.output.log import RunLog
 from planview.output.maps_log import MapsLog
-from planview.output.run import RunOptions, run
+from planview.output.run import RunLog, RunOptions, run
+from planview.sweep.jobs import engine_version, key_of
 from planview.trajectories.table import read_tracks
 
 PEER = "peer.csv"
 """Tracks of the naive engine, tracked in the same pass."""
 Job = TypeVar("Job")
 Result = TypeVar("Result")
-_ROOMS = ("checks", "engine", "foreground", "maps", "tracking", "trajectories")
 
 
 def bench_engine(recording: Path, tracker: str, config: Config | None) -> Engine:
@@ -72,23 +69,14 @@ class Pass:
 
 @cache
 def code_key() -> str:
-    """A hash of the source of everything that decides tracks: another version of it does not find older runs."""
-    roots = [Path(package.__path__[0]) for package in (calib, stereo)]
-    roots += [Path(planview.__path__[0]) / room for room in _ROOMS]
-    files = [path for root in roots for path in sorted(root.rglob("*.py"))] + [
-        Path(module.__file__ or "") for module in (peaks, peer)
-    ]
-    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
+    """Of the source of everything that decides tracks: another version of it does not find older runs."""
+    return key_of(engine_version(), *(Path(module.__file__ or "").read_text("utf-8") for module in (peaks, peer)))
 
 
 def run_pass(job: Pass) -> Path:
     """The folder of a run (tracks.csv, run.json, decisions.csv, with ``recorded`` maps.h5 and peer.csv), from the cache
-    when it is whole there.
-
-    Raises:
-        InputError: a recording that cannot be used.
-        WorkError: the cache cannot be written.
-    """
+    when it is whole there. Raises InputError: a recording that cannot be used. WorkError: the cache cannot be
+    written."""
     if _is_whole(job):
         return job.folder
     shutil.rmtree(job.folder, ignore_errors=True)

@@ -31,8 +31,6 @@ GATE_M, SPEED_MAX_MPS, LOST_SPEED_MPS = 0.45, 3.1, 1.2
 walks meanwhile, for a second."""
 FOUND, MISSED = 1.9, -0.6
 """Evidence (log-odds) of a frame with and without a peak, of a person not yet confirmed; a newcomer has 1."""
-CONFIRM_PEAKS = 3
-"""A newcomer is confirmed after so many peaks."""
 SLOW_DOWN_S, KEEP_S, LEAVE_S = 0.6, 4.0, 0.6
 """Time in which a lost person's speed falls to 1/e; how long the lost are kept inside and outside the view [s]."""
 
@@ -84,7 +82,7 @@ def _head(maps: PlanViewMaps, mine: np.ndarray) -> Peak:
 
 
 @dataclass
-class _Person:
+class _PeakPerson:
     track_id: int
     kalman: FloorKalman
     height_m: float
@@ -94,7 +92,8 @@ class _Person:
 
     @property
     def is_confirmed(self) -> bool:
-        return self.n_peaks >= CONFIRM_PEAKS
+        # A newcomer is confirmed after so many peaks.
+        return self.n_peaks >= 3
 
     def state(self) -> TrackState:
         seen: Literal["confirmed", "lost"] = "lost" if self.gone_s else "confirmed"
@@ -108,7 +107,7 @@ class PeakTracker:
     """A ``Tracker``: the Hungarian method on distance and height, one Kalman filter a person."""
 
     decisions: tuple[Decision, ...] = ()
-    _people: list[_Person] = field(default_factory=list)
+    _people: list[_PeakPerson] = field(default_factory=list)
     _last_s: float = math.nan
     _next_id: int = 1
 
@@ -141,7 +140,7 @@ class PeakTracker:
             )
             if peak.top_m >= NEWCOMER_M and not taken:
                 kalman = FloorKalman.at(peak.x_m, peak.y_m, POSITION_STD_M, SPEED_STD_MPS)
-                self._people.append(_Person(self._next_id, kalman, peak.top_m))
+                self._people.append(_PeakPerson(self._next_id, kalman, peak.top_m))
                 self._next_id += 1
         return tuple(p.state() for p in self._people)
 
@@ -158,7 +157,7 @@ FORBIDDEN = 1e3
 """Cost of a pair that cannot be."""
 
 
-def _cost(person: _Person, peak: Peak, dt_s: float) -> float:
+def _cost(person: _PeakPerson, peak: Peak, dt_s: float) -> float:
     """Of a peak as a person's: far away, of another height (worse: taller), or of one who is not confirmed."""
     away_m = math.hypot(person.kalman.x_m - peak.x_m, person.kalman.y_m - peak.y_m)
     if away_m > max(GATE_M, SPEED_MAX_MPS * dt_s) + LOST_SPEED_MPS * min(1.0, person.gone_s):
@@ -167,7 +166,7 @@ def _cost(person: _Person, peak: Peak, dt_s: float) -> float:
     return 2 * away_m + abs(taller_m) + 2 * max(0.0, taller_m - 0.1) + (0.0 if person.is_confirmed else 0.5)
 
 
-def _take(person: _Person, peak: Peak) -> None:
+def _take(person: _PeakPerson, peak: Peak) -> None:
     """A person is where the peak is, at once after a while without one."""
     kalman = person.kalman.moved_to(peak.x_m, peak.y_m) if person.gone_s > LEAVE_S else person.kalman
     person.kalman = kalman.updated(peak.x_m, peak.y_m, POSITION_STD_M)
@@ -175,7 +174,7 @@ def _take(person: _Person, peak: Peak) -> None:
     person.n_peaks, person.gone_s, person.evidence = person.n_peaks + 1, 0.0, person.evidence + FOUND
 
 
-def _stays(person: _Person, maps: PlanViewMaps) -> bool:
+def _stays(person: _PeakPerson, maps: PlanViewMaps) -> bool:
     """Newcomers while the evidence is for them, others for a while, which is shorter outside the view."""
     if not person.is_confirmed:
         return person.evidence > 0

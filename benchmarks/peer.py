@@ -24,28 +24,16 @@ from planview.tracking.kalman import FloorKalman
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import TrajectoryCollector, write_table
 
-HISTORY = 5000
-"""Frames of MOG2's memory. OpenCV's default of 500 takes a person who stands for 4 s for background."""
 FOREGROUND = 255
 """MOG2's mark of foreground; it marks shadows with 127."""
 OPENED = np.ones((3, 3), np.uint8)
 """Foreground narrower than this [px] is noise."""
-OCCUPIED = 0.5
-"""A floor cell belongs to a blob from this visible surface per floor area on [m^2/m^2]."""
-BLOB_M2 = 0.15
-"""Smallest visible surface of a person [m^2]: head and shoulders."""
-TALL_M = 1.0
-"""Lowest top of a person [m]; lower things are chairs and bags."""
-TOP_PERCENT = 98.0
-"""Percentile of the heights of a blob that is the person's height: single points above are noise."""
 GATE_M = 0.7
 """Farthest a person is from the prediction [m]."""
 POSITION_STD_M, ACCELERATION_STD_MPS2, SPEED_STD_MPS = 0.1, 2.0, 1.0
 """Deviations of the Kalman filter: position of a blob, random acceleration, velocity of a newcomer."""
 CONFIRM_FRAMES = 5
 """A newcomer is confirmed after so many consecutive frames."""
-DROP_S = 1.0
-"""A person without a blob for this long is gone [s]."""
 
 
 class Blob(NamedTuple):
@@ -58,24 +46,28 @@ class Blob(NamedTuple):
 
 def blobs(maps: PlanViewMaps) -> list[Blob]:
     """People of one frame: connected cells with enough surface that are tall enough."""
-    n, labels = cv2.connectedComponents((maps.occupancy > OCCUPIED * maps.grid.cell_m**2).astype(np.uint8))
+    # A floor cell belongs to a blob from this visible surface per floor area on [m^2/m^2].
+    n, labels = cv2.connectedComponents((maps.occupancy > 0.5 * maps.grid.cell_m**2).astype(np.uint8))
     xyz, area = maps.points.xyz, maps.points.area
     rows = ((xyz[:, 1] - maps.grid.y_min_m) / maps.grid.cell_m).astype(int).clip(0, maps.grid.n_rows - 1)
     cols = ((xyz[:, 0] - maps.grid.x_min_m) / maps.grid.cell_m).astype(int).clip(0, maps.grid.n_cols - 1)
     label, found = labels[rows, cols], []
     for i in range(1, n):
         mine = label == i
-        if area[mine].sum() < BLOB_M2:
+        # Smallest visible surface of a person [m^2]: head and shoulders.
+        if area[mine].sum() < 0.15:
             continue
         x, y = np.average(xyz[mine, :2], axis=0, weights=area[mine])
-        height = float(np.percentile(xyz[mine, 2], TOP_PERCENT))
-        if height >= TALL_M:
+        # Percentile of the heights of a blob that is the person's height: single points above are noise.
+        height = float(np.percentile(xyz[mine, 2], 98.0))
+        # Lowest top of a person [m]; lower things are chairs and bags.
+        if height >= 1.0:
             found.append(Blob(float(x), float(y), height))
     return found
 
 
 @dataclass
-class _Person:
+class _BlobPerson:
     track_id: int
     kalman: FloorKalman
     height_m: float
@@ -94,7 +86,7 @@ class BlobTracker:
     """Blobs to people: the Hungarian method on distances, one Kalman filter each."""
 
     decisions: tuple[Decision, ...] = ()
-    _people: list[_Person] = field(default_factory=list)
+    _people: list[_BlobPerson] = field(default_factory=list)
     _last_s: float = 0.0
     _next_id: int = 1
 
@@ -113,14 +105,13 @@ class BlobTracker:
             person.height_m += 0.1 * (blob.height_m - person.height_m)
             person.frames, person.since_s = person.frames + 1, now_s
         # Newcomers without a blob are forgotten at once, others after a while.
+        # A person without a blob for this long is gone [s].
         self._people = [
-            p
-            for p in self._people
-            if p.since_s == now_s or (p.frames >= CONFIRM_FRAMES and now_s - p.since_s <= DROP_S)
+            p for p in self._people if p.since_s == now_s or (p.frames >= CONFIRM_FRAMES and now_s - p.since_s <= 1.0)
         ]
         for j in set(range(len(found))) - {j for _, j in pairs}:
             kalman = FloorKalman.at(found[j].x_m, found[j].y_m, POSITION_STD_M, SPEED_STD_MPS)
-            self._people.append(_Person(self._next_id, kalman, found[j].height_m, since_s=now_s))
+            self._people.append(_BlobPerson(self._next_id, kalman, found[j].height_m, since_s=now_s))
             self._next_id += 1
         return tuple(p.state(now_s) for p in self._people)
 
@@ -147,7 +138,8 @@ class PeerLog:
             raise ValueError("expected an engine of a stereo pair")
         self._path, self._step = path, view.reduction
         self._maps = MapBuilder(view.geometry, view.floor.world_SE3_left, engine.config.maps, view.reduction)
-        self._mog2 = cv2.createBackgroundSubtractorMOG2(history=HISTORY, detectShadows=True)
+        # Frames of MOG2's memory. OpenCV's default of 500 takes a person who stands for 4 s for background.
+        self._mog2 = cv2.createBackgroundSubtractorMOG2(history=5000, detectShadows=True)
         self._tracker, self._tracks = BlobTracker(), TrajectoryCollector()
 
     def frame(self, result: FrameResult) -> None:

@@ -19,8 +19,8 @@ from benchmarks.options import JsonFlag, number
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera, save_ground_camera
 from planview.engine.config import Config
-from planview.evaluation.clear import clear_scores
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
+from planview.evaluation.metrics import clear_scores
 from planview.evaluation.result import Evaluation
 from planview.evaluation.sequence import Similarity, box_similarity, build_sequence
 from planview.output.script import run
@@ -34,8 +34,6 @@ GAP_FRAMES = 7
 """A person without a match for longer than this many frames is lost: one second."""
 CAMERA_TILT_DEG, CAMERA_SHARE = 0.5, 0.03
 """How far nearby cameras are off [deg], [1]: what calibrations of one view from different people differ by."""
-FLOOR_GATE_M = 1.0
-"""Gate of the floor protocol; box protocol: IoU 0.5."""
 
 
 @dataclass(frozen=True)
@@ -182,7 +180,8 @@ def _score(tracker: SingleTracker, folder: Path, camera: Path | None, frames: in
     )  # fmt: skip
     n = len(tracked)
     boxes = EvaluationParams.model_validate({"match_on": "boxes", "fps": FPS})
-    floor = EvaluationParams.model_validate({"gate_m": FLOOR_GATE_M, "align": True, "fps": FPS})
+    # Gate of the floor protocol; box protocol: IoU 0.5.
+    floor = EvaluationParams.model_validate({"gate_m": 1.0, "align": True, "fps": FPS})
     span = (0, n - 1)
     return PetsScores(
         tracker,

@@ -18,7 +18,7 @@ from benchmarks.options import JsonFlag, number
 from benchmarks.passes import bench_engine
 from calib.errors import InputError
 from planview.engine.config import load_config
-from planview.engine.factory import base_config
+from planview.engine.open import base_config
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.evaluation.result import Evaluation
 from planview.output.script import run

@@ -28,8 +28,7 @@ from calib.rig import StereoRig
 from calib.types import F64, I64, U8, AnyArray, Bool
 from planview.engine.config import Config, load_config
 from planview.engine.engine import STAGES, FrameResult
-from planview.engine.pipeline import Pipeline
-from planview.engine.setup import set_up
+from planview.engine.stereo import stereo_engine
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
 from planview.synthetic.assets import DEMO, real_recordings
@@ -40,8 +39,6 @@ from stereo.recording import StereoFrame
 Part = Literal["engine", "foreground", "after-disparity", "full-resolution"]
 BLOCK_PX = 5
 """Side of the yardstick's matched block [px]."""
-WIDE_PX = 640
-"""The yardstick searches images up to this width over 64 disparities, wider ones over 128."""
 SETTLED = 100
 """Frames before anything is timed: the background is learned, buffers are warm, kernels compiled."""
 TURN = 4
@@ -50,8 +47,6 @@ PEOPLE = 4
 """People in the frames that count."""
 ENOUGH = 10
 """Fewer frames with so many people are too few: then all frames with people count."""
-OVERHEAD_FRAMES = 200
-"""Of the real overhead pair, after SETTLED: a person walks through the view in the second half."""
 FULL_RESOLUTION = ("rectify.working_px=0", "analysis.width_px=1280")
 LIMITS = {
     "engine_to_yardstick_grey": 0.5,
@@ -85,7 +80,8 @@ class Yardstick:
             cv2.initUndistortRectifyMap(camera.matrix, camera.coefficients, turn, matrix, size, cv2.CV_16SC2)
             for camera, turn, matrix in ((left, r1, p1), (right, r2, p2))
         ]
-        self.disparities = 64 if size[0] <= WIDE_PX else 128
+        # The yardstick searches images up to this width over 64 disparities, wider ones over 128.
+        self.disparities = 64 if size[0] <= 640 else 128
         area = BLOCK_PX * BLOCK_PX * (1 if grey else 3)  # OpenCV's recommendation: 8 and 32 times channels and block
         self._sgbm = cv2.StereoSGBM.create(
             0, self.disparities, BLOCK_PX, 8 * area, 32 * area, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY
@@ -132,7 +128,7 @@ class Clip:
         sized = {"rectify": {"working_px": width_px}, "analysis": {"width_px": min(width_px, 400)}}
         config = load_config(overrides=overrides, base=Config.model_validate(sized))
         self.rig = recording.rig
-        self.engine = Pipeline(recording, set_up(recording, config), config)
+        self.engine = stereo_engine(recording, config)
         self.frames: Sequence[StereoFrame] = frames or list(islice(recording, n_frames))
         if len(self.frames) < 2:
             raise WorkError(f"{path}: expected at least 2 frames, found {len(self.frames)}")
@@ -160,7 +156,7 @@ class Speed:
         self.ratios[name], self.quartiles[name] = median, (low, high)
 
 
-class Turns(NamedTuple):
+class SpeedTurns(NamedTuple):
     """What was timed: frames of the engine, and after every TURN of them one of each rival.
 
     Attributes:
@@ -221,7 +217,7 @@ def measure(
     return speed
 
 
-def _add_engine(turns: Turns, suffix: str, speed: Speed) -> None:
+def _add_engine(turns: SpeedTurns, suffix: str, speed: Speed) -> None:
     """Engine from decoded frames to tracks over the yardstick; on one core also times by stage and by people."""
     chosen = counted(turns.people)
     for name, rival_ms in turns.rivals_ms.items():
@@ -246,7 +242,8 @@ def full_resolution(speed: Speed, progress: Progress) -> None:
         return
     for name, overrides in (("overhead", ()), ("full_resolution", FULL_RESOLUTION)):
         progress(f"real overhead pair: {name.replace('_', ' ')}")
-        clip = Clip(recording, SETTLED + OVERHEAD_FRAMES, overrides=overrides)
+        # Of the real overhead pair, after SETTLED: a person walks through the view in the second half.
+        clip = Clip(recording, SETTLED + 200, overrides=overrides)
         with one_core():
             speed.add(name, take_turns(clip, {"grey": Yardstick(clip.rig, grey=True)}).ratios("grey"))
 
@@ -256,9 +253,10 @@ def foreground_to_mog2(clip: Clip, speed: Speed) -> None:
     engine = clip.engine
     engine.reset()
     mog2 = cv2.createBackgroundSubtractorMOG2()
-    ours = Foreground(ForegroundParams(), engine.maps.shape, engine.stereo.geometry.disparity_std_per_px2)
+    (view,) = engine.views.values()
+    ours = Foreground(ForegroundParams(), view.shape, view.geometry.disparity_std_per_px2)
     times: list[tuple[float, float]] = []
-    step = engine.stereo.reduction
+    step = view.reduction
     for frame in clip.frames:
         result = engine.step(frame)
         if result.observation.image is None or result.disparity is None:
@@ -301,7 +299,7 @@ def after_disparity_to_sgbm(clip: Clip, speed: Speed) -> None:
         speed.ratios["one_more_person"] = round(float(np.polyfit(counts, times, 1)[0] / np.median(after[chosen])), 4)
 
 
-def take_turns(clip: Clip, rivals: Mapping[str, Callable[..., object]]) -> Turns:
+def take_turns(clip: Clip, rivals: Mapping[str, Callable[..., object]]) -> SpeedTurns:
     """The engine over a clip's decoded frames, and after SETTLED of them the rivals on every TURN-th."""
     clip.engine.reset()
     # A clip that short is timed in its second half.
@@ -322,7 +320,7 @@ def take_turns(clip: Clip, rivals: Mapping[str, Callable[..., object]]) -> Turns
     timed = len(clip.frames) - settled
     people, stages, matched = zip(*results[-timed:], strict=True)
     rival_ms = {name: np.array(times) for name, times in theirs.items()}
-    return Turns(np.array(spent[-timed:]), np.array(people), rival_ms, list(stages), np.array(matched))
+    return SpeedTurns(np.array(spent[-timed:]), np.array(people), rival_ms, list(stages), np.array(matched))
 
 
 def counted(people: I64) -> Bool:

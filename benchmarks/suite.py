@@ -18,7 +18,7 @@ from pydantic import ValidationError
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from benchmarks.options import BenchOptions, Flag, RenderOptions, rendered, scene_files
+from benchmarks.options import BenchOptions, Flag, Rendering, rendered, scene_files
 from benchmarks.passes import PEER, Pass, in_processes, provenance, run_pass
 from benchmarks.scores import SceneScore, print_scores, scores_json
 from calib.errors import InputError
@@ -26,7 +26,7 @@ from calib.io import parse_toml, read_text, write_whole
 from calib.params import first_problem
 from planview.engine.config import Config
 from planview.evaluation.evaluate import evaluate_tracks
-from planview.output.refine import refine_run
+from planview.output.finished import refine_run
 from planview.synthetic.assets import SCENES
 from planview.synthetic.camera import mount_pose, rectified_world, stereo_rig
 from planview.synthetic.motion import TURNS
@@ -112,7 +112,7 @@ def suite_recording(path: Path, seed: int, cache: Path) -> tuple[Path, Scene]:
     """The recording of a seed, from the cache when it is whole there; one that was cut off is rendered again."""
     scene = drawn_scene(path, seed)
     for _ in range(2):
-        folder = rendered(scene, f"suite-{path.stem}-{seed}", RenderOptions(cache), lambda _: None)
+        folder = rendered(scene, f"suite-{path.stem}-{seed}", Rendering(cache), lambda _: None)
         if is_whole(folder, scene.n_frames):
             break
         shutil.rmtree(folder, ignore_errors=True)
@@ -178,7 +178,7 @@ def run_job(job: SuiteJob) -> dict[Way, SceneScore]:
 
 
 def refined_tracks(folder: Path) -> Trajectories:
-    """The tracks of a run refined as ``planview refine`` does, in a copy of its folder."""
+    """The tracks of a run refined as ``planview edit --refine`` does, in a copy of its folder."""
     with tempfile.TemporaryDirectory(prefix="planview-refine-") as temporary:
         copy = Path(shutil.copytree(folder, Path(temporary) / "run"))
         refine_run(copy)

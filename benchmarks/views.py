@@ -24,11 +24,8 @@ FULL_BOX = ("full_left_px", "full_top_px", "full_width_px", "full_height_px")
 
 
 def drawn_view(path: Path, seed: int, changes: Mapping[str, Mapping[str, Any]] | None = None) -> RandomView:
-    """The view of a table and a seed, with some values changed (see ``random_view``).
-
-    Raises:
-        InputError: unreadable, or a value out of its range.
-    """
+    """The view of a table and a seed, with some values changed (see ``random_view``). Raises InputError: unreadable, or
+    a value out of its range."""
     try:
         return random_view(parse_toml(read_text(path, "a view in TOML")), seed, path.stem, changes)
     except ValidationError as error:

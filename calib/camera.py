@@ -15,16 +15,6 @@ LensModel = Literal["brown", "rational", "fisheye"]
 
 _COEFFICIENTS: dict[str, tuple[int, ...]] = {"brown": (0, 4, 5), "rational": (8, 12, 14), "fisheye": (0, 4)}
 
-_NEWTON_STEPS = 30
-_NEWTON_PX = 1e-11
-"""Newton stops here; float64 has about 1e-13 px at 1000 px."""
-_MIN_STEP = 1e-4
-"""A step cut to this share of Newton's still did not help: there is nothing to find nearby."""
-_CONVERGED_PX = 1e-6
-"""A pixel whose ray still misses by more has none in this lens model."""
-_MAX_SLOPE = 1e3
-"""Tangent of the widest ray taken from OpenCV, which marks failures with huge numbers."""
-
 
 @dataclass(frozen=True)
 class Camera:
@@ -105,7 +95,8 @@ class Camera:
             return np.empty((0, 3))
         ideal = (uv - [self.cx, self.cy]) / [self.fx, self.fy]
         xy = self._undistorted(uv)
-        failed = ~np.isfinite(xy).all(axis=1) | (np.abs(xy).max(axis=1) > _MAX_SLOPE)
+        # Tangent of the widest ray taken from OpenCV, which marks failures with huge numbers.
+        failed = ~np.isfinite(xy).all(axis=1) | (np.abs(xy).max(axis=1) > 1e3)
         xy[failed] = ideal[failed]
         xy, done = self._newton(uv, xy)
         if not done.all():
@@ -143,11 +134,18 @@ class Camera:
         xy = start.copy()
         error, by_xy = self._miss(xy, uv)
         size, scale = np.linalg.norm(error, axis=1), np.ones(len(uv))
-        for _ in range(_NEWTON_STEPS):
-            i = np.flatnonzero((size > _NEWTON_PX) & (scale > _MIN_STEP))
+        for _ in range(30):
+            # Newton stops here; float64 has about 1e-13 px at 1000 px.
+            # A step cut to this share of Newton's still did not help: there is nothing to find nearby.
+            i = np.flatnonzero((size > 1e-11) & (scale > 1e-4))
             if len(i) == 0:
                 break
-            trial = xy[i] - scale[i, None] * _solve(by_xy[i], error[i])
+            # (N, 2) solutions of N 2x2 systems; zero where a matrix is singular.
+            a, b, c, d = np.moveaxis(by_xy[i].reshape(-1, 4), 1, 0)
+            det = a * d - b * c
+            safe = np.where(np.abs(det) > 1e-12, det, np.inf)
+            x, y = error[i].T
+            trial = xy[i] - scale[i, None] * np.stack([(d * x - b * y) / safe, (a * y - c * x) / safe], axis=-1)
             trial_error, trial_by_xy = self._miss(trial, uv[i])
             trial_size = np.linalg.norm(trial_error, axis=1)
             better = trial_size < size[i]
@@ -159,7 +157,8 @@ class Camera:
                 trial_size[better],
             )
             scale[i] = np.where(better, np.minimum(1.0, 2 * scale[i]), scale[i] / 4)
-        return xy, size < _CONVERGED_PX
+        # A pixel whose ray still misses by more has none in this lens model.
+        return xy, size < 1e-6
 
     def _miss(self, xy: F64, uv: F64) -> tuple[F64, F64]:
         pixels, by_xy = self._project(np.column_stack([xy, np.ones(len(xy))]))
@@ -178,12 +177,3 @@ class Camera:
             self.model,
             self.distortion,
         )
-
-
-def _solve(matrices: F64, vectors: F64) -> F64:
-    """(N, 2) solutions of N 2x2 systems; zero where a matrix is singular."""
-    a, b, c, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
-    det = a * d - b * c
-    safe = np.where(np.abs(det) > 1e-12, det, np.inf)
-    x, y = vectors[:, 0], vectors[:, 1]
-    return np.stack([(d * x - b * y) / safe, (a * y - c * x) / safe], axis=-1)

@@ -186,11 +186,7 @@ def save_ground_camera(camera: GroundCamera, path: Path) -> None:
 
 
 def load_ground_camera(path: Path) -> GroundCamera:
-    """Read ``camera.toml``.
-
-    Raises:
-        InputError: unreadable, keys missing or unknown, or values out of range.
-    """
+    """Read ``camera.toml``. Raises InputError: unreadable, keys missing or unknown, or values out of range."""
     keys = {"width", "height", "focal_px", "height_m", "tilt_deg", "lens", "roll_deg"}
     try:
         data = load_toml(path, "a camera.toml")

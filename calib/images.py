@@ -47,12 +47,8 @@ def encode_image(image: U8, suffix: str = ".jpg", quality: int = 90) -> bytes:
 
 
 def write_image(path: Path, image: U8, quality: int = 90) -> None:
-    """Write an image file; the ending of its name gives the format (see ``encode_image``).
-
-    Raises:
-        InputError: no known image format.
-        OSError: the file cannot be written.
-    """
+    """Write an image file; the ending of its name gives the format (see ``encode_image``). Raises InputError: no known
+    image format. OSError: the file cannot be written."""
     try:
         content = encode_image(image, path.suffix, quality)
     except ValueError as error:
@@ -62,22 +58,18 @@ def write_image(path: Path, image: U8, quality: int = 90) -> None:
 
 FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 """Of the film that "focal length in 35 mm film" refers to (Exif 2.32, tag 41989: the same diagonal angle)."""
-FOCAL_IN_FILM = 0xA405
 EXIF = 0x8769
 
 
 def focal_share(photo: Path | bytes) -> float:
-    """Focal length over the diagonal of the image [1]: times the diagonal in pixels, the focal length in pixels.
-
-    Raises:
-        InputError: no photograph, or one that does not say.
-    """
+    """Focal length over the diagonal of the image [1]: times the diagonal in pixels, the focal length in pixels. Raises
+    InputError: no photograph, or one that does not say."""
     from PIL import Image, UnidentifiedImageError
 
     name = "the photograph" if isinstance(photo, bytes) else str(photo)
     try:
         with Image.open(BytesIO(photo) if isinstance(photo, bytes) else photo) as image:
-            millimetres = float(image.getexif().get_ifd(EXIF).get(FOCAL_IN_FILM, 0))
+            millimetres = float(image.getexif().get_ifd(EXIF).get(0xA405, 0))  # focal length in 35 mm film
     except (OSError, UnidentifiedImageError, ValueError, TypeError, SyntaxError) as error:
         raise InputError(f"{name}: expected a photograph, found {reason(error)}") from error
     if not 5 <= millimetres <= 2000:

@@ -29,6 +29,7 @@ REASONS = {
     errno.ENOTDIR: "a file where a folder is expected",
     errno.EISDIR: "a folder",
     errno.ENOSPC: "no space left on the disk",
+    errno.EFBIG: "no room for a file of this size",
     errno.EDQUOT: "no space left in the quota",
     errno.EROFS: "a file system that is read-only",
     errno.ENAMETOOLONG: "a name that is too long",
@@ -48,11 +49,8 @@ def reason(error: Exception) -> str:
 
 
 def require_file(path: Path, what: str) -> int:
-    """Size of a regular file [bytes]; reading a pipe or a device could wait or go on for ever.
-
-    Raises:
-        InputError: nothing there, or no regular file.
-    """
+    """Size of a regular file [bytes]; reading a pipe or a device could wait or go on for ever. Raises InputError:
+    nothing there, or no regular file."""
     try:
         status = path.stat()
     except (OSError, ValueError) as error:
@@ -81,11 +79,8 @@ def read_text(path: Path, what: str, max_bytes: int = MAX_BYTES) -> str:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """The tables of a TOML text.
-
-    Raises:
-        ValueError: not TOML, longer than MAX_TOML, or keys or lists nested deeper than MAX_DEPTH.
-    """
+    """The tables of a TOML text. Raises ValueError: not TOML, longer than MAX_TOML, or keys or lists nested deeper than
+    MAX_DEPTH."""
     if len(text) > MAX_TOML:
         raise ValueError(f"expected TOML of up to {MAX_TOML} characters, found {len(text)}")
     if max(part.count(".") for part in _PARTS.split(text)) > MAX_DEPTH or _depth(text) > MAX_DEPTH:
@@ -97,11 +92,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def load_toml(path: Path, what: str) -> dict[str, Any]:
-    """The tables of a TOML file.
-
-    Raises:
-        InputError: as ``read_text``, or not TOML.
-    """
+    """The tables of a TOML file. Raises InputError: as ``read_text``, or not TOML."""
     try:
         return parse_toml(read_text(path, what))
     except ValueError as error:
@@ -146,7 +137,9 @@ def whole_file(path: Path) -> Iterator[Path]:
         with suppress(OSError):
             part.unlink(missing_ok=True)
         raise
-    sync_folder(target.parent)
+    # Bring a folder's names to the disk, where the system can.
+    with suppress(OSError):
+        sync(target.parent)
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
@@ -164,10 +157,10 @@ def sync(path: Path) -> None:
         os.close(descriptor)
 
 
-def sync_folder(folder: Path) -> None:
-    """Bring a folder's names to the disk, where the system can."""
-    with suppress(OSError):
-        sync(folder)
+def quoted(text: str) -> str:
+    """A TOML string."""
+    escaped = "".join(c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in text)
+    return f'"{escaped}"'
 
 
 UNITS_M: dict[str, float] = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "ft": 0.3048}
@@ -197,11 +190,7 @@ def parse_length(text: str, what: str = "length") -> float:
 
 
 def parse_size(text: str, what: str = "size") -> tuple[int, int]:
-    """Width and height from text such as 1280x720.
-
-    Raises:
-        InputError: other text.
-    """
+    """Width and height from text such as 1280x720. Raises InputError: other text."""
     match = re.fullmatch(r"\s*(\d{1,5})\s*[xX×]\s*(\d{1,5})\s*", text)
     if match is None or int(match[1]) < 1 or int(match[2]) < 1:
         raise InputError(f"{what}: expected WIDTHxHEIGHT, e.g. 1280x720, found {text!r}")

@@ -9,7 +9,6 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 LARGEST = {"_m": 1e4, "_m2": 1e4, "_s": 1e6, "_px": 1e6, "_deg": 3600.0, "_mps": 100.0, "_mps2": 1e4}
 """Largest magnitude by the unit in a parameter's name: beyond the reach of any camera, a recording of ten days, an
 image, a person; turns add up to some rounds. What a field says of its own range comes first."""
-LARGEST_PLAIN = 1e12
 SMALLEST = 1e-9
 """Smallest magnitude of a number that is not 0: less is lost in float32 beside anything it is added to (our choice)."""
 
@@ -27,7 +26,7 @@ class Params(BaseModel):
         """Refuse numbers beyond what their unit can mean, where a field has no narrower range of its own."""
         for name, value in self:
             if isinstance(value, float) and value:
-                largest = next((most for unit, most in LARGEST.items() if name.endswith(unit)), LARGEST_PLAIN)
+                largest = next((most for unit, most in LARGEST.items() if name.endswith(unit)), 1e12)
                 if not SMALLEST <= abs(value) <= largest:
                     raise ValueError(f"expected {name} of 0 or from {SMALLEST:g} to {largest:g}, found {value:g}")
         return self

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import overload
+from typing import Any, overload
 
 import cv2
 import numpy as np
@@ -57,6 +58,15 @@ class SE3:
         """From a (3,) rotation vector [rad] and a translation [m]."""
         rotation, _ = cv2.Rodrigues(np.asarray(rotvec, dtype=np.float64).reshape(3, 1))
         return SE3(np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64))
+
+    @staticmethod
+    def from_table(table: Mapping[str, Any]) -> SE3:
+        """From the keys ``rotation`` and ``translation_m`` of a file."""
+        return SE3(*(np.array(table[key], dtype=np.float64) for key in ("rotation", "translation_m")))
+
+    def toml(self) -> list[str]:
+        """Lines of a file that ``from_table`` reads; floats keep all their digits."""
+        return [f"rotation = {self.rotation.tolist()!r}", f"translation_m = {self.translation.tolist()!r}"]
 
     @property
     def rotvec(self) -> F64:

@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.camera import Camera, LensModel
 from calib.errors import InputError
-from calib.io import parse_toml, write_whole
+from calib.io import parse_toml, quoted, write_whole
 from calib.pose import SE3
 from calib.types import F64
 
@@ -97,11 +97,8 @@ class StereoRig:
         return StereoRig(self.right, self.left, self.right_SE3_left.inverse(), self.source)
 
     def check(self, source: str) -> StereoRig:
-        """Return self, or refuse a geometry that cannot be a stereo rig.
-
-        Raises:
-            InputError: baseline out of range (wrong units), or a right camera that lies to the left.
-        """
+        """Return self, or refuse a geometry that cannot be a stereo rig. Raises InputError: baseline out of range
+        (wrong units), or a right camera that lies to the left."""
         if not MIN_BASELINE_M <= self.baseline_m <= MAX_BASELINE_M:
             raise InputError(
                 f"{source}: expected a baseline of {MIN_BASELINE_M}-{MAX_BASELINE_M:g} m, "
@@ -133,7 +130,7 @@ def save_rig(rig: StereoRig, path: Path) -> None:
     """Write ``rig.toml``; floats keep all their digits."""
     lines = [
         "# planview stereo rig: p_right = rotation @ p_left + translation_m",
-        f"source = {_quoted(rig.source)}",
+        f"source = {quoted(rig.source)}",
         "",
     ]
     for name, camera in (("left", rig.left), ("right", rig.right)):
@@ -146,33 +143,16 @@ def save_rig(rig: StereoRig, path: Path) -> None:
             f"distortion = {[float(k) for k in camera.distortion]!r}",
             "",
         ]
-    lines += [
-        "[right_SE3_left]",
-        f"rotation = {rig.right_SE3_left.rotation.tolist()!r}",
-        f"translation_m = {rig.right_SE3_left.translation.tolist()!r}",
-        "",
-    ]
-    write_whole(path, "\n".join(lines))
+    write_whole(path, "\n".join([*lines, "[right_SE3_left]", *rig.right_SE3_left.toml(), ""]))
 
 
 def parse_rig(text: str, source: str) -> StereoRig:
-    """A rig from the text of ``rig.toml``.
-
-    Raises:
-        ValueError: not TOML, keys missing, or values that cannot be a rig.
-    """
+    """A rig from the text of ``rig.toml``. Raises ValueError: not TOML, keys missing, or values that cannot be a
+    rig."""
     try:
         data = parse_toml(text)
-        pose = data["right_SE3_left"]
-        return StereoRig(
-            _camera(data["left"]),
-            _camera(data["right"]),
-            SE3(
-                np.array(pose["rotation"], dtype=np.float64),
-                np.array(pose["translation_m"], dtype=np.float64),
-            ),
-            str(data.get("source", source)),
-        )
+        pose = SE3.from_table(data["right_SE3_left"])
+        return StereoRig(_camera(data["left"]), _camera(data["right"]), pose, str(data.get("source", source)))
     except KeyError as error:
         raise ValueError(f"no key {error}") from error
     # tomllib recurses into nested arrays; a table where a number belongs gives TypeError or AttributeError.
@@ -187,11 +167,6 @@ def _camera(table: dict[str, Any]) -> Camera:
     fx, fy, cx, cy = (float(table[key]) for key in ("fx", "fy", "cx", "cy"))
     distortion = tuple(float(k) for k in table.get("distortion", ()))
     return Camera(int(table["width"]), int(table["height"]), fx, fy, cx, cy, cast(LensModel, model), distortion)
-
-
-def _quoted(text: str) -> str:
-    escaped = "".join(c if c.isprintable() and c not in '"\\' else f"\\u{ord(c):04x}" for c in text if ord(c) < 0x10000)
-    return f'"{escaped}"'
 
 
 @dataclass(frozen=True)

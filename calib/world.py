@@ -11,12 +11,30 @@ from typing import Any
 import numpy as np
 
 from calib.errors import InputError
-from calib.io import load_toml, parse_toml, reason, write_whole
+from calib.io import load_toml, quoted, write_whole
 from calib.pose import SE3
 from calib.rig import Floor
 
-MAX_HEIGHT_M = 100.0
-"""A camera higher than this above the floor means wrong units."""
+MIN_HEIGHT_M, MAX_HEIGHT_M = 0.01, 100.0
+"""A camera lower or higher than this above the floor means wrong units."""
+MAX_AWAY_M = 1e4
+"""Farther from the origin, float32 keeps less than a millimetre."""
+
+
+def refuse_strange_pose(pose: SE3) -> None:
+    """A camera that is not above a floor, or that lies farther from its origin than positions can be told.
+
+    Raises:
+        ValueError: what was expected and found.
+    """
+    x, y, height_m = (float(v) for v in pose.translation)
+    if not MIN_HEIGHT_M <= height_m <= MAX_HEIGHT_M:
+        raise ValueError(
+            f"expected a camera {MIN_HEIGHT_M:g}-{MAX_HEIGHT_M:g} m above the floor, found {height_m:g} m "
+            "(wrong units?)"
+        )
+    if max(abs(x), abs(y)) > MAX_AWAY_M:
+        raise ValueError(f"expected a camera within {MAX_AWAY_M:g} m of the origin, found it at ({x:g}, {y:g}) m")
 
 
 def save_world(floor: Floor, path: Path) -> None:
@@ -27,8 +45,7 @@ def save_world(floor: Floor, path: Path) -> None:
         f"# camera {floor.height_m:.3f} m above the floor, tilt {math.degrees(floor.tilt_rad):.2f} degrees from"
         f" straight down, roll {math.degrees(floor.roll_rad):.2f} degrees",
         "[world_SE3_left]",
-        f"rotation = {floor.world_SE3_left.rotation.tolist()!r}",
-        f"translation_m = {floor.world_SE3_left.translation.tolist()!r}",
+        *floor.world_SE3_left.toml(),
         "",
         "[floor]",
     ]
@@ -45,23 +62,19 @@ def save_world(floor: Floor, path: Path) -> None:
 
 
 def load_world(path: Path) -> Floor:
-    """Read ``world.toml``: a table ``world_SE3_left`` with ``rotation`` and ``translation_m``, or a 4x4 matrix.
-
-    Raises:
-        InputError: unreadable, keys missing, or values that cannot be a camera above a floor.
-    """
+    """Read ``world.toml``: a table ``world_SE3_left`` with ``rotation`` and ``translation_m``, or a 4x4 matrix. Raises
+    InputError: unreadable, keys missing, or values that cannot be a camera above a floor."""
     try:
         data = load_toml(path, "a world.toml")
-        pose = _pose(data["world_SE3_left"])
-        floor = _floor(pose, data.get("floor", {}))
+        floor = _floor(_pose(data["world_SE3_left"]), data.get("floor", {}))
     except KeyError as error:
         raise InputError(f"{path}: expected a world.toml with the key {error}, found none") from error
     except (ValueError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(f"{path}: expected a world.toml, found {error}") from error
-    if not 0.0 < floor.height_m <= MAX_HEIGHT_M:
-        raise InputError(
-            f"{path}: expected a camera 0-{MAX_HEIGHT_M:g} m above the floor, found {floor.height_m:g} m (wrong units?)"
-        )
+    try:
+        refuse_strange_pose(floor.world_SE3_left)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from error
     return floor
 
 
@@ -88,14 +101,14 @@ def _floor(pose: SE3, table: dict[str, Any]) -> Floor:
 
 def _four(values: Any) -> tuple[float, float, float, float]:
     x_min, y_min, x_max, y_max = (float(v) for v in values)
+    if not (-math.inf < x_min < x_max < math.inf and -math.inf < y_min < y_max < math.inf):
+        raise ValueError(f"an extent_m of {values!r:.80}")
     return x_min, y_min, x_max, y_max
 
 
 RIGS_FILE = "rigs.toml"
 MAX_HEADS = 32
 """More heads than this in one world are a mistake (our choice)."""
-MAX_BYTES = 1_000_000
-"""A larger file is no list of heads."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,31 +138,23 @@ def save_rigs(entries: Sequence[RigEntry], path: Path, comment: str = "") -> Non
         lines += [
             "",
             "[[head]]",
-            f"folder = {_quoted(entry.folder)}",
+            f"folder = {quoted(entry.folder)}",
             f"start_s = {entry.start_s!r}",
             "[head.world_SE3_left]",
-            f"rotation = {entry.world_SE3_left.rotation.tolist()!r}",
-            f"translation_m = {entry.world_SE3_left.translation.tolist()!r}",
+            *entry.world_SE3_left.toml(),
         ]
     write_whole(path, "\n".join(lines) + "\n")
 
 
 def load_rigs(path: Path) -> tuple[RigEntry, ...]:
-    """Read ``rigs.toml``.
-
-    Raises:
-        InputError: unreadable, keys missing, or heads that cannot be: none, two of one folder, a folder outside of the
-            file's own, a pose below the floor.
-    """
+    """Read ``rigs.toml``. Raises InputError: unreadable, keys missing, or heads that cannot be: none, two of one
+    folder, a folder outside of the file's own, a pose below the floor."""
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: expected a list of heads, found {path.stat().st_size} bytes")
-        data = parse_toml(path.read_text(encoding="utf-8"))
-        entries = tuple(_entry(table) for table in data["head"])
+        entries = tuple(_entry(table) for table in load_toml(path, "a rigs.toml")["head"])
     except KeyError as error:
         raise InputError(f"{path}: expected a rigs.toml with the key {error}, found none") from error
-    except (OSError, UnicodeDecodeError, ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(f"{path}: expected a rigs.toml, found {reason(error)}") from error
+    except (ValueError, TypeError, AttributeError, OverflowError) as error:
+        raise InputError(f"{path}: expected a rigs.toml, found {error}") from error
     if not 1 <= len(entries) <= MAX_HEADS:
         raise InputError(f"{path}: expected 1 to {MAX_HEADS} heads, found {len(entries)}")
     inside = path.parent.resolve()
@@ -159,21 +164,15 @@ def load_rigs(path: Path) -> tuple[RigEntry, ...]:
     for entry, folder in zip(entries, folders, strict=True):
         if not folder.is_relative_to(inside):
             raise InputError(f"{path}: expected heads inside {path.parent}, found {entry.folder!r}")
-        height_m = float(entry.world_SE3_left.translation[2])
-        if not 0.0 < height_m <= 100.0:
-            raise InputError(f"{path}: {entry.folder}: expected a camera 0-100 m above the floor, found {height_m:g} m")
+        try:
+            refuse_strange_pose(entry.world_SE3_left)
+        except ValueError as error:
+            raise InputError(f"{path}: {entry.folder}: {error}") from error
     return entries
 
 
 def _entry(table: dict[str, Any]) -> RigEntry:
-    pose = table["world_SE3_left"]
     start_s = float(table.get("start_s", 0.0))
     if not math.isfinite(start_s):
         raise ValueError(f"start_s = {start_s}")
-    rotation, translation = (np.array(pose[key], dtype=np.float64) for key in ("rotation", "translation_m"))
-    return RigEntry(str(table["folder"]), SE3(rotation, translation), start_s)
-
-
-def _quoted(text: str) -> str:
-    escaped = "".join(c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in text)
-    return f'"{escaped}"'
+    return RigEntry(str(table["folder"]), SE3.from_table(table["world_SE3_left"]), start_s)

@@ -22,7 +22,7 @@ def main(
     print("cell_m,mota,position_error_m")
     for cell_m in cells_m:
         config = planview.load_config(overrides=[f"maps.cell_m={cell_m}"])
-        tracks = planview.run(planview.Pipeline(opened, setup, config), frames=frames)
+        tracks = planview.run(planview.stereo_engine(opened, config, setup=setup), frames=frames)
         last = int(tracks.frame.max()) if len(tracks) else 0
         scores = planview.evaluate(tracks, recording, frames=(0, last)).to_json()
         print(f"{cell_m},{scores['mota']:.3f},{scores['position_error_mean_m'] or float('nan'):.3f}")

@@ -3,7 +3,7 @@
 ```python
 import planview
 
-for result in planview.Pipeline.from_recording("data/synthetic/demo"):
+for result in planview.open_engine("data/synthetic/demo"):
     for person in result.tracks:
         print(result.timestamp_s, person.track_id, person.x_m, person.y_m)
 
@@ -23,18 +23,17 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from planview.engine.config import Config, load_config
     from planview.engine.engine import Engine, FrameResult
-    from planview.engine.factory import open_engine
-    from planview.engine.pipeline import Pipeline
+    from planview.engine.one_camera import one_camera_engine
+    from planview.engine.open import open_engine
     from planview.engine.setup import set_up
-    from planview.engine.single_camera_pipeline import SingleCameraPipeline
-    from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
-    from planview.evaluation.files import evaluate
+    from planview.engine.stereo import stereo_engine
+    from planview.evaluation.evaluate import EvaluationParams, evaluate, evaluate_tracks
     from planview.evaluation.result import Evaluation
     from planview.foreground.mixture import Foreground
     from planview.maps.builder import MapBuilder
     from planview.output.script import run
     from planview.tracking.base import Decision, Observation, Tracker, TrackerDebug
-    from planview.tracking.ellipse_particle.make import floor_ellipse_tracker, image_ellipse_tracker
+    from planview.tracking.ellipse_particle.tracker import EllipseParticleTracker
     from planview.tracking.harville import HarvilleTracker
     from planview.tracking.human_model.tracker import HumanModelTracker
     from planview.tracking.template import TemplateTracker
@@ -45,20 +44,19 @@ if TYPE_CHECKING:
     from stereo.rectify import Rectifier
 
 _HOMES = {
-    "planview.evaluation.evaluate": ("EvaluationParams", "evaluate_tracks"),
-    "planview.evaluation.files": ("evaluate",),
+    "planview.evaluation.evaluate": ("EvaluationParams", "evaluate", "evaluate_tracks"),
     "planview.evaluation.result": ("Evaluation",),
     "planview.foreground.mixture": ("Foreground",),
     "planview.maps.builder": ("MapBuilder",),
     "planview.engine.config": ("Config", "load_config"),
     "planview.engine.engine": ("Engine", "FrameResult"),
-    "planview.engine.factory": ("open_engine",),
-    "planview.engine.pipeline": ("Pipeline",),
-    "planview.engine.single_camera_pipeline": ("SingleCameraPipeline",),
+    "planview.engine.one_camera": ("one_camera_engine",),
+    "planview.engine.open": ("open_engine",),
     "planview.engine.setup": ("set_up",),
+    "planview.engine.stereo": ("stereo_engine",),
     "planview.output.script": ("run",),
     "planview.tracking.base": ("Decision", "Observation", "Tracker", "TrackerDebug"),
-    "planview.tracking.ellipse_particle.make": ("floor_ellipse_tracker", "image_ellipse_tracker"),
+    "planview.tracking.ellipse_particle.tracker": ("EllipseParticleTracker",),
     "planview.tracking.human_model.tracker": ("HumanModelTracker",),
     "planview.tracking.harville": ("HarvilleTracker",),
     "planview.tracking.template": ("TemplateTracker",),
@@ -73,6 +71,7 @@ _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names
 __all__ = [
     "Config",
     "Decision",
+    "EllipseParticleTracker",
     "Engine",
     "Evaluation",
     "EvaluationParams",
@@ -84,10 +83,8 @@ __all__ = [
     "Matcher",
     "Observation",
     "OpenOptions",
-    "Pipeline",
     "Rectifier",
     "SgbmMatcher",
-    "SingleCameraPipeline",
     "TemplateTracker",
     "TrackState",
     "Tracker",
@@ -96,9 +93,8 @@ __all__ = [
     "TrajectoryCollector",
     "evaluate",
     "evaluate_tracks",
-    "floor_ellipse_tracker",
-    "image_ellipse_tracker",
     "load_config",
+    "one_camera_engine",
     "open_engine",
     "open_recording",
     "open_video",
@@ -106,6 +102,7 @@ __all__ = [
     "read_truth",
     "run",
     "set_up",
+    "stereo_engine",
 ]
 
 

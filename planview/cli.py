@@ -2,39 +2,53 @@
 
 from __future__ import annotations
 
+import io
 import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from typing import Literal
+from contextlib import suppress
+from typing import Literal, TextIO
 
-from cyclopts import App
+from cyclopts import App, Group
 
 COMMANDS = {
-    "demo": "Run the clip that comes with the package and print its metrics.",
-    "run": "Track people in a recording.",
-    "refine": "Improve the tracks of a finished run, knowing the whole recording.",
-    "edit": "Join, split, delete and rename tracks, and take edits back.",
-    "evaluate": "Score tracks against truth.",
-    "inspect": "Say what a recording holds and what it lacks.",
-    "doctor": "Check a recording and its calibration before trusting results.",
-    "synth": "Render a recording with exact truth from a TOML scene.",
-    "count": "Count line crossings and zone occupancy in tracks.",
-    "export": "Write tracks in the format of another program.",
-    "sweep": "Run several settings or recordings and compare them.",
-    "report": "Write the page of a run, or one page that compares several.",
-    "render": "Draw a run as a video or a picture.",
-    "debug": "Track a run again up to a frame with a parameter changed, and compare.",
-    "view": "Open a run in the rerun viewer.",
+    "Start here": {
+        "demo": ("run", "Run the clip that comes with the package and print its metrics."),
+        "check": ("recordings", "Say what a recording holds, and whether it and its calibration are to be trusted."),
+        "run": ("run", "Track people in a recording."),
+    },
+    "Results": {
+        "report": ("results", "Write the page of a run, or one page that compares several."),
+        "view": ("results", "Open a run in the rerun viewer."),
+        "render": ("results", "Draw a run as a video or a picture."),
+        "replay": ("run", "Track a run again up to a frame with a parameter changed, and compare."),
+        "edit": ("tracks", "Join, split, delete, rename and refine tracks, and take edits back."),
+        "count": ("scores", "Count line crossings and zone occupancy in tracks."),
+        "evaluate": ("scores", "Score tracks against truth."),
+        "export": ("tracks", "Write tracks in the format of another program."),
+    },
+    "Tools": {
+        "synth": ("synth", "Render a recording with exact truth from a TOML scene."),
+        "sweep": ("sweep", "Run several settings or recordings and compare them."),
+    },
 }
+"""By group of the help: the module of ``planview.commands`` that holds a command, and what the listing says of it."""
 CALIBRATE = {
-    "align": "Find where stereo heads are beside each other from people who walk.",
-    "board": "Calibrate a stereo rig from chessboard or ChArUco images.",
-    "convert": "Convert a calibration from one format to another.",
-    "floor": "Find the floor in a stereo recording.",
-    "human": "Calibrate one camera from standing people.",
-    "ui": "Calibrate in the browser.",
+    "align": ("calibrate", "Find where stereo heads are beside each other from people who walk."),
+    "board": ("calibrate", "Calibrate a stereo rig from chessboard or ChArUco images."),
+    "convert": ("calibrate", "Convert a calibration from one format to another."),
+    "floor": ("calibrate_pose", "Find the floor in a stereo recording."),
+    "human": ("calibrate_pose", "Calibrate one camera from standing people."),
+    "ui": ("calibrate", "Calibrate in the browser."),
 }
+FORMER = {
+    "inspect": "planview check --quick",
+    "doctor": "planview check",
+    "debug": "planview replay",
+    "refine": "planview edit --refine",
+}
+"""Names that commands had, and what they are called now."""
 
 
 def make_app(words: Sequence[str] = ()) -> App:
@@ -47,11 +61,16 @@ def make_app(words: Sequence[str] = ()) -> App:
         default_parameter=None,
         suppress_keyboard_interrupt=False,
     )
-    for name, text in COMMANDS.items():
-        _register(app, f"planview.commands.{name}:{name}", name, text, words)
-    calibrate = App(name="calibrate", help="Obtain, check and convert calibrations.")
-    app.command(register_group(calibrate, "calibrate", "planview.commands", CALIBRATE, words))
-    app.command(completion)
+    groups = {name: Group(name, sort_key=place) for place, name in enumerate([*COMMANDS, "Calibration"])}
+    groups |= {"Tools": Group("Tools", sort_key=len(groups))}
+    for group, commands in COMMANDS.items():
+        for name, (module, text) in commands.items():
+            _register(app, f"planview.commands.{module}:{name}", name, text, words, groups[group])
+    calibrate = App(name="calibrate", help="Obtain, check and convert calibrations.", group=groups["Calibration"])
+    for name, (module, text) in CALIBRATE.items():
+        _register(calibrate, f"planview.commands.{module}:calibrate_{name}", name, text, words)
+    app.command(calibrate)
+    app.command(completion, group=groups["Tools"])
     return app
 
 
@@ -68,19 +87,12 @@ def completion(shell: Literal["bash", "zsh", "fish"]) -> None:
     print(make_app().generate_completion(prog_name="planview", shell=shell))
 
 
-def _register(app: App, target: str, name: str, text: str, words: Sequence[str]) -> None:
+def _register(app: App, target: str, name: str, text: str, words: Sequence[str], group: Group | None = None) -> None:
     # With a help text the module is not imported for a listing, but its docstring (with the example) is not shown.
     if name in words:
-        app.command(target, name=name)
+        app.command(target, name=name, group=group)
     else:
-        app.command(target, name=name, help=text)
-
-
-def register_group(app: App, group: str, package: str, commands: dict[str, str], words: Sequence[str]) -> App:
-    """Add commands that stand in ``<package>.<group>_<name>``; those among the words show their whole docstring."""
-    for name, text in commands.items():
-        _register(app, f"{package}.{group}_{name}:{group}_{name}", name, text, words)
-    return app
+        app.command(target, name=name, group=group, help=text)
 
 
 def _version() -> str:
@@ -95,9 +107,13 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
     from calib.io import reason
 
     words = sys.argv[1:] if argv is None else argv
+    if argv is None:
+        sys.stderr = UnheardOutput(sys.stderr)
     _stop_on_signals()
     try:
         _refuse_empty(words)
+        if make is None:
+            _refuse_former(words)
         (make or make_app)(words)(words, exit_on_error=False, print_error=False)
     except InputError as error:
         _fail(str(error), 2)
@@ -111,9 +127,68 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
     except Exception as error:
         from cyclopts import CycloptsError
 
-        if not isinstance(error, CycloptsError):
-            raise
-        _fail(" ".join(str(error).split()), 2)
+        if isinstance(error, CycloptsError):
+            _fail(" ".join(str(error).split()), 2)
+        what = " ".join(str(error).split())
+        _fail(f"unexpected {type(error).__name__}: {what} (how it came about is in {_traceback_file(error)})", 1)
+
+
+class UnheardOutput(io.TextIOBase):
+    """Messages to where they may not arrive, a full disk or a pipe that nobody reads: the work goes on without them."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        with suppress(OSError):
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with suppress(OSError):
+            self._stream.flush()
+
+    def fileno(self) -> int:
+        return self._stream.fileno()
+
+    def isatty(self) -> bool:
+        return self._stream.isatty()
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        return self._stream.encoding
+
+
+def _traceback_file(error: Exception) -> str:
+    """Where the traceback of an error that no command expects was written, for those who mend it."""
+    import tempfile
+    from traceback import format_exception
+
+    with tempfile.NamedTemporaryFile("w", prefix="planview-", suffix=".log", delete=False, encoding="utf-8") as file:
+        file.writelines(format_exception(error))
+    return file.name
+
+
+FORMER_OPTIONS = {
+    "--pace": "--set run.real_time=true",
+    "--checkpoint-every": "--set run.checkpoint_every_s=SECONDS",
+    "--rrd-every": "--set run.rrd_every=N",
+    "--person-height": "--set ellipse_particle.size.person_height_px=PIXELS",
+    "--fresh": "no option, since nothing is kept between runs",
+}
+"""Options that ``planview run`` had, and what takes their place."""
+
+
+def _refuse_former(words: Sequence[str]) -> None:
+    """A command or option that has another name now is answered with that name."""
+    from calib.errors import InputError
+
+    command = words[0] if words else ""
+    if command in FORMER:
+        raise InputError(f"{command}: expected its new name, {FORMER[command]}")
+    for word in words[1:] if command == "run" else ():
+        if (option := word.partition("=")[0]) in FORMER_OPTIONS:
+            raise InputError(f"{option}: expected {FORMER_OPTIONS[option]} in its place")
 
 
 def _stop_on_signals() -> None:

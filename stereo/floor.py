@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
-from typing import Protocol, TypeVar
 
 import cv2
 import numpy as np
@@ -18,11 +16,11 @@ from calib.rig import Floor
 from calib.types import F32, F64
 from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project
 from stereo.matcher import RangeParams, SgbmParams, TwoWayMatcher, disparity_range
-from stereo.recording import StereoFrame
+from stereo.recording import Frame, Recorded, StereoFrame
 from stereo.rectify import RectifiedPair, Rectifier, RectifyParams
 
 SETUP_FRAMES = 24
-"""Frames, spread over a recording, in which floor and row offset are measured (our choice)."""
+"""Frames, spread over a recording, in which floor and rig are measured (our choice)."""
 STEP_PX = 3
 """The floor is fitted to every n-th row and column."""
 MIN_WATCHED, NEARER = 5, 1.15
@@ -35,24 +33,9 @@ MIN_VALID = 0.03
 
 _BLIND_PAIR = (
     "left and right are swapped, the calibration belongs to another rig, or the images show no texture "
-    "(planview doctor tells)"
+    "(planview check tells)"
 )
 BLIND_SENSOR = "the depth has another scale than the calibration says, or everything is out of the sensor's range"
-
-AnyFrame = TypeVar("AnyFrame")
-
-
-class Sampled(Protocol[AnyFrame]):
-    """What recordings of pairs and of images with depth have in common here (see ``stereo.recording``)."""
-
-    @property
-    def path(self) -> Path: ...
-
-    @property
-    def n_frames(self) -> int: ...
-
-    def sample(self, count: int) -> list[AnyFrame]:
-        """Up to ``count`` usable frames spread over the recording."""
 
 
 class FloorSearch(Params):
@@ -70,7 +53,7 @@ class FloorEstimator:
     """The floor in rectified pairs of one rig (see ``calib.floor.find.find_floor``).
 
     Attributes:
-        rectifier: of the rig, the row offset taken out.
+        rectifier: of the rig as the recording corrects it.
         disparities: range searched, from infinity to ``range.nearest_m``.
     """
 
@@ -118,7 +101,9 @@ def floor_in(depths: Iterable[F32], geometry: RectifiedGeometry, params: FloorPa
     """
     grids = [back_project(d, geometry)[::STEP_PX, ::STEP_PX] for d in depths]
     clouds = [grid.reshape(-1, 3) for grid in grids]
-    _refuse_blind(clouds, blind)
+    valid = float(np.median([np.isfinite(cloud[:, 2]).mean() for cloud in clouds])) if clouds else 0.0
+    if valid < MIN_VALID:
+        raise WorkError(f"expected depth in at least {MIN_VALID:.0%} of the pixels, found {valid:.1%}: {blind}")
     sigma_z = None
     if geometry.depth_std_min_m > 0.0:
         share = params.disparity_std_px / geometry.disparity_std_px  # what medians leave of a frame's noise
@@ -141,7 +126,7 @@ def _moved(grids: list[F32]) -> F64 | None:
     return np.concatenate([grid[patch] for grid, patch in zip(grids, patches, strict=True)]).astype(np.float64)
 
 
-def setup_frames(recording: Sampled[AnyFrame], count: int = SETUP_FRAMES) -> list[AnyFrame]:
+def setup_frames(recording: Recorded[Frame], count: int = SETUP_FRAMES) -> list[Frame]:
     """Usable frames spread over a recording.
 
     Raises:
@@ -151,9 +136,3 @@ def setup_frames(recording: Sampled[AnyFrame], count: int = SETUP_FRAMES) -> lis
     if not frames:
         raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used")
     return frames
-
-
-def _refuse_blind(clouds: list[F32], why: str) -> None:
-    valid = float(np.median([np.isfinite(cloud[:, 2]).mean() for cloud in clouds])) if clouds else 0.0
-    if valid < MIN_VALID:
-        raise WorkError(f"expected depth in at least {MIN_VALID:.0%} of the pixels, found {valid:.1%}: {why}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from threading import local
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import cv2
 import numpy as np
@@ -16,7 +16,7 @@ from calib.rig import Floor
 from calib.types import F32, U8
 from stereo._kernels import disparity_from_fixed
 from stereo.depth import RectifiedGeometry
-from stereo.gating import MatchingWork, Window
+from stereo.gating import Window
 
 STEP = 16
 """SGBM counts disparities in multiples of 16, and returns sixteenths of a pixel."""
@@ -54,31 +54,26 @@ class Matcher(Protocol):
         """
 
 
-class WindowMatcher(Protocol):
-    """Matches windows of a rectified pair; several threads may do so at once.
+class SampledDisparity(NamedTuple):
+    """Disparity of every n-th row and column of an image.
 
     Attributes:
-        step: every n-th row and column is matched.
-        work: what it costs.
+        samples: (h, w) float32 [px of the image], NaN invalid.
+        step: n.
+        shape: (H, W) of the image; not asked for when every pixel is a sample.
     """
 
-    @property
-    def step(self) -> int: ...
+    samples: F32
+    step: int = 1
+    shape: tuple[int, int] = (0, 0)
 
     @property
-    def work(self) -> MatchingWork: ...
-
-    def part(self, left_grey: U8, right_grey: U8, window: Window, disparities: DisparityRange) -> F32:
-        """Match a window of a rectified pair.
-
-        Args:
-            left_grey: (h, w) uint8 of the window, whose corner is a sample.
-            right_grey: (h, w') uint8 of the window and of what ``right_of`` adds to it.
-            disparities: range to search.
-        Returns:
-            (h / step, w / step), rounded up, float32 disparity [px]; NaN where there is none; less sure near the edges
-            of the window, which end the paths.
-        """
+    def image(self) -> F32:
+        """(H, W) float32 [px]: that of the nearest sample to the left and above."""
+        if self.step == 1:
+            return self.samples
+        height, width = self.shape
+        return np.repeat(np.repeat(self.samples, self.step, axis=0), self.step, axis=1)[:height, :width]
 
 
 class RangeParams(Params):
@@ -202,21 +197,15 @@ def make_sgbm(geometry: RectifiedGeometry, params: SgbmParams, disparities: Disp
 
 
 class SgbmMatcher:
-    """OpenCV's StereoSGBM with invalid pixels as NaN.
+    """OpenCV's StereoSGBM with invalid pixels as NaN; of the disparity only every ``step``-th row and column is kept.
 
     The images are padded on the left by the searched range: OpenCV leaves that band without disparity, yet only those
     of its points that are out of the right camera's view lack a match.
 
     Attributes:
         disparities: the range searched.
-        step, work: see ``WindowMatcher``.
+        step: n.
     """
-
-    step = 1
-    work = MatchingWork(rows_px=20, columns_px=0, per_sample=33, per_window=60_000)
-    """Rows: what OpenCV's four stripes overlap. Per sample: the prefilter, the tests after matching. Per window: calls
-    and buffers (0.2 ms). Measured on windows of 64x48 to 256x384 px over 16 to 80 disparities, and holds within a
-    quarter."""
 
     def __init__(
         self,
@@ -225,6 +214,7 @@ class SgbmMatcher:
         disparities: DisparityRange | None = None,
         mask: U8 | None = None,
         right_mask: U8 | None = None,
+        step: int = 1,
     ) -> None:
         """Prepare.
 
@@ -233,10 +223,11 @@ class SgbmMatcher:
             mask, right_mask: (H, W) uint8, 0 where the left and the right image show nothing.
         """
         self.params = p = params or SgbmParams()
-        self.geometry = geometry
+        self.geometry, self.step = geometry, step
         self.disparities = disparities or disparity_range(geometry)
         whole = np.full((geometry.height, geometry.width), 255, np.uint8)
-        self._mask, self._right_mask = (valid_mask(whole if m is None else m, p) for m in (mask, right_mask))
+        left, right = (valid_mask(whole if m is None else m, p) for m in (mask, right_mask))
+        self._mask, self._right_mask = left[::step, ::step], right[::step]
         self._made = local()
         self._texture = np.ones((TEXTURE_PX, TEXTURE_PX), np.uint8)
 
@@ -246,7 +237,7 @@ class SgbmMatcher:
         Raises:
             ValueError: images that are not (H, W) uint8 of the geometry's size.
         """
-        shape = self._mask.shape
+        shape = self.geometry.height, self.geometry.width
         if left_grey.shape != shape or right_grey.shape != shape or left_grey.dtype != np.uint8:
             raise ValueError(f"expected two {shape} uint8 images, got {left_grey.shape} and {right_grey.shape}")
         # Columns before first_px have no match whatever the padding.
@@ -254,7 +245,16 @@ class SgbmMatcher:
         return self._matched(left_grey, right_grey, whole, self.disparities, self.disparities.count)
 
     def part(self, left_grey: U8, right_grey: U8, window: Window, disparities: DisparityRange) -> F32:
-        """See ``WindowMatcher``."""
+        """Match a window of a rectified pair; several threads may do so at once.
+
+        Args:
+            left_grey: (h, w) uint8 of the window, whose corner is a sample.
+            right_grey: (h, w') uint8 of the window and of what ``right_of`` adds to it.
+            disparities: range to search.
+        Returns:
+            (h / step, w / step), rounded up, float32 disparity [px]; NaN where there is none; less sure near the edges
+            of the window, which end the paths.
+        """
         return self._matched(left_grey, right_grey, window, disparities, disparities.first_px + disparities.count)
 
     def _matched(self, left: U8, right: U8, window: Window, searched: DisparityRange, pad: int) -> F32:
@@ -263,17 +263,22 @@ class SgbmMatcher:
             cv2.copyMakeBorder(image, 0, 0, left.shape[1] + pad - image.shape[1], 0, cv2.BORDER_REPLICATE)
             for image in (left, right)
         )
-        fixed = self._sgbm(searched).compute(*padded)[:, pad:]
-        disparity = np.empty(left.shape, dtype=np.float32)
-        rows, columns = window.slices
+        made: dict[DisparityRange, cv2.StereoSGBM] = self._made.__dict__.setdefault("sgbm", {})
+        if searched not in made:  # it keeps buffers, so that each thread has its own
+            made[searched] = make_sgbm(self.geometry, self.params, searched)
+        samples = slice(None, None, self.step)
+        fixed = made[searched].compute(*padded)[samples, pad :: self.step]
+        disparity = np.empty(fixed.shape, dtype=np.float32)
+        rows = slice(window.top // self.step, window.top // self.step + len(fixed))
+        columns = slice(window.left // self.step, window.left // self.step + fixed.shape[1])
         disparity_from_fixed(
             fixed,
             self._mask[rows, columns],
             self._right_mask[rows],
-            np.asarray(cv2.erode(left, self._texture), dtype=np.uint8),
-            np.asarray(cv2.dilate(left, self._texture), dtype=np.uint8),
+            np.asarray(cv2.erode(left, self._texture)[samples, samples], dtype=np.uint8),
+            np.asarray(cv2.dilate(left, self._texture)[samples, samples], dtype=np.uint8),
             window.left,
-            1,
+            self.step,
             STEP * searched.first_px,
             SUBPIXEL,
             self.params.saturated_level,
@@ -281,13 +286,6 @@ class SgbmMatcher:
             disparity,
         )
         return disparity
-
-    def _sgbm(self, searched: DisparityRange) -> cv2.StereoSGBM:
-        """OpenCV's matcher over a range; it keeps buffers, so that each thread has its own."""
-        made: dict[DisparityRange, cv2.StereoSGBM] = self._made.__dict__.setdefault("sgbm", {})
-        if searched not in made:
-            made[searched] = make_sgbm(self.geometry, self.params, searched)
-        return made[searched]
 
 
 AGREEMENT_PX = 2.0
@@ -312,8 +310,8 @@ class TwoWayMatcher:
     ) -> None:
         """Prepare both passes (same arguments as ``SgbmMatcher``)."""
         self._down = SgbmMatcher(geometry, params, disparities, mask, right_mask)
-        turned = (None if m is None else np.ascontiguousarray(m[::-1]) for m in (mask, right_mask))
-        self._up = SgbmMatcher(geometry, params, disparities, *turned)
+        up, right_up = (None if m is None else np.ascontiguousarray(m[::-1]) for m in (mask, right_mask))
+        self._up = SgbmMatcher(geometry, params, disparities, up, right_up)
 
     def __call__(self, left_grey: U8, right_grey: U8) -> F32:
         """Match one rectified pair.

@@ -1,16 +1,36 @@
-"""What a recording is, whatever its layout on disk."""
+"""What a recording is, whatever its layout on disk: frames, how they are decoded ahead, and what iterates them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+import threading
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from types import SimpleNamespace
+from typing import Any, Generic, NamedTuple, TypeVar
 
-from calib.camera import Camera
+import numpy as np
+
+from calib.images import as_colour
 from calib.pose import SE3
-from calib.rig import DepthSensor, StereoRig
-from calib.types import F32, F64, U8
+from calib.rig import DepthSensor, RgbdRig, StereoRig
+from calib.types import F32, F64, U8, AnyArray
+
+T = TypeVar("T")
+Frame = TypeVar("Frame")
+
+DEFAULT_FPS = 30.0
+"""Assumed for images without times."""
+SAMPLE_STEP_S = 0.25
+"""Frames in which a live camera's floor is looked for are so far apart [s] (our choice: 12 take 3 s)."""
+_AHEAD = 8
+"""Items decoded ahead: bridges a slow key frame, and holds at most 8 frames of memory."""
+KEPT = 2
+"""Frames of a live camera kept while the last one is tracked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,46 +49,12 @@ class StereoFrame:
     right: U8
 
 
-@dataclass(frozen=True)
-class Skipped:
-    """A frame that could not be used, and why."""
-
-    index: int
-    why: str
-
-
-class Recording(Protocol):
-    """A stereo recording: iterate it for its usable frames.
-
-    Attributes:
-        path: the folder or file it came from.
-        rig: calibration at the images' size.
-        world_SE3_left: from ``world.toml``, else None (the floor is then found from the recording).
-        n_frames: frames announced by the files (an upper bound when a video is truncated).
-        fps: nominal frames per second.
-        skipped: frames passed over so far while iterating.
-    """
-
-    path: Path
-    rig: StereoRig
-    world_SE3_left: SE3 | None
-    n_frames: int
-    fps: float
-    skipped: list[Skipped]
-
-    def __iter__(self) -> Iterator[StereoFrame]: ...
-
-    def sample(self, count: int) -> list[StereoFrame]:
-        """Up to ``count`` usable frames spread evenly over the recording, without decoding all of it."""
-
-
 @dataclass(frozen=True, eq=False)
 class RgbdFrame:
     """One image and its depth as recorded, lens distortion included.
 
     Attributes:
-        index: position in the recording, from 0; skipped frames leave gaps.
-        timestamp_s: seconds since the recording's first frame.
+        index, timestamp_s: as of ``StereoFrame``.
         image: (H, W) or (H, W, 3) uint8, BGR.
         depth_m: (H, W) float32 [m] along the optical axis of the image's own pixels; NaN where unknown.
     """
@@ -77,41 +63,6 @@ class RgbdFrame:
     timestamp_s: float
     image: U8
     depth_m: F32
-
-
-@runtime_checkable
-class RgbdRecording(Protocol):
-    """A recording of images with registered depth: iterate it for its usable frames.
-
-    Attributes:
-        path: the folder or file it came from.
-        camera: calibration of the images at their size; depth has been moved into it.
-        source: where the calibration came from, for messages and run.json.
-        sensor: how the depth was measured.
-        world_SE3_camera: from ``world.toml``, else None (the floor is then found from the recording).
-        n_frames: frames announced by the files (an upper bound).
-        fps: nominal frames per second.
-        times_s: (n,) float64 [s] by frame index, NaN where unknown; None without a table of times.
-        skipped: frames passed over so far while iterating.
-    """
-
-    path: Path
-    camera: Camera
-    source: str
-    sensor: DepthSensor
-    world_SE3_camera: SE3 | None
-    n_frames: int
-    fps: float
-    times_s: F64 | None
-    skipped: list[Skipped]
-
-    def __iter__(self) -> Iterator[RgbdFrame]: ...
-
-    def sample(self, count: int) -> list[RgbdFrame]:
-        """Up to ``count`` usable frames spread evenly over the recording, without decoding all of it."""
-
-    def at(self, indices: Sequence[int]) -> list[RgbdFrame]:
-        """The usable ones of these frames, whose indices ascend."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,13 +74,325 @@ class VideoFrame:
     image: U8
 
 
-class Video(Protocol):
-    """A single-camera recording (video file or folder of images)."""
+@dataclass(frozen=True)
+class Skipped:
+    """A frame that could not be used, and why."""
 
-    path: Path
-    n_frames: int
+    index: int
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class Decoded:
+    """One frame of one camera.
+
+    Attributes:
+        index: position in the recording, from 0.
+        timestamp_s: the file's own time of the frame, None when it has none.
+        image: (H, W) or (H, W, 3) uint8 BGR, or (H, W) float32 depth [m] in the sensor's own pixels; None when it could
+            not be had.
+        why: the reason when image is None.
+    """
+
+    index: int
+    timestamp_s: float | None
+    image: AnyArray | None
+    why: str = ""
+
+
+class FrameClock(NamedTuple):
+    """When the frames of a recording were taken.
+
+    Attributes:
+        fps: nominal frames per second.
+        times_s: (n,) float64 [s] by frame index, NaN where unknown; None takes the times of the decoded frames.
+        notes: what was assumed.
+        even: frames are ``fps`` apart, whatever times the files hold.
+    """
+
     fps: float
-    size: tuple[int, int]
-    skipped: list[Skipped]
+    times_s: F64 | None = None
+    notes: tuple[str, ...] = ()
+    even: bool = False
 
-    def __iter__(self) -> Iterator[VideoFrame]: ...
+    def time(self, frame: Decoded) -> float:
+        """Of a frame [s]; where the table has none, between its neighbours, beyond its end at the nominal rate."""
+        index, times = frame.index, self.times_s
+        if times is None:
+            return index / self.fps if self.even or frame.timestamp_s is None else frame.timestamp_s
+        if index < len(times) and math.isfinite(times[index]):
+            return float(times[index])
+        known = np.flatnonzero(np.isfinite(times))
+        beyond = index - np.clip(index, known[0], known[-1])
+        return float(np.interp(index, known, times[known]) + beyond / self.fps)
+
+
+def prefetch(items: Iterable[T], depth: int = _AHEAD) -> Generator[T, None, None]:
+    """The same items, made by a background thread at most ``depth`` ahead.
+
+    An exception of the source is raised here, in its place. Leaving the iteration early stops the thread, which closes
+    the source where that is a generator.
+    """
+    return _ahead(items, depth, None)
+
+
+def newest(
+    frames: Iterable[T], kept_max: int = KEPT, dropped: Callable[[T], None] = lambda frame: None
+) -> Generator[T, None, None]:
+    """The frames, taken as they come by a background thread; of those that nothing waited for the oldest are dropped.
+
+    Args:
+        kept_max: frames kept while the last one is tracked.
+        dropped: takes every frame that is dropped, in the thread.
+    """
+    return _ahead(frames, kept_max, dropped)
+
+
+def _ahead(items: Iterable[T], depth: int, dropped: Callable[[T], None] | None) -> Generator[T, None, None]:
+    kept: deque[T] = deque()
+    changed = threading.Condition()
+    state = SimpleNamespace(ended=False, stop=False, error=None)
+
+    def work() -> None:
+        iterator = iter(items)
+        try:
+            for item in iterator:
+                with changed:
+                    if dropped is None:
+                        changed.wait_for(lambda: len(kept) < depth or state.stop)
+                    if state.stop:
+                        break
+                    kept.append(item)
+                    while dropped is not None and len(kept) > depth:
+                        dropped(kept.popleft())
+                    changed.notify_all()
+        except BaseException as error:
+            state.error = error
+        finally:
+            if isinstance(iterator, Generator):
+                iterator.close()
+            with changed:
+                state.ended = True
+                changed.notify_all()
+
+    thread = threading.Thread(target=work, daemon=True, name="ahead")
+    thread.start()
+    try:
+        while True:
+            with changed:
+                changed.wait_for(lambda: kept or state.ended)
+                if not kept:
+                    break
+                item = kept.popleft()
+                changed.notify_all()
+            yield item
+        if state.error is not None:
+            raise state.error
+    finally:
+        with changed:
+            state.stop = True
+            changed.notify_all()
+        thread.join(timeout=15.0)
+
+
+DecodedPair = tuple[Decoded, Decoded]
+PairsOf = Callable[[Sequence[int] | None], Generator[DecodedPair, None, None]]
+"""Decodes the pairs of these ascending indices, or all."""
+
+
+class Recorded(ABC, Generic[Frame]):
+    """Frames made of the images of one or two cameras; each iteration starts at the first frame.
+
+    A frame that a camera lacks is passed over and noted in ``skipped``; indices and times keep the gap.
+
+    Attributes:
+        path: the folder or file it came from.
+        n_frames: frames announced by the files (an upper bound).
+        fps, times_s: see ``FrameClock``.
+        notes: what the reader assumed, repaired or missed, a sentence each.
+        skipped: frames passed over so far while iterating.
+    """
+
+    sides: tuple[str, ...]
+    """Before the reasons why a camera has no image."""
+
+    def __init__(
+        self,
+        path: Path,
+        decode: Callable[[Sequence[int] | None], Generator[tuple[Decoded, ...], None, None]],
+        n_frames: int,
+        clock: FrameClock,
+        notes: Iterable[str] = (),
+    ) -> None:
+        """Prepare.
+
+        Args:
+            decode: gives the images of ascending indices, or of all.
+        """
+        self.path, self.n_frames, self.clock, self.notes = path, n_frames, clock, list(notes)
+        self.skipped: list[Skipped] = []
+        self._decode = decode
+
+    @property
+    def fps(self) -> float:
+        return self.clock.fps
+
+    @property
+    def times_s(self) -> F64 | None:
+        return self.clock.times_s
+
+    @abstractmethod
+    def _joined(self, index: int, timestamp_s: float, *images: Any) -> Frame:
+        """The frame of its images."""
+
+    def __iter__(self) -> Iterator[Frame]:
+        self.skipped = skipped = []
+        last = -1
+        with closing(self._decode(None)) as decoded:
+            for parts in decoded:
+                last = parts[0].index
+                frame = self._frame(parts)
+                if isinstance(frame, Skipped):
+                    skipped.append(frame)
+                else:
+                    yield frame
+        skipped += [Skipped(i, "recording ends before this frame") for i in range(last + 1, self.n_frames)]
+
+    def sample(self, count: int) -> list[Frame]:
+        """Up to ``count`` usable frames spread evenly over the recording; ``skipped`` is not touched."""
+        spread = np.unique(np.linspace(0, self.n_frames - 1, max(1, min(count, self.n_frames))).round().astype(int))
+        return self.at([int(i) for i in spread])
+
+    def at(self, indices: Sequence[int]) -> list[Frame]:
+        """The usable ones of these frames, whose indices ascend; ``skipped`` is not touched."""
+        with closing(self._decode(indices)) as decoded:
+            frames = [self._frame(parts) for parts in decoded]
+        return [frame for frame in frames if not isinstance(frame, Skipped)]
+
+    def _frame(self, parts: tuple[Decoded, ...]) -> Frame | Skipped:
+        first = parts[0]
+        if all(part.image is not None for part in parts):
+            return self._joined(first.index, self.clock.time(first), *(part.image for part in parts))
+        reasons = zip(self.sides, parts, strict=True)
+        return Skipped(first.index, "; ".join(side + part.why for side, part in reasons if part.why))
+
+
+class StereoRecording(Recorded[StereoFrame]):
+    """Frames of two cameras.
+
+    Attributes:
+        rig: calibration at the images' size.
+        world_SE3_left: from ``world.toml``, else None (the floor is then found from the recording).
+        is_live: frames come from cameras as they run.
+    """
+
+    sides = ("left: ", "right: ")
+    is_live = False
+
+    def __init__(
+        self,
+        path: Path,
+        rig: StereoRig,
+        pairs: PairsOf,
+        n_frames: int,
+        clock: FrameClock,
+        notes: Iterable[str] = (),
+        world_SE3_left: SE3 | None = None,
+    ) -> None:
+        super().__init__(path, pairs, n_frames, clock, notes)
+        self.rig, self.world_SE3_left = rig, world_SE3_left
+
+    def _joined(self, index: int, timestamp_s: float, *images: Any) -> StereoFrame:
+        a, b = images
+        if a.ndim != b.ndim:
+            a, b = as_colour(a), as_colour(b)
+        return StereoFrame(index, timestamp_s, a, b)
+
+
+class LiveRecording(StereoRecording):
+    """Frames of two cameras as they run; every iteration begins with the next frame that comes.
+
+    Attributes:
+        waits: the source waits until its frames are read (a file behind an address), as a device does not.
+    """
+
+    is_live = True
+    waits = False
+
+    def sample(self, count: int) -> list[StereoFrame]:
+        """Up to ``count`` usable frames from now on, ``SAMPLE_STEP_S`` apart."""
+        frames: list[StereoFrame] = []
+        with closing(self._decode(None)) as pairs:
+            for pair in pairs:
+                frame = self._frame(pair)
+                if isinstance(frame, Skipped):
+                    continue
+                if not frames or frame.timestamp_s - frames[-1].timestamp_s >= SAMPLE_STEP_S:
+                    frames.append(frame)
+                if len(frames) >= count:
+                    break
+        return frames
+
+
+class RgbdRecording(Recorded[RgbdFrame]):
+    """Images with registered depth.
+
+    Attributes:
+        camera: calibration of the images at their size; depth has been moved into it.
+        source: where the calibration came from, for messages and run.json.
+        sensor: how the depth was measured.
+        world_SE3_camera: from ``world.toml``, else None (the floor is then found from the recording).
+    """
+
+    sides = ("image: ", "depth: ")
+
+    def __init__(
+        self,
+        path: Path,
+        rig: RgbdRig,
+        sensor: DepthSensor,
+        register: Callable[[F32], F32],
+        pairs: PairsOf,
+        n_frames: int,
+        clock: FrameClock,
+        notes: Iterable[str] = (),
+        world_SE3_camera: SE3 | None = None,
+    ) -> None:
+        """Prepare.
+
+        Args:
+            register: moves depth into the pixels of the image.
+        """
+        super().__init__(path, pairs, n_frames, clock, notes)
+        self.camera, self.source, self.sensor = rig.camera, rig.source, sensor
+        self.world_SE3_camera = world_SE3_camera
+        self._register = register
+
+    def _joined(self, index: int, timestamp_s: float, *images: Any) -> RgbdFrame:
+        image, depth_m = images
+        return RgbdFrame(index, timestamp_s, image, self._register(depth_m))
+
+
+class Video(Recorded[VideoFrame]):
+    """Frames of one camera: a video file or a folder of images.
+
+    Attributes:
+        size: (width, height) [px].
+    """
+
+    sides = ("",)
+
+    def __init__(
+        self,
+        path: Path,
+        decode: Callable[[Sequence[int] | None], Generator[tuple[Decoded], None, None]],
+        size: tuple[int, int],
+        n_frames: int,
+        clock: FrameClock,
+        notes: Iterable[str] = (),
+    ) -> None:
+        super().__init__(path, decode, n_frames, clock, notes)
+        self.size = size
+
+    def _joined(self, index: int, timestamp_s: float, *images: Any) -> VideoFrame:
+        return VideoFrame(index, timestamp_s, images[0])

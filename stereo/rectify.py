@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -20,7 +20,7 @@ from stereo.depth import RectifiedGeometry
 from stereo.gating import Window
 from stereo.matcher import disparity_range
 from stereo.recording import StereoFrame
-from stereo.row_offset import VerticalFit, VerticalModel, measure_vertical
+from stereo.rig_correction import RigCorrection, measure_correction
 
 MAX_RAY_TAN = math.tan(math.radians(60.0))
 """Rays farther than 60 degrees from the axis are left out: a plane image stretches them beyond use."""
@@ -264,25 +264,17 @@ class Rectifier:
         mask: (H, W) uint8, 255 where the rectified left image shows something.
     """
 
-    def __init__(
-        self, rig: StereoRig, params: RectifyParams | None = None, vertical: VerticalModel | None = None
-    ) -> None:
-        """Prepare the maps.
-
-        Args:
-            rig: calibration at the recorded size.
-            vertical: measured vertical residual to take out of the right image, at the rectified size.
-        """
+    def __init__(self, rig: StereoRig, params: RectifyParams | None = None) -> None:
+        """Prepare the maps; ``rig`` is the calibration at the recorded size."""
         self.rig = rig
         self.params = params or RectifyParams()
-        self.vertical = vertical or VerticalModel()
         left_rotation, right_rotation = rig.rectifying_rotations()
         self.rect_SE3_left = SE3(left_rotation, np.zeros(3))
         self.geometry = common_geometry(rig, left_rotation, self.params.working_px, self.params.field_quantile)
         to_ray: F64 = np.asarray(np.linalg.inv(self.geometry.matrix), dtype=np.float64)
         size, working_px = self.geometry.size, self.params.working_px
         self._left = Warp(rig.left, left_rotation, to_ray, size, working_px)
-        self._right = Warp(rig.right, right_rotation, to_ray @ self.vertical.matrix, size, working_px)
+        self._right = Warp(rig.right, right_rotation, to_ray, size, working_px)
         self._smaller: dict[int, Warp] = {}
         self.mask, self.right_mask = self._left.mask, self._right.mask
 
@@ -326,19 +318,26 @@ class Rectifier:
             raise ValueError(f"expected images of shape {size}, got {left.shape} and {right.shape}")
 
 
+MEASURED_PX = 1280
+"""Longest side of the rectified images in which a calibration is corrected [px]: more cost time (our choice)."""
+
+
 def aligned_rectifier(
     rig: StereoRig, frames: Iterable[StereoFrame], params: RectifyParams | None = None
-) -> tuple[Rectifier, VerticalFit]:
-    """A rectifier whose right image is shifted by the row offset measured in some frames.
+) -> tuple[Rectifier, RigCorrection]:
+    """A rectifier of the calibration as some frames correct it.
 
     Args:
         rig: calibration at the recorded size.
         frames: a dozen spread over the recording, so that light and movement differ.
     Returns:
-        The rectifier, and what was measured before and after the correction.
+        The rectifier, whose rig is the corrected one, and what was measured, in pixels of its images.
     """
-    plain = Rectifier(rig, params)
+    params = params or RectifyParams()
+    plain = Rectifier(rig, params.model_copy(update={"working_px": MEASURED_PX}))
     searched = disparity_range(plain.geometry)
-    pairs = (plain(frame.left, frame.right) for frame in frames)
-    fit = measure_vertical(((p.left_grey, p.right_grey) for p in pairs), searched.first_px + searched.count)
-    return (plain if fit.model == VerticalModel() else Rectifier(rig, params, fit.model)), fit
+    pairs = ((pair.left_grey, pair.right_grey) for pair in (plain(frame.left, frame.right) for frame in frames))
+    correction = measure_correction(pairs, plain.geometry, searched.first_px + searched.count)
+    rectifier = Rectifier(correction(rig), params)
+    scale = rectifier.geometry.width / plain.geometry.width
+    return rectifier, replace(correction, before_px=correction.before_px * scale, after_px=correction.after_px * scale)

@@ -67,25 +67,14 @@ NEAREST_M = 0.4
 """No depth sensor for rooms measures nearer [m]."""
 
 
-@dataclass(frozen=True)
-class DepthNoise:
-    """Standard deviation of a measured depth z: sigma_z^2 = (per_m2 z^2)^2 + min_m^2.
-
-    Attributes:
-        per_m2: growth with squared depth [1/m].
-        min_m: what is left however near [m].
-    """
-
-    per_m2: float
-    min_m: float = 0.0
-
-
-NOISE: dict[DepthSensor, DepthNoise] = {
-    "structured-light": DepthNoise(1.425e-3),
-    "time-of-flight": DepthNoise(5e-4, 0.005),
-    "stereo": DepthNoise(4.7e-3),
+NOISE: dict[DepthSensor, tuple[float, float]] = {
+    "structured-light": (1.425e-3, 0.0),
+    "time-of-flight": (5e-4, 0.005),
+    "stereo": (4.7e-3, 0.0),
 }
-"""Structured light: Khoshelham and Elberink 2012 (Sensors 12), eq. 10 with m = 2.85e-5 / cm and half a step of
+"""Standard deviation of a measured depth z: growth with squared depth [1/m], and what is left however near [m].
+
+Structured light: Khoshelham and Elberink 2012 (Sensors 12), eq. 10 with m = 2.85e-5 / cm and half a step of
 disparity: 1.3 cm at 3 m, 3.6 cm at 5 m. Time of flight: Fankhauser et al. 2015 (Kinect v2 for mobile robot navigation)
 measured 1.3 mm at 1 m and 4.3 mm at 4 m on flat targets; that growth, with 5 mm of multipath and motion (our choice).
 Stereo: sigma_d / (f b) of an active stereo camera, 0.1 px of 848 over 5 cm (our choice after RealSense D435)."""
@@ -116,9 +105,9 @@ class RgbdRectifier:
     def __init__(self, camera: Camera, sensor: DepthSensor, params: RectifyParams | None = None) -> None:
         self.camera, p = camera, params or RectifyParams()
         pinhole = ideal_pinhole(camera, np.eye(3), p.working_px, p.field_quantile, 1.0)
-        noise = NOISE[sensor]
-        baseline_m = DISPARITY_STD_PX / (pinhole.focal_u_px * noise.per_m2)
-        self.geometry: RectifiedGeometry = replace(pinhole, baseline_m=baseline_m, depth_std_min_m=noise.min_m)
+        per_m2, min_m = NOISE[sensor]
+        baseline_m = DISPARITY_STD_PX / (pinhole.focal_u_px * per_m2)
+        self.geometry: RectifiedGeometry = replace(pinhole, baseline_m=baseline_m, depth_std_min_m=min_m)
         to_ray = np.asarray(np.linalg.inv(self.geometry.matrix), dtype=np.float64)
         self._warp = Warp(camera, np.eye(3), to_ray, self.geometry.size, p.working_px)
         self.mask = self._warp.mask

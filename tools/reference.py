@@ -146,7 +146,7 @@ def _public() -> list[tuple[str, str]]:
     missing = {name for _, name in public} ^ set(planview.__all__)
     if missing:
         raise SystemExit(f"planview/__init__.py: expected the same names in _HOMES and __all__, found {missing} in one")
-    return sorted(public, key=lambda entry: entry[1] not in ("run", "evaluate", "Pipeline"))
+    return sorted(public, key=lambda entry: entry[1] not in ("run", "evaluate", "open_engine"))
 
 
 def _room(module: str) -> str:

@@ -72,11 +72,8 @@ class Board:
 
 
 def parse_square(text: str) -> float:
-    """Side of a square [m].
-
-    Raises:
-        InputError: a bare number, which could be millimetres as well as metres, or what is no length at all.
-    """
+    """Side of a square [m]. Raises InputError: a bare number, which could be millimetres as well as metres, or what is
+    no length at all."""
     if _BARE_NUMBER.fullmatch(text):
         raise InputError(
             f"--square: expected the side of a square with its unit, found {text!r} without one: "
@@ -174,11 +171,6 @@ def common_view(name: str, left: Corners, right: Corners) -> BoardView:
 _MIN_WIDTH, _MAX_WIDTH = 640, 1280
 """Boards are looked for in images of such widths [px], smaller ones enlarged and larger ones reduced: OpenCV's
 detectors want squares of some 20 pixels, and take seconds for large images. Corners are refined at full size."""
-_WINDOW_SHARE = 0.25
-"""Half the refinement window as a share of the corner distance: no other corner may reach into the window, and
-larger windows average more noise. Measured on OpenCV's pairs: 0.25 gives 0.20 px, 0.4 already 0.24 px."""
-_MAX_WINDOW_PX = 15
-_MIN_CORNERS = 8
 
 
 class Detector:
@@ -203,19 +195,11 @@ class Detector:
             Corners; all of a chessboard's or the visible ones of a ChArUco board; None when the board is not there.
         """
         grey = as_grey(image)
-        return self._find_chessboard(grey) if self._charuco is None else self._find_charuco(grey)
-
-    def _find_chessboard(self, grey: U8) -> Corners | None:
-        pixels = find_chessboard(grey, self.board.cols, self.board.rows, thorough=self.thorough)
-        if pixels is None:
-            return None
-        return Corners(np.arange(len(pixels)), refine(grey, pixels, self.board.cols))
-
-    def _find_charuco(self, grey: U8) -> Corners | None:
-        corners, ids, _, _ = self._charuco.detectBoard(grey)  # type: ignore[union-attr]
-        if ids is None:
-            return None
-        found = np.asarray(ids, dtype=np.int64).reshape(-1)
+        if self._charuco is None:
+            pixels = find_chessboard(grey, self.board.cols, self.board.rows, thorough=self.thorough)
+            return None if pixels is None else Corners(np.arange(len(pixels)), refine(grey, pixels, self.board.cols))
+        corners, ids, _, _ = self._charuco.detectBoard(grey)
+        found = np.asarray([] if ids is None else ids, dtype=np.int64).reshape(-1)
         if not spans_a_plane(self.board, found):
             return None
         return Corners(found, np.asarray(corners, dtype=np.float64).reshape(-1, 2))
@@ -224,7 +208,7 @@ class Detector:
 def spans_a_plane(board: Board, ids: I64) -> bool:
     """Whether these corners are enough of the board to tell its pose: several, and not all in one line."""
     lines = ids // board.cols, ids % board.cols
-    return len(ids) >= _MIN_CORNERS and all(len(set(line)) > 1 for line in lines)
+    return len(ids) >= 8 and all(len(set(line)) > 1 for line in lines)
 
 
 def find_chessboard(grey: U8, cols: int, rows: int, *, thorough: bool = True) -> F64 | None:
@@ -266,7 +250,9 @@ def refine(grey: U8, corners: F64, cols: int) -> F64:
     """Sub-pixel corners, the window following the size of the squares."""
     grid = corners.reshape(-1, cols, 2)
     apart = min(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1))
-    half = int(np.clip(_WINDOW_SHARE * apart, 2, _MAX_WINDOW_PX))
+    # Half the refinement window as a share of the corner distance: no other corner may reach into the window, and
+    # larger windows average more noise. Measured on OpenCV's pairs: 0.25 gives 0.20 px, 0.4 already 0.24 px.
+    half = int(np.clip(0.25 * apart, 2, 15))
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
     start = np.ascontiguousarray(corners, dtype=np.float32).reshape(-1, 1, 2)
     moved = cv2.cornerSubPix(grey, start.copy(), (half, half), (-1, -1), criteria)
@@ -300,13 +286,6 @@ def _charuco_detector(board: Board) -> cv2.aruco.CharucoDetector:
     return cv2.aruco.CharucoDetector(made)
 
 
-_TRIAL_IMAGES = 3
-_TRIAL_COUNTS = 4
-"""Counts that are tried on all images, the most frequent ones."""
-_MIN_VOTES = 2
-"""A size that is found in a single image is chance: small ones are found in noise."""
-
-
 def find_counts(images: Iterable[U8]) -> tuple[int, int] | None:
     """Inner corners (more, fewer) of the chessboard in the images, None when none is found.
 
@@ -315,11 +294,13 @@ def find_counts(images: Iterable[U8]) -> tuple[int, int] | None:
     """
     greys = [as_grey(image) for image in images]
     votes = Counter(size for grey in greys if (size := _grown(grey)) is not None)
-    tried = [size for size, count in votes.most_common(_TRIAL_COUNTS) if count >= _MIN_VOTES]
+    # Counts that are tried on all images, the most frequent ones.
+    # A size that is found in a single image is chance: small ones are found in noise.
+    tried = [size for size, count in votes.most_common(4) if count >= 2]
     if len(votes) < 2 or not tried:
         return tried[0] if tried else None
     tried.sort(key=lambda size: -size[0] * size[1])
-    found = {size: _images_with(greys, size) for size in tried}
+    found = {size: sum(find_chessboard(grey, *size) is not None for grey in greys) for size in tried}
     return next((size for size in tried if 2 * found[size] > len(greys)), max(tried, key=lambda size: found[size]))
 
 
@@ -347,10 +328,6 @@ def _grown(grey: U8) -> tuple[int, int] | None:
     return (max(rows, cols), min(rows, cols)) if rows * cols > MIN_CORNERS**2 else None
 
 
-def _images_with(greys: Sequence[U8], size: tuple[int, int]) -> int:
-    return sum(find_chessboard(grey, *size) is not None for grey in greys)
-
-
 def _exactly(greys: Sequence[U8], size: tuple[int, int]) -> int:
     """Images in which the detector that is not content with parts of a board finds it."""
     flags = cv2.CALIB_CB_NORMALIZE_IMAGE
@@ -359,7 +336,7 @@ def _exactly(greys: Sequence[U8], size: tuple[int, int]) -> int:
 
 def complete_charuco(board: Board, images: Sequence[U8], *, any_dictionary: bool, any_marker: bool) -> Board:
     """The ChArUco board with the dictionary, marker size and layout that find most in a few images."""
-    greys = [as_grey(image) for image in images[:_TRIAL_IMAGES]]
+    greys = [as_grey(image) for image in images[:3]]
     if any_dictionary:
         wanted = (board.cols + 1) * (board.rows + 1) // 2
         name = max(dictionaries(), key=lambda name: (_markers(name, wanted, greys), -dictionaries()[name]))

@@ -81,8 +81,6 @@ def rig_parameters(rig: StereoRig) -> dict[str, float]:
 
 MAX_VIEWS = 40
 """More views of one board add little: the error falls with the root of their number (our choice)."""
-_BLURRED_SHARE = 0.6
-"""Frames less sharp than this share of the take's best tenth are moved or out of focus (our choice)."""
 _PATCH_PX = 4
 
 
@@ -117,7 +115,8 @@ def select_views(
     """
     if len(views) <= limit:
         return list(range(len(views)))
-    floor = _BLURRED_SHARE * float(np.quantile(np.asarray(sharp), 0.9))
+    # Frames less sharp than this share of the take's best tenth are moved or out of focus (our choice).
+    floor = 0.6 * float(np.quantile(np.asarray(sharp), 0.9))
     good = [i for i, value in enumerate(sharp) if value >= floor]
     features = np.array([_features(view, size) for view in views])
     taken = [max(good, key=lambda i: sharp[i])]
@@ -146,10 +145,6 @@ Coefficient = Literal["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"]
 _MAX_ITERATIONS = 100
 REFIT_ITERATIONS = 20
 """Enough for a fit that starts beside its optimum: with a few of the views left out."""
-_FOCAL_WIDTHS = (0.4, 0.8, 1.6)
-"""First guesses of the focal length [image widths] where OpenCV's own, from vanishing points, leads nowhere."""
-_JACKKNIFE_GROUPS = 10
-"""Groups of views left out in turn: a deviation from g groups is itself uncertain by 1 / sqrt(2 (g - 1)), 24 %."""
 
 
 class FitError(Exception):
@@ -184,11 +179,7 @@ class Lens:
         return flags
 
     def camera(self, size: tuple[int, int], matrix: Any, coefficients: Any) -> Camera:
-        """The camera of OpenCV's matrix and coefficients.
-
-        Raises:
-            FitError: values that no camera has.
-        """
+        """The camera of OpenCV's matrix and coefficients. Raises FitError: values that no camera has."""
         k = np.asarray(matrix, dtype=np.float64)
         distortion = np.asarray(coefficients, dtype=np.float64).ravel()[: self.count]
         try:
@@ -226,7 +217,8 @@ def fit_camera(views: Sequence[BoardView], points: F64, side: Side, size: tuple[
     """
     shown = _same_lengths(views) if lens.model == "fisheye" else views
     objects, pixels = [points[view.ids] for view in shown], [view.image_points(side) for view in shown]
-    for start in (None, *(_plain_camera(size, widths, lens) for widths in _FOCAL_WIDTHS)):
+    # First guesses of the focal length [image widths] where OpenCV's own, from vanishing points, leads nowhere.
+    for start in (None, *(_plain_camera(size, widths, lens) for widths in (0.4, 0.8, 1.6))):
         with suppress(cv2.error, FitError):
             return _fit_camera(objects, pixels, size, lens, start)
     raise FitError(f"no {lens.name} camera fits the {side} images")
@@ -333,7 +325,8 @@ def standard_deviations(views: Sequence[BoardView], points: F64, fit: RigFit, le
     Returns:
         By the names of ``rig_parameters``.
     """
-    groups, cameras = min(_JACKKNIFE_GROUPS, len(views)), (fit.rig.left, fit.rig.right)
+    # Groups of views left out in turn: a deviation from g groups is itself uncertain by 1 / sqrt(2 (g - 1)), 24 %.
+    groups, cameras = min(10, len(views)), (fit.rig.left, fit.rig.right)
     fits = []
     for group in range(groups):
         kept = [view for i, view in enumerate(views) if i % groups != group]

@@ -30,9 +30,6 @@ from calib.types import F64, Bool
 FOLD_TOLERANCE = 0.03
 """Share by which a lens may be worse on held-out views if it spares the image a fold (our choice)."""
 FOLDS = 5
-HOPELESS = 1.5
-"""A lens whose fit is this many times worse than the best fit is not judged further: on views left out no lens does
-better than on those it was fitted to (our choice)."""
 
 LENSES: tuple[Lens, ...] = (
     Lens("no distortion", "brown", 4, frozenset()),
@@ -73,11 +70,7 @@ class LensChoice:
 
 
 def fit_lens(views: Sequence[BoardView], points: F64, size: tuple[int, int], lens: Lens) -> RigFit:
-    """A rig with this lens, from nothing but the views.
-
-    Raises:
-        FitError: no rig fits.
-    """
+    """A rig with this lens, from nothing but the views. Raises FitError: no rig fits."""
     left, right = (fit_camera(views, points, side, size, lens).camera for side in ("left", "right"))
     return fit_rig(views, points, (left, right), lens)
 
@@ -85,17 +78,15 @@ def fit_lens(views: Sequence[BoardView], points: F64, size: tuple[int, int], len
 def compare_lenses(
     views: Sequence[BoardView], points: F64, size: tuple[int, int], lenses: Sequence[Lens] = LENSES
 ) -> tuple[LensChoice, ...]:
-    """Judge lens models on views left out of their fit (k-fold).
-
-    Raises:
-        FitError: no lens fits.
-    """
+    """Judge lens models on views left out of their fit (k-fold). Raises FitError: no lens fits."""
     fits = _fits(views, points, size, lenses)
     best = min(fit.rms_px for fit in fits.values())
+    # A lens whose fit is this many times worse than the best fit is not judged further: on views left out no lens
+    # does better than on those it was fitted to (our choice).
     judged = {
         lens: squares
         for lens, fit in fits.items()
-        if fit.rms_px <= HOPELESS * best and (squares := _judge(views, points, fit, lens)) is not None
+        if fit.rms_px <= 1.5 * best and (squares := _judge(views, points, fit, lens)) is not None
     }
     if not judged:
         raise FitError("no lens model fits the views")
@@ -124,11 +115,8 @@ def _fits(views: Sequence[BoardView], points: F64, size: tuple[int, int], lenses
 def best_base(
     views: Sequence[BoardView], points: F64, size: tuple[int, int], lenses: Sequence[Lens]
 ) -> tuple[Lens, RigFit]:
-    """The lens of ``BASES`` that fits best, to find outliers with; the simplest one within 5 % of the best.
-
-    Raises:
-        FitError: none fits.
-    """
+    """The lens of ``BASES`` that fits best, to find outliers with; the simplest one within 5 % of the best. Raises
+    FitError: none fits."""
     fits = _fits(views, points, size, [lens for lens in BASES if lens in lenses])
     # A model with more freedom always fits a little better.
     limit = 1.05 * min(fit.rms_px for fit in fits.values())
@@ -173,11 +161,8 @@ def folds_back(camera: Camera) -> bool:
     """Does the lens model turn back, or have no ray, somewhere inside the image?"""
     w, h = camera.width - 1.0, camera.height - 1.0
     along = np.linspace(0.0, 1.0, 13)
-    border = np.concatenate(
-        [np.column_stack(side) for u in (0.0, w) for side in ((np.full(13, u), along * h),)]
-        + [np.column_stack(side) for v in (0.0, h) for side in ((along * w, np.full(13, v)),)]
-    )
-    rays = camera.unproject(border)
+    sides = [(np.full(13, u), along * h) for u in (0.0, w)] + [(along * w, np.full(13, v)) for v in (0.0, h)]
+    rays = camera.unproject(np.column_stack([np.concatenate(axis) for axis in zip(*sides, strict=True)]))
     if not np.isfinite(rays).all():
         return True
     steps = np.linspace(0.0, 1.0, 40)[:, None, None]
@@ -189,16 +174,6 @@ def folds_back(camera: Camera) -> bool:
 
 MIN_PAIRS = 5
 """Fewer pairs leave focal length and distortion to chance (three orientations are the bare minimum; our choice)."""
-MAX_REJECTED_SHARE = 0.5
-"""When more views than this disagree, there is no telling which half is right."""
-REJECT_MEDIANS = 2.5
-"""A view whose rms is this many times the median of all views is an outlier (good views differ by up to 1.6)."""
-REJECT_FLOOR_PX = 0.3
-"""Views better than this are never outliers: corners are found no better than 0.1 to 0.3 px."""
-MAX_FOCAL_STD = 0.02
-"""Relative standard deviation of a focal length above which the views do not determine it (depth errs as much)."""
-MAX_RMS_WIDTHS = 0.003
-"""Share of the image width; a worse fit means images that do not belong together."""
 MAX_TURN_DEG = 45.0
 
 
@@ -250,7 +225,13 @@ class BoardCalibration:
     @property
     def row_rms_px(self) -> float:
         """Rms difference of the rows of a corner in the rectified images [px]: what a matcher must bear."""
-        return rms(_row_errors(self.rig, self.views))
+        errors = []
+        for view in self.views:
+            rays = self.rig.left.unproject(view.left), self.rig.right.unproject(view.right)
+            rows = [(ray @ turn.T) for ray, turn in zip(rays, self.rig.rectifying_rotations(), strict=True)]
+            away = (rows[0][:, 1] / rows[0][:, 2] - rows[1][:, 1] / rows[1][:, 2]) * self.rig.left.fy
+            errors.append(np.column_stack([np.zeros(len(away)), away]))
+        return rms(errors)
 
     def coverage(self, side: Side, cols: int = 8, rows: int = 6) -> F64:
         """(rows, cols) number of corners in each cell of the image."""
@@ -340,12 +321,15 @@ def _without_outliers(
     while True:
         each = fit.view_rms_px()
         worst, median = int(np.argmax(each)), float(np.median(each))
-        if each[worst] <= max(REJECT_MEDIANS * median, REJECT_FLOOR_PX):
+        # An outlier has 2.5 times the median rms of all views (good ones differ by up to 1.6) and more than 0.3 px:
+        # corners are found no better than 0.1 to 0.3 px.
+        if each[worst] <= max(2.5 * median, 0.3):
             return fit, views
         why = f"reprojection error {each[worst]:.2f} px, {each[worst] / median:.0f} times the median of {median:.2f} px"
         out.append(RejectedView(views[worst].name, why))
         views = views[:worst] + views[worst + 1 :]
-        if len(views) < max(MIN_PAIRS, (1 - MAX_REJECTED_SHARE) * total):
+        # When more views than this disagree, there is no telling which half is right.
+        if len(views) < max(MIN_PAIRS, 0.5 * total):
             raise InputError(
                 f"{source}: expected views that agree on one rig, found {total - len(views)} of {total} that do not, "
                 f"the last {out[-1].name} with a {why}"
@@ -356,7 +340,8 @@ def _without_outliers(
 
 def _refuse_unfit(fit: RigFit, size: tuple[int, int], source: str, slack: float = 1.0) -> None:
     """Refuse views that no fixed pair of cameras explains."""
-    if not fit.rms_px <= slack * MAX_RMS_WIDTHS * size[0]:
+    # Share of the image width; a worse fit means images that do not belong together.
+    if not fit.rms_px <= slack * 0.003 * size[0]:
         raise InputError(
             f"{source}: expected pairs taken at the same moment by two fixed cameras, found a reprojection error "
             f"of {fit.rms_px:.2f} px"
@@ -371,7 +356,8 @@ def _refuse_open_focal(views: Sequence[BoardView], points: F64, size: tuple[int,
 
 
 def _refuse_deviation(side: Side, focal_px: float, std_px: float, source: str) -> None:
-    if std_px > MAX_FOCAL_STD * focal_px:
+    # Relative standard deviation of a focal length above which the views do not determine it (depth errs as much).
+    if std_px > 0.02 * focal_px:
         raise InputError(
             f"{source}: expected views that determine the {side} focal length, found {focal_px:.0f} +- "
             f"{std_px:.0f} px: tilt the board more, towards all sides"
@@ -392,14 +378,3 @@ def _checked_rig(fit: RigFit, std: dict[str, float], size: tuple[int, int], sour
             "is --square right?"
         )
     return rig.check(source)
-
-
-def _row_errors(rig: StereoRig, views: Sequence[BoardView]) -> list[F64]:
-    """(n, 2) per pair: zero and the row difference after rectification [px]."""
-    errors = []
-    for view in views:
-        rays = rig.left.unproject(view.left), rig.right.unproject(view.right)
-        rows = [(ray @ turn.T) for ray, turn in zip(rays, rig.rectifying_rotations(), strict=True)]
-        away = (rows[0][:, 1] / rows[0][:, 2] - rows[1][:, 1] / rows[1][:, 2]) * rig.left.fy
-        errors.append(np.column_stack([np.zeros(len(away)), away]))
-    return errors

@@ -42,7 +42,7 @@ class FloorParams(Params):
     """Least share of the valid depth a floor covers (our choice: less is a shelf or a step)."""
     below_margin_m: float = Field(default=0.25, ge=0, le=2)
     """Points count as beneath a plane from here on [m]: lower than a seat, more than calibration warps (our choice)."""
-    max_below_fraction: float = Field(default=0.2, gt=0, lt=1)
+    max_below_fraction: float = Field(default=0.2, gt=0, le=0.5)
     """Points beneath the plane, against points on and beneath it: nothing is seen below a floor but errors of
     matching; below a table top or a plane through clutter much is. A parallel plane beneath that holds this share
     is the floor instead (our choice)."""

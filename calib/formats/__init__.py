@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -11,15 +11,134 @@ import numpy as np
 
 from calib.camera import Camera
 from calib.errors import InputError
-from calib.formats.base import NATIVE, Choice, Format
+from calib.formats.base import NATIVE, Choice, Format, Source, read_source
 from calib.formats.datasets import EUROC, KITTI, MIDDLEBURY
 from calib.formats.devices import DEPTHAI, ZED
-from calib.formats.find import find_rig
 from calib.formats.opencv import FORMAT as OPENCV
 from calib.formats.ros import KALIBR, ROS
 from calib.formats.tsai import is_tsai
-from calib.io import reason, size_text
+from calib.io import MAX_BYTES, reason, size_text
 from calib.rig import StereoRig
+
+_SUFFIXES = {".toml", ".yml", ".yaml", ".xml", ".json", ".conf", ".txt", ".cfg", ".ini", ".calib", ""}
+_PAIRS = (("left", "right"), ("intrinsic", "extrinsic"), ("cam0", "cam1"), ("_l", "_r"))
+_NESTED = ("cam0", "cam1", "left", "right", "mav0/cam0", "mav0/cam1")
+
+Found = tuple[Format, tuple[Source, ...]]
+
+
+def find_rig(path: Path, formats: Sequence[Format], is_single: Callable[[Source], bool]) -> Found:
+    """The calibration at a file or in a folder.
+
+    Args:
+        is_single: recognises files that hold one camera, for a better message.
+    Raises:
+        InputError: none there, half of a pair, or several.
+    """
+    if path.is_dir():
+        return _in_folder(path, formats)
+    source = read_source(path)
+    found = _recognise(source, formats)
+    if found is None and is_single(source):
+        raise InputError(f"{path}: expected a stereo calibration, found a single camera (Tsai)")
+    if found is None:
+        raise InputError(
+            f"{path}: expected a calibration ({', '.join(f.name for f in formats)}), found none of these formats"
+        )
+    form, part = found
+    if part == "whole":
+        return form, (source,)
+    mates = [mate for mate in _candidates(path, form) if _belongs(source, mate)]
+    other = "right" if part == "left" else "left"
+    mates = [mate for mate in mates if form.part(mate) == other]
+    if len(mates) != 1:
+        raise InputError(
+            f"{path}: expected its other half beside it ({form.name}), found {len(mates) or 'no'} file that fits"
+        )
+    return form, ((source, mates[0]) if part == "left" else (mates[0], source))
+
+
+def _recognise(source: Source, formats: Iterable[Format]) -> tuple[Format, str] | None:
+    for form in formats:
+        if part := form.part(source):
+            return form, part
+    return None
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    """Small files of the folder and of its usual camera folders."""
+    for place in (folder, *(folder / name for name in _NESTED)):
+        if not place.is_dir():
+            continue
+        for path in sorted(place.iterdir()):
+            if path.suffix.lower() in _SUFFIXES and path.is_file() and path.stat().st_size <= MAX_BYTES:
+                yield path
+
+
+def _readable(paths: Iterable[Path]) -> Iterator[Source]:
+    for path in paths:
+        try:
+            yield read_source(path)
+        except InputError:
+            # Anything may lie beside a calibration; what is no text is none.
+            continue
+
+
+def _candidates(path: Path, form: Format) -> list[Source]:
+    # EuRoC keeps each half in a folder of its own.
+    around = [path.parent]
+    if path.parent.name.lower() in {"cam0", "cam1", "left", "right"}:
+        around.append(path.parent.parent)
+    files = {p.resolve(): p for folder in around for p in _files(folder)}
+    files.pop(path.resolve(), None)
+    return [source for source in _readable(files.values()) if form.part(source)]
+
+
+def _belongs(one: Source, other: Source) -> bool:
+    """Do two names differ only by a word such as left/right?"""
+    return _plain(one.path) == _plain(other.path)
+
+
+def _plain(path: Path) -> str:
+    name = f"{path.parent.name}/{path.name}".lower()
+    for first, second in _PAIRS:
+        name = name.replace(first, "*").replace(second, "*")
+    return name
+
+
+def _in_folder(folder: Path, formats: Sequence[Format]) -> Found:
+    rigs: list[Found] = []
+    halves: list[tuple[Format, str, Source]] = []
+    for source in _readable(_files(folder)):
+        match _recognise(source, formats):
+            case (form, "whole"):
+                rigs.append((form, (source,)))
+            case (form, part):
+                halves.append((form, part, source))
+    rigs += _paired(halves)
+    own = [rig for rig in rigs if rig[0].name == formats[0].name]
+    rigs = own or rigs
+    if len(rigs) == 1:
+        return rigs[0]
+    if not rigs:
+        what = f"only half of a pair ({halves[0][2].path.name})" if halves else "none"
+        raise InputError(f"{folder}: expected a stereo calibration in it, found {what}")
+    names = ", ".join("+".join(s.path.name for s in sources) for _, sources in rigs[:4])
+    raise InputError(f"{folder}: expected one calibration in it, found {len(rigs)} ({names}): name the file")
+
+
+def _paired(halves: Sequence[tuple[Format, str, Source]]) -> list[Found]:
+    """Match halves of one format: by name, or as the only two there are."""
+    rigs: list[Found] = []
+    for form in {form.name: form for form, _, _ in halves}.values():
+        lefts = [s for f, part, s in halves if f.name == form.name and part == "left"]
+        rights = [s for f, part, s in halves if f.name == form.name and part == "right"]
+        if len(lefts) == len(rights) == 1:
+            rigs.append((form, (lefts[0], rights[0])))
+            continue
+        rigs += [(form, (a, b)) for a in lefts for b in rights if _belongs(a, b)]
+    return rigs
+
 
 FORMATS: tuple[Format, ...] = (NATIVE, OPENCV, DEPTHAI, KALIBR, ROS, ZED, KITTI, EUROC, MIDDLEBURY)
 
@@ -27,8 +146,9 @@ MAX_TURN_DEG = 45.0
 """Cameras turned further against each other share no view worth matching (our choice)."""
 MIN_FOCAL_WIDTHS, MAX_FOCAL_WIDTHS = 0.1, 30.0
 """A focal length outside these multiples of the image width is in other units (fisheye of 200 deg: 0.2)."""
-MAX_OFF_IMAGE = 0.25
-"""Share of the image by which a principal point may lie outside of it; crops rarely go further (our choice)."""
+MAX_BENT = 10.0
+"""Rays through the middle half of an image lie within this factor of where they were without distortion; a fisheye of
+200 deg has 2.4 (our choice)."""
 
 __all__ = ["FORMATS", "calibration_files", "load_rig", "refuse_strange_camera", "write_rig"]
 
@@ -126,17 +246,29 @@ def _detail(error: Exception) -> str:
 
 
 def refuse_strange_camera(one: Camera, side: str) -> None:
-    """A camera whose numbers belong to another image size or another unit."""
+    """A camera whose numbers belong to another image size or another unit, or whose lens shows no picture.
+
+    Raises:
+        ValueError: what was expected and found.
+    """
     if not MIN_FOCAL_WIDTHS <= one.fx / one.width <= MAX_FOCAL_WIDTHS or not 0.5 <= one.fx / one.fy <= 2.0:
         raise ValueError(
             f"expected a {side} focal length in pixels of {one.width}x{one.height}, found fx={one.fx:g} fy={one.fy:g}"
         )
     off = max(abs(one.cx / one.width - 0.5), abs(one.cy / one.height - 0.5)) - 0.5
-    if off > MAX_OFF_IMAGE:
+    # Share of the image by which a principal point may lie outside of it; crops rarely go further (our choice).
+    if off > 0.25:
         raise ValueError(
             f"expected a {side} principal point inside the image of {one.width}x{one.height}, "
             f"found ({one.cx:.1f}, {one.cy:.1f})"
         )
+    u, v = (grid.ravel() for grid in np.meshgrid(*(np.linspace(0.25, 0.75, 5) * length for length in one.size)))
+    straight = np.hypot((u - one.cx) / one.fx, (v - one.cy) / one.fy)
+    with np.errstate(all="ignore"):
+        bent = np.linalg.norm(one.unproject(np.column_stack([u, v]))[:, :2], axis=1)
+    if not ((bent <= MAX_BENT * straight + 1e-3) & (straight <= MAX_BENT * bent + 1e-3)).all():
+        shown = ", ".join(f"{k:g}" for k in one.distortion)
+        raise ValueError(f"expected a {side} lens that shows the middle of its image, found distortion ({shown})")
 
 
 def _fitted(rig: StereoRig, name: str, size: tuple[int, int] | None) -> StereoRig:

@@ -75,11 +75,7 @@ class Format:
 
 
 def read_source(path: Path) -> Source:
-    """Read a text file.
-
-    Raises:
-        InputError: unreadable, too large, or not text.
-    """
+    """Read a text file. Raises InputError: unreadable, too large, or not text."""
     require_file(path, "a calibration file")
     try:
         with path.open("rb") as file:
@@ -215,6 +211,13 @@ def rigid(value: Any, name: str, unit_m: float) -> SE3:
     return transform(m[:, :3].ravel(), m[:, 3] * unit_m, name)
 
 
+def projected(size: Size, value: Any, name: str, unit_m: float) -> tuple[Camera, SE3]:
+    """The camera of a (3, 4) projection P = K [I | t] of rectified images, and its pose."""
+    p = numbers(value, name, 12).reshape(3, 4)
+    shift = np.asarray(np.linalg.solve(p[:, :3], p[:, 3]) * unit_m, dtype=np.float64)
+    return camera(size, p[:, :3].ravel(), np.empty(0), "brown", name), SE3(np.eye(3), shift)
+
+
 def held(name: str, one: Camera, counts: Mapping[str, int]) -> tuple[LensModel, list[float]]:
     """The lens as a format holds it, if it does so exactly.
 
@@ -242,11 +245,7 @@ def _shown(value: Any) -> str:
 
 
 def parse_json(text: str) -> Any:
-    """The value of a JSON text.
-
-    Raises:
-        ValueError: not JSON, or nesting without end.
-    """
+    """The value of a JSON text. Raises ValueError: not JSON, or nesting without end."""
     try:
         return json.loads(text)
     except RecursionError:
@@ -254,11 +253,7 @@ def parse_json(text: str) -> Any:
 
 
 def parse_xml(text: str) -> ElementTree.Element:
-    """The root element.
-
-    Raises:
-        ValueError: not XML, or a document type (entities can expand without end).
-    """
+    """The root element. Raises ValueError: not XML, or a document type (entities can expand without end)."""
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise ValueError("expected XML without a document type, found one")
     try:
@@ -293,11 +288,8 @@ class _PlainLoader(yaml.SafeLoader):
 
 
 def parse_yaml(text: str) -> Mapping[str, Any]:
-    """A YAML mapping; OpenCV's ``%YAML:1.0`` header (any style) and its tags are taken off first.
-
-    Raises:
-        ValueError: not YAML, or no mapping at the top.
-    """
+    """A YAML mapping; OpenCV's ``%YAML:1.0`` header (any style) and its tags are taken off first. Raises ValueError:
+    not YAML, or no mapping at the top."""
     if len(text) > MAX_CHARACTERS:
         raise ValueError(f"expected YAML of up to {MAX_CHARACTERS} characters, found {len(text)}")
     plain = _OPENCV_TAG.sub("", _HEADER.sub("", text.lstrip()))

@@ -26,6 +26,7 @@ from calib.formats.base import (
     number,
     numbers,
     parse_yaml,
+    projected,
     rigid,
     side_of,
     size_of,
@@ -77,22 +78,19 @@ def _euroc_write(rig: StereoRig, path: Path) -> list[Path]:
     ):
         (path / name).mkdir(parents=True, exist_ok=True)
         paths.append(path / name / "sensor.yaml")
-        write_whole(paths[-1], _half_text(one, body_SE3_camera))
+        model, coefficients = held("EuRoC", one, {"brown": 4, "fisheye": 4})
+        values = [float(v) for v in np.asarray(body_SE3_camera.matrix).ravel()]
+        half_text = (
+            "sensor_type: camera\n"
+            f"T_BS:\n  cols: 4\n  rows: 4\n  data: {values}\n"
+            f"resolution: [{one.width}, {one.height}]\n"
+            "camera_model: pinhole\n"
+            f"intrinsics: {[float(v) for v in (one.fx, one.fy, one.cx, one.cy)]}\n"
+            f"distortion_model: {'equidistant' if model == 'fisheye' else 'radial-tangential'}\n"
+            f"distortion_coefficients: {coefficients}\n"
+        )
+        write_whole(paths[-1], half_text)
     return paths
-
-
-def _half_text(one: Camera, body_SE3_camera: SE3) -> str:
-    model, coefficients = held("EuRoC", one, {"brown": 4, "fisheye": 4})
-    values = [float(v) for v in np.asarray(body_SE3_camera.matrix).ravel()]
-    return (
-        "sensor_type: camera\n"
-        f"T_BS:\n  cols: 4\n  rows: 4\n  data: {values}\n"
-        f"resolution: [{one.width}, {one.height}]\n"
-        "camera_model: pinhole\n"
-        f"intrinsics: {[float(v) for v in (one.fx, one.fy, one.cx, one.cy)]}\n"
-        f"distortion_model: {'equidistant' if model == 'fisheye' else 'radial-tangential'}\n"
-        f"distortion_coefficients: {coefficients}\n"
-    )
 
 
 EUROC = Format("euroc", "EuRoC sensor.yaml pair", _euroc_part, _euroc_read, _euroc_write, "")
@@ -151,7 +149,7 @@ def _rectified(data: Mapping[str, str], name: str, unit_m: float) -> tuple[Camer
     size = _size(data, f"S_rect_{name}")
     if size is None:
         raise ValueError(f"expected the key S_rect_{name}, found none")
-    return _projected(size, data, f"P_rect_{name}", unit_m)
+    return projected(size, entry(data, f"P_rect_{name}"), f"P_rect_{name}", unit_m)
 
 
 def _of_sequence(source: Source, data: Mapping[str, str], choice: Choice) -> StereoRig:
@@ -161,18 +159,11 @@ def _of_sequence(source: Source, data: Mapping[str, str], choice: Choice) -> Ste
     left, right = choice.cameras or next(
         (pair for pair in (("2", "3"), ("0", "1")) if f"P{pair[1]}" in data), ("0", "1")
     )
-    parts = [_projected(choice.size, data, f"P{name}", choice.unit()) for name in (left, right)]
-    (one, left_SE3_zero), (other, right_SE3_zero) = parts
+    (one, left_SE3_zero), (other, right_SE3_zero) = (
+        projected(choice.size, entry(data, f"P{name}"), f"P{name}", choice.unit()) for name in (left, right)
+    )
     name = f"{source.path.name} [cameras {left} {right}, rectified images]"
     return StereoRig(one, other, right_SE3_zero @ left_SE3_zero.inverse(), name)
-
-
-def _projected(size: Size, data: Mapping[str, str], key: str, unit_m: float) -> tuple[Camera, SE3]:
-    """The camera of a (3, 4) projection, and its pose."""
-    p = numbers(entry(data, key), key, 12).reshape(3, 4)
-    one = camera(size, p[:, :3].ravel(), np.empty(0), "brown", f"camera {key}")
-    shift = np.asarray(np.linalg.solve(p[:, :3], p[:, 3]) * unit_m, dtype=np.float64)
-    return one, SE3(np.eye(3), shift)
 
 
 def _kitti_write(rig: StereoRig, path: Path) -> list[Path]:
@@ -200,7 +191,6 @@ KITTI = Format("kitti", "KITTI calib_cam_to_cam", _kitti_part, _kitti_read, _kit
 
 _CAMERA = re.compile(r"^\s*cam0\s*=\s*\[", re.MULTILINE)
 _MILLIMETRE_M = 0.001
-_MAX_OFFSET_PX = 0.5
 
 
 def _middlebury_part(source: Source) -> str | None:
@@ -213,7 +203,7 @@ def _middlebury_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     size = whole(entry(data, "width"), "width"), whole(entry(data, "height"), "height")
     left, right = (_middlebury_camera(data, name, size) for name in ("cam0", "cam1"))
     offset = number(data.get("doffs", right.cx - left.cx), "doffs")
-    if abs(offset - (right.cx - left.cx)) > _MAX_OFFSET_PX:
+    if abs(offset - (right.cx - left.cx)) > 0.5:
         raise ValueError(
             f"expected doffs to be the principal points' distance {right.cx - left.cx:g}, found {offset:g}"
         )

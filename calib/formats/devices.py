@@ -46,18 +46,6 @@ def _depthai_part(source: Source) -> str | None:
 
 def _depthai_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     data = table(parse_json(sources[0].text), "the file")
-    cameras = _by_socket(data)
-    left, right = _sockets(data, cameras, choice)
-    for socket in (left, right):
-        if socket not in cameras:
-            raise ValueError(f"expected a camera at socket {socket}, found sockets {sorted(cameras)}")
-    pose = _between(cameras, left, right, choice.unit(_CENTIMETRE_M))
-    return StereoRig(
-        _depthai_camera(cameras[left], left), _depthai_camera(cameras[right], right), pose, sources[0].path.name
-    )
-
-
-def _by_socket(data: Mapping[str, Any]) -> dict[int, Mapping[str, Any]]:
     listed = entry(data, "cameraData")
     if not isinstance(listed, list):
         raise ValueError("expected cameraData to be a list of [socket, camera]")
@@ -66,7 +54,14 @@ def _by_socket(data: Mapping[str, Any]) -> dict[int, Mapping[str, Any]]:
         if not isinstance(item, list) or len(item) != 2:
             raise ValueError("expected cameraData to be a list of [socket, camera]")
         cameras[int(number(item[0], "socket"))] = table(item[1], "camera")
-    return cameras
+    left, right = _sockets(data, cameras, choice)
+    for socket in (left, right):
+        if socket not in cameras:
+            raise ValueError(f"expected a camera at socket {socket}, found sockets {sorted(cameras)}")
+    pose = _between(cameras, left, right, choice.unit(_CENTIMETRE_M))
+    return StereoRig(
+        _depthai_camera(cameras[left], left), _depthai_camera(cameras[right], right), pose, sources[0].path.name
+    )
 
 
 def _sockets(data: Mapping[str, Any], cameras: Mapping[int, Any], choice: Choice) -> tuple[int, int]:

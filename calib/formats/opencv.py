@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.camera import Camera, LensModel
+from calib.camera import LensModel
 from calib.formats.base import (
     Choice,
     Format,
@@ -21,13 +21,13 @@ from calib.formats.base import (
     parse_json,
     parse_xml,
     parse_yaml,
+    projected,
     size_of,
     table,
     transform,
     whole,
 )
 from calib.io import write_whole
-from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64
 
@@ -40,7 +40,6 @@ _JSON_MATRIX = re.compile(rf'"({"|".join(_K1)})"\s*:')
 _T_UNITS_M = {"T_m": 1.0, "T_cm": 0.01, "T_mm": 0.001}
 _JSON_TRANSLATION = re.compile(rf'"({"|".join(("T", *_T_UNITS_M))})"\s*:')
 _P1, _P2 = ("P1", "P1_rect"), ("P2", "P2_rect")
-_COUNTS = (4, 5, 8, 12, 14)
 
 COMMON_SIZES: tuple[Size, ...] = (
     (320, 240), (376, 240), (640, 360), (640, 400), (640, 480), (672, 376), (752, 480), (800, 600), (848, 480),
@@ -48,8 +47,6 @@ COMMON_SIZES: tuple[Size, ...] = (
     (2048, 1536), (2208, 1242), (2592, 1944), (3840, 2160),
 )  # fmt: skip
 """Sizes of usual sensors [px], for files that hold none."""
-_MAX_OFF_CENTRE = 0.08
-"""Share of the image that a principal point may lie off centre when the size is taken from it."""
 
 
 def _part(source: Source) -> str | None:
@@ -75,7 +72,7 @@ def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
         return _rectified(data, size, choice.unit(), name)
     model = _model(data)
     left, right = (
-        camera(size, k, numbers(entry(data, *names), names[0], _COUNTS), model, names[0])
+        camera(size, k, numbers(entry(data, *names), names[0], (4, 5, 8, 12, 14)), model, names[0])
         for k, names in zip(matrices, (_D1, _D2), strict=True)
     )
     pose = transform(numbers(entry(data, "R"), "R", 9), _translation(data, choice), "R")
@@ -92,13 +89,10 @@ def _translation(data: Mapping[str, Any], choice: Choice) -> F64:
 
 def _rectified(data: Mapping[str, Any], size: Size, unit_m: float, name: str) -> StereoRig:
     """The cameras of images that P1 and P2 rectified: P = K [I | t]."""
-    cameras, shifts = [], []
-    for names in (_P1, _P2):
-        p = numbers(entry(data, *names), names[0], 12).reshape(3, 4)
-        cameras.append(camera(size, p[:, :3].ravel(), np.empty(0), "brown", names[0]))
-        shifts.append(np.linalg.solve(p[:, :3], p[:, 3]) * unit_m)
-    pose = SE3(np.eye(3), np.asarray(shifts[1] - shifts[0], dtype=np.float64))
-    return StereoRig(cameras[0], cameras[1], pose, f"{name} [rectified images]")
+    (left, left_SE3_zero), (right, right_SE3_zero) = (
+        projected(size, entry(data, *names), names[0], unit_m) for names in (_P1, _P2)
+    )
+    return StereoRig(left, right, right_SE3_zero @ left_SE3_zero.inverse(), f"{name} [rectified images]")
 
 
 def _parse(text: str) -> Mapping[str, Any]:
@@ -131,7 +125,8 @@ def _size(data: Mapping[str, Any], choice: Choice, centres: Sequence[tuple[float
     cx, cy = np.mean(np.asarray(centres, dtype=np.float64), axis=0)
     away = [max(abs(cx / w - 0.5), abs(cy / h - 0.5)) for w, h in COMMON_SIZES]
     best = int(np.argmin(away))
-    if away[best] > _MAX_OFF_CENTRE:
+    # Share of the image that a principal point may lie off centre when the size is taken from it.
+    if away[best] > 0.08:
         raise ValueError(
             f"expected an image size, found none, and the principal point ({cx:.0f}, {cy:.0f}) fits no usual size"
         )
@@ -159,11 +154,10 @@ def _intrinsics(rig: StereoRig) -> str:
         raise ValueError("the OpenCV format holds one lens model for both cameras, and only one of these is a fisheye")
     model = "fisheye" if rig.left.model == "fisheye" else "opencv"
     head = f"image_width: {rig.left.width}\nimage_height: {rig.left.height}\ndistortion_model: {model}\n"
-    return head + "".join(_camera_blocks(number, one) for number, one in ((1, rig.left), (2, rig.right)))
-
-
-def _camera_blocks(number: int, one: Camera) -> str:
-    return _block(f"M{number}", one.matrix) + _block(f"D{number}", one.coefficients.reshape(1, -1))
+    return head + "".join(
+        (_block(f"M{number}", one.matrix) + _block(f"D{number}", one.coefficients.reshape(1, -1)))
+        for number, one in ((1, rig.left), (2, rig.right))
+    )
 
 
 def _extrinsics(rig: StereoRig) -> str:

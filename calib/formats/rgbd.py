@@ -59,7 +59,19 @@ def load_rgbd(path: Path, size: Size, depth_size: Size) -> RgbdRig:
         )
     file, data = found
     try:
-        return _fitted(_rig(data, size, depth_size), size, depth_size, str(file))
+        rig = _rig(data, size, depth_size)
+        source = str(file)
+        depth = rig.depth_camera
+        for own, wanted in ((rig.camera.size, size), (depth.size if depth else depth_size, depth_size)):
+            if own[0] * wanted[1] != own[1] * wanted[0]:
+                raise InputError(
+                    f"{source}: expected a calibration for images of {size_text(wanted)}, "
+                    f"found one for {size_text(own)} (another aspect)"
+                )
+        if rig.camera.size == size and (depth is None or depth.size == depth_size):
+            return replace(rig, source=source)
+        note = f"{source} (scaled from {size_text(rig.camera.size)} to {size_text(size)})"
+        return replace(rig.scaled(size, depth_size), source=note)
     except (ValueError, TypeError, KeyError, IndexError, OverflowError, np.linalg.LinAlgError) as error:
         raise InputError(f"{file}: expected a calibration of images with depth, but {error}") from error
 
@@ -195,17 +207,3 @@ def _sensor(data: Mapping[str, Any]) -> DepthSensor | None:
     names = ("sensor", "device", "camera_model", "model", "name", "depth_mode", "device_name")
     text = " ".join(str(data[name]) for name in names if isinstance(data.get(name), str)).lower()
     return next((sensor for sensor, pattern in _SENSORS.items() if re.search(pattern, text)), None)
-
-
-def _fitted(rig: RgbdRig, size: Size, depth_size: Size, source: str) -> RgbdRig:
-    depth = rig.depth_camera
-    for own, wanted in ((rig.camera.size, size), (depth.size if depth else depth_size, depth_size)):
-        if own[0] * wanted[1] != own[1] * wanted[0]:
-            raise InputError(
-                f"{source}: expected a calibration for images of {size_text(wanted)}, found one for {size_text(own)} "
-                "(another aspect)"
-            )
-    if rig.camera.size == size and (depth is None or depth.size == depth_size):
-        return replace(rig, source=source)
-    note = f"{source} (scaled from {size_text(rig.camera.size)} to {size_text(size)})"
-    return replace(rig.scaled(size, depth_size), source=note)

@@ -107,22 +107,19 @@ def _ros_write(rig: StereoRig, path: Path) -> list[Path]:
         k = np.array([[focal, 0.0, rig.left.cx], [0.0, focal, rig.left.cy], [0.0, 0.0, 1.0]])
         projection = np.column_stack([k, [focal * shift, 0.0, 0.0]])
         paths.append(path / f"{name}.yaml")
-        write_whole(paths[-1], _half_text(name, one, rotation, projection))
+        model, coefficients = held("ROS", one, {"brown": 5, "rational": 8, "fisheye": 4})
+        lens = {"brown": "plumb_bob", "rational": "rational_polynomial", "fisheye": "equidistant"}[model]
+        blocks = [
+            f"image_width: {one.width}\nimage_height: {one.height}\ncamera_name: {name}\n",
+            _block("camera_matrix", one.matrix),
+            f"distortion_model: {lens}\n",
+            _block("distortion_coefficients", np.array([coefficients])),
+            _block("rectification_matrix", rotation),
+            _block("projection_matrix", projection),
+        ]
+        half_text = "".join(blocks)
+        write_whole(paths[-1], half_text)
     return paths
-
-
-def _half_text(name: str, one: Camera, rotation: F64, projection: F64) -> str:
-    model, coefficients = held("ROS", one, {"brown": 5, "rational": 8, "fisheye": 4})
-    lens = {"brown": "plumb_bob", "rational": "rational_polynomial", "fisheye": "equidistant"}[model]
-    blocks = [
-        f"image_width: {one.width}\nimage_height: {one.height}\ncamera_name: {name}\n",
-        _block("camera_matrix", one.matrix),
-        f"distortion_model: {lens}\n",
-        _block("distortion_coefficients", np.array([coefficients])),
-        _block("rectification_matrix", rotation),
-        _block("projection_matrix", projection),
-    ]
-    return "".join(blocks)
 
 
 def _block(name: str, matrix: F64) -> str:

@@ -16,7 +16,6 @@ from calib.pose import SE3
 from calib.types import F64
 
 _MILLIMETRE_M = 0.001
-_CUBIC_STEPS = 50
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,18 @@ class TsaiCamera:
         depth = np.where(p[:, 2] > 0, p[:, 2], np.nan)
         ideal = self.focal_mm * p[:, :2] / depth[:, None]
         radius = np.linalg.norm(ideal, axis=1)
-        scale = np.where(radius > 0, self._distorted(radius) / np.where(radius > 0, radius, 1.0), 1.0)
+        # The smallest r with r + kappa1 r^3 = ideal, by Newton's method; NaN where there is none.
+        k, r = self.kappa1, radius.copy()
+        if k < 0:
+            # The cubic turns back at r = 1/sqrt(-3k); Newton from the left of it stays on the first branch.
+            turn = 1.0 / math.sqrt(-3.0 * k)
+            r = np.where(radius <= 2.0 / 3.0 * turn, np.minimum(radius, 0.999 * turn), np.nan)
+        for _ in range(50):
+            step = (r + k * r**3 - radius) / (1.0 + 3.0 * k * r**2)
+            r = r - step
+            if not np.nanmax(np.abs(step), initial=0.0) > 1e-14:
+                break
+        scale = np.where(radius > 0, r / np.where(radius > 0, radius, 1.0), 1.0)
         return ideal * scale[:, None] / [self.dx_mm, self.dy_mm] + [self.cx, self.cy]
 
     def back_project(self, pixels: ArrayLike, height_m: float = 0.0) -> F64:
@@ -115,20 +125,6 @@ class TsaiCamera:
         distance = (height_m - centre[2]) / falling
         distance = np.where(distance > 0, distance, np.nan)
         return centre[:2] + distance[:, None] * rays[:, :2]
-
-    def _distorted(self, ideal: F64) -> F64:
-        """The smallest r with r + kappa1 r^3 = ideal, by Newton's method; NaN where there is none."""
-        k, r = self.kappa1, ideal.copy()
-        if k < 0:
-            # The cubic turns back at r = 1/sqrt(-3k); Newton from the left of it stays on the first branch.
-            turn = 1.0 / math.sqrt(-3.0 * k)
-            r = np.where(ideal <= 2.0 / 3.0 * turn, np.minimum(ideal, 0.999 * turn), np.nan)
-        for _ in range(_CUBIC_STEPS):
-            step = (r + k * r**3 - ideal) / (1.0 + 3.0 * k * r**2)
-            r = r - step
-            if not np.nanmax(np.abs(step), initial=0.0) > 1e-14:
-                break
-        return r
 
 
 def is_tsai(source: Source) -> bool:
@@ -176,6 +172,7 @@ def _from_xml(text: str, unit_m: float) -> TsaiCamera:
         raise ValueError(f"expected a positive sx, found {sx:g}")
     focal, kappa1, cx, cy = (number(entry(intrinsic, key), key) for key in ("focal", "kappa1", "cx", "cy"))
     rx, ry, rz, *translation = (number(entry(extrinsic, key), key) for key in ("rx", "ry", "rz", "tx", "ty", "tz"))
+    # R = Rz Ry Rx (Tsai's order).
     return TsaiCamera(
         whole(entry(geometry, "width"), "width"),
         whole(entry(geometry, "height"), "height"),
@@ -185,7 +182,14 @@ def _from_xml(text: str, unit_m: float) -> TsaiCamera:
         cy,
         _pitch(geometry) / sx,
         number(entry(geometry, "dpy", "dy"), "dpy"),
-        SE3(_rotation(rx, ry, rz), np.array(translation) * unit_m),
+        SE3(
+            np.asarray(
+                SE3.from_rotvec([0.0, 0.0, rz]).rotation
+                @ SE3.from_rotvec([0.0, ry, 0.0]).rotation
+                @ SE3.from_rotvec([rx, 0.0, 0.0]).rotation
+            ),
+            np.array(translation) * unit_m,
+        ),
     )
 
 
@@ -197,12 +201,3 @@ def _pitch(geometry: Mapping[str, str]) -> float:
     if nfx <= 0:
         raise ValueError(f"expected a positive nfx, found {nfx:g}")
     return dx * ncx / nfx
-
-
-def _rotation(rx: float, ry: float, rz: float) -> F64:
-    """R = Rz Ry Rx (Tsai's order)."""
-    return np.asarray(
-        SE3.from_rotvec([0.0, 0.0, rz]).rotation
-        @ SE3.from_rotvec([0.0, ry, 0.0]).rotation
-        @ SE3.from_rotvec([rx, 0.0, 0.0]).rotation
-    )

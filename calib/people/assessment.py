@@ -30,19 +30,9 @@ from calib.people.refine import (
     shared_camera,
     shared_of,
 )
-from calib.people.samples import People
+from calib.people.samples import MarkedPeople
 from calib.types import F64
 
-MAX_FLOOR_ERROR_M = 0.5
-"""Floor positions must be known this well [m] (our choice: half the gate within which tracks are matched)..."""
-MAX_FLOOR_SHARE = 0.1
-"""...and to this share of the region's size [1] (our choice: small rooms)."""
-MIN_LEARNABLE_PX = 20.0
-"""A person lower than this in the image tells nothing [px] (our choice)."""
-NEXT_GRID = (13, 10)
-"""Places tried for the next sample, across and down the image (our choice)."""
-FURTHER = 6
-"""So many further samples are a bearable effort (our choice): when they are not enough, a known value is asked for."""
 STEP = 1e-5
 
 
@@ -93,7 +83,7 @@ def camera_deviations(fit: GroundCameraFit) -> CameraDeviations:
     return CameraDeviations(float(std[HEIGHT]), float(std[TILT]), float(std[FOCAL]), float(std[ROLL]))
 
 
-def assess(posterior: CameraPosterior, people: People, model: HumanModel) -> Assessment:
+def assess(posterior: CameraPosterior, people: MarkedPeople, model: HumanModel) -> Assessment:
     """Expected floor error over the region that the samples cover, and what would lower it most.
 
     Args:
@@ -102,9 +92,16 @@ def assess(posterior: CameraPosterior, people: People, model: HumanModel) -> Ass
         model: the person.
     """
     fit = posterior.fit
-    floor = _FloorError(fit.camera, _region(people.rows[:, 6:]))
+    # (m, 2) pixels: the feet and the middles between any two of them.
+    feet = people.rows[:, 6:]
+    first, second = np.triu_indices(len(feet))
+    middles = 0.5 * (feet[first] + feet[second])
+    region = np.asarray(middles[:: max(1, len(middles) // 1000)])
+    floor = _FloorError(fit.camera, region)
     error = floor.among(posterior)
-    limit = min(MAX_FLOOR_ERROR_M, MAX_FLOOR_SHARE * floor.size_m)
+    # Floor positions must be known this well [m] (our choice: half the gate within which tracks are matched)...
+    # ...and to this share of the region's size [1] (our choice: small rooms).
+    limit = min(0.5, 0.1 * floor.size_m)
     # What more would bring is computed linearly, and taken in proportion.
     ratio = error / max(floor.linear(fit.covariance), 1e-9) if math.isfinite(error) else math.inf
     advisor = _Advisor(fit, floor, ratio, limit)
@@ -166,38 +163,20 @@ class _FloorError:
         return np.asarray(field - self._rigid @ (self._rigid.T @ field))
 
 
-def _region(feet: F64) -> F64:
-    """(m, 2) pixels: the feet and the middles between any two of them."""
-    first, second = np.triu_indices(len(feet))
-    middles = 0.5 * (feet[first] + feet[second])
-    return np.asarray(middles[:: max(1, len(middles) // 1000)])
-
-
 def _possible(fit: GroundCameraFit, model: HumanModel) -> tuple[F64, F64]:
     """Places (k, 2) [m] all over the image where a whole person of a useful size would be, and their rows (k, 8)."""
     camera = fit.camera
-    across, down = (np.linspace(0, extent - 1, n) for extent, n in zip(camera.size, NEXT_GRID, strict=True))
+    # Places tried for the next sample, across and down the image (our choice).
+    across, down = (np.linspace(0, extent - 1, n) for extent, n in zip(camera.size, (13, 10), strict=True))
     places = camera.back_project(np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2))
     places = places[np.isfinite(places).all(axis=1)]
     size, width = np.full(len(places), fit.stature), np.full(len(places), fit.girth)
     upright = np.zeros_like(places)
     rows = predict(shared_of(fit), places, upright, size, width, camera, body_points(model), fit.prior)
     inside = (rows[:, :2] >= 0).all(axis=1) & (rows[:, 2:4] < np.array(camera.size)).all(axis=1)
-    tall = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1]) >= MIN_LEARNABLE_PX
+    # A person lower than this in the image tells nothing [px] (our choice).
+    tall = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1]) >= 20.0
     return places[inside & tall], rows[inside & tall]
-
-
-def _information(fit: GroundCameraFit, further: People, places: F64, model: HumanModel) -> F64:
-    """(k, N_SHARED, N_SHARED) what each further person tells of the shared unknowns, its own place being free."""
-    values = np.append(shared_of(fit), places)
-    jacobian = Residuals(fit.camera, further, model, fit.prior, values).jacobian(values)
-    blocks = jacobian[: 8 * len(places)].reshape(len(places), 8, -1)
-    shared = blocks[..., :N_SHARED]
-    numbers = np.arange(len(places))
-    own = np.stack([blocks[numbers, :, N_SHARED + 2 * numbers + k] for k in range(2)], axis=-1)
-    own_t = own.transpose(0, 2, 1)
-    left_over = shared - own @ np.linalg.solve(own_t @ own + 1e-12 * np.eye(2), own_t @ shared)
-    return np.asarray(left_over.transpose(0, 2, 1) @ left_over)
 
 
 @dataclass(eq=False)
@@ -217,8 +196,17 @@ class _Advisor:
         places, rows = _possible(self.fit, model)
         if not len(places):
             return None
-        further = People(rows, np.ones(len(rows)), np.full(len(rows), PERSON_STD), np.zeros(len(rows), np.bool_))
-        gains = _information(self.fit, further, places, model)
+        further = MarkedPeople(rows, np.ones(len(rows)), np.full(len(rows), PERSON_STD), np.zeros(len(rows), np.bool_))
+        # (k, N_SHARED, N_SHARED) what each further person tells of the shared unknowns, its own place being free.
+        values = np.append(shared_of(self.fit), places)
+        jacobian = Residuals(self.fit.camera, further, model, self.fit.prior, values).jacobian(values)
+        blocks = jacobian[: 8 * len(places)].reshape(len(places), 8, -1)
+        shared = blocks[..., :N_SHARED]
+        numbers = np.arange(len(places))
+        own = np.stack([blocks[numbers, :, N_SHARED + 2 * numbers + k] for k in range(2)], axis=-1)
+        own_t = own.transpose(0, 2, 1)
+        left_over = shared - own @ np.linalg.solve(own_t @ own + 1e-12 * np.eye(2), own_t @ shared)
+        gains = np.asarray(left_over.transpose(0, 2, 1) @ left_over)
         errors = [self._error_after(gain) for gain in gains]
         best = int(np.argmin(errors))
         self.gain = gains[best]
@@ -232,7 +220,9 @@ class _Advisor:
             return give or "mark more people, at more distances"
         u, v = found.foot_px
         more = f"add people {_where(self.fit, found.foot_px)}, near pixel ({u:.0f}, {v:.0f})"
-        reached = self._enough(FURTHER * self.gain)
+        # So many further samples are a bearable effort (our choice): when they are not enough, a known value
+        # is asked for.
+        reached = self._enough(6 * self.gain)
         if self.fit.prior.boxes_only:
             more, reached = "mark heads and feet where they are, not at the middles of the boxes' edges", False
         if give and not reached:

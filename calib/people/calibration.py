@@ -1,18 +1,4 @@
-"""One camera from standing people, and how well it is known (Zhang et al. 2008, section 3.3).
-
-The whole of what a caller needs: ``found = calibrate_from_people(samples, size, known=KnownValues(field_deg=70))``,
-then ``found.camera``, ``found.std`` (deviations), ``found.assessment.enough`` and ``.sentence`` (the verdict in plain
-words), ``found.assessment.next_sample.foot_px`` (where the next person should stand in the image; None where no further
-person helps) and ``found.odd`` (samples to look at again).
-
-Samples are read in three ways: heads and feet where they are marked, in boxes around the outline or in boxes that end
-at head and foot; and heads and feet that are but the middles of the boxes' edges. Each with every lens. The one with
-the largest evidence is taken; what the others say enters the deviations by their probability.
-
-The paper's E_bb and weights are illegible in the copy at hand; our choice is E_bb = 1 - IoU of the boxes,
-w_hf = D_hf / D_bb (head to foot over the diagonal of the box), w_bb = 1 - w_hf. The person stands where head and foot
-together project nearest to the sample's (the paper is silent; our choice).
-"""
+"""The camera from a few people: search, refinement and assessment in one call."""
 
 from __future__ import annotations
 
@@ -22,24 +8,174 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from pydantic import Field
 
 from calib.errors import WorkError
 from calib.ground_camera import LENS_K_320, GroundCamera
+from calib.params import Params
+from calib.people._kernels import INFEASIBLE, candidate_errors
 from calib.people.assessment import Assessment, CameraDeviations, assess, camera_deviations
-from calib.people.model import HumanModel, KnownValues, people_of, prior_of, scaled_model
+from calib.people.model import HumanModel, KnownValues, people_of, prior_of, scaled_model, usual_focal_px
 from calib.people.refine import CameraPosterior, GroundCameraFit, posterior_of, refine, with_outline_errors
-from calib.people.samples import HumanSample, People, check_samples, level_ends, only_boxes
-from calib.people.search import HumanCalibrationParams, SearchProblem, search, warm_up
+from calib.people.samples import HumanSample, MarkedPeople, check_samples, level_ends, only_boxes
 from calib.types import F64
+
+PARTS = 16
+"""The first cells are searched in so many parts (our choice)."""
+KNOWN_RANGE = 1.15
+"""A value that was told is searched up to this factor from it; the deviation decides afterwards (our choice)."""
+
+
+class HumanCalibrationParams(Params):
+    """The search for a camera."""
+
+    coarse_tilts: int = Field(default=37, ge=5, le=361)
+    """Tilts tried at first over their range [1] (our choice: at most 5 degrees apart)."""
+    coarse_focals: int = Field(default=20, ge=3, le=200)
+    """Focal lengths tried at first, in equal ratios [1] (our choice: at most 15 % apart)."""
+    coarse_heights: int = Field(default=20, ge=3, le=200)
+    """Camera heights tried at first, in equal ratios [1] (our choice)."""
+    beam: int = Field(default=200, ge=1, le=1000)
+    """Best cells kept between steps; height and focal length trade off along a valley (our choice)."""
+    steps: int = Field(default=14, ge=1, le=30)
+    """Finer steps, each halving the cells [1]; 14 reach 0.001 degrees (our choice)."""
+    max_error: float = Field(default=0.25, gt=0)
+    """Largest plausible error of the samples that fit, their median [1]: beyond it they are not standing people in an
+    upright image (our choice)."""
+    max_height_std: float = Field(default=0.25, gt=0)
+    """Relative deviation of the height from which height and focal length count as inseparable (our choice)."""
+    max_distance_m: float = Field(default=60.0, gt=1, le=500)
+    """People are not sampled from farther away [m] (our choice: bounds the focal length)."""
+
+
+class SearchProblem:
+    """The samples of one lens class, ready for the kernel; a candidate is (log focal, log height, tilt)."""
+
+    def __init__(
+        self, rows: F64, size: tuple[int, int], lens: str, model: HumanModel, known: KnownValues, boxes_only: bool
+    ) -> None:
+        """Args:
+        rows: (n, 8) samples (see ``HumanSample.row``).
+        size: (width, height) of the image [px].
+        lens: class of table 2.
+        model: the person.
+        known: values given; they narrow the search.
+        boxes_only: heads and feet are but the middles of the boxes' edges.
+        """
+        self.rows, self.size, self.lens, self.model = rows, size, lens, model
+        self.known, self.boxes_only = known, boxes_only
+        self.k = LENS_K_320[lens] * 320.0 / size[0]
+        centre = np.tile([(size[0] - 1) / 2, (size[1] - 1) / 2], 4)
+        self.marked = np.ascontiguousarray(rows - centre)
+        points = self.marked[:, 4:].reshape(-1, 2, 2)
+        root = 1.0 + 4.0 * self.k * np.hypot(points[..., 0], points[..., 1])
+        scale = np.where(root > 0, 2.0 / (1.0 + np.sqrt(np.maximum(root, 0.0))), np.nan)
+        self.flat = np.ascontiguousarray((points * scale[..., None]).reshape(-1, 4))
+        self.circles = model.circles()
+
+    def errors(self, candidates: F64, limit: float = INFEASIBLE) -> F64:
+        """(m,) mean errors of (m, 3) candidates, not below ``limit`` where they exceed it."""
+        cameras = np.column_stack([np.exp(candidates[:, :2]), candidates[:, 2]])
+        out = np.empty(len(cameras))
+        if not np.isfinite(self.flat).all():
+            return np.full(len(cameras), INFEASIBLE)
+        candidate_errors(cameras, self.k, self.flat, self.marked, self.circles, self.model.height_m, limit, out)
+        return out
+
+    def camera(self, candidate: F64) -> GroundCamera:
+        focal, height = (float(v) for v in np.exp(candidate[:2]))
+        return GroundCamera(*self.size, focal, height, float(candidate[2]), self.lens)
+
+    def each(self, camera: GroundCamera) -> F64:
+        """(n,) error of every sample."""
+        # (n, 8) rows in an image turned clockwise about its centre; boxes keep their size, which small turns allow.
+        angle_rad = -camera.roll_rad
+        centre = (np.array(self.size) - 1) / 2
+        c, s = math.cos(angle_rad), math.sin(angle_rad)
+        turn = np.array([[c, -s], [s, c]])
+        middle = (self.rows[:, :2] + self.rows[:, 2:4]) / 2
+        half = (self.rows[:, 2:4] - self.rows[:, :2]) / 2
+        middle, head, foot = ((p - centre) @ turn.T + centre for p in (middle, self.rows[:, 4:6], self.rows[:, 6:8]))
+        turned = np.concatenate([middle - half, middle + half, head, foot], axis=1)
+        upright = SearchProblem(turned, self.size, self.lens, self.model, self.known, self.boxes_only)
+        one = [(upright.flat[i : i + 1], upright.marked[i : i + 1]) for i in range(len(self.rows))]
+        values = np.array([[camera.focal_px, camera.height_m, camera.tilt_rad]])
+        out = np.empty((len(one), 1))
+        for row, (flat, marked) in zip(out, one, strict=True):
+            candidate_errors(values, self.k, flat, marked, self.circles, self.model.height_m, np.inf, row)
+        return out[:, 0]
+
+    def bounds(self, params: HumanCalibrationParams) -> tuple[F64, F64]:
+        """Lower and upper (log focal, log height, tilt) that the samples allow (section 3.3)."""
+        box = self.marked[:, 2:4] - self.marked[:, :2]
+        diagonal = np.hypot(box[:, 0], box[:, 1])
+        upright = (self.marked[:, 7] - self.marked[:, 5]) / diagonal
+        low_tilt, high_tilt = math.radians(-89.0), math.radians(89.0)
+        # Heads above feet everywhere: the point below the camera is beneath the image's people, so it looks forward.
+        if upright.min() > 0.5:
+            low_tilt = 0.0
+        elif upright.max() < -0.5:
+            high_tilt = 0.0
+        elif np.abs(upright).max() < 0.5:
+            low_tilt, high_tilt = math.radians(-60.0), math.radians(60.0)
+        size = math.hypot(self.model.height_m, 2 * self.model.torso_radius_m)
+        width = self.size[0]
+        # 150 degrees of view at most; at least what shows the smallest sample at the largest distance.
+        low_focal = 0.13 * width
+        high_focal = max(2.0 * low_focal, min(10.0 * width, params.max_distance_m * float(diagonal.min()) / size * 2))
+        if self.boxes_only:
+            usual = usual_focal_px(self.lens, width)
+            low_focal, high_focal = max(low_focal, 0.5 * usual), 2.0 * usual
+        focal = self.known.focal(width, self.k)
+        if focal is not None:
+            low_focal, high_focal = focal / KNOWN_RANGE, focal * KNOWN_RANGE
+        high_height = self.model.height_m + high_focal * size / float(diagonal.max())
+        low_height, high_height = self.model.height_m * 1.15, min(high_height, params.max_distance_m)
+        if self.known.height_m is not None:
+            low_height, high_height = self.known.height_m / KNOWN_RANGE, self.known.height_m * KNOWN_RANGE
+        low = np.array([math.log(low_focal), math.log(low_height), low_tilt])
+        high = np.array([math.log(high_focal), math.log(max(high_height, low_height * 1.01)), high_tilt])
+        return low, high
+
+
+def search(problem: SearchProblem, params: HumanCalibrationParams) -> tuple[F64, F64]:
+    """The last (m, 3) candidates kept and their errors, best first."""
+    low, high = problem.bounds(params)
+    counts = (params.coarse_focals, params.coarse_heights, params.coarse_tilts)
+    axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True)]
+    candidates = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    step = (high - low) / (np.array(counts) - 1)
+    around = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    limit = INFEASIBLE
+    for step_number in range(params.steps + 1):
+        n_kept = max(params.beam >> step_number, 20)
+        errors = problem.errors(candidates, limit) if step_number else _first_errors(problem, candidates, n_kept)
+        best = np.argsort(errors, kind="stable")[:n_kept]
+        kept, limit = candidates[best], float(errors[best[-1]])
+        step = step / 2
+        candidates = np.unique((kept[:, None] + step * around).reshape(-1, 3), axis=0)
+        candidates = np.clip(candidates, low, high)
+    return kept, errors[best]
+
+
+def _first_errors(problem: SearchProblem, candidates: F64, n_kept: int) -> F64:
+    """(m,) errors of the first cells, in parts that are spread over all of them.
+
+    The ``n_kept`` best so far are a limit for the next part: beyond it no cell is kept, and need not be computed.
+    """
+    errors, limit = np.full(len(candidates), np.inf), INFEASIBLE
+    for part in range(PARTS):
+        errors[part::PARTS] = problem.errors(candidates[part::PARTS], limit)
+        known = errors[np.isfinite(errors)]
+        if len(known) >= n_kept:
+            limit = min(limit, float(np.partition(known, n_kept - 1)[n_kept - 1]))
+    return errors
+
 
 ODD_FROM = 3.0
 """A sample whose residuals are this many deviations is odd: not a standing person, or marked wrongly (our choice)."""
 MAX_ROLL_RAD = math.radians(7.0)
 """A larger roll is none of a camera, but of wrong samples (our choice: 3.5 deviations of the prior)."""
-RIVAL = 20.0
-"""Fits whose log-evidence is lower by more are not refined further (our choice: one in 10^8)."""
-VALLEYS = 3
-"""So many distinct results of the search are refined (our choice)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,20 +246,43 @@ def calibrate_from_people(
         raise ValueError(f"expected a lens of {', '.join(LENS_K_320)}, got {lens!r}")
     known, params = known or KnownValues(), params or HumanCalibrationParams()
     model = scaled_model(model or HumanModel(), known)
-    warm_up()
+    # Have the kernel compiled, so that durations are the search's own.
+    flat, marked = np.zeros((1, 4)), np.array([[-1.0, -1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0]])
+    candidate_errors(np.array([[1.0, 3.0, 0.0]]), 0.0, flat, marked, np.zeros((1, 3)), 1.7, 1.0, np.empty(1))
     start = time.perf_counter()
     people = people_of(samples, model, independent)
     tried = _tried([lens] if lens else list(LENS_K_320), size, people, model, known, params)
-    _check_fit(tried[0], params, name)
+    # Most samples must fit well; how badly the odd ones fit, which are weighted down, does not matter.
+    found = tried[0]
+    fits = found.fit.deviations <= ODD_FROM
+    error = float(np.median(found.problem.each(found.fit.camera)[fits])) if fits.any() else math.inf
+    if error > params.max_error or fits.mean() < 0.5:
+        raise WorkError(
+            f"{name}: no camera fits the samples: error {error:.2f} (at most {params.max_error:g}), "
+            f"{1.0 - fits.mean():.0%} of the samples far off; "
+            "are they standing people of one size in upright images of this size?"
+        )
     posterior = posterior_of([t.fit for t in tried], people, model)
     if independent is not None:
         posterior = with_outline_errors(posterior, people, model)
-    _check_observable(posterior.fit.camera, camera_deviations(posterior.fit), params, name)
+    std = camera_deviations(posterior.fit)
+    if abs(posterior.fit.camera.roll_rad) > MAX_ROLL_RAD:
+        raise WorkError(
+            f"{name}: expected an upright image, found people who lean as in one turned by "
+            f"{math.degrees(posterior.fit.camera.roll_rad):.0f} degrees: blobs that are not one person each, "
+            "or a camera to be turned"
+        )
+    if not std.height <= params.max_height_std:
+        raise WorkError(
+            f"{name}: camera height and focal length cannot be told apart from these samples (height known to "
+            f"{min(std.height, 10):.0%}): add people nearer to and farther from the camera, or give the focal length "
+            "or the camera's height"
+        )
     return _result(posterior, tried[0].problem, people, model, time.perf_counter() - start)
 
 
 def _result(
-    posterior: CameraPosterior, problem: SearchProblem, people: People, model: HumanModel, search_s: float
+    posterior: CameraPosterior, problem: SearchProblem, people: MarkedPeople, model: HumanModel, search_s: float
 ) -> HumanCalibration:
     found = posterior.fit
     errors = problem.each(found.camera)
@@ -151,7 +310,7 @@ class _Tried:
 def _tried(
     lenses: Sequence[str],
     size: tuple[int, int],
-    people: People,
+    people: MarkedPeople,
     model: HumanModel,
     known: KnownValues,
     params: HumanCalibrationParams,
@@ -160,13 +319,14 @@ def _tried(
     readings = (True,) if only_boxes(people.rows) else (False, True)
     problems = [SearchProblem(people.rows, size, lens, model, known, boxes) for lens in lenses for boxes in readings]
     quick = [t for p in problems for t in _fits(p, people, params)]
-    rival = max(t.fit.log_evidence for t in quick) - RIVAL
+    # Fits whose log-evidence is lower by more are not refined further (our choice: one in 10^8).
+    rival = max(t.fit.log_evidence for t in quick) - 20.0
     near = [t for t in quick if t.fit.log_evidence >= rival]
     full = [replace(t, fit=refine(t.fit.camera, people, model, t.fit.prior)) for t in near]
     return sorted(full, key=lambda t: -t.fit.log_evidence)
 
 
-def _fits(problem: SearchProblem, people: People, params: HumanCalibrationParams) -> list[_Tried]:
+def _fits(problem: SearchProblem, people: MarkedPeople, params: HumanCalibrationParams) -> list[_Tried]:
     """The best fit of every way in which boxes may end, with people who vary as much as expected."""
     candidates, _ = search(problem, params)
     cameras = [problem.camera(candidate) for candidate in _distinct(candidates)]
@@ -185,30 +345,5 @@ def _distinct(candidates: F64) -> list[F64]:
     for candidate in candidates:
         if all(np.abs(candidate - other).max() > 0.05 for other in kept):
             kept.append(candidate)
-    return kept[:VALLEYS]
-
-
-def _check_fit(found: _Tried, params: HumanCalibrationParams, name: str) -> None:
-    """Most samples must fit well; how badly the odd ones fit, which are weighted down, does not matter."""
-    fits = found.fit.deviations <= ODD_FROM
-    error = float(np.median(found.problem.each(found.fit.camera)[fits])) if fits.any() else math.inf
-    if error > params.max_error or fits.mean() < 0.5:
-        raise WorkError(
-            f"{name}: no camera fits the samples: error {error:.2f} (at most {params.max_error:g}), "
-            f"{1.0 - fits.mean():.0%} of the samples far off; "
-            "are they standing people of one size in upright images of this size?"
-        )
-
-
-def _check_observable(camera: GroundCamera, std: CameraDeviations, params: HumanCalibrationParams, name: str) -> None:
-    if abs(camera.roll_rad) > MAX_ROLL_RAD:
-        raise WorkError(
-            f"{name}: expected an upright image, found people who lean as in one turned by "
-            f"{math.degrees(camera.roll_rad):.0f} degrees: blobs that are not one person each, or a camera to be turned"
-        )
-    if not std.height <= params.max_height_std:
-        raise WorkError(
-            f"{name}: camera height and focal length cannot be told apart from these samples (height known to "
-            f"{min(std.height, 10):.0%}): add people nearer to and farther from the camera, or give the focal length "
-            "or the camera's height"
-        )
+    # So many distinct results of the search are refined (our choice).
+    return kept[:3]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.ground_camera import GroundCamera
-from calib.people.samples import HumanSample, People
+from calib.people.samples import HumanSample, MarkedPeople
 from calib.types import F64, Bool
 
 CIRCLE_POINTS = 16
@@ -169,9 +169,6 @@ KNOWN_HEIGHT_STD = 0.02
 """Relative deviation of a camera height that was measured (our choice)."""
 KNOWN_PERSON_STD = 0.01
 """Relative deviation of a body height that was told, with shoes (our choice)."""
-STATURE_STD = 0.025
-"""Relative deviation of the mean height of some people from the model's (our choice: 1.76 m with shoes lies between
-women and men of most countries)."""
 PERSON_STD = 0.045
 """Relative deviation of one adult's height from the mean (our choice: women and men together, 8 cm)."""
 WIDTH_STD = 0.12
@@ -259,7 +256,9 @@ def prior_of(camera: GroundCamera, known: KnownValues, boxes_only: bool, level_e
     std[FOCAL] = max(0.3, math.log(wide / narrow) / math.sqrt(12.0))
     std[ROLL] = math.radians(2.0)
     std[GIRTH] = 0.5 if boxes_only else 0.05
-    std[STATURE] = STATURE_STD if known.person_height_m is None else KNOWN_PERSON_STD
+    # Relative deviation of the mean height of some people from the model's (our choice: 1.76 m with shoes lies
+    # between women and men of most countries).
+    std[STATURE] = 0.025 if known.person_height_m is None else KNOWN_PERSON_STD
     focal = known.focal(camera.width, camera.distortion_k)
     if focal is not None:
         mean[FOCAL], std[FOCAL] = math.log(focal), KNOWN_FOCAL_STD
@@ -268,13 +267,13 @@ def prior_of(camera: GroundCamera, known: KnownValues, boxes_only: bool, level_e
     return CameraPrior(mean, std, boxes_only, level_ends)
 
 
-def people_of(samples: Sequence[HumanSample], model: HumanModel, independent: int | None = None) -> People:
+def people_of(samples: Sequence[HumanSample], model: HumanModel, independent: int | None = None) -> MarkedPeople:
     """Samples as arrays, with what is expected of each person's height, and how many are worth one."""
     told = np.array([s.height_m is not None for s in samples], dtype=np.bool_)
     scale = np.array([1.0 if s.height_m is None else s.height_m / model.height_m for s in samples])
     deviation = np.where(told, KNOWN_PERSON_STD, PERSON_STD)
     repeats = max(1.0, len(samples) / max(1, independent or len(samples)))
-    return People(np.stack([s.row() for s in samples]), scale, deviation, told, repeats)
+    return MarkedPeople(np.stack([s.row() for s in samples]), scale, deviation, told, repeats)
 
 
 def scaled_model(model: HumanModel, known: KnownValues) -> HumanModel:

@@ -32,21 +32,14 @@ from calib.people.model import (
     CameraPrior,
     HumanModel,
 )
-from calib.people.samples import People
+from calib.people.samples import MarkedPeople
 from calib.types import F64, Bool
 
 POINT_PX = 2.0
 """Deviation of a point or edge marked by hand [px] (our choice: what people reach on a screen)."""
-BODY_SHARE = 0.02
-"""Arms and steps move the edges of a box by this share of its diagonal [1]: some 4 cm of 1.8 m (our choice)."""
-ROBUST_FROM = 2.0
-"""Residuals beyond this many deviations count by their size instead of its square (our choice)."""
 MAX_EVALUATIONS = (12, 40)
 """Evaluations in the first and in the second round of ``refine``; where the variation of people is given, there is but
 the first."""
-VARIATIONS = (1.0, 0.5, 0.25)
-"""People are tried as varying so much as expected, and less [1]: one person who walks upright varies little. Each step
-down must raise the log-likelihood by 2 (our choice)."""
 FAR = 1e4
 """Residual of what is behind a camera."""
 
@@ -79,7 +72,7 @@ class GroundCameraFit:
 
 
 def refine(
-    camera: GroundCamera, people: People, model: HumanModel, prior: CameraPrior, variation: float | None = None
+    camera: GroundCamera, people: MarkedPeople, model: HumanModel, prior: CameraPrior, variation: float | None = None
 ) -> GroundCameraFit:
     """Move camera, people and their common width and height to the least squares of all edges and points.
 
@@ -94,7 +87,11 @@ def refine(
     shared[[FOCAL, HEIGHT, TILT, ROLL]] = (
         math.log(camera.focal_px), math.log(camera.height_m), camera.tilt_rad, camera.roll_rad,
     )  # fmt: skip
-    values = np.append(shared, _stand(camera, people.rows, model))
+    # (n, 2) where the people stand by their feet, or by their heads where the foot is above the horizon.
+    feet = camera.back_project(people.rows[:, 6:])
+    heads = camera.back_project(people.rows[:, 4:6], model.height_m)
+    stand = np.nan_to_num(np.where(np.isfinite(feet), feet, heads))
+    values = np.append(shared, stand)
     scale = 1.0 if variation is None else variation
     for evaluations in MAX_EVALUATIONS if variation is None else MAX_EVALUATIONS[:1]:
         # What people vary by moves head, foot and box together; how much depends on where the camera is.
@@ -104,7 +101,9 @@ def refine(
         )
         values = found.x
         if variation is None:
-            scale = max(VARIATIONS, key=lambda q: _likelihood(Residuals(camera, people, model, prior, values, q)))
+            # People are tried as varying so much as expected, and less [1]: one person who walks upright
+            # varies little. Each step down must raise the log-likelihood by 2 (our choice).
+            scale = max((1.0, 0.5, 0.25), key=lambda q: _likelihood(Residuals(camera, people, model, prior, values, q)))
     covariance = _covariance(found.jac)
     volume = np.linalg.slogdet(covariance)[1] if np.isfinite(covariance).all() else 0.0
     # The prior's own normalisation: a wide prior promises less.
@@ -132,7 +131,7 @@ class Residuals:
     def __init__(
         self,
         camera: GroundCamera,
-        people: People,
+        people: MarkedPeople,
         model: HumanModel,
         prior: CameraPrior,
         values: F64,
@@ -175,7 +174,8 @@ class Residuals:
         arms and strides, any.
         """
         loss = np.stack([squares, np.ones_like(squares), np.zeros_like(squares)])
-        n, scale = 8 * len(self.people), ROBUST_FROM**2
+        # Residuals beyond this many deviations count by their size instead of its square (our choice).
+        n, scale = 8 * len(self.people), 2.0**2
         root = np.sqrt(1.0 + squares[:n] / scale)
         # Without its second derivative the step is that of reweighted least squares, which far residuals keep definite.
         loss[0, :n], loss[1, :n] = 2.0 * scale * (root - 1.0), 1.0 / root
@@ -215,11 +215,12 @@ Predict = Callable[[F64, F64, F64], F64]
 width."""
 
 
-def person_covariance(shared: F64, places: F64, people: People, predicted: Predict, variation: float) -> F64:
+def person_covariance(shared: F64, places: F64, people: MarkedPeople, predicted: Predict, variation: float) -> F64:
     """(n, 8, 8) covariance of every person's row: marking, arms and steps, height, lean and width."""
     rows = people.rows
     diagonal = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])[:, None]
-    sigma = np.hypot(POINT_PX, BODY_SHARE * diagonal) * np.ones((1, 8))
+    # Arms and steps move the edges of a box by this share of its diagonal [1]: some 4 cm of 1.8 m (our choice).
+    sigma = np.hypot(POINT_PX, 0.02 * diagonal) * np.ones((1, 8))
     sigma[:, 4:] = POINT_PX
     covariance = sigma[:, :, None] ** 2 * np.eye(8)
     deviation = np.column_stack([people.scale_std, np.full((len(rows), 3), (LEAN_M, LEAN_M, WIDTH_STD))])
@@ -272,13 +273,6 @@ def shared_camera(shared: F64, like: GroundCamera) -> GroundCamera:
     return replace(like, focal_px=focal, height_m=height, tilt_rad=float(shared[TILT]), roll_rad=float(shared[ROLL]))
 
 
-def _stand(camera: GroundCamera, rows: F64, model: HumanModel) -> F64:
-    """(n, 2) where the people stand by their feet, or by their heads where the foot is above the horizon."""
-    feet = camera.back_project(rows[:, 6:])
-    heads = camera.back_project(rows[:, 4:6], model.height_m)
-    return np.nan_to_num(np.where(np.isfinite(feet), feet, heads))
-
-
 def _covariance(jacobian: F64) -> F64:
     """(N_SHARED, N_SHARED) from the robustly weighted Jacobian at the minimum; inf when undetermined."""
     scale = np.sqrt(np.maximum((jacobian**2).sum(axis=0), 1e-30))
@@ -289,16 +283,10 @@ def _covariance(jacobian: F64) -> F64:
     return np.asarray(half @ half.T)
 
 
-MIN_PROBABILITY = 0.01
-"""Cameras less probable are left out [1] (our choice)."""
-HELD_STD = 1e-3
-"""Deviation at which a focal length is held [1]."""
 PROFILE = (-0.55, -0.3, -0.13, 0.13, 0.3, 0.55)
 """Logs of the focal lengths that are held, over the best one (our choice: half to twice)."""
 OUTLINE_PX = 2.0
 """By so much the ends of outlines err alike [px] (our choice: as much as a hand errs at each)."""
-MIN_PROFILED_STD = 0.06
-"""A focal length known better is as good as normally distributed [1] (our choice)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,7 +304,7 @@ class CameraPosterior:
     weights: F64
 
 
-def posterior_of(fits: Sequence[GroundCameraFit], people: People, model: HumanModel) -> CameraPosterior:
+def posterior_of(fits: Sequence[GroundCameraFit], people: MarkedPeople, model: HumanModel) -> CameraPosterior:
     """The posterior of several fits (lenses, readings of the samples), the best of them first."""
     best = fits[0]
     nodes = _profile(best, people, model)
@@ -328,7 +316,8 @@ def posterior_of(fits: Sequence[GroundCameraFit], people: People, model: HumanMo
     share = np.minimum(share, 1.0) / np.minimum(share, 1.0).sum()
     weights = np.append(share[0] * weights[: len(nodes)] / weights[: len(nodes)].sum(), share[1:])
     every = [*nodes, *others]
-    kept = [i for i, fit in enumerate(every) if weights[i] >= MIN_PROBABILITY and np.isfinite(fit.covariance).all()]
+    # Cameras less probable are left out [1] (our choice).
+    kept = [i for i, fit in enumerate(every) if weights[i] >= 0.01 and np.isfinite(fit.covariance).all()]
     if not kept:
         return CameraPosterior(best, (best,), np.ones(1))
     alternatives, weights = [every[i] for i in kept], weights[kept] / weights[kept].sum()
@@ -340,7 +329,7 @@ def posterior_of(fits: Sequence[GroundCameraFit], people: People, model: HumanMo
     return CameraPosterior(replace(mean, covariance=covariance + (weights * off.T) @ off), alternatives, weights)
 
 
-def with_outline_errors(posterior: CameraPosterior, people: People, model: HumanModel) -> CameraPosterior:
+def with_outline_errors(posterior: CameraPosterior, people: MarkedPeople, model: HumanModel) -> CameraPosterior:
     """The posterior of samples that are outlines of foreground, whose ends err alike.
 
     Shadows, blur and compression end all feet, or all heads, a little too high or too low; far people are smaller, so
@@ -365,7 +354,7 @@ def with_outline_errors(posterior: CameraPosterior, people: People, model: Human
     return replace(posterior, fit=replace(fit, covariance=fit.covariance + more), alternatives=alternatives)
 
 
-def _refitted(fit: GroundCameraFit, people: People, model: HumanModel) -> GroundCameraFit:
+def _refitted(fit: GroundCameraFit, people: MarkedPeople, model: HumanModel) -> GroundCameraFit:
     return refine(fit.camera, people, model, fit.prior, fit.variation)
 
 
@@ -378,9 +367,10 @@ def shared_of(fit: GroundCameraFit) -> F64:
     return values
 
 
-def _profile(best: GroundCameraFit, people: People, model: HumanModel) -> list[GroundCameraFit]:
+def _profile(best: GroundCameraFit, people: MarkedPeople, model: HumanModel) -> list[GroundCameraFit]:
     """The best camera at focal lengths beside its own; their evidences are those of the nodes of an integral."""
-    if not MIN_PROFILED_STD < math.sqrt(best.covariance[FOCAL, FOCAL]) < math.inf:
+    # A focal length known better is as good as normally distributed [1] (our choice).
+    if not 0.06 < math.sqrt(best.covariance[FOCAL, FOCAL]) < math.inf:
         return [best]
     focal, prior = math.log(best.camera.focal_px), best.prior
     steps = np.array([*PROFILE[: len(PROFILE) // 2], 0.0, *PROFILE[len(PROFILE) // 2 :]])
@@ -393,23 +383,28 @@ def _profile(best: GroundCameraFit, people: People, model: HumanModel) -> list[G
     return nodes
 
 
-def _held(fit: GroundCameraFit, log_focal: float, people: People, model: HumanModel) -> GroundCameraFit:
+def _held(fit: GroundCameraFit, log_focal: float, people: MarkedPeople, model: HumanModel) -> GroundCameraFit:
     """The best camera of a focal length."""
     mean, std = fit.prior.mean.copy(), fit.prior.std.copy()
-    mean[FOCAL], std[FOCAL] = log_focal, HELD_STD
+    # Deviation at which a focal length is held [1].
+    mean[FOCAL], std[FOCAL] = log_focal, 1e-3
     started = replace(fit.camera, focal_px=math.exp(log_focal))
     held = refine(started, people, model, replace(fit.prior, mean=mean, std=std), fit.variation)
     return replace(held, prior=fit.prior)
 
 
 def _at_mean(
-    best: GroundCameraFit, alternatives: Sequence[GroundCameraFit], weights: F64, people: People, model: HumanModel
+    best: GroundCameraFit,
+    alternatives: Sequence[GroundCameraFit],
+    weights: F64,
+    people: MarkedPeople,
+    model: HumanModel,
 ) -> GroundCameraFit:
     """The best fit at the mean focal length of the alternatives of its lens."""
-    alike = [(math.log(f.camera.focal_px), w) for f, w in zip(alternatives, weights, strict=True) if _same(f, best)]
+    alike = [
+        (math.log(f.camera.focal_px), w)
+        for f, w in zip(alternatives, weights, strict=True)
+        if f.camera.lens == best.camera.lens
+    ]
     logs, shares = np.array(alike).T
     return _held(best, float(logs @ shares / shares.sum()), people, model)
-
-
-def _same(one: GroundCameraFit, other: GroundCameraFit) -> bool:
-    return one.camera.lens == other.camera.lens

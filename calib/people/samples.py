@@ -74,7 +74,7 @@ class HumanSample:
 
 
 @dataclass(frozen=True, eq=False)
-class People:
+class MarkedPeople:
     """Samples as arrays.
 
     Attributes:
@@ -168,11 +168,8 @@ def read_samples(path: Path) -> tuple[HumanSample, ...]:
 
 
 def read_image_size(path: Path) -> tuple[int, int] | None:
-    """(width, height) [px] of the image that the samples of a JSON were taken in; None where it does not say.
-
-    Raises:
-        InputError: unreadable, or an "image_size" that is not two positive whole numbers.
-    """
+    """(width, height) [px] of the image that the samples of a JSON were taken in; None where it does not say. Raises
+    InputError: unreadable, or an "image_size" that is not two positive whole numbers."""
     text = _text(path)
     data = _json(text, path) if text.lstrip()[:1] == "{" else {}
     size = data.get("image_size") if isinstance(data, dict) else None
@@ -279,7 +276,12 @@ def choose_spread(samples: Sequence[HumanSample], count: int) -> tuple[HumanSamp
         distance = np.hypot(*(feet[members] - feet[members].mean(axis=0)).T)
         near = members[np.argsort(distance, kind="stable")[: max(3, len(members) // 2)]]
         # Height follows the foot's row; what is left over is the person.
-        left_over = heights[near] - _line(feet[near, 1], heights[near])
+        x = feet[near, 1]
+        y = heights[near]
+        spread = float(np.var(x))
+        slope = float(np.mean((x - x.mean()) * (y - y.mean()))) / spread if spread > 0 else 0.0
+        line = np.asarray(y.mean() + slope * (x - x.mean()))
+        left_over = heights[near] - line
         chosen.append(int(near[np.argsort(left_over, kind="stable")[len(near) // 2]]))
     return tuple(samples[i] for i in sorted(chosen))
 
@@ -296,9 +298,3 @@ def _areas(feet: F64, count: int) -> I64:
         area = np.argmin(np.linalg.norm(feet[:, None] - means[None], axis=2), axis=1)
         means = np.array([feet[area == k].mean(axis=0) if (area == k).any() else means[k] for k in range(count)])
     return np.asarray(area, dtype=np.int64)
-
-
-def _line(x: F64, y: F64) -> F64:
-    spread = float(np.var(x))
-    slope = float(np.mean((x - x.mean()) * (y - y.mean()))) / spread if spread > 0 else 0.0
-    return np.asarray(y.mean() + slope * (x - x.mean()))

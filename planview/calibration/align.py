@@ -24,18 +24,9 @@ from calib.world import RigEntry
 from planview.calibration.paths import TICK_S, RigRecord, WalkedPath, by_time, paths_of
 from planview.evaluation.align import floor_rotation
 
-CORRELATED_S = 1.0
-"""Errors of a track's positions last about so long [s]: a sample counts as the share of it that a tick is (our
-choice)."""
-HYPOTHESES = 400
-"""Motions that are judged by all people."""
-MIN_EXTENT_M = 0.5
-"""Shortest half axis sum of a piece: a person who stands gives no heading [m]."""
 APART_DEG, APART_M, APART_S = 15.0, 0.75, 1.0
 """Motions farther apart than any of these are different ones."""
 ROUNDS = 4
-ENCOUNTER_S = 1.0
-"""Two paths that meet for a shorter time are of people who pass each other [s]."""
 
 
 class AlignParams(Params):
@@ -115,11 +106,8 @@ class RigAlignment:
 
 
 def align_rigs(first: list[WalkedPath], second: list[WalkedPath], params: AlignParams | None = None) -> RigAlignment:
-    """Lay the second rig's people over the first's.
-
-    Raises:
-        WorkError: people do not determine it: too few, too short, standing, or walking so that several motions fit.
-    """
+    """Lay the second rig's people over the first's. Raises WorkError: people do not determine it: too few, too short,
+    standing, or walking so that several motions fit."""
     params = params or AlignParams()
     if not first or not second:
         raise WorkError("expected people who walk in both heads' views, found none in one of them")
@@ -134,12 +122,7 @@ def align_rigs(first: list[WalkedPath], second: list[WalkedPath], params: AlignP
     best = found[int(np.argmax(scores))]
     for meet_m in [params.meet_m] * ROUNDS + [params.near_m] * ROUNDS:
         best = _refined(best, first, second, meet_m, params)
-    _refuse_rivals(best, found, scores, scorer(best), params)
-    _refuse_uncertain(best, params)
-    return best
-
-
-def _refuse_rivals(best: RigAlignment, found: list[RigAlignment], scores: F64, top: float, params: AlignParams) -> None:
+    top = scorer(best)
     others = [score for other, score in zip(found, scores, strict=True) if _apart(best, other)]
     rival = max(others, default=0.0)
     if rival > params.rival * max(top, float(scores.max())):
@@ -148,9 +131,6 @@ def _refuse_rivals(best: RigAlignment, found: list[RigAlignment], scores: F64, t
             f"{rival:.0f} s of their paths where the best fits {top:.0f} s: "
             "let people walk around instead of to and fro on a line"
         )
-
-
-def _refuse_uncertain(best: RigAlignment, params: AlignParams) -> None:
     if best.shared_s < params.shared_s:
         raise WorkError(
             f"expected people in both heads' views for at least {params.shared_s:g} s, found {best.shared_s:.1f} s"
@@ -166,6 +146,7 @@ def _refuse_uncertain(best: RigAlignment, params: AlignParams) -> None:
                 f"expected the {name} within {limit:g} {unit}, found a deviation of {std:.1f} {unit}: people walked "
                 "too little, or straight at one speed, where both heads see them"
             )
+    return best
 
 
 def _apart(one: RigAlignment, other: RigAlignment) -> bool:
@@ -205,13 +186,15 @@ def _hypotheses(first: list[WalkedPath], second: list[WalkedPath], params: Align
         for start in range(0, len(path.xy_m) - length + 1, length // 2):
             piece = path.xy_m[start : start + length]
             # The largest deviation of a piece from its middle along any direction.
-            if np.sqrt(np.linalg.eigvalsh(np.cov(piece.T))[-1]) < MIN_EXTENT_M:
+            # Shortest half axis sum of a piece: a person who stands gives no heading [m].
+            if np.sqrt(np.linalg.eigvalsh(np.cov(piece.T))[-1]) < 0.5:
                 continue
             for other in second:
                 if not abs(path.height_m - other.height_m) > params.height_m:
                     found += _fits(piece, path.first + start, other, widest, params)
     found.sort(key=lambda pair: pair[0])
-    return [motion for _, motion in found[:HYPOTHESES]]
+    # Motions that are judged by all people.
+    return [motion for _, motion in found[:400]]
 
 
 def _fits(
@@ -265,7 +248,16 @@ def _refined(
     )  # fmt: skip
     left = residual_m(result.x, (here, here))
     off = [residual_m(result.x, pair) - left for pair in ((here + std, here), (here, here + std))]
-    covariance = _covariance(result.jac * params.noise_m, left, np.column_stack(off))
+    # (4, 4) of the values: of correlated noise, and of systematic errors of one deviation each (N, K) that are
+    # not solved for (consider covariance).
+    jacobian = result.jac * params.noise_m
+    systematic_m = np.column_stack(off)
+    sigma = max(float(np.median(np.abs(left)) / 0.6745), 1e-3)
+    normal = jacobian.T @ jacobian + 1e-9 * np.eye(4)
+    effect = np.linalg.solve(normal, jacobian.T @ systematic_m)
+    # Errors of a track's positions last about so long [s]: a sample counts as the share of it that a tick is (our
+    # choice).
+    covariance = np.asarray(np.linalg.inv(normal) * sigma**2 * (1.0 / TICK_S) + effect @ effect.T)
     v = result.x
     shift = v[1:3] - floor_rotation(float(v[0])) @ pivot
     return RigAlignment(
@@ -273,15 +265,6 @@ def _refined(
         float(np.sqrt((left**2).mean())), len(left) / 2 * TICK_S,
         tuple(tuple(float(c) for c in row) for row in covariance), (float(pivot[0]), float(pivot[1])),
     )  # fmt: skip
-
-
-def _covariance(jacobian: F64, residual_m: F64, systematic_m: F64) -> F64:
-    """(4, 4) of the values: of correlated noise, and of systematic errors of one deviation each (N, K) that are not
-    solved for (consider covariance)."""
-    sigma = max(float(np.median(np.abs(residual_m)) / 0.6745), 1e-3)
-    normal = jacobian.T @ jacobian + 1e-9 * np.eye(4)
-    effect = np.linalg.solve(normal, jacobian.T @ systematic_m)
-    return np.asarray(np.linalg.inv(normal) * sigma**2 * (CORRELATED_S / TICK_S) + effect @ effect.T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,7 +300,8 @@ def _meetings(
                 continue
             apart = np.hypot(*(motion.apply(other.at(ticks - motion.clock_s / TICK_S)) - path.xy_m).T)
             near = np.nan_to_num(apart, nan=np.inf) <= meet_m
-            if near.sum() * TICK_S >= ENCOUNTER_S:
+            # Two paths that meet for a shorter time are of people who pass each other [s].
+            if near.sum() * TICK_S >= 1.0:
                 pairs.append(_Meeting(path, other, ticks[near]))
     return pairs
 
@@ -365,11 +349,7 @@ def align_records(records: Sequence[RigRecord], params: AlignParams | None = Non
 
 
 def rig_entries(records: Sequence[RigRecord], alignments: Sequence[RigAlignment], folder: Path) -> list[RigEntry]:
-    """The rigs as ``rigs.toml`` in a folder lists them.
-
-    Raises:
-        InputError: a rig that is not inside the folder.
-    """
+    """The rigs as ``rigs.toml`` in a folder lists them. Raises InputError: a rig that is not inside the folder."""
     entries = [RigEntry(_inside(records[0].path, folder), records[0].effect.world_SE3_left)]
     for record, alignment in zip(records[1:], alignments, strict=True):
         common_SE3_own = SE3.from_rotvec([0.0, 0.0, alignment.heading_rad], [alignment.x_m, alignment.y_m, 0.0])
@@ -379,11 +359,7 @@ def rig_entries(records: Sequence[RigRecord], alignments: Sequence[RigAlignment]
 
 
 def check_inside(heads: Sequence[Path], folder: Path) -> None:
-    """Rigs must lie in the folder of ``rigs.toml``, which becomes the recording.
-
-    Raises:
-        InputError: one does not.
-    """
+    """Rigs must lie in the folder of ``rigs.toml``, which becomes the recording. Raises InputError: one does not."""
     for head in heads:
         _inside(head, folder)
 

@@ -32,12 +32,8 @@ from stereo.readers.images import frame_number, image_files, read_image
 from stereo.readers.video import SUFFIXES as VIDEO_SUFFIXES
 from stereo.readers.video import VideoFile
 
-MAX_FRAMES = 240
-"""Frames of a video that are searched for the board, evenly spread: enough to choose 40 good views from."""
 _DEEP_SUFFIXES = frozenset({".png", ".tif", ".tiff", ".pgm", ".ppm"})
 """Formats that can hold more than 8 bits."""
-_SIDE_BY_SIDE_ASPECT = 2.0
-"""Wider images are two pictures side by side: no single sensor is that wide."""
 _SAMPLE_PAIRS = 4
 """Pairs looked at to find or check the board's counts."""
 
@@ -82,7 +78,8 @@ class BoardImages:
             n = min(VideoFile(video).n_frames for video in self._videos)
             if n < 1:
                 raise InputError(f"{path}: expected a video that tells its number of frames, found none")
-            self._frames = sorted({int(i) for i in np.linspace(0, n - 1, min(n, MAX_FRAMES))})
+            # Frames of a video that are searched for the board, evenly spread: enough to choose 40 good views from.
+            self._frames = sorted({int(i) for i in np.linspace(0, n - 1, min(n, 240))})
         self.names = [_name(files) for files in self._files] + [f"frame {i}" for i in self._frames]
 
     def __len__(self) -> int:
@@ -120,7 +117,8 @@ def _pair(name: str, images: Sequence[U8 | None], which: str = "") -> BoardPair:
     if len(images) == 2:
         return BoardPair(name, left, right)
     height, width = left.shape[:2]
-    if width < _SIDE_BY_SIDE_ASPECT * height or width % 2:
+    # Wider images are two pictures side by side: no single sensor is that wide.
+    if width < 2.0 * height or width % 2:
         raise InputError(
             f"{name}: expected a left and a right image side by side (an even width, at least twice the height), "
             f"found {width}x{height}"

@@ -18,15 +18,13 @@ from calib.images import as_colour, encode_image
 from calib.io import write_whole
 from calib.types import F64, U8
 from planview.calibration.board import BoardImages
-from planview.drawing.page import page_of
+from planview.drawing.style import page_of
 from stereo.rectify import Rectifier, RectifyParams
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_LINES = 18
-_PAIR_WIDTH = 720
 _ARROW_SCALE = 60.0
 """Error arrows are drawn this many times their length."""
 
@@ -97,10 +95,10 @@ def _rectified_pair(result: BoardCalibration, images: Path) -> tuple[str, U8]:
     pair = next(source.at([source.names.index(name)]))
     if pair.left is None or pair.right is None:
         raise ValueError(f"expected {name} to be readable as before")
-    rectified = Rectifier(result.rig, RectifyParams(working_px=_PAIR_WIDTH))(pair.left, pair.right)
+    rectified = Rectifier(result.rig, RectifyParams(working_px=720))(pair.left, pair.right)
     both = np.hstack([rectified.left_grey, rectified.right_grey])
     colour = as_colour(both)
-    for row in np.linspace(0, colour.shape[0] - 1, _LINES + 2).astype(int)[1:-1]:
+    for row in np.linspace(0, colour.shape[0] - 1, 18 + 2).astype(int)[1:-1]:
         cv2.line(colour, (0, int(row)), (colour.shape[1] - 1, int(row)), (60, 200, 60), 1)
     return name, colour
 

@@ -15,18 +15,15 @@ from calib.floor.find import PeopleSeen, floor_from_people, floor_from_points
 from calib.images import as_colour
 from calib.rig import Floor
 from calib.types import F32, F64, U8
-from planview.drawing.projection import Project, grid_lines
+from planview.drawing.image import Project, grid_lines
 from planview.trajectories.table import Trajectories
 from stereo.depth import RectifiedGeometry, StereoFloorCamera, median_image
 from stereo.floor import FloorEstimator, FloorSearch, setup_frames
-from stereo.readers.base import StereoRecording
+from stereo.recording import StereoRecording
 from stereo.rectify import aligned_rectifier
 
 PATCH_PX = 4
 """A given pixel's depth is the median of a square of this half side."""
-FOOT_BAND = 0.08
-"""Feet are looked for in this lowest share of a person's box [1] (our choice)."""
-MAX_TRACK_FRAMES = 60
 GRID = (90, 220, 90)
 AXIS = (60, 200, 255)
 
@@ -60,11 +57,8 @@ class FloorDepths:
         return self.estimator.floor(self.depths)
 
     def points_at(self, pixels: ArrayLike) -> F64:
-        """(N, 3) points [m] in the rectified left camera frame, by the background's depth around (N, 2) pixels.
-
-        Raises:
-            InputError: a pixel outside the image or without depth.
-        """
+        """(N, 3) points [m] in the rectified left camera frame, by the background's depth around (N, 2) pixels. Raises
+        InputError: a pixel outside the image or without depth."""
         background = self.background
         height, width = background.shape
         points = []
@@ -85,11 +79,7 @@ class FloorDepths:
 
 
 def view_floor(recording: StereoRecording, search: FloorSearch) -> FloorDepths:
-    """Depth of frames spread over a recording.
-
-    Raises:
-        WorkError: no usable frame.
-    """
+    """Depth of frames spread over a recording. Raises WorkError: no usable frame."""
     frames = setup_frames(recording, search.frames)
     rectifier, _ = aligned_rectifier(recording.rig, frames, search.rectify)
     estimator = FloorEstimator(rectifier, search)
@@ -116,7 +106,7 @@ def floor_from_tracks(
     """
     rows = tracks.where(np.array(tracks.state == "confirmed") & np.isfinite(tracks.height_m))
     frames = np.unique(rows.frame)
-    picked = frames[np.unique(np.linspace(0, len(frames) - 1, MAX_TRACK_FRAMES).astype(int))] if len(frames) else frames
+    picked = frames[np.unique(np.linspace(0, len(frames) - 1, 60).astype(int))] if len(frames) else frames
     rows = rows.where(np.isin(rows.frame, picked))
     world = np.column_stack([rows.x_m, rows.y_m, rows.height_m])
     heads = used.world_SE3_left.inverse() @ world
@@ -135,7 +125,8 @@ def _foot(depth: F32, geometry: RectifiedGeometry, box: F64) -> F64:
     bottom = top + h
     if not np.isfinite(box).all() or bottom > height - 3:
         return np.full(3, np.nan)
-    rows = slice(max(0, int(bottom - FOOT_BAND * h)), max(1, int(bottom)))
+    # Feet are looked for in this lowest share of a person's box [1] (our choice).
+    rows = slice(max(0, int(bottom - 0.08 * h)), max(1, int(bottom)))
     columns = slice(max(0, int(left + 0.25 * w)), min(width, max(1, int(left + 0.75 * w))))
     band = depth[rows, columns]
     if np.isfinite(band).sum() < 5:

@@ -12,24 +12,15 @@ import numpy as np
 from calib.pose import SE3
 from calib.types import F32, F64
 from planview.engine.config import Config
-from planview.engine.factory import floor_tracker
-from planview.engine.pipeline import Pipeline
-from planview.engine.setup import set_up_any
+from planview.engine.stereo import stereo_engine
 from planview.maps.builder import HEAD_M
+from planview.maps.view import StereoView
 from planview.trajectories.table import Trajectories, TrajectoryCollector
 from stereo.depth import back_project, median_image
 from stereo.readers import open_any
 
 TICK_S = 0.1
 """Time between the samples of a path [s]: a walker moves a hand's breadth in it (our choice)."""
-GAP_S = 0.5
-"""Over longer gaps a path is not interpolated [s] (our choice)."""
-MIN_PATH_S = 2.0
-"""Shorter pieces are left out [s] (our choice)."""
-SCENE_FRAMES = 24
-"""Frames, spread over the recording, whose median is the scene without people (our choice)."""
-SCENE_STD_MAX_M = 0.30
-"""Points of the scene with a larger predicted depth deviation are left out [m] (our choice)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +84,8 @@ def paths_of(tracks: Trajectories, effect: DisparityEffect) -> list[WalkedPath]:
     paths = []
     for track_id in np.unique(rows.track_id):
         own = rows.where(rows.track_id == track_id)
-        cuts = np.flatnonzero(np.diff(own.timestamp_s) > GAP_S) + 1
+        # Over longer gaps a path is not interpolated [s] (our choice).
+        cuts = np.flatnonzero(np.diff(own.timestamp_s) > 0.5) + 1
         for part in np.split(np.arange(len(own)), cuts):
             path = _path(own.where(part), effect)
             if path is not None:
@@ -103,7 +95,8 @@ def paths_of(tracks: Trajectories, effect: DisparityEffect) -> list[WalkedPath]:
 
 def _path(own: Trajectories, effect: DisparityEffect) -> WalkedPath | None:
     first, last = math.ceil(own.timestamp_s[0] / TICK_S), math.floor(own.timestamp_s[-1] / TICK_S)
-    if (last - first) * TICK_S < MIN_PATH_S:
+    # Shorter pieces are left out [s] (our choice).
+    if (last - first) * TICK_S < 2.0:
         return None
     ticks = np.arange(first, last + 1) * TICK_S
     xy = np.column_stack([np.interp(ticks, own.timestamp_s, column) for column in (own.x_m, own.y_m)])
@@ -160,29 +153,31 @@ def record_rig(path: Path, config: Config | None = None, done: Callable[[], None
     """
     config = config or Config()
     recording = open_any(path)
-    setup = set_up_any(recording, config)
-    engine = Pipeline(recording, setup, config, floor_tracker("template", config))
+    engine = stereo_engine(recording, config)
+    (view,) = engine.views.values()
     collector, disparities = TrajectoryCollector(), []
-    every = max(1, engine.recording.n_frames // SCENE_FRAMES)
+    # Frames, spread over the recording, whose median is the scene without people (our choice).
+    every = max(1, engine.recording.n_frames // 24)
     for result in engine:
         collector.add(result.frame, result.timestamp_s, result.tracks)
         if result.frame % every == 0 and result.disparity is not None:
             disparities.append(result.disparity)
         done()
-    effect = DisparityEffect(engine.stereo.floor.world_SE3_left, engine.stereo.geometry.disparity_metre)
-    return RigRecord(path, effect, collector.trajectories(), _scene(engine, disparities))
+    effect = DisparityEffect(view.floor.world_SE3_left, view.geometry.disparity_metre)
+    return RigRecord(path, effect, collector.trajectories(), _scene(view, disparities))
 
 
-def _scene(engine: Pipeline, disparities: list[F32]) -> F32:
+def _scene(view: StereoView, disparities: list[F32]) -> F32:
     """Points of the median disparity that are known well enough."""
     if not disparities:
         return np.empty((0, 3), dtype=np.float32)
-    geometry = engine.stereo.geometry
+    geometry = view.geometry
     disparity = median_image(disparities)
-    farthest = (SCENE_STD_MAX_M / geometry.depth_std_m(1.0)) ** 0.5
+    # Points of the scene with a larger predicted depth deviation are left out [m] (our choice).
+    farthest = (0.30 / geometry.depth_std_m(1.0)) ** 0.5
     with np.errstate(invalid="ignore", divide="ignore"):
         depth = np.float32(geometry.disparity_metre) / disparity
         depth[~((disparity > 0) & (depth < farthest))] = np.nan
     points = back_project(np.asarray(depth, dtype=np.float32), geometry).reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
-    return np.asarray(engine.stereo.floor.world_SE3_left @ points, dtype=np.float32)
+    return np.asarray(view.floor.world_SE3_left @ points, dtype=np.float32)

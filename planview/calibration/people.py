@@ -15,38 +15,22 @@ from calib.images import as_colour
 from calib.people.model import HumanModel
 from calib.people.samples import MIN_SAMPLES, HumanSample, choose_spread
 from calib.types import F64, U8, Bool
-from planview.engine.single_camera import SingleCamera, SingleCameraParams
+from planview.engine.config import SingleCameraParams
+from planview.engine.one_camera import OneCamera
 from planview.foreground.blobs import Blobs, find_blobs
 from stereo.recording import Video
 
 GIVEN = (255, 140, 0)
 COMPUTED = (200, 60, 255)
-WARM_UP_S = 1.0
-"""The background is learned for so long before samples are taken [s] (our choice)."""
-MIN_SIZE_SHARE = 0.06
-"""A person is at least this share of the image's height [1]: smaller ones say nothing about a camera (our choice)."""
-RIVAL_SHARE = 0.08
-"""A blob above this share of another's area is not noise [1] (our choice)."""
 GAP_PX = 4
 """Blobs whose boxes are nearer than this may be pieces of one person, or hide each other [px] (our choice)."""
-GAP_SHARE = 0.35
-"""Above and below, this share of the body's height [1]: bodies break at belt and collar (our choice)."""
 MIN_FILL, MAX_FILL = 0.3, 0.95
 """A standing person fills this share of the box [1]; streaks and lit rectangles do not."""
-MIN_ELONGATION = 2.0
-"""Variance along a body over that across it from which head and feet are its ends [1] (our choice)."""
-MIN_OVERLAP = 0.3
-"""Boxes of one walker in frames that follow each other overlap by this part of their union [1] (our choice)."""
 MIN_TRAVEL, MIN_PATH = 0.5, 4
 """A walker moves by half a body, and is met in so many frames: what stands still is furniture, light or a ghost (our
 choice)."""
-PLACES_OF_ONE = 8
-"""A lone walker is worth so many independent samples (our choice: the same body at other places)."""
 SIZE_TOLERANCE = 0.15
 """Sizes differ by this part from what most people have at that place [1] (our choice: body heights, strides)."""
-SIZE_TRIALS = 400
-MIN_USUAL = 0.35
-"""Share of the blobs that must have one person's size to have a usual size [1] (our choice)."""
 
 
 def draw_samples(image: U8, camera: GroundCamera, model: HumanModel, samples: Sequence[HumanSample]) -> U8:
@@ -134,24 +118,17 @@ def collect_samples(
     Raises:
         WorkError: fewer than 3 samples, or no size that most of the walkers have.
     """
-    camera = SingleCamera(params or SingleCameraParams(), video.size)
+    camera = OneCamera(params or SingleCameraParams(), video.size)
     paths: list[_Path] = []
     for frame in video:
         observation = camera.observe(frame)
-        if frame.timestamp_s >= WARM_UP_S and observation.foreground is not None:
+        # The background is learned for so long before samples are taken [s] (our choice).
+        if frame.timestamp_s >= 1.0 and observation.foreground is not None:
             _continue(paths, bodies_of(observation.foreground, frame.index), frame.index)
         done()
     walking = [path for path in paths if path.walks]
-    chosen = choose_samples([sample for path in walking for sample in path.samples], count, str(video.path))
-    return CollectedSamples(chosen, max(len(walking), PLACES_OF_ONE))
-
-
-def choose_samples(walkers: Sequence[HumanSample], count: int, name: str) -> tuple[HumanSample, ...]:
-    """Of all samples of people walking the usual ones, spread over the image.
-
-    Raises:
-        WorkError: fewer than 3 samples, or no size that most of them have.
-    """
+    walkers = [sample for path in walking for sample in path.samples]
+    name = str(video.path)
     upright = [s for s in walkers if s.head_px != s.foot_px]
     bodies = upright if len(upright) >= 0.5 * len(walkers) else list(walkers)
     if len(bodies) < MIN_SAMPLES:
@@ -160,19 +137,23 @@ def choose_samples(walkers: Sequence[HumanSample], count: int, name: str) -> tup
             f"(at least {MIN_SAMPLES} needed)"
         )
     usual = usual_sizes(bodies)
-    if usual.sum() < max(MIN_SAMPLES, MIN_USUAL * len(bodies)):
+    # Share of the blobs that must have one person's size to have a usual size [1] (our choice).
+    if usual.sum() < max(MIN_SAMPLES, 0.35 * len(bodies)):
         raise WorkError(
             f"{name}: expected walkers of one person's size each, found {usual.mean():.0%} of {len(bodies)} blobs of "
             "one size: people hide each other too much, mark samples by hand instead"
         )
-    return choose_spread([s for s, ok in zip(bodies, usual, strict=True) if ok], count)
+    chosen = choose_spread([s for s, ok in zip(bodies, usual, strict=True) if ok], count)
+    # A lone walker is worth so many independent samples (our choice: the same body at other places).
+    return CollectedSamples(chosen, max(len(walking), 8))
 
 
 def bodies_of(mask: U8, frame: int) -> list[HumanSample]:
     """Whole people apart from others in a (H, W) foreground mask."""
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((7, 5), np.uint8))
     blobs = find_blobs(np.asarray(closed, dtype=np.uint8))
-    large = [i for i in range(1, len(blobs)) if max(blobs.box_px[i][2:]) >= MIN_SIZE_SHARE * mask.shape[0]]
+    # A person is at least this share of the image's height [1]: smaller ones say nothing about a camera (our choice).
+    large = [i for i in range(1, len(blobs)) if max(blobs.box_px[i][2:]) >= 0.06 * mask.shape[0]]
     samples = [_whole_person(blobs, i, mask.shape, frame) for i in large if not _crowded(blobs, i)]
     return [sample for sample in samples if sample is not None]
 
@@ -188,7 +169,7 @@ def usual_sizes(samples: Sequence[HumanSample]) -> Bool:
     terms = np.column_stack([np.ones(len(feet)), feet])
     rng = np.random.default_rng(0)
     best = np.zeros(len(sizes), dtype=np.bool_)
-    for _ in range(SIZE_TRIALS):
+    for _ in range(400):
         chosen = rng.choice(len(sizes), 3, replace=False)
         if abs(np.linalg.det(terms[chosen])) < 1.0:
             continue
@@ -205,7 +186,8 @@ def _continue(paths: list[_Path], bodies: Sequence[HumanSample], frame: int) -> 
     for body in bodies:
         overlaps = [_overlap(body, path.samples[-1]) for path in open_paths]
         best = int(np.argmax(overlaps)) if overlaps else -1
-        if best >= 0 and overlaps[best] >= MIN_OVERLAP:
+        # Boxes of one walker in frames that follow each other overlap by this part of their union [1] (our choice).
+        if best >= 0 and overlaps[best] >= 0.3:
             path = open_paths.pop(best)
             path.samples.append(body)
             path.last_frame = frame
@@ -222,9 +204,11 @@ def _overlap(one: HumanSample, other: HumanSample) -> float:
 def _crowded(blobs: Blobs, label: int) -> bool:
     """Whether another blob that is not noise is near the box."""
     low, high = blobs.box_px[:, :2], blobs.box_px[:, :2] + blobs.box_px[:, 2:]
-    gap = np.array([GAP_PX, max(GAP_PX, GAP_SHARE * float(blobs.box_px[label][3]))])
+    # Above and below, this share of the body's height [1]: bodies break at belt and collar (our choice).
+    gap = np.array([GAP_PX, max(GAP_PX, 0.35 * float(blobs.box_px[label][3]))])
     near = ((low < high[label] + gap) & (high > low[label] - gap)).all(axis=1)
-    near &= blobs.area_px > RIVAL_SHARE * blobs.area_px[label]
+    # A blob above this share of another's area is not noise [1] (our choice).
+    near &= blobs.area_px > 0.08 * blobs.area_px[label]
     near[[0, label]] = False
     return bool(near.any())
 
@@ -254,7 +238,8 @@ def _ends(inside: Bool) -> tuple[F64, F64]:
     points = np.column_stack([u, v]).astype(np.float64)
     centre = points.mean(axis=0)
     spread, axes = np.linalg.eigh(np.cov((points - centre).T))
-    if spread[1] < MIN_ELONGATION * spread[0]:
+    # Variance along a body over that across it from which head and feet are its ends [1] (our choice).
+    if spread[1] < 2.0 * spread[0]:
         return centre, centre
     axis = axes[:, 1] if axes[1, 1] > 0 else -axes[:, 1]
     along = (points - centre) @ axis

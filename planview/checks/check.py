@@ -31,6 +31,13 @@ class Check:
     rule: str = "reported"
     note: str = ""
 
+    @property
+    def limit_text(self) -> str:
+        """The bound in words; empty where there is none."""
+        if isinstance(self.limit, tuple):
+            return f"{self.limit[0]:.3g} to {self.limit[1]:.3g}"
+        return "" if self.limit is None else f"{self.rule} {self.limit:.3g}"
+
     def to_json(self) -> dict[str, Any]:
         """Plain values; what could not be measured is null."""
         limit = list(self.limit) if isinstance(self.limit, tuple) else self.limit

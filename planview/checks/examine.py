@@ -1,23 +1,118 @@
-"""All checks on one recording."""
+"""All checks of a recording, before a run and while one goes on, with pictures for people."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
+
 from calib.errors import InputError
-from planview.checks.alignment import alignment_checks
-from planview.checks.check import Check
-from planview.checks.evidence import RecordingEvidence, RgbdEvidence, gather, gather_rgbd
-from planview.checks.exposure import image_checks, light_checks
-from planview.checks.people import people_checks
-from planview.checks.scene import scene_checks
-from planview.checks.timing import clock_checks, timing_checks
+from calib.images import as_colour, as_grey, write_image
+from calib.types import F32, F64, U8
+from planview.checks.check import Check, at_least
+from planview.checks.pair import SATURATED_LEVEL, alignment_checks, image_checks, light_checks
+from planview.checks.recording import Evidence, gather
+from planview.checks.scene import (
+    MIN_VALID,
+    height_check,
+    heights_above_floor,
+    large_heights,
+    person_heights,
+    scene_checks,
+    standing_things,
+)
+from planview.checks.timing import MotionWatch, Thumbnails, motion_checks, timing_checks
+from planview.drawing.style import Entry, Rgb, as_bgr, with_colour_bar, with_legend
+from planview.maps.view import StereoView
+from stereo.depth import DepthFromDisparity, back_project
 from stereo.floor import FloorSearch
+from stereo.matcher import SampledDisparity
 from stereo.readers import OpenOptions, open_any
-from stereo.readers.base import StereoRecording
+from stereo.recording import StereoRecording
+
+LINE_STEP_PX = 25
+FLOOR_BAND_M = 0.10
+ROW: Rgb = (0, 220, 0)
+ON_FLOOR: Rgb = (0, 220, 0)
+ABOVE: Rgb = (230, 40, 40)
+BELOW: Rgb = (60, 90, 255)
+SATURATED: Rgb = (255, 0, 255)
+
+
+def write_pictures(evidence: Evidence, folder: Path) -> list[Path]:
+    """Write PNG pictures of the frame in the middle of the recording.
+
+    Returns:
+        ``rows.png`` (of a pair: rectified, with horizontal lines and matched corners), ``disparity.png``, ``floor.png``
+        (what lies on the floor green, above it red, below it blue) and ``exposure.png`` (saturated pixels magenta).
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    middle = len(evidence.disparities) // 2
+    disparity = evidence.disparities[middle]
+    searched = evidence.searched
+    pictures = {"disparity.png": disparity_picture(disparity, searched.first_px, searched.first_px + searched.count)}
+    left, frame = evidence.lefts[middle], evidence.spread[middle]
+    if evidence.pair is None:
+        recorded = [frame.image]
+    else:
+        recorded = [frame.left, frame.right]
+        pictures["rows.png"] = rows_picture(left, evidence.pair.rectified[middle].right_grey)
+    pictures["floor.png"] = floor_picture(evidence, left, disparity)
+    pictures["exposure.png"] = np.hstack([exposure_picture(as_grey(image)) for image in recorded])
+    for name, picture in pictures.items():
+        write_image(folder / name, picture)
+    return [folder / name for name in pictures]
+
+
+def rows_picture(left: U8, right: U8) -> U8:
+    """Both rectified images side by side with lines along the rows, which the same points must touch."""
+    both = as_colour(np.hstack([left, right]))
+    both[LINE_STEP_PX // 2 :: LINE_STEP_PX] = as_bgr(ROW)
+    return with_legend(both, [Entry(ROW, "one row: the same point is on it in both images")])
+
+
+def disparity_picture(disparity: F32, smallest_px: int, largest_px: int) -> U8:
+    """Near red, far blue, unknown black."""
+    invalid = np.isnan(disparity)
+    scaled = (np.nan_to_num(disparity) - smallest_px) * (255.0 / (largest_px - smallest_px))
+    levels = np.clip(scaled, 0, 255).astype(np.uint8)
+    picture = np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_TURBO), dtype=np.uint8)
+    picture[invalid] = 0
+    ends = f"far: {smallest_px} px", f"near: {largest_px} px"
+    return with_colour_bar(picture, cv2.COLORMAP_TURBO, *ends, [Entry((0, 0, 0), "unknown")])
+
+
+def floor_picture(evidence: Evidence, left: U8, disparity: F32) -> U8:
+    """The left image with what lies on the floor tinted green, what stands above it red, below it blue."""
+    picture = as_colour(left).copy()
+    if evidence.floor is None:
+        return with_legend(picture, [Entry(ABOVE, "no floor was found")])
+    geometry = evidence.rectifier.geometry
+    points = back_project(DepthFromDisparity(geometry)(disparity), geometry)
+    world = evidence.floor.world_SE3_left
+    above = points @ world.rotation[2].astype(np.float32) + np.float32(world.translation[2])
+    bands = (
+        Entry(ON_FLOOR, f"on the floor, within {100 * FLOOR_BAND_M:.0f} cm"),
+        Entry(ABOVE, "above it"),
+        Entry(BELOW, "below it: wrong floor or depth"),
+    )
+    with np.errstate(invalid="ignore"):
+        masks = np.abs(above) <= FLOOR_BAND_M, above > FLOOR_BAND_M, above < -FLOOR_BAND_M
+    for mask, band in zip(masks, bands, strict=True):
+        picture[mask] = (0.5 * picture[mask] + 0.5 * np.array(as_bgr(band.colour))).astype(np.uint8)
+    return with_legend(picture, [*bands, Entry((255, 255, 255), "no tint: depth unknown")])
+
+
+def exposure_picture(image: U8) -> U8:
+    """The recorded image with saturated pixels in magenta."""
+    picture = as_colour(image).copy()
+    picture[image >= SATURATED_LEVEL] = as_bgr(SATURATED)
+    return with_legend(picture, [Entry(SATURATED, f"saturated: {SATURATED_LEVEL:.0f} or brighter")])
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,20 +125,20 @@ class Diagnosis:
     """
 
     checks: tuple[Check, ...]
-    evidence: RecordingEvidence | RgbdEvidence | None
+    evidence: Evidence | None
 
     @property
     def ok(self) -> bool:
         return all(check.ok for check in self.checks)
 
     def to_json(self) -> dict[str, Any]:
-        """The ``--json`` object of ``planview doctor``: ``ok`` and ``checks``."""
+        """The ``--json`` object of ``planview check``: ``ok`` and ``checks``."""
         return {"ok": self.ok, "checks": [check.to_json() for check in self.checks]}
 
 
 def examine(
     path: Path,
-    calibration: Path | None = None,
+    options: OpenOptions | None = None,
     *,
     frames: int = 60,
     person_height_m: float | None = None,
@@ -55,6 +150,7 @@ def examine(
     with the reason, and nothing else is asked.
 
     Args:
+        options: how the recording is opened.
         frames: consecutive frames to look at for movement, besides some spread over the recording.
         person_height_m: height of the people in it, when known: checks baseline and units.
         search: how a run looks for the floor, with the defaults of a run when None.
@@ -65,31 +161,92 @@ def examine(
     if not path.exists():
         raise InputError(f"{path}: expected a recording (folder or video), found nothing there")
     try:
-        recording = open_any(path, OpenOptions(calibration))
+        recording = open_any(path, options)
     except InputError as error:
         return Diagnosis((Check("calibration and layout", False, 0.0, note=str(error)),), None)
-    if not isinstance(recording, StereoRecording):
-        return _examine_rgbd(gather_rgbd(recording, frames, search), person_height_m)
     evidence = gather(recording, frames, search)
+    pair = evidence.pair
+    if pair is None:
+        skipped = "skipped: images with depth have no left and right camera whose rows and order could be compared"
+        light = light_checks([f.image for f in evidence.spread])
+        geometry = [Check("alignment of a pair", True, math.nan, note=skipped)]
+    else:
+        light = image_checks(evidence.spread)
+        geometry = alignment_checks(pair.plain, pair.matches, pair.correction)
+    source = recording.rig.source if isinstance(recording, StereoRecording) else recording.source
     checks = [
-        Check("calibration and layout", True, 1.0, note=evidence.recording.rig.source),
+        Check("calibration and layout", True, 1.0, note=source),
         *timing_checks(evidence),
-        *image_checks(evidence.spread),
-        *alignment_checks(evidence.plain, evidence.matches, evidence.vertical),
+        *light,
+        *geometry,
         *scene_checks(evidence),
-        *people_checks(evidence, person_height_m),
+        height_check(person_heights(evidence), person_height_m),
     ]
     return Diagnosis(tuple(checks), evidence)
 
 
-def _examine_rgbd(evidence: RgbdEvidence, person_height_m: float | None) -> Diagnosis:
-    skipped = "skipped: images with depth have no left and right camera whose rows and order could be compared"
-    checks = [
-        Check("calibration and layout", True, 1.0, note=evidence.recording.source),
-        *clock_checks(evidence),
-        *light_checks([f.image for f in evidence.spread]),
-        Check("alignment of a pair", True, math.nan, note=skipped),
-        *scene_checks(evidence),
-        *people_checks(evidence, person_height_m),
-    ]
-    return Diagnosis(tuple(checks), evidence)
+STEP = 10
+"""Depth and heights are looked at in every n-th frame (our choice, for speed)."""
+KEPT = 1000
+"""Things measured last that the height of people is told from."""
+MIN_THINGS = 20
+"""Fewest measured things by which the scale is doubted: shadows and doors are no people (our choice)."""
+
+
+class RecordingWatch:
+    """Looks over the shoulder of an engine: do both cameras see the same, at the same time, at a believable scale?"""
+
+    def __init__(self, view: StereoView) -> None:
+        self._view = view
+        self._motion = MotionWatch()
+        self._to_depth = DepthFromDisparity(view.geometry)
+        self._frames = 0
+        self._valid: deque[float] = deque(maxlen=KEPT)
+        self._things: deque[F64] = deque(maxlen=KEPT)
+
+    def update(self, pair: Thumbnails | None, sampled: SampledDisparity | None, foreground: U8 | None) -> None:
+        """Take the next frame.
+
+        Args:
+            pair: of the rectified images.
+            sampled: disparity; its image is made in every STEP-th frame only.
+            foreground: (h, w) uint8 at the reduced size, non-zero where people are.
+        """
+        if pair is not None:
+            self._motion.update(pair)
+        if sampled is not None and self._frames % STEP == 0:
+            self._look(sampled.image, foreground)
+        self._frames += 1
+
+    def checks(self) -> list[Check]:
+        """What is known so far."""
+        valid = float(np.median(self._valid)) if self._valid else np.nan
+        things = np.concatenate(self._things) if self._things else np.empty((0, 2))
+        heights = large_heights(things) if len(things) >= MIN_THINGS else np.empty(0)
+        return [
+            *motion_checks(self._motion.findings()),
+            at_least("valid disparity", valid, MIN_VALID, "", "share of the picture, median frame"),
+            height_check(heights),
+        ]
+
+    def _look(self, disparity: F32, foreground: U8 | None) -> None:
+        step = self._view.reduction
+        self._valid.append(float(np.isfinite(disparity[::step, ::step]).mean()))
+        if foreground is None:
+            return
+        depth = self._to_depth(disparity)
+        above = heights_above_floor(back_project(depth, self._view.geometry), self._view.floor.world_SE3_left)
+        self._things.append(standing_things(above[::step, ::step], depth[::step, ::step], foreground > 0))
+
+
+def refuse_unless_ok(checks: list[Check], source: str) -> None:
+    """Raise InputError when a check fails."""
+    failed = [check for check in checks if not check.ok]
+    if failed:
+        raise InputError(f"{source}: --strict: {'; '.join(sentence(check) for check in failed)}")
+
+
+def sentence(check: Check) -> str:
+    """One clause on a check that failed."""
+    unit = f" {check.unit}" if check.unit else ""
+    return f"{check.name}: expected {check.limit_text}{unit}, found {check.value:.3g} ({check.note})"

@@ -1,16 +1,99 @@
-"""The scene: how much of it has a disparity, its floor, and how well depth can be told."""
+"""Checks of what is seen: floor, disparities and the height of people."""
 
 from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 
+from calib.pose import SE3
 from calib.rig import Floor
+from calib.types import F32, F64, Bool
 from planview.checks.check import Check, at_least, at_most, between
-from planview.checks.evidence import SceneEvidence
+from planview.checks.recording import Evidence
+from planview.foreground.blobs import find_blobs
 from planview.maps.grid import GridParams
-from stereo.depth import RectifiedGeometry
+from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project, median_image
+
+PLAUSIBLE_M = (0.4, 2.3)
+"""Heights of moving things when no person's height is known: a pushed chair or box to a tall man in a hat."""
+TOLERANCE = 0.08
+"""A known height must be met within this share: 5 cm of noise and shoes, and some error of the floor."""
+NEARER_PX = 1.0
+"""Disparity by which something must be nearer than the background to stand out of it: four deviations."""
+SHARE_OF_IMAGE = (0.001, 0.25)
+"""Share of the picture that a person takes: at 8 m some 0.2 %. Not an area in metres, which would hide wrong units."""
+LARGE = 0.4
+"""Things with less than this part of the surface of the largest ones are shreds, not people."""
+ABOVE_FLOOR_M = 0.25
+TALLEST_PERCENTILE = 98.0
+"""Percentile of a person's points taken for the top of the head: single points above it are wrong matches."""
+
+
+def height_check(heights: F64, person_height_m: float | None = None) -> Check:
+    """Measured (N,) heights [m] of people against the known one, or against what people can be."""
+    # Cut by the image's edge or half hidden, people look smaller, never taller.
+    value = float(np.percentile(heights, 75)) if len(heights) >= 3 else math.nan
+    if person_height_m is None:
+        note = "of moving people; no known height was given"
+        return between("person height", value, PLAUSIBLE_M, "m", note)
+    limits = (person_height_m * (1 - TOLERANCE), person_height_m * (1 + TOLERANCE))
+    note = f"known to be {person_height_m:g} m" if math.isfinite(value) else "no person was found to measure"
+    return between("person height", value, limits, "m", f"{note}: baseline and units", needed=True)
+
+
+def person_heights(evidence: Evidence) -> F64:
+    """(N,) heights [m] of things that stand out of the background, one per thing and frame."""
+    if evidence.floor is None:
+        return np.empty(0)
+    geometry = evidence.rectifier.geometry
+    background = median_image(evidence.disparities)
+    to_depth, found = DepthFromDisparity(geometry), []
+    for disparity in evidence.disparities:
+        depth = to_depth(disparity)
+        above = heights_above_floor(back_project(depth, geometry), evidence.floor.world_SE3_left)
+        found.append(standing_things(above, depth, disparity - background > NEARER_PX))
+    return large_heights(np.concatenate(found))
+
+
+def large_heights(things: F64) -> F64:
+    """Heights [m] of those (N, 2) ``standing_things`` that are no shreds."""
+    if len(things) == 0:
+        return np.empty(0)
+    large = things[:, 1] >= LARGE * np.percentile(things[:, 1], 90)
+    return np.asarray(things[large, 0], dtype=np.float64)
+
+
+def heights_above_floor(points: F32, world_SE3_left: SE3) -> F32:
+    """(H, W) heights [m] of (H, W, 3) points of the rectified left camera."""
+    z = world_SE3_left.rotation[2].astype(np.float32)
+    return np.asarray(points @ z + np.float32(world_SE3_left.translation[2]), dtype=np.float32)
+
+
+def standing_things(above: F32, depth: F32, moved: Bool) -> F64:
+    """What stands out of the background.
+
+    Args:
+        above, depth: (H, W) float32 [m], NaN where unknown.
+        moved: (H, W) bool.
+    Returns:
+        (N, 2) height [m] and surface (in units that all things share).
+    """
+    stands_out = moved & (above > ABOVE_FLOOR_M)
+    mask = cv2.morphologyEx(stands_out.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    blobs = find_blobs(np.asarray(mask, dtype=np.uint8))
+    surface = depth * depth
+    min_px, max_px = (share * mask.size for share in SHARE_OF_IMAGE)
+    found = []
+    for label in range(1, len(blobs)):
+        if blobs.box_px[label, 1] <= 2:
+            continue  # its head may be outside
+        if min_px <= blobs.area_px[label] <= max_px:
+            of_it = (blobs.labels == label) & np.isfinite(above)
+            found.append((float(np.percentile(above[of_it], TALLEST_PERCENTILE)), float(surface[of_it].sum())))
+    return np.array(found, dtype=np.float64).reshape(-1, 2)
+
 
 MIN_VALID = 0.35
 """Share of pixels with a disparity; bare walls and saturated floors have none, people must (our choice)."""
@@ -24,7 +107,7 @@ MAX_DEPTH = {2.0: 0.15, 4.0: 0.5, 8.0: math.inf}
 """Predicted depth deviation at a distance [m]: at 4 m half a metre is a person's width (our choice)."""
 
 
-def scene_checks(evidence: SceneEvidence) -> list[Check]:
+def scene_checks(evidence: Evidence) -> list[Check]:
     """Share of valid disparity, floor share, flatness and height, depth and cell error at 2, 4 and 8 m."""
     inside = evidence.rectifier.mask > 0
     shares = [float(np.mean(np.isfinite(d[inside]))) for d in evidence.disparities]

@@ -1,7 +1,8 @@
-"""Kinds of options that commands share, and options checked by the parameter tables they set."""
+"""Options that commands share, and what their values mean."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 from cyclopts import Parameter
@@ -9,6 +10,7 @@ from pydantic import ValidationError
 
 from calib.errors import InputError
 from calib.params import Params, first_problem
+from stereo.readers import OpenOptions
 
 Flag = Annotated[bool, Parameter(negative="")]
 """A switch that is off unless it is given; there is no --no-... of it."""
@@ -28,3 +30,35 @@ def checked(table: type[_Table], **values: Any) -> _Table:
         return table(**values)
     except ValidationError as error:
         raise InputError(first_problem(error)) from error
+
+
+def open_options(calibration: Path | None = None, fps: float | None = None, topics: str | None = None) -> OpenOptions:
+    """Options of the command line as a reader takes them.
+
+    Args:
+        topics: two names with a comma between them.
+    Raises:
+        InputError: not two topics, or a rate that no camera has.
+    """
+    if fps is not None and not 0.01 <= fps <= 10_000:
+        raise InputError(f"--fps: expected 0.01 to 10000 frames per second, found {fps:g}")
+    names = tuple(name.strip() for name in topics.split(",")) if topics is not None else ()
+    if topics is not None and (len(names) != 2 or not all(names) or names[0] == names[1]):
+        raise InputError(f"--topics: expected two topics, LEFT,RIGHT or IMAGE,DEPTH, found {topics!r}")
+    return OpenOptions(calibration, fps, names)
+
+
+def frame_span(text: str) -> tuple[int, int]:
+    """First and last frame of "FIRST:LAST".
+
+    Raises:
+        InputError: anything else.
+    """
+    first, _, last = text.partition(":")
+    try:
+        span = int(first or 0), int(last)
+    except ValueError:
+        raise InputError(f"--frames: expected FIRST:LAST, e.g. 0:399, found {text!r}") from None
+    if not 0 <= span[0] <= span[1]:
+        raise InputError(f"--frames: expected FIRST:LAST with FIRST not after LAST, found {text!r}")
+    return span

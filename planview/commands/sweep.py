@@ -15,9 +15,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from calib.errors import InputError, WorkError, printable
 from planview.commands.options import JsonFlag
-from planview.output.console import PlainConsole
+from planview.output.progress import PlainConsole
 from planview.sweep.pools import ClusterPool, Pool, ProcessPool
-from planview.sweep.results import Estimate, JobResult, Ranked, why_no_intervals
+from planview.sweep.results import Estimate, JobResult, why_no_intervals
 from planview.sweep.study import FIGURES, RecordingEntry, Study, load_study, varied
 from planview.sweep.sweep import StudyResults, run_study
 
@@ -63,7 +63,7 @@ def sweep(
     Parameters
     ----------
     sources
-        A study file (.toml), or recordings: stereo, single-camera, or maps.h5 that planview run --save-maps wrote.
+        A study file (.toml), or recordings: stereo, single-camera, or maps.h5 that planview run --maps wrote.
     """
     options = options or SweepOptions()
     study, names, out = _study(sources, options)
@@ -95,15 +95,12 @@ def _study(sources: Sequence[Path], options: SweepOptions) -> tuple[Study, list[
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise InputError(f"expected every recording once, found {twice[0]} twice")
-    return _absolute(study), names, out.absolute()
-
-
-def _absolute(study: Study) -> Study:
-    """Workers may have another current folder."""
+    # Workers may have another current folder.
     entries = [
         RecordingEntry(**{name: value and value.absolute() for name, value in entry}) for entry in study.recordings
     ]
-    return study.model_copy(update={"recordings": entries, "config": study.config and study.config.absolute()})
+    config = study.config and study.config.absolute()
+    return study.model_copy(update={"recordings": entries, "config": config}), names, out.absolute()
 
 
 def _name(path: Path, folder: Path) -> str:
@@ -163,16 +160,11 @@ def print_ranking(results: StudyResults, out: Path) -> None:
     for place, row in enumerate(results.ranking, 1):
         print(f"{place}. {printable(row.configuration.label)}")
         known = [objective, *(name for name in FIGURES if name != objective)]
-        figures = [f"{FIGURES[n].label} {_text(row.figures[n], FIGURES[n].digits)}" for n in known if n in row.figures]
+        figures = [f"{FIGURES[n].label} {row.figures[n].text(FIGURES[n].digits)}" for n in known if n in row.figures]
         print("   " + ", ".join([*figures, f"{row.runs} runs" + (f", {row.failed} failed" if row.failed else "")]))
     if results.ranking and (why := why_no_intervals(results.runs)):
         print(why)
     print(f"{out / 'report.html'}")
-
-
-def _text(value: Estimate, digits: int) -> str:
-    interval = "" if math.isnan(value.low) else f" [{value.low:.{digits}f}, {value.high:.{digits}f}]"
-    return f"{value.mean:.{digits}f}{interval}"
 
 
 def _json(results: StudyResults, out: Path) -> dict[str, Any]:
@@ -180,15 +172,14 @@ def _json(results: StudyResults, out: Path) -> dict[str, Any]:
         "out": str(out),
         "objective": results.study.objective,
         "runs": [run.to_json() for run in results.runs],
-        "ranking": [_ranked_json(row) for row in results.ranking],
+        "ranking": [
+            {"settings": list(row.configuration.settings), "runs": row.runs, "failed": row.failed}
+            | {name: _estimate_json(value) for name, value in row.figures.items()}
+            for row in results.ranking
+        ],
         "no_intervals": why_no_intervals(results.runs) or None,
         "failed": len(results.failed),
     }
-
-
-def _ranked_json(row: Ranked) -> dict[str, Any]:
-    figures: dict[str, Any] = {name: _estimate_json(value) for name, value in row.figures.items()}
-    return {"settings": list(row.configuration.settings), "runs": row.runs, "failed": row.failed} | figures
 
 
 def _estimate_json(value: Estimate) -> dict[str, float | None]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -40,7 +39,12 @@ def synth(
 
     if video and jpeg:
         raise InputError("expected either --video or --jpeg, found both")
-    _refuse(out, frames, scale)
+    if frames is not None and frames < 1:
+        raise InputError(f"--frames: expected at least 1, found {frames}")
+    if not 0.05 <= scale <= 4:
+        raise InputError(f"--scale: expected 0.05 to 4, found {scale:g}")
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"{out}: expected a new or empty folder for the recording, found one in use")
     storage: Storage = "video" if video else "jpg" if jpeg else "png"
     heads = load_rig_scenes(scene)
     if heads and (opencv or world):
@@ -49,16 +53,10 @@ def synth(
         written = write_rigs(with_seed(heads, seed), out, scale=scale, frames=frames, storage=storage)
     else:
         written = [_render(scene, out, scale, frames, seed, storage=storage, opencv=opencv, world=world)]
-    _tell(written, out, json_output)
-
-
-def _refuse(out: Path, frames: int | None, scale: float) -> None:
-    if frames is not None and frames < 1:
-        raise InputError(f"--frames: expected at least 1, found {frames}")
-    if not 0.05 <= scale <= 4:
-        raise InputError(f"--scale: expected 0.05 to 4, found {scale:g}")
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(f"{out}: expected a new or empty folder for the recording, found one in use")
+    n_frames, rows = sum(part.frames for part in written), sum(part.truth_rows for part in written)
+    print(f"{n_frames} frames, {rows} truth rows in {out}", file=sys.stderr)
+    if json_output:
+        print(json.dumps({"frames": n_frames, "truth_rows": rows, "folder": str(out)}))
 
 
 def _render(
@@ -68,7 +66,7 @@ def _render(
     """One camera's recording, with progress."""
     from rich.progress import Progress
 
-    from planview.output.console import PlainConsole
+    from planview.output.progress import PlainConsole
     from planview.synthetic.render import SceneRenderer
     from planview.synthetic.scene import load_scene
     from planview.synthetic.write import write_recording
@@ -88,10 +86,3 @@ def _render(
             world=world,
             done=lambda: progress.advance(task),
         )
-
-
-def _tell(written: Sequence[Written], out: Path, json_output: bool) -> None:
-    frames, rows = sum(part.frames for part in written), sum(part.truth_rows for part in written)
-    print(f"{frames} frames, {rows} truth rows in {out}", file=sys.stderr)
-    if json_output:
-        print(json.dumps({"frames": frames, "truth_rows": rows, "folder": str(out)}))

@@ -49,11 +49,7 @@ def write_event_rows(file: IO[str], events: Iterable[Event]) -> None:
 
 
 def read_events(path: Path) -> list[Event]:
-    """Read events.csv.
-
-    Raises:
-        InputError: unreadable, columns missing, or a value that does not belong.
-    """
+    """Read events.csv. Raises InputError: unreadable, columns missing, or a value that does not belong."""
     require_file(path, "an events file")
     try:
         with path.open(newline="", encoding="utf-8") as file:

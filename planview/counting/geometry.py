@@ -16,8 +16,6 @@ from stereo.depth import StereoFloorCamera
 from stereo.rectify import RectifyParams, common_geometry
 
 PlaneName = Literal["floor", "image"]
-_SAMPLES = 65
-"""Points along a line that are tested for being in view."""
 
 
 class FloorCamera(Protocol):
@@ -101,7 +99,8 @@ class RulePlane:
 
 def _along(points: F64) -> F64:
     """Points on the closed outline, corners included."""
-    t = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
+    # Points along a line that are tested for being in view.
+    t = np.linspace(0.0, 1.0, 65)[:, None]
     ends = np.roll(points, -1, axis=0)
     return np.concatenate([a + t * (b - a) for a, b in zip(points, ends, strict=True)])
 
@@ -169,11 +168,8 @@ def inner_radius(polygon: F64) -> float:
 
 
 def stereo_plane(rig_path: Path, world_path: Path | None = None) -> RulePlane:
-    """The plane of a rig: its calibration, and world.toml beside it unless given.
-
-    Raises:
-        InputError: no rig or no world.toml there.
-    """
+    """The plane of a rig: its calibration, and world.toml beside it unless given. Raises InputError: no rig or no
+    world.toml there."""
     rig = load_rig(rig_path)
     folder = rig_path if rig_path.is_dir() else rig_path.parent
     world = world_path or folder / "world.toml"

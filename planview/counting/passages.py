@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.types import F64, I8, I64, Bool
+from calib.types import F64, I64, Bool
 from planview.counting.events import Direction, EventKind
 from planview.counting.geometry import Outline, PlaneName, inner_radius
 from planview.trajectories.state import TrackState
@@ -17,15 +17,6 @@ from planview.trajectories.table import Trajectories
 
 PERSON_M = 1.7
 """Height that a box is taken to show where only boxes are known: it gives metres to pixels [m]."""
-MAX_SPEED_MPS = 8.0
-JUMP_M = 1.0
-"""A step over a line that is faster [m/s] and longer [m] is a correction by the tracker and not a movement (our choice:
-a sprint, and ten times the noise of a good tracker)."""
-PUT_BACK_S = 2.0
-"""A jump back within this time of a crossing undoes it [s]; a jump at another time stands for a crossing once the
-person has stayed beyond the line for as long as a new track must last. Our choice."""
-_MARGIN_SHARE = 0.25
-"""Largest part of a zone's inner radius that hysteresis may take: people in the middle of a narrow zone are inside."""
 
 
 class InPlane(NamedTuple):
@@ -90,27 +81,37 @@ def _places(track_id: I64, state: np.ndarray[tuple[int], np.dtype[np.str_]], flo
     return TrackPlaces(track_id, places.confirmed, places.observed & known, floor_m, box_px)
 
 
-def side_codes(side: F64, decided: Bool, known: Bool) -> I8:
-    """(N,) 0 not known, 1 and 2 below 0 and decided or not, 3 and 4 from 0 on and undecided or not."""
-    return np.where(known, np.where(side >= 0, 3 + decided, 2 - decided), 0).astype(np.int8)
+class Sight(NamedTuple):
+    """A sighting relative to a rule.
 
-
-@dataclass(frozen=True)
-class Crossing:
-    """When (interpolated) and which way."""
-
-    frame: int
-    timestamp_s: float
-    direction: Direction
-
-
-class _Side(NamedTuple):
-    """A sighting relative to the line: side_m left of it [m], ``along`` 0 at its first and 1 at its second point."""
+    Attributes:
+        inside_m: left of a line, or inside a zone [m]; negative on the other side.
+        along: place along a line, 0 at its first and 1 at its second point.
+    """
 
     frame: int
     timestamp_s: float
-    side_m: float
-    along: float
+    inside_m: float
+    along: float = 0.0
+
+    def share_to(self, later: Sight) -> float:
+        """Where between two sightings on different sides the rule is passed, from 0 to 1."""
+        return self.inside_m / (self.inside_m - later.inside_m)
+
+    def passed(self, later: Sight) -> tuple[int, float]:
+        """The first frame at or after the rule is passed, and the moment."""
+        part = self.share_to(later)
+        moment = self.timestamp_s + part * (later.timestamp_s - self.timestamp_s)
+        return math.ceil(self.frame + part * (later.frame - self.frame)), moment
+
+
+class Passage(NamedTuple):
+    """A rule passed: the first frame at or after the moment, the moment, and which way."""
+
+    frame: int
+    timestamp_s: float
+    kind: EventKind
+    direction: Direction = ""
 
 
 class Wire:
@@ -137,27 +138,24 @@ class Wire:
         left = self._left_sign * (self._ahead[0] * dy - self._ahead[1] * dx)
         return left / unit, np.where(np.isfinite(x + y + unit), ahead / self._length, np.nan)
 
-    def sides(self, places: TrackPlaces) -> I8:
-        """(N,) 0 not known, 1 to 4 from decided right to decided left."""
-        side_m, along = self.locate(places)
-        return side_codes(side_m, np.abs(side_m) >= self.hysteresis_m, np.isfinite(along))
-
 
 class WireState:
     """One person at one wire: the side last decided, and the way taken since."""
 
+    stay: Stay | None = None  # nobody stays on a line
+
     def __init__(self, wire: Wire) -> None:
         self._wire = wire
         self._side = 0  # 1 left, -1 right, 0 not decided: not yet observed far enough from the line
-        self._last: _Side | None = None
+        self._last: Sight | None = None
         self._net = 0  # passages through the wire since the side was decided, 1 to the left, -1 to the right
         self._passed: tuple[int, float] = (0, 0.0)
         self._jumped = False  # whether the last passage was too fast for a person
         self._put_back = 0  # side from which a jump took the person; reaching it again is no crossing
         self._crossed_s = -math.inf
-        self._waiting: Crossing | None = None  # in a jump: counts once the person has stayed
+        self._waiting: Passage | None = None  # in a jump: counts once the person has stayed
 
-    def update(self, frame: int, timestamp_s: float, side_m: float, along: float) -> Crossing | None:
+    def update(self, frame: int, timestamp_s: float, side_m: float, along: float) -> Passage | None:
         """The crossing that is certain now, the person far enough on the other side; dated to when the line was passed.
 
         Going round the end of the line passes its extension, which does not count; turning back within the hysteresis
@@ -166,9 +164,17 @@ class WireState:
         """
         if not math.isfinite(along):
             return None
-        now = _Side(frame, timestamp_s, side_m, along)
-        if self._last is not None and (self._last.side_m >= 0) != (side_m >= 0):
-            self._pass(self._last, now)
+        now = Sight(frame, timestamp_s, side_m, along)
+        last = self._last
+        # Beyond its ends the line's extension is passed, which does not count.
+        passes = last is not None and (last.inside_m >= 0) != (side_m >= 0)
+        if last is not None and passes and 0.0 <= last.along + last.share_to(now) * (along - last.along) <= 1.0:
+            self._net += 1 if side_m >= 0 else -1
+            step_m = abs(side_m - last.inside_m)
+            # A step over a line that is faster [m/s] and longer [m] is a correction by the tracker and not
+            # a movement (our choice: a sprint, and ten times the noise of a good tracker).
+            self._jumped = step_m > 1.0 and step_m > 8.0 * (timestamp_s - last.timestamp_s)
+            self._passed = last.passed(now)
         self._last = now
         crossing = self._decide(side_m)
         if crossing is not None and self._waiting is not None:
@@ -181,7 +187,7 @@ class WireState:
             self._crossed_s = crossing.timestamp_s
         return crossing
 
-    def _decide(self, side_m: float) -> Crossing | None:
+    def _decide(self, side_m: float) -> Passage | None:
         """The passage that took the person to this side, once far enough on it."""
         if abs(side_m) < self._wire.hysteresis_m:
             return None
@@ -190,19 +196,12 @@ class WireState:
         self._side, self._net = side, 0
         if before in (0, side) or net * side <= 0:
             return None
-        back = self._jumped and self._passed[1] - self._crossed_s <= PUT_BACK_S
+        # A jump back within this time of a crossing undoes it [s]; a jump at another time stands for a
+        # crossing once the person has stayed beyond the line for as long as a new track must last. Our choice.
+        back = self._jumped and self._passed[1] - self._crossed_s <= 2.0
         again, self._put_back = self._put_back == side, before if back else 0
-        return None if again or back else Crossing(*self._passed, "right_to_left" if side > 0 else "left_to_right")
-
-    def _pass(self, a: _Side, b: _Side) -> None:
-        """The line, or its extension, is passed between two sightings."""
-        part = a.side_m / (a.side_m - b.side_m)
-        if 0.0 <= a.along + part * (b.along - a.along) <= 1.0:
-            self._net += 1 if b.side_m >= 0 else -1
-            moment = a.timestamp_s + part * (b.timestamp_s - a.timestamp_s)
-            step_m = abs(b.side_m - a.side_m)
-            self._jumped = step_m > JUMP_M and step_m > MAX_SPEED_MPS * (b.timestamp_s - a.timestamp_s)
-            self._passed = math.ceil(a.frame + part * (b.frame - a.frame)), moment
+        way: Direction = "right_to_left" if side > 0 else "left_to_right"
+        return None if again or back else Passage(*self._passed, "crossing", way)
 
 
 @dataclass(eq=False)
@@ -226,23 +225,6 @@ class Stay:
         return self.end_s - self.start_s
 
 
-@dataclass(frozen=True)
-class Passage:
-    """An outline passed: the first frame at or after the moment, and the moment."""
-
-    frame: int
-    timestamp_s: float
-    kind: EventKind
-
-
-class _Depth(NamedTuple):
-    """A sighting relative to the outline: its depth inside [m]."""
-
-    frame: int
-    timestamp_s: float
-    depth_m: float
-
-
 class Area:
     """A zone in its plane.
 
@@ -255,7 +237,9 @@ class Area:
         self.name, self.plane, self.min_age_s = name, plane, min_age_s
         self._outline = Outline(points)
         self._hysteresis_m = hysteresis_m
-        self._margin_limit = _MARGIN_SHARE * inner_radius(points)
+        # Largest part of a zone's inner radius that hysteresis may take: people in the middle of a narrow zone
+        # are inside.
+        self._margin_limit = 0.25 * inner_radius(points)
 
     def locate(self, places: TrackPlaces) -> tuple[F64, F64]:
         """(N,) depth inside (negative outside) and the margin that decides [m]; NaN when not known in this plane."""
@@ -264,17 +248,12 @@ class Area:
         known = np.isfinite(x + y + unit)
         return self._outline.depth(x, y) / unit, np.where(known, margin, np.nan)
 
-    def sides(self, places: TrackPlaces) -> I8:
-        """(N,) 0 not known, 1 to 4 from decided outside to decided inside."""
-        depth_m, margin_m = self.locate(places)
-        return side_codes(depth_m, np.abs(depth_m) >= margin_m, np.isfinite(margin_m))
-
 
 class AreaState:
     """One person at one zone. ``stay`` is the current one, None outside."""
 
     def __init__(self) -> None:
-        self._last: _Depth | None = None
+        self._last: Sight | None = None
         self._passed: tuple[int, float] = (0, 0.0)
         self.stay: Stay | None = None
 
@@ -282,29 +261,20 @@ class AreaState:
         """An entry or exit once the person is far enough in or out, dated to when the outline was passed."""
         if not math.isfinite(margin_m):
             return None
-        now, before = _Depth(frame, timestamp_s, depth_m), self._last
-        if before is not None and (before.depth_m >= 0) != (depth_m >= 0):
-            self._pass(before, now)
+        now, before = Sight(frame, timestamp_s, depth_m), self._last
+        if before is not None and (before.inside_m >= 0) != (depth_m >= 0):
+            self._passed = before.passed(now)
         self._last = now
         if self.stay is None:
-            return self._outside(now, margin_m, before is None)
+            if before is None and depth_m >= 0:
+                self.stay = Stay(timestamp_s, timestamp_s, entered=False)
+            elif depth_m >= margin_m:
+                self.stay = Stay(self._passed[1], timestamp_s, entered=True)
+                return Passage(*self._passed, "entry")
+            return None
         if depth_m <= -margin_m and depth_m < 0:
             self.stay.end_s, self.stay.left = self._passed[1], True
             self.stay = None
             return Passage(*self._passed, "exit")
         self.stay.end_s = timestamp_s
         return None
-
-    def _outside(self, now: _Depth, margin_m: float, first: bool) -> Passage | None:
-        if first and now.depth_m >= 0:
-            self.stay = Stay(now.timestamp_s, now.timestamp_s, entered=False)
-        elif now.depth_m >= margin_m:
-            self.stay = Stay(self._passed[1], now.timestamp_s, entered=True)
-            return Passage(*self._passed, "entry")
-        return None
-
-    def _pass(self, before: _Depth, now: _Depth) -> None:
-        """The outline is passed between two sightings."""
-        part = before.depth_m / (before.depth_m - now.depth_m)
-        moment = before.timestamp_s + part * (now.timestamp_s - before.timestamp_s)
-        self._passed = math.ceil(before.frame + part * (now.frame - before.frame)), moment

@@ -54,11 +54,10 @@ def _plain_name(name: str) -> str:
 _Name = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_plain_name)]
 _Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e5, le=1e5)]
 _PointIn = tuple[_Number, _Number]
-MAX_POINTS = 500
-"""Corners of a zone: each pair of edges is tried for crossing, and each person against each edge (our choice)."""
 MAX_RULES = 200
 """Rules of one kind (our choice)."""
-_Polygon = Annotated[list[_PointIn], Field(max_length=MAX_POINTS)]
+# Corners of a zone: each pair of edges is tried for crossing, and each person against each edge (our choice).
+_Polygon = Annotated[list[_PointIn], Field(max_length=500)]
 
 
 class _NamedRule(BaseModel):

@@ -11,7 +11,7 @@ import numpy as np
 from calib.types import F64, I64
 from planview.counting.events import Direction, Event
 from planview.counting.totals import Counts
-from planview.evaluation.breakdown import PEOPLE_GROUPS
+from planview.evaluation.result import PEOPLE_GROUPS
 
 
 @dataclass(frozen=True)

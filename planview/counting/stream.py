@@ -7,11 +7,9 @@ from collections import deque
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, field
 from itertools import repeat
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
-import numpy as np
-
-from calib.types import F64, I8, I64, Bool
+from calib.types import F64
 from planview.counting.events import Event
 from planview.counting.geometry import PlaneName
 from planview.counting.passages import Area, AreaState, Stay, TrackPlaces, Wire, WireState
@@ -28,7 +26,7 @@ class TrackRow(NamedTuple):
     Attributes:
         observed: whether it has a place and is more than a prediction.
         x_m, y_m: the place in metres.
-        at_rules: two numbers per rule, as ``Wire.locate`` and ``Area.locate`` give them; empty where nothing changes.
+        at_rules: two numbers per rule, as ``Wire.locate`` and ``Area.locate`` give them.
     """
 
     track_id: int
@@ -148,60 +146,12 @@ class CountedPeople:
         return list(gone)
 
 
-class Changes(NamedTuple):
-    """Where counts can change: (N,) rows at which a person may change sides, (M,) frames in which anything happens."""
-
-    rows: Bool
-    frames: Bool
-
-
-class SidedRule(Protocol):
-    """A tripwire or a zone."""
-
-    def sides(self, places: TrackPlaces) -> I8:
-        """(N,) side on which each row is; only a change of it, or a beginning or end, can change a count."""
-
-
-def changes(frame: I64, moments_s: F64, places: TrackPlaces, rules: Sequence[SidedRule]) -> Changes:
-    """The rows and frames that ``Analytics`` must be given for the counts that it gives of all.
-
-    A track that goes on from one frame to the next, in the same state and on the same side of every rule, changes
-    nothing but its last sighting. So a row counts when its track begins, ends, or changes in it or in the next one; a
-    frame counts that has such a row, or lies VELOCITY_S before the end of a stretch of sightings, since stitching
-    predicts from these two.
-
-    Args:
-        frame: (N,) of the rows, sorted; ``places`` and the rules' sides refer to the same rows.
-        moments_s: (M,) times of the M different frames [s]; where they run backwards, everything counts.
-        rules: what may change sides.
-    """
-    number = np.cumsum(np.diff(frame, prepend=frame[:1]) > 0)
-    if not len(frame) or (np.diff(moments_s) < 0).any():
-        return Changes(np.ones(len(frame), dtype=np.bool_), np.ones(len(moments_s), dtype=np.bool_))
-    order = np.lexsort((number, places.track_id))
-    columns = (places.track_id, places.confirmed, places.observed, *(rule.sides(places) for rule in rules))
-    begins = np.diff(number[order], prepend=-2) != 1
-    for column in columns:
-        begins[1:] |= np.diff(column[order].astype(np.int64)) != 0
-    ends = np.append(begins[1:], True)
-    rows = np.zeros(len(frame), dtype=np.bool_)
-    rows[order] = begins | ends
-    last = moments_s[number[order[ends]]]
-    before = np.searchsorted(moments_s, last - VELOCITY_S, side="right")
-    frames = np.zeros(len(moments_s) + 2, dtype=np.bool_)
-    frames[1 + number[rows]] = True
-    for rounding in (-1, 0, 1):
-        frames[np.maximum(before + rounding, 0)] = True
-    return Changes(rows, frames[1:-1])
-
-
 @dataclass(eq=False)
 class _Memory:
     """What is remembered of one person; ``events`` and ``stays`` wait until the person is old enough for their rule;
     at the rules ``visited`` the person is counted already."""
 
-    wires: list[WireState]
-    areas: list[AreaState]
+    states: list[WireState | AreaState]
     events: list[Event] = field(default_factory=list)
     stays: list[tuple[str, Stay]] = field(default_factory=list)
     visited: set[str] = field(default_factory=set)
@@ -221,16 +171,18 @@ class Analytics:
     def __init__(self, rules: Rules, params: AnalyticsParams | None = None) -> None:
         self.rules = rules
         self.params = p = params or AnalyticsParams()
-        self._wires = [Wire(*self._settled(rule, p.hysteresis_m)) for rule in rules.tripwires]
-        self._areas = [Area(*self._settled(rule, p.zone_hysteresis_m)) for rule in rules.zones]
+        self._rules: list[Wire | Area] = [
+            *(Wire(*self._settled(rule, p.hysteresis_m)) for rule in rules.tripwires),
+            *(Area(*self._settled(rule, p.zone_hysteresis_m)) for rule in rules.zones),
+        ]
         self.reset()
 
     def reset(self) -> None:
         """Forget all people and all stays."""
         self._people = CountedPeople(self.params)
         self._memory: dict[CountedPerson, _Memory] = {}
-        self._inside: dict[str, int] = {area.name: 0 for area in self._areas}
-        self.stays: dict[str, list[Stay]] = {area.name: [] for area in self._areas}
+        self._inside: dict[str, int] = {zone.name: 0 for zone in self.rules.zones}
+        self.stays: dict[str, list[Stay]] = {zone.name: [] for zone in self.rules.zones}
         self.people: dict[str, int] = dict.fromkeys(
             (rule.name for rule in (*self.rules.tripwires, *self.rules.zones)), 0
         )
@@ -247,23 +199,12 @@ class Analytics:
         """
         return self.update_rows(frame, timestamp_s, self.rows(TrackPlaces.of_states(tracks)))
 
-    def rows(self, places: TrackPlaces, changing: Bool | None = None) -> list[TrackRow]:
-        """Rows of tracks, of any number of frames, with where they are at every rule.
-
-        Args:
-            changing: (N,) rows that may change sides (``changes``); all by default. The others are not located.
-        """
-        wires, areas = ([rule.locate(places) for rule in rules] for rules in (self._wires, self._areas))
-        at_rules = [column.tolist() for located in (*wires, *areas) for column in located]
+    def rows(self, places: TrackPlaces) -> list[TrackRow]:
+        """Rows of tracks, of any number of frames, with where they are at every rule."""
+        at_rules = [column.tolist() for rule in self._rules for column in rule.locate(places)]
         columns = (places.track_id, places.confirmed, places.observed, *places.metres().T)
         located = zip(*at_rules, strict=True) if at_rules else repeat((), len(places.track_id))
-        asked = repeat(True) if changing is None else changing.tolist()
-        shown = (at if ask else () for at, ask in zip(located, asked, strict=False))
-        return list(map(TrackRow, *(column.tolist() for column in columns), shown))
-
-    def changes(self, frame: I64, moments_s: F64, places: TrackPlaces) -> Changes:
-        """What ``update_rows`` needs of a table (``planview.counting.stream``)."""
-        return changes(frame, moments_s, places, [*self._wires, *self._areas])
+        return list(map(TrackRow, *(column.tolist() for column in columns), located))
 
     def update_rows(self, frame: int, timestamp_s: float, rows: Sequence[TrackRow]) -> tuple[Event, ...]:
         """``update`` with rows of the frame as ``rows`` gives them."""
@@ -271,41 +212,35 @@ class Analytics:
         events: list[Event] = []
         self._inside = dict.fromkeys(self._inside, 0)
         for person, row in present:
-            memory = self._memory.get(person) or self._remember(person)
-            if row is not None and row.at_rules:
-                self._look(person, frame, timestamp_s, row.at_rules, memory)
+            memory = self._memory.get(person)
+            if memory is None:
+                states: list[WireState | AreaState] = [
+                    WireState(rule) if isinstance(rule, Wire) else AreaState() for rule in self._rules
+                ]
+                memory = self._memory[person] = _Memory(states)
+            if row is not None:
+                values = iter(row.at_rules)
+                for rule, state in zip(self._rules, memory.states, strict=True):
+                    before = state.stay
+                    passage = state.update(frame, timestamp_s, next(values), next(values))
+                    if passage is not None:
+                        first, moment, kind, way = passage
+                        memory.events.append(Event(first, moment, rule.name, kind, person.track_id, way))
+                    if state.stay is not None and before is None:
+                        memory.stays.append((rule.name, state.stay))
             if person.confirmed and (memory.events or memory.stays):
                 events += self._release(person, memory, timestamp_s)
-            for area, state in zip(self._areas, memory.areas, strict=True):
+            for rule, state in zip(self._rules, memory.states, strict=True):
                 if state.stay is not None and state.stay.counted:
-                    self._inside[area.name] += 1
+                    self._inside[rule.name] += 1
         for person in gone:
             self._memory.pop(person, None)
         return tuple(sorted(events, key=lambda e: e.timestamp_s))
 
-    def _look(
-        self, person: CountedPerson, frame: int, timestamp_s: float, at_rules: tuple[float, ...], memory: _Memory
-    ) -> None:
-        values = iter(at_rules)
-        for wire, at_wire in zip(self._wires, memory.wires, strict=True):
-            crossing = at_wire.update(frame, timestamp_s, next(values), next(values))
-            if crossing is not None:
-                moment = crossing.frame, crossing.timestamp_s
-                memory.events.append(Event(*moment, wire.name, "crossing", person.track_id, crossing.direction))
-        for area, at_area in zip(self._areas, memory.areas, strict=True):
-            before = at_area.stay
-            passage = at_area.update(frame, timestamp_s, next(values), next(values))
-            if passage is not None:
-                moment = passage.frame, passage.timestamp_s
-                memory.events.append(Event(*moment, area.name, passage.kind, person.track_id))
-            if at_area.stay is not None and before is None:
-                memory.stays.append((area.name, at_area.stay))
-
     def _release(self, person: CountedPerson, memory: _Memory, timestamp_s: float) -> list[Event]:
         """Events of a confirmed person old enough for their rules; stays become counted at the same time."""
         age = timestamp_s - person.start_s
-        ready = {wire.name for wire in self._wires if age >= wire.min_age_s}
-        ready |= {area.name for area in self._areas if age >= area.min_age_s}
+        ready = {rule.name for rule in self._rules if age >= rule.min_age_s}
         for name, stay in memory.stays:
             if name in ready:
                 stay.counted = True
@@ -318,11 +253,6 @@ class Analytics:
         memory.stays = [(name, stay) for name, stay in memory.stays if name not in ready]
         memory.events = [event for event in memory.events if event.rule not in ready]
         return released
-
-    def _remember(self, person: CountedPerson) -> _Memory:
-        memory = _Memory([WireState(wire) for wire in self._wires], [AreaState() for _ in self._areas])
-        self._memory[person] = memory
-        return memory
 
     def _settled(self, rule: Placed, hysteresis_m: float) -> tuple[str, F64, PlaneName, float, float]:
         """Name, points and plane of a rule, with its own hysteresis and age or those of all rules."""

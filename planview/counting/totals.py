@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -15,7 +15,7 @@ from calib.types import F64, I64
 from planview.counting.events import Direction, Event
 from planview.counting.passages import Stay, TrackPlaces
 from planview.counting.rules import AnalyticsParams, Placed, Queue, Rules
-from planview.counting.stream import Analytics, TrackRow
+from planview.counting.stream import Analytics
 from planview.trajectories.table import IGNORED, Trajectories, frame_period_s
 
 INTERVALS_MAX = 10_080
@@ -23,10 +23,6 @@ INTERVALS_MAX = 10_080
 JUMP_S = 600.0
 """A step of the clock from one frame to the next that is longer is a jump [s]: no recorder pauses so long unnoticed
 (our choice)."""
-TRUTH_ZONE_HYSTERESIS_M = 0.05
-"""For true occupancy: a head sways by as much when a person stands on the outline [m]; our choice."""
-_BLOCK_FRAMES = 1000
-"""Frames whose rows are located at a time, so that memory does not grow with the recording (our choice)."""
 
 
 def jump_note(before_frame: int, frame: int, step_s: float) -> str:
@@ -288,14 +284,25 @@ def count_tracks(
     Raises:
         InputError: the tracks have no place in the plane of a rule.
     """
-    _require_positions(tracks, rules)
+    for rule in (*rules.tripwires, *rules.zones):
+        places = tracks.box_px.sum(axis=1) if rule.plane == "image" else tracks.x_m + tracks.y_m
+        if len(tracks) and not np.isfinite(places).any():
+            need = "boxes (or --camera)" if rule.plane == "image" else "floor positions"
+            raise InputError(
+                f"{rules.source}: expected tracks with {need} for rule {rule.name!r}, found none in any row"
+            )
     clock = clock or Clock(tracks, 30.0)
     analytics = Analytics(rules, params)
-    events = [
-        event
-        for frame, moment, rows in _frames(tracks, clock, analytics)
-        for event in analytics.update_rows(frame, moment, rows)
-    ]
+    events: list[Event] = []
+    frames, starts = np.unique(tracks.frame, return_index=True)
+    moments, bounds = clock.at(frames), np.append(starts, len(tracks))
+    # Rows of a thousand frames are located at a time, so that memory does not grow with the recording.
+    for first in range(0, len(frames), 1000):
+        last = min(first + 1000, len(frames))
+        rows = analytics.rows(TrackPlaces.of_rows(tracks, slice(bounds[first], bounds[last])))
+        for i in range(first, last):
+            of_frame = rows[bounds[i] - bounds[first] : bounds[i + 1] - bounds[first]]
+            events += analytics.update_rows(int(frames[i]), float(moments[i]), of_frame)
     stays = {name: sorted(stays, key=lambda s: s.start_s) for name, stays in analytics.stays.items()}
     span = clock.span(max(n_frames, int(tracks.frame.max()) + 1 if len(tracks) else 0))
     events.sort(key=lambda e: e.timestamp_s)
@@ -315,35 +322,6 @@ def count_truth(
         params: those of the tracks.
     """
     params = (params or AnalyticsParams()).model_copy(update={"stitch_s": 0.0})
-    return count_tracks(
-        truth.where(truth.visible != IGNORED),
-        rules.of_truth(TRUTH_ZONE_HYSTERESIS_M),
-        params,
-        clock=clock,
-        n_frames=n_frames,
-    )
-
-
-def _frames(tracks: Trajectories, clock: Clock, analytics: Analytics) -> Iterator[tuple[int, float, list[TrackRow]]]:
-    """(frame, time, rows) of every frame in which the counts may change."""
-    frames, starts = np.unique(tracks.frame, return_index=True)
-    moments = clock.at(frames)
-    changes = analytics.changes(tracks.frame, moments, TrackPlaces.of_rows(tracks, slice(None)))
-    bounds = np.append(starts, len(tracks))
-    for block in np.array_split(np.flatnonzero(changes.frames), 1 + len(frames) // _BLOCK_FRAMES):
-        counts = bounds[block + 1] - bounds[block]
-        ends = np.cumsum(counts)
-        rows = np.repeat(bounds[block + 1] - ends, counts) + np.arange(counts.sum())
-        located = analytics.rows(TrackPlaces.of_rows(tracks, rows), changes.rows[rows])
-        for i, start, end in zip(block.tolist(), (ends - counts).tolist(), ends.tolist(), strict=True):
-            yield int(frames[i]), float(moments[i]), located[start:end]
-
-
-def _require_positions(tracks: Trajectories, rules: Rules) -> None:
-    for rule in (*rules.tripwires, *rules.zones):
-        places = tracks.box_px.sum(axis=1) if rule.plane == "image" else tracks.x_m + tracks.y_m
-        if len(tracks) and not np.isfinite(places).any():
-            need = "boxes (or --camera)" if rule.plane == "image" else "floor positions"
-            raise InputError(
-                f"{rules.source}: expected tracks with {need} for rule {rule.name!r}, found none in any row"
-            )
+    # For true occupancy: a head sways by as much when a person stands on the outline [m]; our choice.
+    visible = truth.where(truth.visible != IGNORED)
+    return count_tracks(visible, rules.of_truth(0.05), params, clock=clock, n_frames=n_frames)

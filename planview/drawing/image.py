@@ -1,10 +1,10 @@
-"""The camera's image with people's boxes and ids, their trails, the rules and a metre grid on the floor."""
+"""People drawn into the image of a camera."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol
 
 import cv2
 import numpy as np
@@ -12,12 +12,68 @@ from numpy.typing import ArrayLike
 
 from calib.images import as_colour
 from calib.types import F64, U8
-from planview.drawing.colours import TRIPWIRE, TRUTH, ZONE, Rgb, as_bgr, person_rgb
-from planview.drawing.labels import Labels
-from planview.drawing.moment import Moment, Rule
-from planview.drawing.plan import PlanBounds
-from planview.drawing.projection import GridLine, grid_lines, visible_parts
+from planview.drawing.plan import PlanBounds, Rule, Snapshot
+from planview.drawing.style import TRIPWIRE, TRUTH, ZONE, Labels, Rgb, as_bgr, person_rgb
 from planview.trajectories.state import TrackState
+
+Project = Callable[[ArrayLike], F64]
+"""(N, 3) world points [m] to (N, 2) pixels, NaN where unseen."""
+SAMPLE_M = 0.2
+SAMPLES_MAX = 2000
+
+
+class GridLine(NamedTuple):
+    """A part of a line of the grid that is near the image: ``coordinate`` [m] and (k, 2) pixels."""
+
+    coordinate: float
+    pixels: F64
+
+
+def grid_lines(
+    project: Project, extent_m: tuple[float, float, float, float], size: tuple[int, int], step_m: float = 1.0
+) -> list[GridLine]:
+    """Lines of a floor grid as seen.
+
+    Args:
+        extent_m: (x_min, y_min, x_max, y_max) of the floor to cover.
+        size: (width, height) of the image [px].
+        step_m: between lines.
+    """
+    x_min, y_min = math.floor(extent_m[0]), math.floor(extent_m[1])
+    x_max, y_max = math.ceil(extent_m[2]), math.ceil(extent_m[3])
+    lines = []
+    for x in np.arange(x_min, x_max + 1e-9, step_m).tolist():
+        ends = np.array([(x, y_min), (x, y_max)], dtype=np.float64)
+        lines += [GridLine(x, part) for part in visible_parts(project, ends, size)]
+    for y in np.arange(y_min, y_max + 1e-9, step_m).tolist():
+        ends = np.array([(x_min, y), (x_max, y)], dtype=np.float64)
+        lines += [GridLine(y, part) for part in visible_parts(project, ends, size)]
+    return lines
+
+
+def visible_parts(project: Project, places_m: F64, size: tuple[int, int]) -> list[F64]:
+    """A line on the floor in pixels, in parts of at least two points near the image.
+
+    Args:
+        places_m: (N, 2) corners of the line [m]; those that are not known are passed over.
+        size: (width, height) of the image [px].
+    """
+    known = places_m[np.isfinite(places_m).all(axis=1)]
+    if len(known) < 2:
+        return []
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(known, axis=0).T))])
+    if along[-1] <= 0:
+        return []
+    samples = min(SAMPLES_MAX, math.ceil(along[-1] / SAMPLE_M) + 1)
+    at = np.union1d(along, np.linspace(0.0, along[-1], samples))
+    xyz = np.column_stack([np.interp(at, along, known[:, 0]), np.interp(at, along, known[:, 1]), np.zeros(len(at))])
+    pixels, limits = project(xyz), np.array(size)
+    with np.errstate(invalid="ignore"):
+        near = np.asarray(((pixels > -0.5 * limits) & (pixels < 1.5 * limits)).all(axis=1))  # not NaN either
+    cuts = np.flatnonzero(np.diff(near.astype(np.int8))) + 1
+    parts = zip(np.split(pixels, cuts), np.split(near, cuts), strict=True)
+    return [part for part, visible in parts if len(part) > 1 and visible[0]]
+
 
 WIDTH_MIN_PX = 640
 """Smaller images are enlarged to this width, so that labels are legible."""
@@ -39,7 +95,7 @@ class ImageCamera(Protocol):
 
 
 class ImagePainter:
-    """Draws moments into the images of one camera.
+    """Draws snapshots into the images of one camera.
 
     Args:
         camera: above the floor; None for one that is not calibrated: boxes only.
@@ -53,7 +109,7 @@ class ImagePainter:
         self._camera, self._rules = camera, rules
         self._grid = _grid(camera, bounds) if camera is not None and bounds is not None else []
 
-    def __call__(self, image: U8, moment: Moment) -> U8:
+    def __call__(self, image: U8, snapshot: Snapshot) -> U8:
         """(h, w, 3) uint8 BGR: the image, enlarged where it is small, with everything drawn on it.
 
         Args:
@@ -65,13 +121,13 @@ class ImagePainter:
         labels = Labels(picture, max(1.0, picture.shape[1] / 1000))
         self._paint_floor(picture, scale)
         self._paint_rules(picture, labels, scale)
-        for person in moment.people:
-            self._paint_trail(picture, moment.trails.get(person.track_id), person, scale)
-        for person in sorted(moment.people, key=lambda p: p.state == "confirmed"):
+        for person in snapshot.people:
+            self._paint_trail(picture, snapshot.trails.get(person.track_id), person, scale)
+        for person in sorted(snapshot.people, key=lambda p: p.state == "confirmed"):
             _paint_box(picture, person, scale)
-        for person in moment.people:
+        for person in snapshot.people:
             self._label(labels, person, scale)
-        for person in moment.truth:
+        for person in snapshot.truth:
             self._paint_truth(picture, person, scale)
         return picture
 

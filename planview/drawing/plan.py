@@ -1,18 +1,75 @@
-"""The floor from above with people, trails, rules and a metre grid."""
+"""The floor from above, and what is shown of one frame."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 
 from calib.types import F64, I32, U8
-from planview.drawing.colours import TRIPWIRE, TRUTH, ZONE, as_bgr, person_rgb
-from planview.drawing.labels import Labels
-from planview.drawing.moment import Moment, Rule
+from planview.drawing.style import TRIPWIRE, TRUTH, ZONE, Labels, as_bgr, person_rgb
+from planview.trajectories.state import TrackState
+from planview.trajectories.table import Trajectories, row_states
+
+
+@dataclass(frozen=True, eq=False)
+class Rule:
+    """A tripwire or zone: (N, 2) points on the floor [m], or in the image [px]."""
+
+    name: str
+    is_line: bool
+    on_floor: bool
+    points: F64
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """People at one frame.
+
+    Attributes:
+        frame: of the recording.
+        time_s: of the frame [s]; NaN where unknown.
+        people: in the frame.
+        trails: by id, (N, 2) places on the floor of the last seconds [m], the newest last.
+        truth: the true people of the frame.
+    """
+
+    frame: int
+    time_s: float
+    people: list[TrackState]
+    trails: dict[int, F64] = field(default_factory=dict)
+    truth: list[TrackState] = field(default_factory=list)
+
+
+def snapshot_at(tracks: Trajectories, frame: int, trail_frames: int = 0, truth: Trajectories | None = None) -> Snapshot:
+    """A frame of tables that are sorted by frame; only the rows of the trail are looked at.
+
+    Args:
+        trail_frames: length of the trails [frames].
+    """
+    first, start, stop = np.searchsorted(tracks.frame, [frame - trail_frames, frame, frame + 1]).tolist()
+    people = row_states(tracks, slice(start, stop))
+    ids = tracks.track_id[first:stop]
+    xy = np.column_stack([tracks.x_m[first:stop], tracks.y_m[first:stop]])
+    trails = {person.track_id: xy[ids == person.track_id] for person in people}
+    time_s = float(tracks.timestamp_s[start]) if stop > start else float("nan")
+    true = row_states(truth, slice(*np.searchsorted(truth.frame, [frame, frame + 1]).tolist())) if truth else []
+    return Snapshot(frame, time_s, people, trails, true)
+
+
+def rules_of(counts: dict[str, object]) -> list[Rule]:
+    """The rules in the ``rules`` object of counts.json."""
+    rules = []
+    for name, rule in counts.items():
+        points = rule.get("points") if isinstance(rule, dict) else None
+        if isinstance(rule, dict) and points:
+            on_floor = rule.get("plane") == "floor"
+            rules.append(Rule(name, rule.get("kind") == "tripwire", on_floor, np.array(points, dtype=np.float64)))
+    return rules
+
 
 MARGIN_M = 0.6
 _VIEW, _PAPER, _LINE = (247, 238, 232), (255, 255, 255), (222, 222, 222)
@@ -37,7 +94,7 @@ def bounds_of(*places_m: F64) -> PlanBounds:
 
 
 class PlanPainter:
-    """Draws moments on the floor.
+    """Draws snapshots on the floor.
 
     Args:
         bounds: of the floor.
@@ -59,20 +116,20 @@ class PlanPainter:
         self._middle = np.array([(bounds.x_min_m + bounds.x_max_m) / 2, (bounds.y_min_m + bounds.y_max_m) / 2])
         self._paper = self._background(cameras, rules)
 
-    def __call__(self, moment: Moment) -> U8:
+    def __call__(self, snapshot: Snapshot) -> U8:
         """(H, W, 3) uint8 BGR."""
         picture = self._paper.copy()
         labels = Labels(picture)
-        for person in moment.people:
-            trail = moment.trails.get(person.track_id)
+        for person in snapshot.people:
+            trail = snapshot.trails.get(person.track_id)
             if trail is not None and len(trail) > 1 and person.state != "tentative":
                 colour = as_bgr(person_rgb(person.track_id))
                 cv2.polylines(picture, [self._px(trail)], False, colour, 2, cv2.LINE_AA)
-        for person in moment.truth:
+        for person in snapshot.truth:
             if not math.isnan(person.x_m):
                 at = self._px(np.array([(person.x_m, person.y_m)]))[0].tolist()
                 cv2.drawMarker(picture, at, as_bgr(TRUTH), cv2.MARKER_TILTED_CROSS, 15, 2)
-        for person in moment.people:
+        for person in snapshot.people:
             if math.isnan(person.x_m):
                 continue
             x, y = self._px(np.array([(person.x_m, person.y_m)]))[0].tolist()

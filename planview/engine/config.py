@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from calib.errors import InputError
 from calib.floor.plane import FloorParams
 from calib.io import MAX_DEPTH, load_toml, parse_toml
-from calib.params import Params, first_problem
-from planview.engine.feedback import FeedbackParams
-from planview.engine.single_camera import SingleCameraParams
+from calib.params import Params, dotted, first_problem
+from planview.foreground.ghosts import GhostParams
 from planview.foreground.params import ForegroundParams
 from planview.maps.builder import MapParams
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
@@ -33,7 +33,56 @@ class AnalysisParams(Params):
     """Foreground and maps use every n-th row and column, n the smallest that brings the width down to this [px].
     Harville 2002, section 5, ran at 320x240; a head at 8 m is then still 5 px wide."""
     setup_frames: int = Field(SETUP_FRAMES, ge=3, le=500)
-    """Frames, spread over the recording, in which floor and vertical residual are measured (our choice)."""
+    """Frames, spread over the recording, in which floor and rig are measured (our choice)."""
+
+
+class FeedbackParams(Params):
+    """Feedback from tracker to foreground; our choices, the paper gives only the idea."""
+
+    enabled: bool = True
+    """Give feedback at all."""
+    body_m: float = Field(0.6, gt=0.0, le=5.0)
+    """Foreground this near to a person's axis on the floor belongs to the person [m]: an arm's length."""
+    travelled_m: float = Field(0.5, ge=0.0, le=100.0)
+    """Only a track that has moved this far since its start is protected from being learned [m]: furniture that was
+    mistaken for a person does not walk, and must fade into the background."""
+    ground_m: float = Field(0.12, ge=0.0, le=2.0)
+    """Foreground lower than this and away from every person is floor under a new light [m]: a shoe's height."""
+    spread_px: int = Field(5, ge=0, le=50)
+    """A person's pixels are widened by so much for the next frame [px]."""
+
+
+class SingleCameraParams(Params):
+    """Foreground and motion of one camera (Zhang et al. 2008, section 2)."""
+
+    foreground: ForegroundParams = Field(
+        default=ForegroundParams.model_validate(
+            {"remove_colour_shadows": True, "shadow_ratio": 0.5, "luma_noise": 3.0, "chroma_noise": 1.8}
+        )
+    )
+    """The mixture model, here without depth: shadows are removed by their colour, at most twice as dark as the ground
+    (as OpenCV's MOG2 has it), since dark clothes are like deeper shadows. The least noise is that of the sensor alone:
+    where colours are all there is, clothes like the wall behind must be told from it, and noise above is learned."""
+    ghosts: GhostParams = GhostParams()
+    """Foreground without a person: where a person of the first frames, learned as background, has left."""
+    motion_level: float = Field(default=10.0, gt=0, le=255)
+    """Change of luma, averaged over 3x3 pixels, between two frames that is motion (levels of 255). Our choice: 8-bit
+    video has a noise of 3 to 4 levels, 1.3 in the average and 1.9 between two frames; five times that."""
+    motion_interval_s: float = Field(default=0.12, gt=0, le=2)
+    """Time between the two frames compared [s]; at least one frame. Our choice: a hand at 0.2 m/s moves 2.4 cm in it,
+    about a pixel, whatever the frame rate."""
+
+
+class RunParams(Params):
+    """How a run goes on in time and what it keeps; tracks do not depend on it, but in real time."""
+
+    real_time: bool = False
+    """Frames come when their timestamps say, those that cannot be kept up with are dropped, and the latency from a
+    frame's timestamp to its tracks is measured. Such a run writes no checkpoints."""
+    checkpoint_every_s: float = Field(30.0, ge=0, le=86_400)
+    """Time between two checkpoints to resume from [s]; 0 for none (our choice)."""
+    rrd_every: int = Field(1, ge=1, le=100_000)
+    """Images, clouds and maps of every n-th frame only go into run.rrd; people and curves of all (our choice)."""
 
 
 class Config(Params):
@@ -55,11 +104,7 @@ class Config(Params):
     single_camera: SingleCameraParams = SingleCameraParams()
     human_model: HumanModelParams = HumanModelParams()
     ellipse_particle: EllipseParticleParams = EllipseParticleParams()
-
-
-def ungated(config: Config) -> Config:
-    """The same parameters, but every pixel of every frame is matched."""
-    return config.model_copy(update={"matching": config.matching.model_copy(update={"gated": False})})
+    run: RunParams = RunParams()
 
 
 def load_config(path: Path | None = None, overrides: Sequence[str] = (), base: Config | None = None) -> Config:
@@ -115,4 +160,23 @@ def _validate(tables: dict[str, Any], source: str, base: Config | None) -> Confi
     try:
         return Config.model_validate(_over((base or Config()).model_dump(), tables))
     except ValidationError as error:
-        raise InputError(f"{source}: {first_problem(error)}") from error
+        raise InputError(f"{source}: {first_problem(error)}{_suggestion(error)}") from error
+
+
+def _suggestion(error: ValidationError) -> str:
+    """The known name that an unknown one resembles, as the end of its sentence; empty where there is none."""
+    first = error.errors()[0]
+    if first["type"] != "extra_forbidden":
+        return ""
+    names, unknown = list(_names(Config, "")), dotted(first["loc"])
+    near = get_close_matches(unknown, names, n=1, cutoff=0.75)
+    near += [name for name in names if name.rpartition(".")[2] == unknown.rpartition(".")[2]]
+    return f" (did you mean {near[0]}?)" if near else ""
+
+
+def _names(table: type[BaseModel], prefix: str) -> Iterator[str]:
+    """All tables and values below a table, with dots."""
+    for name, field in table.model_fields.items():
+        yield prefix + name
+        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            yield from _names(field.annotation, f"{prefix}{name}.")

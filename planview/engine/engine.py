@@ -1,56 +1,74 @@
-"""What every engine takes and gives: frames in, people in metres out."""
+"""The engine: frames in, people in metres out."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol
 
 from calib.ground_camera import GroundCamera
 from calib.types import F32, U8
 from planview.checks.check import Check
-from planview.checks.motion import Thumbnails
+from planview.checks.timing import Thumbnails
 from planview.engine.config import Config
-from planview.engine.info import CameraInfo, FloorInfo
+from planview.engine.info import (
+    CameraInfo,
+    FloorInfo,
+    ground_camera_info,
+    ground_floor_info,
+    rigs_info,
+    stereo_floor_info,
+)
+from planview.maps.builder import FloorPoints
 from planview.maps.view import StereoView
 from planview.tracking.base import Decision, Observation, Tracker
 from planview.trajectories.state import TrackState
 from stereo.depth import StereoFloorCamera
-from stereo.recording import Skipped
-from stereo.sampled_sgm import SampledDisparity
-
-AnyFrame = TypeVar("AnyFrame")
+from stereo.matcher import SampledDisparity
+from stereo.recording import Skipped, prefetch
+from stereo.rectify import PartialPair
 
 STAGES = ("read", "rectify", "match", "foreground", "maps", "track")
 """Stages timed, in order."""
 
 
-@dataclass(frozen=True, eq=False)
-class HeadResult:
-    """What one of several heads measured in a frame.
+@dataclass(eq=False)
+class RigFrame:
+    """A frame of one rig; every stage adds what it finds.
 
     Attributes:
-        name: of the head.
-        picture: makes its rectified left image; None when the head has no frame at that time.
-        foreground: (h, w) uint8 mask at the size of foreground and maps, or None.
-        sampled: its disparity, or None.
-        tracks: people, with their boxes in the head's image.
-        n_points: how many of the maps' points are the head's; heads follow one another in them.
+        name: of the rig among several.
+        analysed: (h, w[, 3]) uint8, rectified, of the size that foreground and maps have; the left image of a pair.
+        picture: makes it at the size that boxes of people are in, which is seldom asked for.
+        thumbnails: of both rectified images; None without a pair.
+        pair: what is matched in part; None where all of it is matched.
+        sampled: disparity, of every pixel or of those that foreground and maps are made of.
+        now: (h, w) float32 disparity [px], NaN also where it is as measured in an earlier frame.
+        measured: (h, w) uint8, 0 where it is so; None where all of it is of this frame.
+        foreground: (h, w) uint8 mask.
+        points: foreground points in the world; those of all rigs follow one another in the maps.
+        tracks: people, with their boxes in the rig's image.
     """
 
     name: str
-    picture: Callable[[], U8] | None
-    foreground: U8 | None
-    sampled: SampledDisparity | None
-    tracks: tuple[TrackState, ...]
-    n_points: int
+    analysed: U8
+    picture: Callable[[], U8]
+    thumbnails: Thumbnails | None
+    pair: PartialPair | None = None
+    measured: U8 | None = None
+    sampled: SampledDisparity = field(init=False)
+    now: F32 = field(init=False)
+    foreground: U8 = field(init=False)
+    points: FloorPoints = field(init=False)
+    tracks: tuple[TrackState, ...] = field(init=False)
 
     @property
-    def image(self) -> U8 | None:
-        """(H, W[, 3]) uint8, rectified left image; None when the head has no frame at that time."""
-        return None if self.picture is None else self.picture()
+    def image(self) -> U8:
+        """(H, W[, 3]) uint8, the (rectified left) image. Made when it is asked for."""
+        return self.picture()
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,16 +78,12 @@ class FrameResult:
     Attributes:
         frame: index in the recording, from 0.
         timestamp_s: seconds since the first frame.
-        tracks: people, tentative and lost ones included.
+        tracks: people, tentative and lost ones included, with their boxes in the image of the first rig.
         decisions: why the tracker did what it did.
         observation: the tracker's input (image, foreground, maps), of a pair at the analysis size.
-        sampled: disparity, of every pixel or of those that foreground and maps are made of; None for a single camera.
-        stages_ms: time of every stage; reading and matching run ahead in other threads.
-        heads: what each of several heads measured; empty for a recording of one head.
-        thumbnails: of both rectified images; None without a pair.
-        measured: (h, w) uint8 at the size of foreground and maps, 0 where the disparity is as measured in an earlier
-            frame; None where all of it is of this one.
-        picture: makes the image of the size that boxes of people are in; None where the observation has it.
+        stages_ms: time of every stage; reading and matching run ahead in another thread.
+        rigs: what each rig measured, None for a rig without a frame at that time; empty for one camera and recorded
+            maps.
     """
 
     frame: int
@@ -77,27 +91,61 @@ class FrameResult:
     tracks: tuple[TrackState, ...]
     decisions: tuple[Decision, ...]
     observation: Observation
-    sampled: SampledDisparity | None
     stages_ms: dict[str, float]
-    heads: tuple[HeadResult, ...] = ()
-    thumbnails: Thumbnails | None = None
-    measured: U8 | None = None
-    picture: Callable[[], U8] | None = None
+    rigs: tuple[RigFrame | None, ...] = ()
+
+    @property
+    def first(self) -> RigFrame | None:
+        """What the first rig measured; None for one camera, for recorded maps, and where it has no frame."""
+        return self.rigs[0] if self.rigs else None
 
     @property
     def image(self) -> U8 | None:
-        """(H, W[, 3]) uint8, the (rectified left) image; None for recorded maps. Made when it is asked for."""
-        return self.observation.image if self.picture is None else self.picture()
+        """(H, W[, 3]) uint8, the (rectified left) image that boxes are in; None for recorded maps."""
+        return self.first.image if self.first else self.observation.image
+
+    @property
+    def sampled(self) -> SampledDisparity | None:
+        """Disparity of the first rig; None for one camera."""
+        return self.first.sampled if self.first else None
 
     @property
     def disparity(self) -> F32 | None:
-        """(H, W) float32 [px], NaN invalid; None for a single camera."""
+        """(H, W) float32 [px], NaN invalid; None for one camera."""
         return None if self.sampled is None else self.sampled.image
+
+    @property
+    def measured(self) -> U8 | None:
+        """Where the first rig's disparity is of this frame (see ``RigFrame``)."""
+        return self.first.measured if self.first else None
 
     @property
     def matched_share(self) -> float:
         """Share of the pixels whose disparity was measured in this frame."""
         return 1.0 if self.measured is None else float((self.measured > 0).mean())
+
+    @property
+    def thumbnails(self) -> Thumbnails | None:
+        """Of the first rig's images; None without a pair."""
+        return self.first.thumbnails if self.first else None
+
+
+class StageClock:
+    """Adds up a frame's stage times [ms]."""
+
+    def __init__(self) -> None:
+        self.stages_ms: dict[str, float] = {}
+        self.start()
+
+    def start(self) -> None:
+        """A stage begins now."""
+        self._since = perf_counter()
+
+    def record(self, stage: str) -> None:
+        """The stage ends now, and the next one begins."""
+        since = self._since
+        self.start()
+        self.stages_ms[stage] = self.stages_ms.get(stage, 0.0) + 1e3 * (self._since - since)
 
 
 class AnyRecording(Protocol):
@@ -118,26 +166,17 @@ class AnyRecording(Protocol):
     def __iter__(self) -> Iterator[Any]: ...
 
 
-class Engine(Protocol):
-    """Tracks people: iterate it for a FrameResult per frame of its recording, or ``step`` through frames of your own.
+class FrontEnd(Protocol):
+    """The stages around the tracker, for one kind of recording.
 
     Attributes:
-        recording: what is read.
-        config: the full effective configuration.
-        tracker: who follows people.
-        camera: the (rectified left) camera above the floor; None for a single camera that is not calibrated.
-        size: (width, height) of the images [px].
-        stereo: the rectified pair and its maps; None for a single camera.
+        ahead: so many frames are prepared ahead in a thread of their own; 0 for none.
+        camera: the (rectified left) camera above the floor; None for one camera that is not calibrated.
+        size: (width, height) of its images [px].
+        views: of every rig by its name, the first over the grid of the maps; empty for one camera.
     """
 
-    @property
-    def recording(self) -> AnyRecording: ...
-
-    @property
-    def config(self) -> Config: ...
-
-    @property
-    def tracker(self) -> Tracker: ...
+    ahead: int
 
     @property
     def camera(self) -> StereoFloorCamera | GroundCamera | None: ...
@@ -146,70 +185,107 @@ class Engine(Protocol):
     def size(self) -> tuple[int, int]: ...
 
     @property
-    def stereo(self) -> StereoView | None: ...
+    def views(self) -> Mapping[str, StereoView]: ...
+
+    @property
+    def checks(self) -> Sequence[Check]:
+        """What is known of the recording so far."""
+
+    def reset(self) -> None:
+        """Forget all frames."""
+
+    def memory(self) -> dict[str, object]:
+        """By name, the objects that hold all that is carried from frame to frame."""
+
+    def prepare(self, frame: Any, clock: StageClock) -> Any:
+        """The part of the work that depends on no other frame."""
+
+    def track(self, frame: Any, prepared: Any, tracker: Any, clock: StageClock) -> FrameResult:
+        """The rest of it: follow people in the next frame, and learn from that."""
+
+
+class Engine:
+    """Tracks people: iterate it for a FrameResult per frame of its recording, or ``step`` through frames of your own.
+
+    Attributes:
+        recording: what is read.
+        front_end: the stages around the tracker.
+        tracker: who follows people.
+        config: the full effective configuration.
+        camera, size: see ``FrontEnd``.
+        ahead: frames that iteration prepares ahead in a thread of their own; 0 for one thread.
+    """
+
+    def __init__(self, recording: AnyRecording, front_end: FrontEnd, tracker: Tracker, config: Config) -> None:
+        self.recording, self.front_end, self.tracker, self.config = recording, front_end, tracker, config
+        self.camera, self.size, self.ahead = front_end.camera, front_end.size, front_end.ahead
+
+    @property
+    def views(self) -> Mapping[str, StereoView]:
+        """By name, the rigs above the floor; empty for one camera."""
+        return self.front_end.views
+
+    @property
+    def stereo(self) -> StereoView | None:
+        """The first rig, over the grid of the maps; None for one camera."""
+        return next(iter(self.views.values()), None)
 
     @property
     def checks(self) -> Sequence[Check]:
         """What is known of the recording so far, before its first frame or from those tracked; none where nothing is
         checked."""
+        return self.front_end.checks
 
     def camera_info(self) -> CameraInfo | None:
         """The camera as ``run.json`` has it; None for one that is not calibrated."""
+        if self.views:
+            return rigs_info(self.views)
+        return ground_camera_info(self.camera) if isinstance(self.camera, GroundCamera) else None
 
     def floor_info(self) -> FloorInfo | None:
         """The floor as ``run.json`` has it; None where there is no calibrated camera."""
+        if self.stereo is not None:
+            return stereo_floor_info(self.stereo)
+        return ground_floor_info(self.camera) if isinstance(self.camera, GroundCamera) else None
 
     def reset(self) -> None:
         """Forget all frames: people, background and feedback."""
+        self.tracker.reset()
+        self.front_end.reset()
+
+    def memory(self) -> dict[str, object]:
+        """By name, the objects that hold all that the engine carries from frame to frame."""
+        return {"tracker": self.tracker, **self.front_end.memory()}
 
     def step(self, frame: Any) -> FrameResult:
-        """Track the next frame, of the kind that ``recording`` gives; frames come in order."""
+        """Track the next frame, of the kind that ``recording`` gives; frames come in order.
+
+        Raises:
+            InputError, ValueError: images of another size than the calibration's.
+        """
+        clock = StageClock()
+        return self._track(frame, self.front_end.prepare(frame, clock), clock)
 
     def __iter__(self) -> Iterator[FrameResult]:
         """Track the recording from its first frame; each iteration starts with ``reset``."""
-
-    def memory(self) -> dict[str, object]:
-        """By name, the objects that hold all that the engine carries from frame to frame (``runs.checkpoint``)."""
+        self.reset()
+        yield from self.after(-1)
 
     def after(self, frame: int) -> Iterator[FrameResult]:
         """Go on tracking after a frame, with the memory of the frames up to it."""
+        with closing(prefetch(self._prepared(frame), self.ahead) if self.ahead else self._prepared(frame)) as frames:
+            for prepared in frames:
+                yield self._track(*prepared)
 
-
-class StageClock:
-    """Adds the time since the last stage to a frame's stage times [ms]."""
-
-    def __init__(self, stages_ms: dict[str, float] | None = None) -> None:
-        self.stages_ms = dict(stages_ms or {})
-        self._since = perf_counter()
-
-    def record(self, stage: str) -> None:
-        """The stage ends now."""
-        now = perf_counter()
-        self.stages_ms[stage] = 1e3 * (now - self._since)
-        self._since = now
-
-
-class Indexed(Protocol):
-    """A frame with its place in the recording, from 0."""
-
-    @property
-    def index(self) -> int: ...
-
-
-IndexedFrame = TypeVar("IndexedFrame", bound=Indexed)
-
-
-def beyond(frames: Iterable[IndexedFrame], last: int) -> Iterator[IndexedFrame]:
-    """The frames after one. Those before are read and passed over: what could not be read is noted again."""
-    return (frame for frame in frames if frame.index > last)
-
-
-def timed_steps(
-    frames: Iterable[AnyFrame], track: Callable[[AnyFrame, StageClock], FrameResult]
-) -> Iterator[FrameResult]:
-    """``track`` every frame with a clock that has timed its reading."""
-    clock = StageClock()
-    for frame in frames:
-        clock.record("read")
-        yield track(frame, clock)
+    def _prepared(self, last: int) -> Generator[tuple[Any, Any, StageClock], None, None]:
+        """The frames after one. Those before are read and passed over: what could not be read is noted again."""
         clock = StageClock()
+        for frame in self.recording:
+            if frame.index > last:
+                clock.record("read")
+                yield frame, self.front_end.prepare(frame, clock), clock
+            clock = StageClock()
+
+    def _track(self, frame: Any, prepared: Any, clock: StageClock) -> FrameResult:
+        clock.start()
+        return self.front_end.track(frame, prepared, self.tracker, clock)

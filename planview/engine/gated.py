@@ -6,21 +6,26 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
-from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from calib.rig import Floor
 from calib.types import F32, U8
-from planview.engine._gate_kernels import forgive_known, remember_known
 from planview.foreground.mixture import Foreground
 from planview.trajectories.state import TrackState
 from stereo.gating import SAMPLE, Gate, MatchingParams, Window
-from stereo.matcher import DisparityRange, RangeParams, WindowMatcher, disparity_range, farthest_head_m, right_of
+from stereo.matcher import (
+    DisparityRange,
+    RangeParams,
+    SampledDisparity,
+    SgbmMatcher,
+    disparity_range,
+    farthest_head_m,
+    right_of,
+)
 from stereo.recording import StereoFrame
 from stereo.rectify import PartialPair, Rectifier
-from stereo.sampled_sgm import SampledDisparity
 
 SAME_LEVELS = 12
 """Largest difference of a channel between two images of the same surface in the same light [levels of 255]: three
@@ -31,20 +36,6 @@ HEAD_M = 0.15
 place in view where heads look smallest, is noise or a fleck of light."""
 
 
-class Measured(NamedTuple):
-    """Disparity of a frame that was matched in part, at the analysis size.
-
-    Attributes:
-        sampled: of every pixel as it was measured last.
-        now: (h, w) float32 [px], NaN also where nothing was measured in this frame.
-        mask: (h, w) uint8, 255 where disparity was measured in this frame.
-    """
-
-    sampled: SampledDisparity
-    now: F32
-    mask: U8
-
-
 class MatchingMemory:
     """All that matching in part carries from frame to frame.
 
@@ -52,8 +43,8 @@ class MatchingMemory:
         gate: place of the refresh.
         disparity: (h, w) float32 [px] as measured last, at the analysis size.
         foreground: (h, w) uint8 mask of the last frame.
-        background: (h, w, C) uint8, every SAMPLE-th row and column of the analysed image as it looked when it was last
-            measured as background.
+        background: (h, w[, 3]) uint8, every SAMPLE-th row and column of the analysed image as it looked when it was
+            last measured as background.
         boxes: left, top, width, height of the people who were not found in the last frame [px]; those who were are part
             of the foreground.
     """
@@ -81,7 +72,7 @@ class GatedMatching:
     def __init__(
         self,
         rectifier: Rectifier,
-        matcher: WindowMatcher,
+        matcher: SgbmMatcher,
         floor: Floor,
         range_params: RangeParams,
         matching: MatchingParams,
@@ -97,7 +88,7 @@ class GatedMatching:
         self._floor, self._range = floor, range_params
         self._shape = shape
         size, searched = rectifier.geometry.size, lambda window: self._searched(window).count
-        gate = Gate(size, matcher.step, matching, matcher.work, searched)
+        gate = Gate(size, matcher.step, matching, searched)
         self._range_of = lru_cache(maxsize=1024)(self._searched)
         self.memory = MatchingMemory(gate, shape)
         head_px = rectifier.geometry.focal_u_px * HEAD_M / farthest_head_m(rectifier.geometry, floor)
@@ -108,12 +99,17 @@ class GatedMatching:
         """The part of the work that depends on no other frame."""
         return self._rectifier.partly(frame.left, frame.right, self._matcher.step)
 
-    def __call__(self, pair: PartialPair, image: U8, foreground: Foreground, timestamp_s: float) -> Measured:
+    def __call__(
+        self, pair: PartialPair, image: U8, foreground: Foreground, timestamp_s: float
+    ) -> tuple[SampledDisparity, F32, U8]:
         """Match the next frame.
 
         Args:
             image: of the analysis size.
             foreground: the background of the frames before.
+        Returns:
+            The disparity of every pixel as it was measured last; (h, w) float32 [px], NaN also where nothing was
+            measured in this frame; and (h, w) uint8, 255 where disparity was measured in this frame.
         """
         memory = self.memory
         windows = memory.gate.whole
@@ -125,8 +121,7 @@ class GatedMatching:
         for window in windows:
             mask[self._samples(window)] = 255
         memory.disparity = np.where(mask > 0, now, memory.disparity)
-        sampled = SampledDisparity(memory.disparity, self._matcher.step, self.memory.gate.size[::-1])
-        return Measured(sampled, now, mask)
+        return SampledDisparity(memory.disparity, self._matcher.step, memory.gate.size[::-1]), now, mask
 
     def _match_all(self, pair: PartialPair, windows: Sequence[Window], out: F32) -> None:
         """Match all windows, the most work first: this thread and a helper take one after the other."""
@@ -150,7 +145,7 @@ class GatedMatching:
         """
         changed = foreground.changed(image, SAMPLE)
         if self.memory.background is not None:
-            forgive_known(_channels(image), self.memory.background, SAMPLE, SAME_LEVELS, changed)
+            changed[alike(_samples_of(image), self.memory.background) > 0] = 0
         before = solid(np.ascontiguousarray(self.memory.foreground[::SAMPLE, ::SAMPLE]), self._grain)
         return np.asarray(cv2.bitwise_or(solid(changed, self._grain), before), dtype=np.uint8)
 
@@ -161,9 +156,11 @@ class GatedMatching:
             image, foreground, measured: of this frame, at the analysis size.
             tracks: people, with their boxes in the rectified image.
         """
+        seen = _samples_of(image)
         if self.memory.background is None:
-            self.memory.background = _channels(image)[::SAMPLE, ::SAMPLE].copy()
-        remember_known(_channels(image), measured, foreground, SAMPLE, self.memory.background)
+            self.memory.background = seen.copy()
+        known = (measured[::SAMPLE, ::SAMPLE] > 0) & (foreground[::SAMPLE, ::SAMPLE] == 0)
+        self.memory.background[known] = seen[known]
         self.memory.foreground = foreground
         self.memory.boxes = tuple(
             track.box_px for track in tracks if track.state == "lost" and not math.isnan(track.box_px[0])
@@ -187,6 +184,11 @@ class GatedMatching:
         return disparity_range(self._rectifier.geometry, self._range, self._floor, window)
 
 
+def alike(image: U8, other: U8) -> U8:
+    """255 where no channel of two images, grey or BGR, differs by more than SAME_LEVELS."""
+    return np.asarray(cv2.inRange(cv2.absdiff(image, other), (0,) * 4, (SAME_LEVELS,) * 4), dtype=np.uint8)
+
+
 def solid(mask: U8, side: int) -> U8:
     """255 where more than half of the square of ``side`` around a sample of a mask (0, 255) is set."""
     share = cv2.boxFilter(mask, -1, (side, side), borderType=cv2.BORDER_REPLICATE)
@@ -199,6 +201,6 @@ def samples(window: Window, step: int) -> tuple[slice, slice]:
     return rows, columns
 
 
-def _channels(image: U8) -> U8:
-    """(H, W, C), of a grey image too."""
-    return image.reshape(*image.shape[:2], -1)
+def _samples_of(image: U8) -> U8:
+    """Every SAMPLE-th row and column."""
+    return np.ascontiguousarray(image[::SAMPLE, ::SAMPLE])

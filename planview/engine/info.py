@@ -1,8 +1,24 @@
-"""Camera and floor of an engine, as ``run.json`` has them."""
+"""An engine's camera and floor in figures, as ``run.json`` and pictures have them."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from calib.types import F64
+
+if TYPE_CHECKING:  # readers of results need none of their kernels
+    from calib.ground_camera import GroundCamera
+    from planview.maps.view import StereoView
+
+VIEW_DISTANCE_M = 15.0
+"""The outline of a stereo camera's view on the floor ends here [m]: depth is too coarse beyond (our choice)."""
+PERSON_PX = 20.0
+"""That of a single camera ends where a person of 1.7 m is so high in the image [px] (our choice)."""
 
 
 class InfoPart(BaseModel):
@@ -51,13 +67,107 @@ class CameraInfo(InfoPart):
     """How the depth of images with depth was measured; None for others."""
     calibration: str | None = None
     """File or folder the calibration came from."""
+    correction: str | None = None
+    """How the recording corrects that calibration, in a sentence; None where that was not looked at."""
     vertical_residual_px: float | None = None
-    """Mean vertical offset left after rectification, as measured and corrected [px]."""
+    """Median row offset that the corrected calibration leaves [px]."""
     view_m: list[tuple[float, float]] = Field(default_factory=list)
     """Outline of the view on the floor, world frame (x, y) [m], when known."""
     name: str = ""
-    """Of a head among several."""
+    """Of a rig among several."""
     at_m: tuple[float, float] = (0.0, 0.0)
     """Where on the floor the camera is, world frame (x, y) [m]."""
     heads: list[CameraInfo] = Field(default_factory=list)
-    """All cameras of a recording with several heads, the first one included."""
+    """All cameras of a recording with several rigs, the first one included."""
+
+
+def rigs_info(views: Mapping[str, StereoView]) -> CameraInfo:
+    """The camera of the first rig, with those of all where there are several."""
+    cameras = [stereo_camera_info(view) for view in views.values()]
+    if len(cameras) == 1:
+        return cameras[0]
+    places = [view.floor.world_SE3_left.translation[:2].tolist() for view in views.values()]
+    named = [
+        camera.model_copy(update={"name": name, "at_m": tuple(place)})
+        for camera, name, place in zip(cameras, views, places, strict=True)
+    ]
+    return named[0].model_copy(update={"heads": named})
+
+
+def stereo_camera_info(view: StereoView) -> CameraInfo:
+    """The rectified left camera, or that of images with depth."""
+    geometry, residual_px = view.geometry, view.vertical_residual_px
+    pose = view.floor.world_SE3_left
+    rays = geometry.rays(_border(*geometry.size)) @ pose.rotation.T
+    return CameraInfo(
+        width=geometry.width,
+        height=geometry.height,
+        focal_px=geometry.focal_u_px,
+        baseline_m=geometry.baseline_m if view.sensor is None else None,
+        depth_sensor=view.sensor,
+        calibration=view.calibration or None,
+        correction=view.correction or None,
+        vertical_residual_px=None if math.isnan(residual_px) else residual_px,
+        view_m=_outline(rays, pose.translation, VIEW_DISTANCE_M),
+    )
+
+
+def stereo_floor_info(view: StereoView) -> FloorInfo:
+    """The floor below a stereo pair."""
+    floor = view.floor
+    known = not math.isnan(floor.inlier_fraction)
+    return FloorInfo(
+        height_m=floor.height_m,
+        tilt_deg=math.degrees(floor.tilt_rad),
+        roll_deg=math.degrees(floor.roll_rad),
+        inlier_fraction=floor.inlier_fraction if known else None,
+        residual_m=floor.residual_m if known else None,
+        world_SE3_left=floor.world_SE3_left.matrix.tolist(),
+        source=view.floor_source,
+    )
+
+
+def ground_camera_info(camera: GroundCamera) -> CameraInfo:
+    """A single camera."""
+    return CameraInfo(
+        width=camera.width,
+        height=camera.height,
+        focal_px=camera.focal_px,
+        lens=camera.lens,
+        view_m=_outline(
+            camera.rays(_border(camera.width, camera.height)),
+            np.array([0.0, 0.0, camera.height_m]),
+            max(VIEW_DISTANCE_M, 1.7 * camera.focal_px / PERSON_PX),
+        ),
+    )
+
+
+def ground_floor_info(camera: GroundCamera) -> FloorInfo:
+    """The floor below a single camera."""
+    tilt_deg, roll_deg = math.degrees(camera.tilt_rad), math.degrees(camera.roll_rad)
+    return FloorInfo(height_m=camera.height_m, tilt_deg=tilt_deg, roll_deg=roll_deg, source="camera.toml")
+
+
+def _border(width: int, height: int, samples: int = 16) -> F64:
+    """(N, 2) pixels once around the image."""
+    t = np.linspace(0.0, 1.0, samples, endpoint=False)
+    w, h = width - 1, height - 1
+    zeros = np.zeros(samples)
+    sides = [(t * w, zeros), (zeros + w, t * h), (w - t * w, zeros + h), (zeros, h - t * h)]
+    return np.concatenate([np.column_stack(side) for side in sides])
+
+
+def _outline(rays: F64, camera_m: F64, reach_m: float) -> list[tuple[float, float]]:
+    """Floor points around the view: where the rays of the border meet the floor, at most ``reach_m`` away.
+
+    A ray that meets it beyond, or points above the horizon, stands for the floor in its direction.
+
+    Args:
+        rays: (N, 3) directions once around the image, world frame.
+        camera_m: (3,) place of the camera [m].
+    """
+    across = np.hypot(rays[:, 0], rays[:, 1])
+    down = np.maximum(-rays[:, 2], 1e-12)
+    reach = np.where(rays[:, 2] < 0, np.minimum(camera_m[2] * across / down, reach_m), reach_m)
+    places = camera_m[:2] + rays[:, :2] * (reach / np.maximum(across, 1e-12))[:, None]
+    return [(float(x), float(y)) for x, y in places]

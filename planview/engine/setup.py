@@ -1,4 +1,4 @@
-"""What must be known before the first frame: rows aligned, disparities to search, the floor."""
+"""A recording made ready before its first frame: the rig as it is, disparities to search, the floor and the scene."""
 
 from __future__ import annotations
 
@@ -6,162 +6,199 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from calib.errors import WorkError
+from calib.errors import InputError, WorkError
+from calib.images import as_colour
+from calib.io import reason
+from calib.libraries import import_open3d
 from calib.rig import DepthSensor, Floor
-from calib.types import F64
-from planview.checks.alignment import alignment_checks
+from calib.types import F32, F64, U8
 from planview.checks.check import Check
-from planview.checks.exposure import image_checks
+from planview.checks.pair import alignment_checks, image_checks
 from planview.checks.scene import floor_checks
 from planview.engine.config import Config
-from planview.engine.front_end import RgbdFrontEnd, StereoFrontEnd
 from planview.engine.gated import GatedMatching
+from stereo.depth import DepthFromDisparity, back_project, median_image
 from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
 from stereo.matcher import DisparityRange, Matcher, SgbmMatcher, disparity_range
-from stereo.recording import Recording, RgbdRecording, StereoFrame
-from stereo.rectify import Rectifier, aligned_rectifier
+from stereo.recording import Recorded, RgbdRecording, StereoFrame, StereoRecording
+from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
-from stereo.row_offset import VerticalFit, VerticalParams, match_corners
-from stereo.sampled_sgm import SampledMatcher
+from stereo.rig_correction import MatchParams, RigCorrection, match_corners
 
 ORDER_FRAMES = 4
 """Setup frames in which left and right are told apart (our choice)."""
 MIN_ORDER_MATCHES = 40
 """Fewest corners matched in both images by which they are (our choice)."""
-ORDER_SEARCH = VerticalParams(search_px=24)
+ORDER_SEARCH = MatchParams(search_px=24)
 """Rows are wide apart when the wrong calibration is taken to an image."""
 MIN_NEARER = 0.5
 """Smallest share of corners nearer than infinity: of swapped images nearly all are beyond (our choice)."""
-MAX_ROW_OFFSET_PX = 5.0
-"""Largest median row offset of the corners [px of 640]. It could be taken out, but a rig that is so far off its rows is
-as far off along them, where it cannot be measured, and all depth is wrong (our choice; a worn factory calibration has
-0.5)."""
+MAX_ROW_OFFSET_DEG = 1.0
+"""Largest median row offset of the corners as an angle: a camera that turned by more has lost its calibration (our
+choice; a worn factory calibration has 0.1)."""
+
+CHECK_EVERY = 50
+"""Disparities are looked at in every n-th frame (our choice, for speed)."""
+MAX_NONE = 0.2
+"""Share of disparities of exactly 0, or below -1, from which they stand for "none" (our choice): nothing lies beyond
+infinity, and what lies there has a disparity of about 0."""
+VOXEL_M = 0.015
+"""Points are thinned to one in a cube of this side [m] (our choice: half a cell of the maps)."""
+NEIGHBOURS, DEVIATIONS = 16, 2.0
+"""A point whose mean distance to so many neighbours is so many deviations above the mean of all is left out (open3d's
+``remove_statistical_outlier``; the values of its documentation, rounded)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """A stereo recording made ready.
+    """A recording of a pair, or of images with depth, made ready.
 
     Attributes:
-        rectifier: with the measured vertical residual taken out.
+        rectifier: of a pair, of the calibration as the recording corrects it; of images with depth without distortion.
         floor: found in the recording or read from ``world.toml``.
-        disparities: range that people on that floor can have.
+        disparities: range that people on that floor can have; of images with depth equivalent ones.
         floor_source: "found" or the file that gave it.
-        vertical: the row offset that was measured, before and after.
-        checks: what these frames tell of the calibration.
-    """
-
-    rectifier: Rectifier
-    floor: Floor
-    disparities: DisparityRange
-    floor_source: str
-    vertical: VerticalFit
-    sensor: DepthSensor | None = None
-    checks: tuple[Check, ...] = ()
-
-    @property
-    def calibration(self) -> str:
-        """File or folder the calibration came from."""
-        return self.rectifier.rig.source
-
-    @property
-    def vertical_residual_px(self) -> float:
-        """Row offset left after rectification [px]."""
-        return self.vertical.after_px
-
-    def front_end(self, config: Config, matcher: Matcher | None = None) -> StereoFrontEnd:
-        """The stages before the foreground; with SGBM over the disparities when there is no matcher."""
-        return StereoFrontEnd(self.rectifier, matcher or self._sgbm(config), self.disparities)
-
-    def gated(self, config: Config, shape: tuple[int, int], reduction: int) -> GatedMatching:
-        """Matching where something may have changed; ``shape`` and ``reduction`` are those of the foreground."""
-        geometry, masks = self.rectifier.geometry, (self.rectifier.mask, self.rectifier.right_mask)
-        matcher = self._sgbm(config) if reduction == 1 else SampledMatcher(geometry, config.sgbm, reduction, *masks)
-        return GatedMatching(self.rectifier, matcher, self.floor, config.range, config.matching, shape)
-
-    def _sgbm(self, config: Config) -> SgbmMatcher:
-        masks = self.rectifier.mask, self.rectifier.right_mask
-        return SgbmMatcher(self.rectifier.geometry, config.sgbm, self.disparities, *masks)
-
-
-@dataclass(frozen=True, eq=False)
-class RgbdSetup:
-    """A recording of images with depth made ready.
-
-    Attributes:
-        rectifier: takes the distortion out.
-        floor, disparities, floor_source: as of ``Setup``, the disparities being equivalent ones.
         calibration: file or folder it came from.
-        sensor: how the depth was measured.
+        sensor: how depth was measured; None for a pair.
+        vertical_residual_px: row offset left after rectification [px]; NaN for images with depth.
+        checks: what these frames tell of the calibration.
+        correction: what the recording tells of the calibration of a pair; None for images with depth.
     """
 
-    rectifier: RgbdRectifier
+    rectifier: Rectifier | RgbdRectifier
     floor: Floor
     disparities: DisparityRange
     floor_source: str
     calibration: str
-    sensor: DepthSensor
+    sensor: DepthSensor | None = None
     vertical_residual_px: float = math.nan
+    checks: tuple[Check, ...] = ()
+    correction: RigCorrection | None = None
 
-    @property
-    def checks(self) -> tuple[Check, ...]:
-        """What the first frames tell."""
-        return tuple(floor_checks(self.floor))
+    def whole(self, config: Config, matcher: Matcher | None = None) -> WholeMatching | RgbdRectifier:
+        """Rectification, and the disparity of all pixels; with SGBM over the disparities when there is no matcher.
 
-    def front_end(self, config: Config, matcher: Matcher | None = None) -> RgbdFrontEnd:
-        """The stages before the foreground; there is nothing to match."""
-        return RgbdFrontEnd(self.rectifier)
+        Raises:
+            InputError: a matcher for images with depth.
+        """
+        if isinstance(self.rectifier, Rectifier):
+            return WholeMatching(self.rectifier, matcher or self._sgbm(self.rectifier, config), self.disparities)
+        if matcher is not None:
+            raise InputError(
+                f"{self.calibration}: expected a stereo pair for a matcher of your own, found images with depth"
+            )
+        return self.rectifier
 
-    def gated(self, config: Config, shape: tuple[int, int], reduction: int) -> None:
-        """There is nothing to match."""
+    def gated(self, config: Config, shape: tuple[int, int], reduction: int) -> GatedMatching | None:
+        """Matching where something may have changed; None for images with depth, and where it is off.
+
+        Args:
+            shape, reduction: those of the foreground.
+        """
+        rectifier = self.rectifier
+        if not isinstance(rectifier, Rectifier) or not config.matching.gated:
+            return None
+        matcher = self._sgbm(rectifier, config, reduction)
+        return GatedMatching(rectifier, matcher, self.floor, config.range, config.matching, shape)
+
+    def _sgbm(self, rectifier: Rectifier, config: Config, step: int = 1) -> SgbmMatcher:
+        masks = rectifier.mask, rectifier.right_mask
+        return SgbmMatcher(rectifier.geometry, config.sgbm, self.disparities, *masks, step)
 
 
-AnySetup = Setup | RgbdSetup
+class WholeMatching:
+    """Rectification of a pair and disparity of all its pixels.
+
+    Args:
+        searched: disparities that people on the floor can have.
+    """
+
+    def __init__(self, rectifier: Rectifier, matcher: Matcher, searched: DisparityRange) -> None:
+        self._rectifier, self._matcher, self._searched = rectifier, matcher, searched
+        self.geometry = rectifier.geometry
+        self._matched = 0
+
+    def __call__(self, frame: StereoFrame) -> RectifiedPair:
+        """Rectify one frame (ValueError: images of another size than the calibration's)."""
+        return self._rectifier(frame.left, frame.right)
+
+    def disparity(self, rectified: RectifiedPair) -> F32:
+        """(H, W) float32 [px] of the rectified image, NaN where unknown.
+
+        Raises:
+            InputError: what is no disparity in pixels, from a matcher of the user's.
+        """
+        disparity = self._matcher(rectified.left_grey, rectified.right_grey)
+        if self._matched % CHECK_EVERY == 0:
+            refuse_foreign_disparity(disparity, self.geometry.size[::-1], self._searched)
+        self._matched += 1
+        return disparity
 
 
-def set_up_any(recording: Recording | RgbdRecording, config: Config) -> AnySetup:
-    """Make a recording of a pair or of images with depth ready (errors of ``set_up`` and ``set_up_rgbd``)."""
-    return set_up_rgbd(recording, config) if isinstance(recording, RgbdRecording) else set_up(recording, config)
+def refuse_foreign_disparity(disparity: F32, shape: tuple[int, int], searched: DisparityRange) -> None:
+    """Refuse what is no disparity in pixels, as a matcher of the user's may give.
+
+    Args:
+        shape: (H, W) of the rectified image.
+        searched: disparities that people on the floor can have.
+    Raises:
+        InputError: another shape or kind of number, sixteenths of a pixel, depth, or a number for "none".
+    """
+    if disparity.shape != shape or disparity.dtype != np.float32:
+        raise InputError(
+            f"matcher: expected float32 disparities of {shape}, found {disparity.dtype} of {disparity.shape}"
+        )
+    few = disparity[::8, ::8]
+    valid = few[np.isfinite(few)]
+    largest = searched.first_px + searched.count
+    none = float(((valid == 0) | (valid <= -1)).mean()) if len(valid) else 0.0
+    if none > MAX_NONE:
+        raise InputError(f"matcher: expected NaN where there is no disparity, found {none:.0%} of 0 or below -1")
+    if len(valid) and float(np.median(valid)) > largest:
+        raise InputError(
+            f"matcher: expected disparities in pixels, up to {largest} on this floor, found {np.median(valid):.0f} in "
+            "the middle of the range: sixteenths of a pixel (divide OpenCV's by 16), or depth?"
+        )
 
 
-def set_up_rgbd(recording: RgbdRecording, config: Config) -> RgbdSetup:
-    """Find the floor in frames spread over a recording of images with depth.
+def set_up(recording: StereoRecording | RgbdRecording, config: Config) -> Setup:
+    """Find the floor in frames spread over a recording; of a pair correct the calibration first.
 
     Raises:
-        WorkError: no usable frame, hardly any depth, or no floor visible.
+        WorkError: no usable frame, left and right swapped, hardly any disparity or depth, or no floor visible.
     """
+    if isinstance(recording, RgbdRecording):
+        return _set_up_rgbd(recording, config)
+    search = floor_search(config)
+    frames = setup_frames(recording, search.frames)
+    plain = Rectifier(recording.rig, config.rectify)
+    matches = _corners(plain, frames)
+    refuse_foreign(recording.path, plain, matches)
+    rectifier, correction = aligned_rectifier(recording.rig, frames, config.rectify)
+    if recording.world_SE3_left is not None:
+        floor, source = Floor(recording.world_SE3_left), "world.toml"
+    else:
+        floor, source = FloorEstimator(rectifier, search)(frames), "found"
+    checks = *image_checks(frames), *alignment_checks(plain, matches, correction), *floor_checks(floor)
+    searched = disparity_range(rectifier.geometry, config.range, floor)
+    return Setup(
+        rectifier, floor, searched, source, rectifier.rig.source, None, correction.after_px, checks, correction
+    )  # fmt: skip
+
+
+def _set_up_rgbd(recording: RgbdRecording, config: Config) -> Setup:
     rectifier = RgbdRectifier(recording.camera, recording.sensor, config.rectify)
     if recording.world_SE3_camera is not None:
         floor, source = Floor(recording.world_SE3_camera), "world.toml"
     else:
         depths = [rectifier(frame).depth_m for frame in setup_frames(recording, config.analysis.setup_frames)]
         floor, source = floor_in(depths, rectifier.geometry, config.floor, BLIND_SENSOR), "found"
-    return RgbdSetup(rectifier, floor, rectifier.disparities(), source, recording.source, recording.sensor)
-
-
-def set_up(recording: Recording, config: Config) -> Setup:
-    """Measure the vertical residual and find the floor in frames spread over the recording.
-
-    Raises:
-        WorkError: no usable frame, left and right swapped, hardly any disparity, or no floor visible.
-    """
-    search = floor_search(config)
-    frames = setup_frames(recording, search.frames)
-    plain = Rectifier(recording.rig, config.rectify)
-    matches = _corners(plain, frames)
-    refuse_foreign(recording.path, plain, matches)
-    rectifier, vertical = aligned_rectifier(recording.rig, frames, config.rectify)
-    if recording.world_SE3_left is not None:
-        floor, source = Floor(recording.world_SE3_left), "world.toml"
-    else:
-        floor, source = FloorEstimator(rectifier, search)(frames), "found"
-    checks = *image_checks(frames), *alignment_checks(plain, matches, vertical), *floor_checks(floor)
-    return Setup(
-        rectifier, floor, disparity_range(rectifier.geometry, config.range, floor), source, vertical, checks=checks
-    )
+    checks = tuple(floor_checks(floor))
+    return Setup(rectifier, floor, rectifier.disparities(), source, recording.source, recording.sensor, checks=checks)
 
 
 def floor_search(config: Config) -> FloorSearch:
@@ -192,11 +229,11 @@ def refuse_foreign(path: Path, rectifier: Rectifier, matches: F64) -> None:
             f"{path}: expected the left camera's images left and the right one's right, found {beyond:.0%} of "
             "the matched corners beyond infinity: left and right are swapped, or the calibration is wrong"
         )
-    rows = float(np.median(np.abs(matches[:, 3]))) * 640.0 / rectifier.geometry.width
-    if rows > MAX_ROW_OFFSET_PX:
+    rows_deg = math.degrees(float(np.median(np.abs(matches[:, 3]))) / rectifier.geometry.focal_v_px)
+    if rows_deg > MAX_ROW_OFFSET_DEG:
         raise WorkError(
-            f"{path}: expected matched corners on the same row, found them {rows:.1f} px of 640 off: "
-            "left and right are swapped, or the calibration is another rig's (planview doctor tells)"
+            f"{path}: expected matched corners on the same row, found them {rows_deg:.1f} degrees off: "
+            "left and right are swapped, or the calibration is another rig's (planview check tells)"
         )
 
 
@@ -208,3 +245,61 @@ def _corners(rectifier: Rectifier, frames: Sequence[StereoFrame]) -> F64:
         pair = rectifier(frame.left, frame.right)
         found.append(match_corners(pair.left_grey, pair.right_grey, largest, ORDER_SEARCH, -largest))
     return np.concatenate(found)
+
+
+@dataclass(frozen=True, eq=False)
+class SceneCloud:
+    """Points of what does not move.
+
+    Attributes:
+        points_m: (N, 3) float32 [m], world frame.
+        colours: (N, 3) uint8, red, green, blue.
+    """
+
+    points_m: F32
+    colours: U8
+
+
+def scene_cloud(recording: StereoRecording | RgbdRecording, setup: Setup, config: Config) -> SceneCloud:
+    """Median depth and median colour of frames spread over a recording: people who move are not in it.
+
+    Raises:
+        WorkError: no usable frame.
+    """
+    whole: Any = setup.whole(config)
+    sampled: Recorded[Any] = recording
+    images, disparities = [], []
+    for frame in setup_frames(sampled, config.analysis.setup_frames):
+        rectified = whole(frame)
+        images.append(as_colour(rectified.left))
+        disparities.append(whole.disparity(rectified))
+    depth = DepthFromDisparity(whole.geometry)(median_image(disparities))
+    points = back_project(depth, whole.geometry).reshape(-1, 3)
+    colours = np.median(np.stack(images), axis=0).astype(np.uint8).reshape(-1, 3)[:, ::-1]
+    known = np.isfinite(points).all(axis=1)
+    world = setup.floor.world_SE3_left @ points[known].astype(np.float64)
+    return SceneCloud(np.asarray(world, dtype=np.float32), np.ascontiguousarray(colours[known]))
+
+
+def write_cloud(path: Path, cloud: SceneCloud) -> int:
+    """Write a cloud, thinned and without outliers, in the format of the file's name (.ply, .pcd, .xyz).
+
+    Returns:
+        How many points were written.
+    Raises:
+        InputError: another format.
+        WorkError: open3d is missing, or the file cannot be written.
+    """
+    if path.suffix.lower() not in (".ply", ".pcd", ".xyz"):
+        raise InputError(f"{path}: expected a name that ends in .ply, .pcd or .xyz")
+    o3d = import_open3d("a cloud of points")
+    full = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud.points_m.astype(np.float64)))
+    full.colors = o3d.utility.Vector3dVector(cloud.colours / 255.0)
+    thin, _ = full.voxel_down_sample(VOXEL_M).remove_statistical_outlier(NEIGHBOURS, DEVIATIONS)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WorkError(f"{path}: cannot be written ({reason(error)})") from error
+    if not o3d.io.write_point_cloud(str(path), thin):
+        raise WorkError(f"{path}: cannot be written")
+    return len(thin.points)

@@ -10,15 +10,9 @@ import numpy as np
 
 from calib.errors import WorkError
 from calib.types import F64, I64
-from planview.evaluation.assignment import best_pairs
+from planview.evaluation.metrics import best_pairs
 from planview.evaluation.sequence import THRESHOLD, Similarity, box_similarity, build_sequence, floor_similarity
 from planview.trajectories.table import Trajectories
-
-_CANDIDATES = 12
-"""Longest tracks and people that are tried on each other; more only cost time."""
-_SAMPLE = 200
-"""Frames on which candidates are compared."""
-_ROUNDS = 10
 
 
 @dataclass(frozen=True)
@@ -49,12 +43,15 @@ def align_tracks(tracks: Trajectories, truth: Trajectories, gate_m: float) -> tu
     if not candidates:
         raise WorkError("expected tracks that move beside the truth to align them, found none in common frames")
     common = np.intersect1d(tracks.frame, truth.frame)
-    sample = common[:: 1 + len(common) // _SAMPLE]
+    # Frames on which candidates are compared.
+    sample = common[:: 1 + len(common) // 200]
     thin = _thinned(tracks, sample), _thinned(truth, sample)
     best = max((_score(c, *thin, gate_m) for c in candidates), key=lambda a: (a.pairs, -a.rms_m))
     best = _score(best, tracks, truth, gate_m)
-    for _ in range(_ROUNDS):
-        refined = _score(_refit(best, tracks, truth, gate_m), tracks, truth, gate_m)
+    for _ in range(10):
+        pairs = _pairs(truth, moved(tracks, best), floor_similarity(gate_m))
+        refit = next(_fit_pairs(tracks, truth, pairs), best)
+        refined = _score(refit, tracks, truth, gate_m)
         if (refined.pairs, -refined.rms_m) <= (best.pairs, -best.rms_m):
             break
         best = refined
@@ -98,7 +95,8 @@ def _from_paths(tracks: Trajectories, truth: Trajectories) -> Iterator[FloorAlig
 
 def _longest(table: Trajectories) -> list[int]:
     ids, counts = np.unique(table.track_id, return_counts=True)
-    return [int(i) for i in ids[np.argsort(-counts, kind="stable")[:_CANDIDATES]]]
+    # Longest tracks and people that are tried on each other; more only cost time.
+    return [int(i) for i in ids[np.argsort(-counts, kind="stable")[:12]]]
 
 
 def _fit_pairs(tracks: Trajectories, truth: Trajectories, pairs: I64) -> Iterator[FloorAlignment]:
@@ -124,11 +122,6 @@ def _score(alignment: FloorAlignment, tracks: Trajectories, truth: Trajectories,
     pairs = _pairs(truth, laid, floor_similarity(gate_m))
     offset = _xy(laid)[pairs[:, 1]] - _xy(truth)[pairs[:, 0]]
     return replace(alignment, pairs=len(pairs), rms_m=_rms(offset) if len(pairs) else math.inf)
-
-
-def _refit(alignment: FloorAlignment, tracks: Trajectories, truth: Trajectories, gate_m: float) -> FloorAlignment:
-    pairs = _pairs(truth, moved(tracks, alignment), floor_similarity(gate_m))
-    return next(_fit_pairs(tracks, truth, pairs), alignment)
 
 
 def _thinned(table: Trajectories, frames: I64) -> Trajectories:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Literal, NamedTuple
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -12,11 +13,10 @@ from pydantic import Field
 from calib.errors import InputError
 from calib.params import Params
 from calib.types import I64, Bool
-from planview.evaluation.align import FloorAlignment, align_tracks, moved
-from planview.evaluation.breakdown import TruthRows
-from planview.evaluation.clear import clear_scores
-from planview.evaluation.result import Evaluation
-from planview.evaluation.sequence import Similarity, box_similarity, build_sequence, floor_similarity
+from planview.evaluation.align import align_tracks, moved
+from planview.evaluation.metrics import clear_scores
+from planview.evaluation.result import Evaluation, TruthRows
+from planview.evaluation.sequence import box_similarity, build_sequence, floor_similarity
 from planview.evaluation.significant import (
     PREDICTED,
     UNMATCHED,
@@ -28,6 +28,7 @@ from planview.evaluation.significant import (
     significant_errors,
     strict_identity_changes,
 )
+from planview.trajectories.formats import load_tracks, load_truth, tracks_file, truth_file
 from planview.trajectories.table import Trajectories, frame_period_s, rows_by_id
 
 
@@ -71,10 +72,14 @@ def evaluate_tracks(
         WorkError: alignment was asked for and is not possible.
     """
     params = params or EvaluationParams()
-    tracks, truth = _within(tracks, frames), _within(truth, frames)
-    frame_s = frame_period_s(tracks, 1.0 / params.fps)
-    n_frames = _frames_between(tracks, truth) if frames is None else frames[1] - frames[0] + 1
-    usable = _has_boxes if params.match_on == "boxes" else _has_floor
+    n_frames = 0
+    if frames is not None:
+        n_frames = frames[1] - frames[0] + 1
+        tracks, truth = (t.where((t.frame >= frames[0]) & (t.frame <= frames[1])) for t in (tracks, truth))
+    elif len(tracks) + len(truth):
+        n_frames = int(np.ptp(np.concatenate([tracks.frame, truth.frame]))) + 1
+    frame_s, on_floor = frame_period_s(tracks, 1.0 / params.fps), params.match_on == "floor"
+    usable = _has_floor if on_floor else _has_boxes
     claimed, predicted = _rows_of(tracks, "confirmed", usable), _rows_of(tracks, "lost", usable)
     people = _checked(truth, usable, params.match_on, "truth")
     if not len(claimed) and (tracks.state == "confirmed").any():
@@ -83,93 +88,48 @@ def evaluate_tracks(
     if params.align:
         claimed, alignment = align_tracks(claimed, people, params.gate_m)
         predicted = moved(predicted, alignment)
-    return _score(claimed, predicted, people, alignment, _Time(frame_s, n_frames), params)
-
-
-class _Time(NamedTuple):
-    """Time from frame to frame [s] and the number of frames scored."""
-
-    frame_s: float
-    n_frames: int
-
-
-def _frames_between(tracks: Trajectories, truth: Trajectories) -> int:
-    frames = np.concatenate([tracks.frame, truth.frame])
-    return int(np.ptp(frames)) + 1 if len(frames) else 0
-
-
-def _score(
-    claimed: Trajectories,
-    predicted: Trajectories,
-    people: Trajectories,
-    alignment: FloorAlignment | None,
-    time: _Time,
-    params: EvaluationParams,
-) -> Evaluation:
-    similarity = box_similarity if params.match_on == "boxes" else floor_similarity(params.gate_m)
-    ignored = people.visible < params.min_visible
-    excused = _excused(people, claimed, ignored, similarity)
-    truth, tracks = people.where(~ignored), claimed.where(~excused)
-    sequence = build_sequence(truth, tracks, similarity)
+    similarity = floor_similarity(params.gate_m) if on_floor else box_similarity
+    # Ignored people take their own tracks first, so that these are neither false nor given to another person.
+    ignored, excused = people.visible < params.min_visible, np.zeros(len(claimed), dtype=np.bool_)
+    if ignored.any():
+        own = clear_scores(build_sequence(people, claimed, similarity)).matches
+        excused[own[ignored[own[:, 0]], 1]] = True
+    counted, followed = people.where(~ignored), claimed.where(~excused)
+    sequence = build_sequence(counted, followed, similarity)
     clear = clear_scores(sequence)
-    persons = _person_histories(truth, tracks, clear.matches, _near_prediction(truth, predicted, similarity))
-    histories = _track_histories(claimed, excused, clear.matches)
-    on_floor = params.match_on == "floor"
-    predictions = (
-        _prediction_histories(predicted, people, tracks, truth, clear.matches, params.gate_m) if on_floor else []
-    )
-    significant = significant_errors(persons, histories, time.frame_s, params.significant, predictions)
     t, k = clear.matches.T
-    in_one_frame = on_floor or alignment is not None
-    heights = np.abs(tracks.height_m[k] - truth.height_m[t])
+    # (N,) whether a lost track is predicted at each true person.
+    near = np.zeros(len(counted), dtype=np.bool_)
+    beside = np.flatnonzero(np.isin(counted.frame, predicted.frame))
+    near[beside[clear_scores(build_sequence(counted.where(beside), predicted, similarity)).matches[:, 0]]] = True
+    holder = np.where(near, PREDICTED, UNMATCHED)
+    holder[t] = followed.track_id[k]
+    persons = [PersonHistory(i, counted.frame[rows], holder[rows]) for i, rows in rows_by_id(counted.track_id)]
+    stray = ~excused
+    stray[np.flatnonzero(~excused)[k]] = False
+    histories = [TrackHistory(i, claimed.frame[rows], stray[rows]) for i, rows in rows_by_id(claimed.track_id)]
+    predictions = (
+        _prediction_histories(predicted, people, followed, counted, clear.matches, params.gate_m) if on_floor else []
+    )
+    significant = significant_errors(persons, histories, frame_s, params.significant, predictions)
+    heights = np.abs(followed.height_m[k] - counted.height_m[t])
+    matched, away = np.zeros(len(counted), dtype=np.bool_), np.full(len(counted), np.nan)
+    matched[t] = True
+    if on_floor or alignment is not None:  # else the world frames may differ
+        away[t] = np.hypot(followed.x_m[k] - counted.x_m[t], followed.y_m[k] - counted.y_m[t])
+    _, where, together = np.unique(counted.frame, return_inverse=True, return_counts=True)
     return Evaluation(
         sequence=sequence,
         clear=clear,
-        rows=_truth_rows(truth, tracks, clear.matches, in_one_frame),
+        rows=TruthRows(np.hypot(counted.x_m, counted.y_m), counted.visible, together[where], matched, away),
         ignored_rows=int(ignored.sum()),
         height_error_m=heights[np.isfinite(heights)],
         significant=significant,
-        events=len(grouped_events(significant, params.significant.event_s / time.frame_s)),
-        strict_identity_changes=strict_identity_changes(persons, time.frame_s, params.significant),
-        duration_s=time.n_frames * time.frame_s,
+        events=len(grouped_events(significant, params.significant.event_s / frame_s)),
+        strict_identity_changes=strict_identity_changes(persons, frame_s, params.significant),
+        duration_s=n_frames * frame_s,
         alignment=alignment,
     )
-
-
-def _excused(people: Trajectories, claimed: Trajectories, ignored: Bool, similarity: Similarity) -> Bool:
-    """(N,) whether a track row is on an ignored person.
-
-    Ignored people take their own tracks first, so that these are neither false nor given to another person.
-    """
-    excused = np.zeros(len(claimed), dtype=np.bool_)
-    if not ignored.any():
-        return excused
-    matches = clear_scores(build_sequence(people, claimed, similarity)).matches
-    excused[matches[ignored[matches[:, 0]], 1]] = True
-    return excused
-
-
-def _track_histories(claimed: Trajectories, excused: Bool, matches: I64) -> list[TrackHistory]:
-    """Of all tracks; ``matches`` refer to the rows that are not excused."""
-    stray = ~excused
-    stray[np.flatnonzero(~excused)[matches[:, 1]]] = False
-    return [TrackHistory(i, claimed.frame[rows], stray[rows]) for i, rows in rows_by_id(claimed.track_id)]
-
-
-def _truth_rows(truth: Trajectories, tracks: Trajectories, matches: I64, in_one_frame: bool) -> TruthRows:
-    t, k = matches.T
-    matched, error = np.zeros(len(truth), dtype=np.bool_), np.full(len(truth), np.nan)
-    matched[t] = True
-    if in_one_frame:
-        error[t] = np.hypot(tracks.x_m[k] - truth.x_m[t], tracks.y_m[k] - truth.y_m[t])
-    _, where, counts = np.unique(truth.frame, return_inverse=True, return_counts=True)
-    return TruthRows(np.hypot(truth.x_m, truth.y_m), truth.visible, counts[where], matched, error)
-
-
-def _person_histories(truth: Trajectories, tracks: Trajectories, matches: I64, near: Bool) -> list[PersonHistory]:
-    holder = np.where(near, PREDICTED, UNMATCHED)
-    holder[matches[:, 0]] = tracks.track_id[matches[:, 1]]
-    return [PersonHistory(i, truth.frame[rows], holder[rows]) for i, rows in rows_by_id(truth.track_id)]
 
 
 def _prediction_histories(
@@ -207,18 +167,6 @@ def _prediction_histories(
     return histories
 
 
-def _near_prediction(truth: Trajectories, predicted: Trajectories, similarity: Similarity) -> Bool:
-    """(N,) whether a lost track is predicted at each true person."""
-    near = np.zeros(len(truth), dtype=np.bool_)
-    beside = np.flatnonzero(np.isin(truth.frame, predicted.frame))
-    near[beside[clear_scores(build_sequence(truth.where(beside), predicted, similarity)).matches[:, 0]]] = True
-    return near
-
-
-def _within(table: Trajectories, frames: tuple[int, int] | None) -> Trajectories:
-    return table if frames is None else table.where((table.frame >= frames[0]) & (table.frame <= frames[1]))
-
-
 def _has_floor(table: Trajectories) -> Bool:
     return np.isfinite(table.x_m) & np.isfinite(table.y_m)
 
@@ -239,3 +187,27 @@ def _checked(table: Trajectories, usable: Callable[[Trajectories], Bool], match_
         hint = "" if match_on == "boxes" or not _has_boxes(table).any() else "; --boxes matches image boxes"
         raise InputError(f"expected {what} with {need} to match on, found rows without them{hint}")
     return table.where(good)
+
+
+def evaluate(
+    tracks: Trajectories | Path | str,
+    truth: Trajectories | Path | str,
+    params: EvaluationParams | None = None,
+    frames: tuple[int, int] | None = None,
+) -> Evaluation:
+    """Score tracks against truth; ``to_json()`` of the result gives every figure by name.
+
+    Args:
+        tracks: a table, a file in any layout that ``planview evaluate`` reads, or the folder of a run.
+        truth: a table, a file, or the folder of a recording with its ``truth.csv``.
+        params: what counts as a match; the defaults when None.
+        frames: first and last frame to score, both included; all when None.
+    Raises:
+        InputError: a file that cannot be read, or rows without what the matching needs.
+        WorkError: alignment was asked for and is not possible.
+    """
+    if not isinstance(tracks, Trajectories):
+        tracks = load_tracks(tracks_file(Path(tracks)))
+    if not isinstance(truth, Trajectories):
+        truth = load_truth(truth_file(Path(truth)) or Path(truth))
+    return evaluate_tracks(tracks, truth, params, frames)

@@ -1,4 +1,4 @@
-"""The scores of a run, or of several together."""
+"""All scores of tracks against truth, by distance, by visibility and by the number of people, and as JSON."""
 
 from __future__ import annotations
 
@@ -7,18 +7,97 @@ from collections import Counter
 from collections.abc import Sequence as Items
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from calib.types import F64
+from calib.types import F64, I64, AnyArray, Bool
 from planview.evaluation.align import FloorAlignment
-from planview.evaluation.breakdown import TruthRows, breakdown_json
-from planview.evaluation.clear import ClearScores, clear_scores
-from planview.evaluation.hota import HotaScores, hota_scores
-from planview.evaluation.identity import IdentityScores, identity_scores
+from planview.evaluation.metrics import (
+    ClearScores,
+    HotaScores,
+    IdentityScores,
+    clear_scores,
+    hota_scores,
+    identity_scores,
+)
 from planview.evaluation.sequence import Sequence
 from planview.evaluation.significant import ErrorKind, SignificantError, poisson_upper
+
+
+class ValueRange(NamedTuple):
+    """From ``low``, below ``high``."""
+
+    low: float
+    high: float
+
+    def contains(self, values: AnyArray) -> Bool:
+        return np.asarray((values >= self.low) & (values < self.high))
+
+    def __str__(self) -> str:
+        return f"{self.low:g}+" if math.isinf(self.high) else f"{self.low:g}-{self.high:g}"
+
+
+DISTANCES_M = tuple(ValueRange(*pair) for pair in ((0, 2), (2, 4), (4, 6), (6, 8), (8, 12), (12, math.inf)))
+"""Our choice: the depth noise of a stereo pair grows with the square of the distance."""
+_TOP = (0.75, math.nextafter(1, 2))  # fully visible belongs to the last
+VISIBILITIES = tuple(ValueRange(*pair) for pair in ((0, 0.25), (0.25, 0.5), (0.5, 0.75), _TOP))
+PEOPLE_GROUPS = (("0", 0, 0.0), ("1-2", 1, 2.0), ("3-5", 3, 5.0), ("6-9", 6, 9.0), ("10+", 10, math.inf))
+"""(name, first, last): numbers of people as table 4 of Zhang et al. 2008 groups them."""
+
+
+@dataclass(frozen=True, eq=False)
+class TruthRows:
+    """What is known of every truth row that counts, (N,) each.
+
+    Attributes:
+        distance_m: from the origin of the truth's floor frame (below the camera in our own recordings) [m]; may be NaN.
+        visible: unoccluded fraction.
+        people: people that count in the same frame.
+        matched: whether a track matches.
+        position_error_m: floor distance to it [m]; NaN where there is none.
+    """
+
+    distance_m: F64
+    visible: F64
+    people: I64
+    matched: Bool
+    position_error_m: F64
+
+    @staticmethod
+    def joined(parts: Items[TruthRows]) -> TruthRows:
+        """The rows of all parts, in their order."""
+        names = TruthRows.__dataclass_fields__
+        return TruthRows(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+@dataclass(frozen=True)
+class GroupScores:
+    """Truth rows of one group, how many are matched, and their position error [m]; None without any."""
+
+    group: str
+    truth_rows: int
+    matches: int
+    position_error_mean_m: float | None
+    position_error_std_m: float | None
+
+
+def breakdown_json(rows: TruthRows) -> dict[str, list[dict[str, Any]]]:
+    """Three tables by their keys; without people in a frame there are no rows of it."""
+    members = {
+        "by_distance": [(str(r), r.contains(rows.distance_m)) for r in DISTANCES_M],
+        "by_visibility": [(str(r), r.contains(rows.visible)) for r in VISIBILITIES],
+        "by_people": [(name, (rows.people >= low) & (rows.people <= high)) for name, low, high in PEOPLE_GROUPS[1:]],
+    }
+    return {key: [asdict(_group(rows, *group)) for group in groups] for key, groups in members.items()}
+
+
+def _group(rows: TruthRows, name: str, members: Bool) -> GroupScores:
+    errors = rows.position_error_m[members]
+    errors = errors[np.isfinite(errors)]
+    mean, std = (float(errors.mean()), float(errors.std())) if len(errors) else (None, None)
+    return GroupScores(name, int(members.sum()), int(rows.matched[members].sum()), mean, std)
+
 
 KINDS: tuple[ErrorKind, ...] = ("lost", "missed", "swapped", "false_track")
 
@@ -77,18 +156,7 @@ class Evaluation:
 
     def to_json(self) -> dict[str, Any]:
         """The ``--json`` object; a score that the data cannot give is null."""
-        return {
-            **self._clear_json(),
-            **self._error_json(),
-            "ignored_rows": self.ignored_rows,
-            "track_rows": self.track_rows,
-            "matches": len(self.clear.matches),
-            "duration_s": self.duration_s,
-            **breakdown_json(self.rows),
-            "alignment": _alignment_json(self.alignment),
-        }
-
-    def _clear_json(self) -> dict[str, Any]:
+        by_kind = Counter(error.kind for error in self.significant)
         return {
             "truth_rows": self.truth_rows,
             "mota": self.clear.mota,
@@ -107,11 +175,6 @@ class Evaluation:
             "position_error_mean_m": _mean(self.position_error_m),
             "position_error_std_m": float(self.position_error_m.std()) if len(self.position_error_m) else None,
             "height_error_mean_m": _mean(self.height_error_m),
-        }
-
-    def _error_json(self) -> dict[str, Any]:
-        by_kind = Counter(error.kind for error in self.significant)
-        return {
             "significant_errors": {"total": len(self.significant), **{kind: by_kind[kind] for kind in KINDS}},
             "significant_errors_per_10_min": self._per(600.0, len(self.significant)),
             "significant_errors_per_10_min_upper": self._per(600.0, poisson_upper(len(self.significant))),
@@ -121,6 +184,12 @@ class Evaluation:
             "strict_identity_changes": self.strict_identity_changes,
             "strict_per_10_min": self._per(600.0, self.strict_identity_changes),
             "significant_error_list": [asdict(error) for error in self.significant],
+            "ignored_rows": self.ignored_rows,
+            "track_rows": self.track_rows,
+            "matches": len(self.clear.matches),
+            "duration_s": self.duration_s,
+            **breakdown_json(self.rows),
+            "alignment": _alignment_json(self.alignment),
         }
 
     def _per(self, seconds: float, count: float) -> float | None:

@@ -15,8 +15,6 @@ from planview.trajectories.table import Trajectories
 THRESHOLD = 0.5
 """A pair may match from this similarity on: the gate on the floor, or IoU 0.5 for boxes."""
 EPS = float(np.finfo(np.float64).eps)
-_PAIRS_AT_ONCE = 200_000
-"""Pairs whose similarity is computed at a time, most of which are too far apart to be kept (our choice)."""
 
 Similarity = Callable[[Trajectories, I64, Trajectories, I64], F64]
 """(truth, its rows (P,), tracks, their rows (P,)) -> (P,) similarity in 0..1 of each pair."""
@@ -159,7 +157,8 @@ def _pairs_in_frames(truth_frame: I64, track_frame: I64) -> Iterator[tuple[I64, 
     start = 0
     while start < len(counts):
         done = ends[start - 1] if start else 0
-        stop = max(start + 1, int(np.searchsorted(ends, done + _PAIRS_AT_ONCE, side="right")))
+        # Pairs whose similarity is computed at a time, most of which are too far apart to be kept (our choice).
+        stop = max(start + 1, int(np.searchsorted(ends, done + 200_000, side="right")))
         some = counts[start:stop]
         since = np.arange(some.sum()) - np.repeat(ends[start:stop] - some - done, some)
         yield np.repeat(np.arange(start, stop), some), np.repeat(first[start:stop], some) + since

@@ -64,6 +64,12 @@ class SignificantError:
     duration_s: float | None
     note: str
 
+    @property
+    def who(self) -> str:
+        """Person and track, as far as there are any."""
+        named = (("person", self.truth_id), ("track", self.track_id))
+        return ", ".join(f"{what} {number}" for what, number in named if number is not None)
+
 
 @dataclass(frozen=True, eq=False)
 class PersonHistory:
@@ -241,14 +247,17 @@ def _identity_errors(
             if change.alone_s <= params.lost_s:  # longer is reported as lost already
                 note = f"went on as a new track {change.new}"
                 yield SignificantError("lost", change.frame, change.truth_id, change.old, change.alone_s, note)
-        elif not any(_is_exchange(change, other, params.exchange_s / frame_s) for other in reported):
+        elif not any(
+            (
+                (change.old, change.new) == (other.new, other.old)
+                and change.truth_id != other.truth_id
+                and abs(change.frame - other.frame) <= params.exchange_s / frame_s
+            )
+            for other in reported
+        ):
             reported.append(change)
             note = f"took over track {change.new} of person {', '.join(map(str, sorted(owners)))}"
             yield SignificantError("swapped", change.frame, change.truth_id, change.new, None, note)
-
-
-def _is_exchange(a: _Change, b: _Change, within: float) -> bool:
-    return (a.old, a.new) == (b.new, b.old) and a.truth_id != b.truth_id and abs(a.frame - b.frame) <= within
 
 
 def _persistent(visit: PersonHistory, min_frames: float) -> list[tuple[int, int, int]]:

@@ -17,7 +17,7 @@ from planview.foreground._gaussian_kernels import DEPTH_FRACTION, N_FIELDS, D, U
 from planview.foreground.gain import Exposure, GainFollower
 from planview.foreground.masks import FOREGROUND, SHADOW
 from planview.foreground.params import ForegroundParams
-from planview.foreground.turns import Turns
+from planview.foreground.schedule import UpdateSchedule
 
 REBASE_GAIN = 2.0
 """The model moves to the exposure of the image when that differs by this factor: noise stays comparable."""
@@ -66,21 +66,22 @@ class Foreground:
         """Forget everything; the next image starts a new background."""
         self.shadow = np.zeros(self.shape, np.uint8)
         """(H, W) uint8, 255 where the last update removed a shadow by its colour."""
-        self._turns = Turns(self.params)
+        self._schedule = UpdateSchedule(self.params)
         self._size = 0
         self._gain.reset()
         self._rebased = Exposure()
+        self._gain_followed = False
         self._known_constants: tuple[float, float, UpdateConstants] | None = None
 
     @property
     def settled(self) -> bool:
         """Whether the start is over, during which every observation counts alike."""
-        return self._turns.settled
+        return self._schedule.settled
 
     def changed(self, image: U8, step: int) -> U8:
         """Where an image differs in colour from the background, or the background is not known: there depth must tell.
 
-        The exposure is followed here, and not again by an ``update`` that is told what was measured.
+        The exposure is followed here, and not again by the ``update`` that comes next.
 
         Args:
             image: the next one, as for ``update``.
@@ -92,6 +93,7 @@ class Foreground:
         """
         flat = self._flat_image(image)
         self._follow_gain(flat)
+        self._gain_followed = True
         out = np.empty(tuple(-(-n // step) for n in self.shape), np.uint8)
         rows = flat.reshape(self.shape[0], -1)
         find_changes(self._lead, rows, rows.shape[1] // self.shape[1], step, self._constants(), out)
@@ -113,26 +115,27 @@ class Foreground:
             timestamp_s: time of the frame [s]; a gap counts as at most one second of learning.
             feedback: (H, W) uint8, see the class.
             measured: (H, W) uint8, 0 where disparity was not looked for; there nothing is foreground, and depth is not
-                learned. ``changed`` must have been asked before.
+                learned.
         Returns:
             (H, W) uint8, 255 foreground, 0 background. The first frame has no foreground.
         Raises:
             ValueError: an array of another shape or type.
         """
         flat = self._flat_image(image)
-        if not self._turns.is_new and flat.size != self._size:
+        if not self._schedule.is_new and flat.size != self._size:
             raise ValueError(f"expected images of one kind, grey or BGR, got {image.shape} after another kind")
         self._size = flat.size
+        followed, self._gain_followed = self._gain_followed, False
         disp = _flat(disparity if self.params.depth else None, self.shape, np.float32, "disparity")
         known = _flat(feedback, self.shape, np.uint8, "feedback")
-        if self._turns.is_new:
-            self._turns.start(timestamp_s)
+        if self._schedule.is_new:
+            self._schedule.start(timestamp_s)
             kernels.start_blocks(self._lead, self._rest, flat, disp, self._mask.size, self._constants())
             return np.zeros(self.shape, np.uint8)
         looked = _flat(measured, self.shape, np.uint8, "measured")
-        if measured is None:
+        if not followed:
             self._follow_gain(flat)
-        self._run((flat, disp, known, looked, self._mask), self._constants(), self._turns.rates(timestamp_s))
+        self._run((flat, disp, known, looked, self._mask), self._constants(), self._schedule.rates(timestamp_s))
         # Single pixels are noise, and single holes too.
         mask: U8 = np.asarray(cv2.medianBlur(self._mask.reshape(self.shape), 3), dtype=np.uint8)
         if self.params.remove_colour_shadows:

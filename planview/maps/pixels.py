@@ -29,6 +29,8 @@ class PixelRays:
         centre_m: (3,) float64, the camera's centre [m].
         direction: (H, W, 3) float32 unit vectors away from the camera.
         stretch: (H, W) float32, range along the ray over depth.
+        matched_m: (H, W) float32, range along the ray from which on the right camera sees the ray, too; 0 where depth
+            does not come from a pair [m].
         projection: (3, 4) float64, world points to analysis pixels.
         pixel_sr: 1 / (fu fv), area of a pixel's surface over squared depth.
         depth_std_per_m2: growth of the depth's deviation with squared depth [1/m].
@@ -38,6 +40,7 @@ class PixelRays:
     centre_m: F64
     direction: F32
     stretch: F32
+    matched_m: F32
     projection: F64
     pixel_sr: float
     depth_std_per_m2: float
@@ -55,10 +58,13 @@ class PixelRays:
         rays = geometry.rays(np.stack([cols, rows], axis=-1)) @ world_SE3_left.rotation.T
         stretch = np.linalg.norm(rays, axis=-1)
         scale = np.diag([1.0 / reduction, 1.0 / reduction, 1.0])
+        pair = geometry.depth_std_min_m == 0.0
+        matched = stretch * geometry.disparity_metre / np.maximum(cols, 0.5) if pair else np.zeros(shape)
         return PixelRays(
             np.asarray(world_SE3_left.translation, dtype=np.float64),
             np.ascontiguousarray(rays / stretch[..., None], dtype=np.float32),
             np.asarray(stretch, dtype=np.float32),
+            np.asarray(matched, dtype=np.float32),
             scale @ geometry.matrix @ world_SE3_left.inverse().matrix[:3],
             reduction**2 / (geometry.focal_u_px * geometry.focal_v_px),
             geometry.depth_std_per_m2,

@@ -17,17 +17,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from calib.errors import InputError
 from calib.pose import SE3
-from calib.rig import Floor
+from calib.rig import DepthSensor, Floor
 from calib.types import F32, I32, U8, AnyArray
+from calib.world import MAX_AWAY_M, refuse_strange_pose
 from planview.maps.builder import FloorPoints
 from planview.maps.colour import CODES
-from planview.maps.grid import Grid
+from planview.maps.grid import MAX_CELLS, Grid
 from planview.maps.pixels import NO_DEPTH, SeenPixels
 from planview.maps.view import StereoView
 from stereo.depth import RectifiedGeometry
@@ -41,6 +42,18 @@ BLOCK_FRAMES = 32
 """Frames written and read at a time."""
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file (format specification, superblock)."""
+MAX_FRAMES = 5_000_000
+"""More frames than two days of 30 Hz hold no file's columns (our choice)."""
+MAX_TIME_S = 1e8
+"""Three years: readers take longer steps for a clock that was set."""
+RANGES: dict[str, tuple[float, float]] = {
+    "width": (1, 20_000), "height": (1, 20_000), "reduction": (1, 64), "first_px": (0, 20_000), "count": (1, 20_000),
+    "focal_u_px": (1.0, 1e6), "focal_v_px": (1.0, 1e6), "cu_px": (-1e5, 1e5), "cv_px": (-1e5, 1e5),
+    "baseline_m": (1e-4, 100.0), "disparity_std_px": (1e-4, 100.0), "depth_std_min_m": (0.0, 10.0),
+    "x_min_m": (-MAX_AWAY_M, MAX_AWAY_M), "y_min_m": (-MAX_AWAY_M, MAX_AWAY_M), "cell_m": (1e-3, 1.0),
+    "n_rows": (1, MAX_CELLS), "n_cols": (1, MAX_CELLS),
+}  # fmt: skip
+"""What the numbers of a rig, its floor and its grid can be (our choice: wider than any camera)."""
 FRAME_COLUMNS: dict[str, type] = {"index": np.int64, "timestamp_s": np.float64, "end": np.int64}
 POINT_COLUMNS: dict[str, type] = {"pixel": np.int32, "disparity": np.float32}
 
@@ -97,13 +110,16 @@ class MapsRecording:
             _check_version(path, file)
             self.view = _read_view(file)
             self.config = str(file.attrs["config"])
-            self.fps = float(file.attrs["fps"])
-            self._indices, self._times, self._ends = (_values(file, f"frames/{name}") for name in FRAME_COLUMNS)
-            why = file["skipped/why"].asstr()[:]
-            self.skipped = [Skipped(int(i), str(w)) for i, w in zip(file["skipped/index"][:], why, strict=True)]
-            self._unmatched_ends = _values(file, "frames/unmatched_end") if "unmatched" in file else None
-            self._renewed = _values(file, "background/frame") if "background" in file else np.zeros(0, np.int64)
-            self._check_lengths(file)
+            self.fps = _number(file.attrs["fps"], "fps", 1e-3, 1e4)
+            self._indices, self._times, self._ends = (
+                _column(file, f"frames/{name}", kind) for name, kind in FRAME_COLUMNS.items()
+            )
+            skipped, why = _column(file, "skipped/index", np.int64), file["skipped/why"].asstr()[: len(self._indices)]
+            self.skipped = [Skipped(int(i), str(w)) for i, w in zip(skipped, why, strict=True)]
+            self._unmatched_ends = _column(file, "frames/unmatched_end", np.int64) if "unmatched" in file else None
+            renewed = "background" in file
+            self._renewed = _column(file, "background/frame", np.int64) if renewed else np.zeros(0, np.int64)
+            self._check_tables(file)
         self.n_frames = len(self._indices)
 
     def __iter__(self) -> Iterator[MapsFrame]:
@@ -119,58 +135,64 @@ class MapsRecording:
                 yield from self._block(file, first, min(first + BLOCK_FRAMES, self.n_frames))
 
     def _block(self, file: Any, first: int, last: int) -> Iterator[MapsFrame]:
-        points = file["points"]
-        start, end = int(self._ends[first - 1]) if first else 0, int(self._ends[last - 1])
-        pixels, disparities = points["pixel"][start:end], points["disparity"][start:end]
-        colours = points["appearance"][start:end] if "appearance" in points else None
-        height, width = self.view.shape
-        if len(pixels) and not (pixels.min() >= 0 and pixels.max() < height * width):
-            raise InputError(f"{self.path}: expected points inside {width}x{height} pixels, found them outside")
-        cuts = (self._ends[first : last - 1] - start).astype(int)
-        parts = [np.split(column, cuts) for column in (pixels, disparities)]
-        codes = np.split(colours, cuts) if colours is not None else [None] * (last - first)
-        unmatched = self._unmatched(file, first, last)
+        pixels = self._pixels(file, "points/pixel", self._ends, first, last)
+        disparities = self._cut(file, "points/disparity", self._ends, first, last)
+        codes: list[Any] = [None] * (last - first)
+        unmatched: list[Any] = [None] * (last - first)
+        if "points/appearance" in file:
+            codes = self._cut(file, "points/appearance", self._ends, first, last)
+        if self._unmatched_ends is not None:
+            unmatched = self._pixels(file, "unmatched/pixel", self._unmatched_ends, first, last)
         for i in range(last - first):
             index, time = int(self._indices[first + i]), float(self._times[first + i])
+            if not (np.isfinite(disparities[i]).all() and (disparities[i] > 0).all()):
+                raise InputError(f"{self.path}: frame {index}: expected disparities of points, found other numbers")
+            if codes[i] is not None and (codes[i] >= CODES).any():
+                raise InputError(f"{self.path}: frame {index}: expected colour codes below {CODES}, found others")
+            renewed = np.flatnonzero(self._renewed == index)[:1]
+            background = np.asarray(file["background/disparity"][int(renewed[0])], np.float32) if len(renewed) else None
             yield MapsFrame(
-                index, time, parts[0][i], parts[1][i], codes[i], unmatched[i], self._background(file, index)
-            )
+                index, time, pixels[i], disparities[i], codes[i], unmatched[i],
+                None if background is None else background.reshape(self.view.shape),
+            )  # fmt: skip
 
-    def _unmatched(self, file: Any, first: int, last: int) -> list[I32] | list[None]:
-        if self._unmatched_ends is None:
-            return [None] * (last - first)
-        ends = self._unmatched_ends
+    def _cut(self, file: Any, name: str, ends: AnyArray, first: int, last: int) -> list[Any]:
+        """The values of each of some frames, whose last ones end at ``ends``."""
         start, end = int(ends[first - 1]) if first else 0, int(ends[last - 1])
-        pixels = file["unmatched/pixel"][start:end]
-        height, width = self.view.shape
-        if len(pixels) and not (pixels.min() >= 0 and pixels.max() < height * width):
-            raise InputError(f"{self.path}: expected pixels inside {width}x{height}, found them outside")
-        return list(np.split(pixels, (ends[first : last - 1] - start).astype(int)))
+        return np.split(file[name][start:end], (ends[first : last - 1] - start).astype(int))
 
-    def _background(self, file: Any, index: int) -> F32 | None:
-        found = np.flatnonzero(self._renewed == index)
-        if not len(found):
-            return None
-        return np.asarray(file["background/disparity"][int(found[0])], dtype=np.float32).reshape(self.view.shape)
+    def _pixels(self, file: Any, name: str, ends: AnyArray, first: int, last: int) -> list[Any]:
+        parts, (height, width) = self._cut(file, name, ends, first, last), self.view.shape
+        for own in parts:
+            if len(own) and not (own[0] >= 0 and own[-1] < height * width and (np.diff(own) > 0).all()):
+                raise InputError(f"{self.path}: expected pixels in order inside {width}x{height}, found others")
+        return parts
 
-    def _check_lengths(self, file: Any) -> None:
-        n = len(self._indices)
+    def _check_tables(self, file: Any) -> None:
+        """Columns fit the frames, and hold what the kernels may be given."""
+        n, (height, width) = len(self._indices), self.view.shape
         if not n == len(self._times) == len(self._ends):
             raise ValueError("columns of frames that differ in length")
-        n_points = int(self._ends[-1]) if n else 0
-        if (np.diff(self._indices) <= 0).any() or (np.diff(self._ends, prepend=0) < 0).any():
+        if n and (self._indices[0] < 0 or (np.diff(self._indices) <= 0).any()):
             raise ValueError("frames out of order")
+        if n and not ((np.abs(self._times) <= MAX_TIME_S).all() and (np.diff(self._times) > 0).all()):
+            raise ValueError("times that do not increase")
+        columns = {f"points/{name}": (self._ends, kind) for name, kind in POINT_COLUMNS.items()}
+        if "points/appearance" in file:
+            columns["points/appearance"] = self._ends, np.uint8
         if self._unmatched_ends is not None:
-            n_unmatched = int(self._unmatched_ends[-1]) if n else 0
-            rising = (np.diff(self._unmatched_ends, prepend=0) >= 0).all()
-            if len(self._unmatched_ends) != n or not rising or len(file["unmatched/pixel"]) != n_unmatched:
-                raise ValueError("pixels without depth that do not fit the frames")
-        shape = (len(self._renewed), self.view.shape[0] * self.view.shape[1])
-        if "background" in file and file["background/disparity"].shape != shape:
+            columns["unmatched/pixel"] = self._unmatched_ends, np.int32
+        for name, (ends, kind) in columns.items():
+            steps = np.diff(ends, prepend=0)
+            if len(ends) != n or (n and not (steps.min() >= 0 and steps.max() <= height * width)):
+                raise ValueError(f"{name} that does not fit the frames")
+            if file[name].dtype != kind or file[name].shape != (int(ends[-1]) if n else 0,):
+                raise ValueError(f"{name} of {file[name].shape} {file[name].dtype} where frames end with {ends[-1:]}")
+        background = file["background/disparity"] if "background" in file else None
+        if background is not None and (
+            background.dtype != np.float32 or background.shape != (len(self._renewed), height * width)
+        ):
             raise ValueError("backgrounds of another size")
-        lengths = {name: len(column) for name, column in file["points"].items()}
-        if set(POINT_COLUMNS) - lengths.keys() or set(lengths.values()) != {n_points}:
-            raise ValueError(f"columns of points of lengths {lengths} where frames end with {n_points}")
 
 
 def is_maps(path: Path) -> bool:
@@ -195,37 +217,67 @@ def _check_version(path: Path, file: Any) -> None:
 
 def _read_view(file: Any) -> StereoView:
     rig, floor = dict(file["rig"].attrs), dict(file["floor"].attrs)
-    extent = tuple(float(v) for v in floor["extent_m"]) if "extent_m" in floor else None
+    pose = SE3.from_matrix(floor["world_SE3_left"])
+    refuse_strange_pose(pose)
+    extent = tuple(_number(v, "extent_m", -np.inf, np.inf) for v in floor.get("extent_m", ()))
+    sensor = rig.get("sensor")
+    if sensor not in (None, *get_args(DepthSensor)):
+        raise ValueError(f"a sensor {sensor!r:.40}")
     return StereoView(
-        geometry=RectifiedGeometry(**_typed(rig, RectifiedGeometry)),
+        geometry=RectifiedGeometry(**_fields(rig, RectifiedGeometry)),
         floor=Floor(
-            SE3.from_matrix(floor["world_SE3_left"]), float(floor["inlier_fraction"]), float(floor["residual_m"]),
-            extent_m=extent,  # type: ignore[arg-type]
+            pose, float(floor["inlier_fraction"]), float(floor["residual_m"]),
+            extent_m=(extent[0], extent[1], extent[2], extent[3]) if extent else None,
         ),
         floor_source=str(floor["source"]),
         calibration=str(rig["calibration"]),
         vertical_residual_px=float(rig["vertical_residual_px"]),
-        disparities=DisparityRange(**_typed(rig, DisparityRange)),
-        grid=Grid(**_typed(dict(file["grid"].attrs), Grid)),
-        reduction=int(rig["reduction"]),
-        sensor=rig.get("sensor"),
+        disparities=DisparityRange(**_fields(rig, DisparityRange)),
+        grid=Grid(**_fields(dict(file["grid"].attrs), Grid)),
+        reduction=int(_number(rig["reduction"], "reduction", *RANGES["reduction"])),
+        sensor=sensor,
     )  # fmt: skip
 
 
-def _typed(attributes: dict[str, Any], kind: Any) -> dict[str, Any]:
+def _fields(attributes: dict[str, Any], kind: Any) -> dict[str, Any]:
     """The fields of a dataclass among attributes, as Python's own numbers; an older file has none for newer fields."""
     missing = {f.name for f in fields(kind) if f.default is not MISSING} - attributes.keys()
-    return {f.name: attributes[f.name].item() for f in fields(kind) if f.name not in missing}
+    found = {
+        f.name: _number(attributes[f.name], f.name, *RANGES[f.name]) for f in fields(kind) if f.name not in missing
+    }
+    if parts := [f.name for f in fields(kind) if f.type == "int" and found.get(f.name, 0.0) % 1]:
+        raise ValueError(f"{parts[0]} of {found[parts[0]]:g}")
+    return {f.name: int(found[f.name]) if f.type == "int" else found[f.name] for f in fields(kind) if f.name in found}
 
 
-def _values(file: Any, name: str) -> AnyArray:
-    return np.asarray(file[name][:])
+def _number(value: Any, name: str, low: float, high: float) -> float:
+    """An attribute that is one number of a range."""
+    if np.ndim(value) or not low <= float(value) <= high:
+        raise ValueError(f"{name} of {value!s:.40} where {low:g} to {high:g} can be")
+    return float(value)
+
+
+def _column(file: Any, name: str, kind: type) -> AnyArray:
+    """A column of numbers, one or less a frame."""
+    column = file[name]
+    if column.ndim != 1 or column.dtype != kind or len(column) > MAX_FRAMES:
+        raise ValueError(f"{name} of {column.shape} {column.dtype}")
+    return np.asarray(column[:])
 
 
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
     try:
         yield
-    except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
+    except (
+        ArithmeticError,
+        AttributeError,
+        LookupError,
+        MemoryError,
+        OSError,
+        RuntimeError,
+        TypeError,
+        ValueError,
+    ) as error:
         text = " ".join(str(error).split())
-        raise InputError(f"{path}: expected plan-view maps (planview run --save-maps), found {text}") from error
+        raise InputError(f"{path}: expected plan-view maps (planview run --maps), found {text}") from error

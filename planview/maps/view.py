@@ -24,6 +24,7 @@ class StereoView:
         grid: cells of the plan-view maps.
         reduction: foreground and maps use every ``reduction``-th row and column of the rectified image.
         sensor: how depth was measured; None where a pair was matched.
+        correction: sentence on how the recording corrects the calibration; empty when that was not looked at.
     """
 
     geometry: RectifiedGeometry
@@ -35,6 +36,7 @@ class StereoView:
     grid: Grid
     reduction: int
     sensor: DepthSensor | None = None
+    correction: str = ""
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -20,6 +21,8 @@ from stereo.recording import Skipped
 
 CHUNK = 32768
 """Values compressed together."""
+SPARE_BYTES = 4 << 20
+"""Room on the disk beyond what is about to be written: a chunk of every column, and the tables at the end [bytes]."""
 
 
 class MapsWriter:
@@ -39,7 +42,10 @@ class MapsWriter:
         self._block: list[MapsFrame] = []
         self._end = self._unmatched_end = 0
         with _writing(path):
+            with path.open("wb") as file:
+                _reserve(file.fileno(), SPARE_BYTES)
             self._file = h5py.File(path, "w")
+            _reserve(self._file.id.get_vfd_handle(), SPARE_BYTES)
             self._file.attrs.update(format=FORMAT, version=VERSION, config=config, fps=fps)
             _write_view(self._file, view)
             for name, kind in FRAME_COLUMNS.items():
@@ -78,7 +84,11 @@ class MapsWriter:
                 self._file["skipped/why"] = np.array([frame.why for frame in skipped], dtype=h5py.string_dtype())
         finally:
             with _writing(self._path):
+                self._file.flush()
+                size = self._file.id.get_filesize()
                 self._file.close()
+                if self._path.stat().st_size > size:  # room that was not needed
+                    os.truncate(self._path, size)
 
     def _flush(self) -> None:
         block, self._block = self._block, []
@@ -107,6 +117,8 @@ class MapsWriter:
         if codes and len(codes) != len(block):
             raise ValueError("expected colours in all frames or in none")
         with _writing(self._path):
+            needed = sum(np.asarray(values).nbytes for values in columns.values()) + sum(len(c) for c in codes)
+            _reserve(self._file.id.get_vfd_handle(), self._file.id.get_filesize() + needed + SPARE_BYTES)
             if codes:
                 if "points/appearance" not in self._file:
                     self._column("points/appearance", np.uint8).attrs["codes"] = CODES
@@ -137,6 +149,16 @@ def _write_view(file: Any, view: StereoView) -> None:
     if floor.extent_m is not None:
         file["floor"].attrs["extent_m"] = floor.extent_m
     file.create_group("grid").attrs.update(asdict(view.grid))
+
+
+def _reserve(descriptor: int, size: int) -> None:
+    """Take room for a file of so many bytes: HDF5 ends the process when the disk is full while it writes.
+
+    Raises:
+        OSError: there is no room.
+    """
+    if hasattr(os, "posix_fallocate"):
+        os.posix_fallocate(descriptor, 0, size)
 
 
 @contextmanager

@@ -1,20 +1,119 @@
-"""A whole recording refined: joined fragments, early beginnings, filled gaps, smoothed paths."""
+"""Tracks of a whole recording refined: fragments of one person joined, paths smoothed.
+
+Joins are the most likely explanation of all tracks at once: a flow of people through tracks that end and begin (Zhang,
+Li, Nevatia 2008, "Global data association for multi-object tracking using network flows"), which for whole tracks is an
+assignment of ends to beginnings. What a join is worth is the log-odds of the same walker against a stranger.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import csv
+import io
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
 
 import numpy as np
+from pydantic import Field
+from scipy.optimize import linear_sum_assignment
 
 from calib.errors import InputError
-from calib.types import F64, I64, Bool
-from planview.offline.changes import Change
-from planview.offline.exchanges import exchanges_undone
-from planview.offline.joining import End, Fragment, FragmentSimilarity, Join, joins
-from planview.offline.params import RefineParams
-from planview.offline.smoothing import smoothed
-from planview.trajectories.table import Trajectories, concatenated
+from calib.params import Params
+from calib.types import F64, Bool
+from planview.tracking import body
+from planview.tracking.kalman import FloorKalman
+from planview.trajectories.table import Trajectories, concatenated, rows_by_id
+
+
+class RefineParams(Params):
+    """Offline refinement; values without a reference are our choice."""
+
+    position_std_m: float = Field(0.05, gt=0, le=1)
+    """Deviation of a position in the tracks [m]: about a cell of the plan-view map."""
+    acceleration_std_mps2: float = Field(2.0, gt=0, le=20)
+    """Random acceleration of the constant-velocity model [m/s^2], that of the template tracker."""
+    speed_std_mps: float = Field(1.0, gt=0, le=10)
+    """Deviation of the unknown velocity at the start of a track, and of the mean one of a walker out of sight [m/s]."""
+    height_std_m: float = Field(0.06, gt=0, le=1)
+    """Deviation of the median height of a track [m]: posture and depth noise."""
+    low_share: float = Field(0.1, gt=0, lt=1)
+    """Share of people who sit, bend, or are children; that of the template tracker."""
+    floor_m2: float = Field(20.0, gt=0.1, le=10000)
+    """Area of the floor over which strangers may appear [m^2]; that of the template tracker."""
+
+
+CHANGE_COLUMNS = ("id", "first_frame", "last_frame", "kind", "reason", "value")
+
+
+class Change(NamedTuple):
+    """A row of refinement.csv.
+
+    Attributes:
+        track_id: the id after refinement.
+        first_frame, last_frame: the frames that changed.
+        kind: "join" (another id made one with this) or "smooth" (positions moved).
+        reason: one clause with the numbers that decided it.
+        value: log-odds of the join, or root mean square movement [m].
+    """
+
+    track_id: int
+    first_frame: int
+    last_frame: int
+    kind: Literal["join", "smooth"]
+    reason: str
+    value: float
+
+
+def changes_csv(changes: Iterable[Change]) -> str:
+    """The text of refinement.csv."""
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(CHANGE_COLUMNS)
+    writer.writerows((*change[:5], f"{change.value:.4f}") for change in changes)
+    return file.getvalue()
+
+
+def smoothed(times_s: F64, xy_m: F64, measured: Bool, params: RefineParams) -> tuple[F64, F64]:
+    """Positions and velocities from the measurements before and after (Rauch, Tung, Striebel 1965).
+
+    Args:
+        times_s: (N,) rising times [s].
+        xy_m: (N, 2) positions [m]; used where measured.
+        measured: (N,); the first must be.
+    Returns:
+        (N, 2) positions [m] and (N, 2) velocities [m/s].
+    """
+    filtered, predicted = _forward(times_s, xy_m, measured, params)
+    states = np.array([[s.x_m, s.y_m, s.vx_mps, s.vy_mps] for s in filtered]).reshape(-1, 2, 2)
+    for k in range(len(filtered) - 2, -1, -1):
+        ahead = predicted[k + 1]
+        gain = _gain(filtered[k], ahead, float(times_s[k + 1] - times_s[k]))
+        states[k] += gain @ (states[k + 1] - [[ahead.x_m, ahead.y_m], [ahead.vx_mps, ahead.vy_mps]])
+    return states[:, 0], states[:, 1]
+
+
+def _forward(
+    times_s: F64, xy_m: F64, measured: Bool, params: RefineParams
+) -> tuple[list[FloorKalman], list[FloorKalman]]:
+    """The filter after, and before, the measurement of every row."""
+    state = FloorKalman.at(float(xy_m[0, 0]), float(xy_m[0, 1]), params.position_std_m, params.speed_std_mps)
+    filtered, predicted = [state], [state]
+    for k in range(1, len(times_s)):
+        state = state.predicted(float(times_s[k] - times_s[k - 1]), params.acceleration_std_mps2)
+        predicted.append(state)
+        if measured[k]:
+            state = state.updated(float(xy_m[k, 0]), float(xy_m[k, 1]), params.position_std_m)
+        filtered.append(state)
+    return filtered, predicted
+
+
+def _gain(now: FloorKalman, ahead: FloorKalman, dt_s: float) -> F64:
+    """(2, 2) P_k F^T P_{k+1|k}^-1 of position and velocity: the noise is isotropic, so that x stands for both axes."""
+    now_cov = np.array([[now.c_xx, now.c_xu], [now.c_xu, now.c_uu]])
+    ahead_cov = np.array([[ahead.c_xx, ahead.c_xu], [ahead.c_xu, ahead.c_uu]])
+    transition = np.array([[1.0, dt_s], [0.0, 1.0]])
+    return np.asarray(np.linalg.solve(ahead_cov, transition @ now_cov).T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,17 +124,14 @@ class Refined:
     changes: list[Change]
 
 
-def refine(
-    tracks: Trajectories, params: RefineParams | None = None, similarity: FragmentSimilarity | None = None
-) -> Refined:
+def refine(tracks: Trajectories, params: RefineParams | None = None) -> Refined:
     """Refine the tracks of a finished recording.
 
-    Tracks never confirmed stay as they are; so do predictions after the last confirmed row of a person. No row is
-    added before the first row of a track.
+    No row is added and no state changes: only ids of joined tracks and positions up to the last confirmed row of a
+    person. Predictions of a track end where the one that continues it begins. Tracks never confirmed stay as they are.
 
     Args:
-        tracks: as written online.
-        similarity: compares the appearance of two fragments by their ids; None where none was stored.
+        tracks: as written online; 30 frames per second where no row has a time.
     Raises:
         InputError: confirmed rows without floor positions.
     """
@@ -43,143 +139,95 @@ def refine(
     confirmed = tracks.where(tracks.state == "confirmed")
     if not np.isfinite(confirmed.x_m + confirmed.y_m).all():
         raise InputError("expected floor positions in all confirmed rows to refine them, found rows without")
-    tracks, exchanged = exchanges_undone(tracks, params)
-    confirmed = tracks.where(tracks.state == "confirmed")
-    clock = _Clock(tracks)
-    ids = [int(i) for i in np.unique(confirmed.track_id)]
-    own = {i: tracks.where(tracks.track_id == i) for i in ids}
-    fragments = [_fragment(own[i], clock, params) for i in ids]
-    links = joins(fragments, params, similarity)
-    changes, parts = exchanged, [tracks.where(~np.isin(tracks.track_id, ids))]
-    for chain in _chains(ids, links):
-        path = _joined([own[i] for i in chain])
-        refined, made = _refined_path(path, clock, params)
-        parts.append(refined)
-        changes += made
-    changes += _join_changes(links, _chains(ids, links), fragments)
-    order = sorted(changes, key=lambda c: (c.first_frame, c.track_id, c.kind))
-    return Refined(concatenated(parts), order)
+    known_s = np.isfinite(tracks.timestamp_s)
+    untimed = not known_s.any()
+    times_s = (
+        tracks.frame / 30.0 if untimed else np.interp(tracks.frame, tracks.frame[known_s], tracks.timestamp_s[known_s])
+    )
+    tracks = replace(tracks, timestamp_s=times_s)
+    own = {i: tracks.where(rows) for i, rows in rows_by_id(tracks.track_id)}
+    known = [table for table in own.values() if (table.state == "confirmed").any()]
+    known.sort(key=lambda table: int(table.frame[0]))
+    chains, changes = _joined(known, params)
+    parts = [table for table in own.values() if (table.state != "confirmed").all()]
+    for chain in chains:
+        path, change = _smoothed_path(chain, params)
+        parts.append(path)
+        changes.append(change)
+    refined = concatenated(parts) if parts else tracks
+    if untimed:
+        refined = replace(refined, timestamp_s=np.full(len(refined), np.nan))
+    return Refined(refined, sorted(changes, key=lambda c: (c.first_frame, c.track_id, c.kind)))
 
 
-class _Clock:
-    """Frame to time [s]: as the rows say, straight in between; the frame number where no row has a time."""
+def _joined(tracks: Sequence[Trajectories], params: RefineParams) -> tuple[list[Trajectories], list[Change]]:
+    """One table per person, under the first id: the joins whose log-odds sum to most, each above zero.
 
-    def __init__(self, tracks: Trajectories) -> None:
-        known = np.isfinite(tracks.timestamp_s)
-        self._frames, first = np.unique(tracks.frame[known], return_index=True)
-        self._times = tracks.timestamp_s[known][first]
+    A track needs no partner at either end: that is worth zero.
 
-    def at(self, frame: I64) -> F64:
-        if not len(self._frames):
-            return frame.astype(np.float64)
-        return np.interp(frame, self._frames, self._times)
+    Args:
+        tracks: each of one id, by rising first frame.
+    """
+    odds = np.array([[_log_odds(a, b, params) for b in tracks] for a in tracks]).reshape(len(tracks), len(tracks))
+    ends, starts = linear_sum_assignment(np.maximum(odds, 0.0), maximize=True)
+    former = {int(j): int(i) for i, j in zip(ends, starts, strict=True) if odds[i, j] > 0}
+    chains: dict[int, list[Trajectories]] = {}
+    changes: list[Change] = []
+    first = list(range(len(tracks)))
+    for j, track in enumerate(tracks):
+        if j in former:
+            i = former[j]
+            first[j] = first[i]
+            before = chains[first[j]][-1]
+            chains[first[j]][-1] = before.where(before.frame < track.frame[0])
+            last = int(np.flatnonzero(before.state == "confirmed")[-1])
+            gap_s = track.timestamp_s[0] - before.timestamp_s[last]
+            reason = f"track {track.track_id[0]} begins {gap_s:.1f} s after the end of track {before.track_id[0]}"
+            person, frames = int(tracks[first[j]].track_id[0]), (int(before.frame[last]), int(track.frame[0]))
+            changes.append(Change(person, *frames, "join", reason, float(odds[i, j])))
+        chains.setdefault(first[j], []).append(track)
+    people = [concatenated(chain) for chain in chains.values()]
+    ids = [int(chain[0].track_id[0]) for chain in chains.values()]
+    return [replace(p, track_id=np.full(len(p), i)) for p, i in zip(people, ids, strict=True)], changes
 
 
-def _fragment(own: Trajectories, clock: _Clock, params: RefineParams) -> Fragment:
-    last = own.frame[own.state == "confirmed"].max()
-    path = own.where(_measured(own) & (own.frame <= last))
-    xy, times = _xy(path), clock.at(path.frame)
-    position, velocity = smoothed(times, xy, np.ones(len(path), dtype=np.bool_), params)
-    start, end = (End(int(path.frame[k]), float(times[k]), position[k], velocity[k]) for k in (0, -1))
-    known = path.height_m[np.isfinite(path.height_m)]
-    return Fragment(int(own.track_id[0]), start, end, float(np.median(known)) if len(known) else np.nan)
+def _log_odds(a: Trajectories, b: Trajectories, params: RefineParams) -> float:
+    """Of track b being the person of track a, who walked on out of sight, rather than a stranger: by place and height.
+
+    Negative where b begins before the end of a, or out of a walker's reach. A height that is unknown decides nothing.
+    """
+    end, start = int(np.flatnonzero(a.state == "confirmed")[-1]), int(np.flatnonzero(_measured(b))[0])
+    gone_s = float(b.timestamp_s[start] - a.timestamp_s[end])
+    away_m = math.hypot(b.x_m[start] - a.x_m[end], b.y_m[start] - a.y_m[end])
+    reach_m = body.TORSO.torso_radius_m + body.SPEED_MAX_MPS * gone_s
+    if b.frame[0] <= a.frame[end] or gone_s <= 0 or away_m > reach_m:
+        return -1.0
+    spread_m = min(body.TORSO.torso_radius_m + params.speed_std_mps * gone_s, math.sqrt(params.floor_m2) / 2)
+    place = math.log(params.floor_m2 / (2 * math.pi * spread_m**2)) - 0.5 * (away_m / spread_m) ** 2
+    heights = [table.height_m[(table.state == "confirmed") & np.isfinite(table.height_m)] for table in (a, b)]
+    if not len(heights[0]) or not len(heights[1]):
+        return place
+    tall_m, height_m = (float(np.median(own)) for own in heights)
+    mine = body.stature(height_m, tall_m, math.sqrt(2) * params.height_std_m, params.low_share)
+    stranger = body.stature(height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, params.low_share)
+    return place + math.log(mine / ((1 - body.THINGS) * stranger + body.THINGS / body.HEIGHT_MEAN_M))
 
 
 def _measured(own: Trajectories) -> Bool:
     return np.asarray((own.state != "lost") & np.isfinite(own.x_m + own.y_m))
 
 
-def _xy(table: Trajectories) -> F64:
-    return np.column_stack([table.x_m, table.y_m])
-
-
-def _chains(ids: list[int], links: list[Join]) -> Iterator[list[int]]:
-    """Ids of every person, in the order of time."""
-    following = {link.earlier: link.later for link in links}
-    for first in ids:
-        if first not in following.values():
-            chain = [first]
-            while chain[-1] in following:
-                chain.append(following[chain[-1]])
-            yield chain
-
-
-def _joined(parts: list[Trajectories]) -> Trajectories:
-    """The rows of all parts under the first id; predictions of a part end where the next begins."""
-    starts = [int(part.frame[_measured(part)][0]) for part in parts[1:]]
-    kept = [part.where(part.frame < start) for part, start in zip(parts, starts, strict=False)] + [parts[-1]]
-    together = concatenated(kept)
-    return replace(together, track_id=np.full(len(together), parts[0].track_id[0]))
-
-
-def _join_changes(links: list[Join], chains: Iterator[list[int]], fragments: list[Fragment]) -> Iterator[Change]:
-    person = {track: chain[0] for chain in chains for track in chain}
-    by_id = {fragment.track_id: fragment for fragment in fragments}
-    for link in links:
-        end, start = by_id[link.earlier].end, by_id[link.later].start
-        reason = f"track {link.later} begins {start.time_s - end.time_s:.1f} s after the end of track {link.earlier}"
-        yield Change(person[link.earlier], end.frame, start.frame, "join", reason, link.cost)
-
-
-def _refined_path(path: Trajectories, clock: _Clock, params: RefineParams) -> tuple[Trajectories, list[Change]]:
-    """The rows of one person, refined up to the last confirmed one; predictions after it follow unchanged."""
-    last = path.frame[path.state == "confirmed"].max()
-    rest, path = path.where(path.frame > last), path.where(path.frame <= last)
-    measured = path.where(_measured(path))
-    gaps = list(_gaps(measured, clock, params))
-    filled = _frames_between(gaps)
-    old = path.where(~np.isin(path.frame, np.concatenate([measured.frame, filled])) & (path.frame >= measured.frame[0]))
-    frames = np.unique(np.concatenate([measured.frame, filled, old.frame]))
-    at_measured = np.isin(frames, measured.frame)
-    rows = _interpolated(measured, frames, clock)
-    xy, velocity = smoothed(clock.at(frames), _xy(rows), at_measured, params)
-    state = np.where(np.isin(frames, old.frame), "lost", "confirmed")
-    refined = replace(rows, x_m=xy[:, 0], y_m=xy[:, 1], velocity_mps=velocity, state=state)
-    moved = np.hypot(*(xy - _xy(rows))[at_measured].T)
-    return concatenated([refined, rest]), list(_path_changes(measured, gaps, moved))
-
-
-def _gaps(measured: Trajectories, clock: _Clock, params: RefineParams) -> Iterator[tuple[int, int]]:
-    """Measured frames around every gap that is filled: short, and passed at a plausible speed."""
-    frames, times, xy = measured.frame, clock.at(measured.frame), _xy(measured)
-    for k in np.flatnonzero(np.diff(frames) > 1):
-        gap_s, way_m = times[k + 1] - times[k], np.hypot(*(xy[k + 1] - xy[k]))
-        if gap_s <= params.fill_s and way_m <= params.speed_max_mps * gap_s + 2 * params.position_std_m:
-            yield int(frames[k]), int(frames[k + 1])
-
-
-def _frames_between(gaps: list[tuple[int, int]]) -> I64:
-    return np.concatenate([np.empty(0, dtype=np.int64), *(np.arange(a + 1, b) for a, b in gaps)])
-
-
-def _interpolated(measured: Trajectories, frames: I64, clock: _Clock) -> Trajectories:
-    """Rows at (N,) frames: columns straight between the measured ones, unknown where a neighbour is."""
-
-    def column(values: F64) -> F64:
-        return np.interp(frames, measured.frame, values)
-
-    return Trajectories(
-        frame=frames,
-        track_id=np.full(len(frames), measured.track_id[0]),
-        timestamp_s=clock.at(frames),
-        x_m=column(measured.x_m),
-        y_m=column(measured.y_m),
-        height_m=column(measured.height_m),
-        state=np.full(len(frames), "confirmed"),
-        visible=np.ones(len(frames)),
-        box_px=np.column_stack([column(values) for values in measured.box_px.T]),
-        velocity_mps=np.zeros((len(frames), 2)),
-    )
-
-
-def _path_changes(measured: Trajectories, gaps: list[tuple[int, int]], moved_m: F64) -> Iterator[Change]:
-    track = int(measured.track_id[0])
-    tentative = measured.frame[measured.state == "tentative"]
-    if len(tentative):
-        reason = "the track is confirmed later"
-        yield Change(track, int(tentative[0]), int(tentative[-1]), "begin", reason, float(len(tentative)))
-    for a, b in gaps:
-        yield Change(track, a + 1, b - 1, "fill", "interpolated between the rows around it", float(b - a - 1))
-    rms_m = float(np.sqrt((moved_m**2).mean()))
-    first, last = int(measured.frame[0]), int(measured.frame[-1])
-    yield Change(track, first, last, "smooth", "root mean square movement of the measured rows [m]", rms_m)
+def _smoothed_path(path: Trajectories, params: RefineParams) -> tuple[Trajectories, Change]:
+    """The rows of one person, smoothed from the first measured to the last confirmed one."""
+    measured = _measured(path)
+    first, last = int(np.flatnonzero(measured)[0]), int(np.flatnonzero(path.state == "confirmed")[-1])
+    within, measured = slice(first, last + 1), measured[first : last + 1]
+    before, velocity = np.column_stack([path.x_m, path.y_m]), path.velocity_mps.copy()
+    after = before.copy()
+    after[within], velocity[within] = smoothed(path.timestamp_s[within], before[within], measured, params)
+    moved_m = np.hypot(*(after - before)[within][measured].T)
+    change = Change(
+        int(path.track_id[0]), int(path.frame[first]), int(path.frame[last]), "smooth",
+        "root mean square movement of the measured rows [m]", float(np.sqrt((moved_m**2).mean())),
+    )  # fmt: skip
+    return replace(path, x_m=after[:, 0], y_m=after[:, 1], velocity_mps=velocity), change

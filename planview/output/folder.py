@@ -1,19 +1,261 @@
-"""The output folder of a run: files that are valid up to the last finished frame, whatever happens."""
+"""The output folder of a run: run.json, what may be overwritten, and the lock of its writer."""
 
 from __future__ import annotations
 
+import errno
+import fcntl
+import json
+import os
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
 from fnmatch import fnmatch
 from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, JsonValue, ValidationError
 
 from calib.errors import InputError, WorkError
-from calib.io import PART, reason
-from planview.output.info import RunInfo, read_run_info
-from planview.output.lock import check_unlocked, folder_lock
+from calib.io import PART, reason, write_whole
+from calib.params import first_problem
+from planview.engine.info import CameraInfo, FloorInfo, InfoPart
+
+
+class SkippedFrame(InfoPart):
+    """A frame that could not be used."""
+
+    index: int
+    """Frame, from 0."""
+    why: str
+
+
+class RunWarning(InfoPart):
+    """A check of the recording that failed before or during the run."""
+
+    name: str
+    """As ``planview check`` calls it."""
+    value: float | None = None
+    """What was found; None when it could not be measured."""
+    unit: str = ""
+    text: str
+    """What was expected and found, in one sentence."""
+
+
+class PaceInfo(InfoPart):
+    """How a run in real time kept up (``run.real_time``).
+
+    Latency is the time from the moment that a frame's timestamp says to its tracks in tracks.csv.
+    """
+
+    frames_dropped: int = 0
+    """Frames that were due while earlier ones were tracked, and gave way to newer ones."""
+    latency_median_ms: float | None = None
+    """None before the first frame, as are the two others; of an even sample of at most 4096 frames."""
+    latency_95_ms: float | None = None
+    """95 % of the frames are not later [ms]."""
+    latency_99_ms: float | None = None
+    """99 % of the frames are not later [ms]."""
+
+
+class RunInfo(InfoPart):
+    """All of run.json. Every field has a default, so that a page can be made of what there is."""
+
+    input: str = ""
+    """The recording as given."""
+    tracker: str = ""
+    """"template", "human-model" or "ellipse-particle"."""
+    state: Literal["", "running", "interrupted", "finished"] = ""
+    """How the run stands: "running" while it runs, and after it was killed; "interrupted" when it was stopped or
+    failed; empty in files of versions that did not say."""
+    finished: bool = False
+    """The run came to its end; false while it runs and when it was interrupted."""
+    started_at: str = ""
+    """ISO 8601 time with zone."""
+    elapsed_s: float = 0.0
+    versions: dict[str, str] = Field(default_factory=dict)
+    """planview, Python and the libraries that matter."""
+    config: dict[str, JsonValue] = Field(default_factory=dict)
+    """The full effective configuration, a table per stage."""
+    refined: bool = False
+    """tracks.csv was refined after the run (``planview edit --refine``); tracks_online.csv holds the online tracks."""
+    frames_read: int = 0
+    frames_skipped: int = 0
+    skipped: list[SkippedFrame] = Field(default_factory=list)
+    """The skipped frames (the first 1000) and why."""
+    notes: list[str] = Field(default_factory=list)
+    """What the reader of the recording assumed, mended or missed, and the size of people that a tracker learned, a
+    sentence each."""
+    rig: CameraInfo | None = None
+    floor: FloorInfo | None = None
+    stages_ms: dict[str, float | None] = Field(default_factory=dict)
+    """Median time of every stage per frame [ms], in the order of the pipeline."""
+    pace: PaceInfo | None = None
+    """Frames dropped and latency of a run in real time; None of others."""
+    people: int = 0
+    """Ids that were ever confirmed."""
+    remark: str = ""
+    """What a reader of the results should know, in one sentence: why there are none."""
+    warnings: list[RunWarning] = Field(default_factory=list)
+    """Why the tracks may be wrong although the run finished: checks of the recording that failed."""
+    counts: dict[str, JsonValue] = Field(default_factory=dict)
+    """Totals per rule when rules were given (the ``rules`` object of ``count --json``)."""
+
+
+def write_run_info(info: RunInfo, path: Path) -> None:
+    """Write run.json in one step, so that a half-written file is never seen.
+
+    Raises:
+        WorkError: the disk is full or the file cannot be written; an earlier run.json is kept.
+    """
+    write_result(path, info.model_dump_json(indent=2) + "\n")
+
+
+def write_result(path: Path, text: str) -> None:
+    """Replace a file of results in one step (same errors as ``write_run_info``)."""
+    try:
+        write_whole(path, text)
+    except OSError as error:
+        raise WorkError(f"{path}: cannot be written ({reason(error)})") from error
+
+
+def unfinished_beside(tracks: Path) -> str:
+    """A sentence where tracks are of a run that has not finished; empty elsewhere (errors of ``read_run_info``)."""
+    path = tracks.parent / "run.json"
+    info = read_run_info(path) if tracks.name == "tracks.csv" and path.is_file() else None
+    if info is None or info.finished or not info.started_at:
+        return ""
+    how = "is still running or was killed" if info.state == "running" else "was interrupted"
+    return f"{tracks}: the run {how}: what follows is of the frames tracked until then (planview run --resume goes on)"
+
+
+def read_run_info(path: Path) -> RunInfo:
+    """Read run.json.
+
+    Raises:
+        InputError: unreadable, or a value of another kind.
+    """
+    try:
+        return RunInfo.model_validate_json(path.read_text(encoding="utf-8"))
+    except ValidationError as error:
+        raise InputError(f"{path}: expected a run.json: {first_problem(error)}") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: expected a run.json, found {reason(error)}") from error
+
+
+LOCK_NAME = "run.lock"
+_held: set[Path] = set()
+"""Folders that this process holds: a run inside a command that holds its folder goes on."""
+
+
+@contextmanager
+def folder_lock(folder: Path) -> Iterator[str]:
+    """Hold a folder, made if need be, until the block ends.
+
+    The system's lock on ``run.lock`` ends with its process, so that a lock that a killed process left is known for
+    what it is; the process and host written in the file are for people, and tell a lock of another machine, where the
+    system's lock does not reach.
+
+    Yields:
+        A sentence about the stale lock that was taken over, empty when there was none.
+    Raises:
+        InputError: another process, or one on another host, holds the folder.
+        WorkError: the lock file cannot be written.
+    """
+    place = folder.resolve()
+    if place in _held:
+        yield ""
+        return
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        descriptor, told = _taken(place / LOCK_NAME)
+    except OSError as error:
+        raise WorkError(f"{folder}: cannot be written ({reason(error)})") from error
+    _held.add(place)
+    try:
+        yield told
+    finally:
+        _held.discard(place)
+        with suppress(OSError):
+            (place / LOCK_NAME).unlink()
+        os.close(descriptor)
+
+
+def check_unlocked(folder: Path) -> None:
+    """Refuse a folder that another process holds; a stale lock is left as it is (same errors as ``folder_lock``)."""
+    path = folder.resolve() / LOCK_NAME
+    if path.parent in _held or not path.exists():
+        return
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        _lock(descriptor, path)
+        _refuse_foreign(path, _owner(descriptor))
+    finally:
+        os.close(descriptor)
+
+
+def _taken(path: Path) -> tuple[int, str]:
+    """The descriptor of the file, locked and written, and a sentence about whose it was."""
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            _lock(descriptor, path)
+            message = _refuse_foreign(path, _owner(descriptor))
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(descriptor), path.stat()):
+                    since = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
+                    owner = {"pid": os.getpid(), "host": socket.gethostname(), "since": since}
+                    os.ftruncate(descriptor, 0)
+                    os.pwrite(descriptor, json.dumps(owner).encode() + b"\n", 0)
+                    return descriptor, message
+        except BaseException:
+            os.close(descriptor)
+            raise
+        # Its owner removed the file between our opening and locking it.
+        os.close(descriptor)
+
+
+def _lock(descriptor: int, path: Path) -> None:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno in (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP):
+            raise WorkError(f"{path}: the file system cannot lock files ({reason(error)})") from error
+        who = _text(_owner(descriptor))
+        raise InputError(f"{path.parent}: {who} is writing into it; wait for it or choose another folder") from error
+
+
+def _refuse_foreign(path: Path, owner: dict[str, object]) -> str:
+    if not owner:
+        return ""
+    if owner.get("host") != socket.gethostname():
+        raise InputError(
+            f"{path.parent}: {_text(owner)} is writing into it; if it is not running any more, delete {path}"
+        )
+    return f"{path.parent}: {_text(owner)} left its lock without finishing; taken over"
+
+
+def _owner(descriptor: int) -> dict[str, object]:
+    """Who wrote the file; empty for a new one."""
+    try:
+        owner = json.loads(os.pread(descriptor, 4096, 0) or b"{}")
+    except ValueError:
+        owner = {}
+    return owner if isinstance(owner, dict) else {}
+
+
+def _text(owner: dict[str, object]) -> str:
+    return (
+        f"process {owner.get('pid')} on {owner.get('host')} (since {owner.get('since')})"
+        if owner
+        else "another process"
+    )
+
 
 _NAMES = (
     "tracks.csv", "tracks_online.csv", "tracks_before.csv", "edits.json", "refinement.csv", "events.csv",
     "decisions.csv", "counts.json",
-    "run.json", "run.rrd", "run-[0-9]*.rrd", "maps.h5", "maps-[0-9]*.h5", "report.html", "scene.png",
+    "run.json", "run.rrd", "maps.h5", "maps-[0-9]*.h5", "report.html", "scene.png",
     "checkpoint.npz", "checkpoint.previous.npz",
 )  # fmt: skip
 _UNFINISHED = "an unfinished run; go on with --resume"
@@ -29,15 +271,32 @@ def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -
 
     Raises:
         InputError: another process writes into the folder, it holds results and ``overwrite`` is not set, it holds the
-            input, or it is a file.
+            input, it is a file, or what is named as a file of a run in it is none (a pipe could wait for ever).
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder for the results, found a file")
-    if recording is not None and _is_product(recording) and recording.resolve().parent == folder.resolve():
+    is_product = recording is not None and any(fnmatch(recording.name, pattern) for pattern in PRODUCTS)
+    if recording is not None and is_product and recording.resolve().parent == folder.resolve():
         raise InputError(f"{folder}: expected another folder than that of the input, found {recording} in it")
+    found = products_in(folder)
+    for path in [*found, *folder.glob(LOCK_NAME)]:
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: expected a file of a run, found a folder, a pipe or a device")
     check_unlocked(folder)
-    if not overwrite:
-        _refuse_results(folder)
+    if overwrite or not found:
+        return
+    # Results of any kind are worth keeping: of a run, finished or not, and of others who use the same names.
+    if folder / "run.json" not in found:
+        names = ", ".join(path.name for path in found[:4])
+        raise InputError(
+            f"{folder}: holds {names}, which is no planview run's (there is no run.json); "
+            "choose another folder or add --overwrite"
+        )
+    try:
+        held = _UNFINISHED if finished_run(folder) is None else "a finished run; choose another folder"
+    except InputError:
+        held = "a run of another version; choose another folder"
+    raise InputError(f"{folder}: holds {held} or add --overwrite")
 
 
 def prepare_folder(folder: Path, overwrite: bool) -> None:
@@ -60,31 +319,6 @@ def prepare_folder(folder: Path, overwrite: bool) -> None:
 def products_in(folder: Path) -> list[Path]:
     """Files of a folder that are named as those of a run."""
     return sorted(path for pattern in PRODUCTS for path in folder.glob(pattern))
-
-
-def _is_product(path: Path) -> bool:
-    return any(fnmatch(path.name, pattern) for pattern in PRODUCTS)
-
-
-def _refuse_results(folder: Path) -> None:
-    """Results of any kind are worth keeping: of a run, finished or not, and of others who use the same names."""
-    found = products_in(folder)
-    if not found:
-        return
-    if folder / "run.json" not in found:
-        names = ", ".join(path.name for path in found[:4])
-        raise InputError(
-            f"{folder}: holds {names}, which is no planview run's (there is no run.json); "
-            "choose another folder or add --overwrite"
-        )
-    raise InputError(f"{folder}: holds {_run_in(folder)} or add --overwrite")
-
-
-def _run_in(folder: Path) -> str:
-    try:
-        return _UNFINISHED if finished_run(folder) is None else "a finished run; choose another folder"
-    except InputError:
-        return "a run of another version; choose another folder"
 
 
 def finished_run(folder: Path) -> RunInfo | None:

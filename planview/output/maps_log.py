@@ -9,9 +9,11 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.io import PART, sync, whole_file
+from calib.types import F32
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.recording import MapsFrame, MapsRecording
 from planview.maps.writer import MapsWriter
+from stereo.matcher import SampledDisparity
 
 
 class MapsLog:
@@ -31,7 +33,7 @@ class MapsLog:
 
     def __init__(self, engine: Engine, path: Path, position: Mapping[str, int] | None = None) -> None:
         if engine.stereo is None:
-            raise InputError("--save-maps: expected a stereo pair or images with depth, found a single camera")
+            raise InputError("--maps: expected a stereo pair or images with depth, found a single camera")
         self._engine, self._step, self._path = engine, engine.stereo.reduction, path
         self._parts = 0 if position is None else self._kept_parts(position["parts"])
         self._writer: MapsWriter | None = self._new_writer(self._open_path)
@@ -42,10 +44,10 @@ class MapsLog:
         Raises:
             WorkError: the disk is full.
         """
-        maps, disparity = result.observation.maps, result.disparity
-        if maps is None or disparity is None:
-            raise InputError("--save-maps: expected a recording with images, found recorded maps")
-        reduced = np.ascontiguousarray(disparity[:: self._step, :: self._step])
+        maps, sampled = result.observation.maps, result.sampled
+        if maps is None or sampled is None:
+            raise InputError("--maps: expected a recording with images, found recorded maps")
+        reduced = np.ascontiguousarray(at_step(sampled, self._step))
         self._writer = self._writer or self._new_writer(self._open_path)
         seen = result.observation.views[0]
         self._writer.add(MapsFrame.of(result.frame, result.timestamp_s, maps.points, reduced, seen))
@@ -97,7 +99,9 @@ class MapsLog:
     def _new_writer(self, path: Path) -> MapsWriter:
         stereo = self._engine.stereo
         assert stereo is not None
-        return MapsWriter(path, stereo, self._engine.config.model_dump_json(), self._engine.recording.fps)
+        return MapsWriter(
+            path, stereo, self._engine.config.model_dump_json(exclude={"run"}), self._engine.recording.fps
+        )
 
     def _end_part(self) -> None:
         if self._writer is None:
@@ -107,3 +111,8 @@ class MapsLog:
         sync(self._open_path)
         self._parts += 1
         self._open_path.replace(self._part_paths()[-1])
+
+
+def at_step(sampled: SampledDisparity, step: int) -> F32:
+    """(h, w) float32 [px]: disparity of every n-th row and column, as it was measured where that was there."""
+    return sampled.samples if sampled.step == step else sampled.image[::step, ::step]

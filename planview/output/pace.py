@@ -4,43 +4,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import closing
-from typing import Protocol
+from typing import Any
 
 from planview.engine.engine import AnyRecording, Engine, FrameResult
-from planview.output.info import PaceInfo
+from planview.output.folder import PaceInfo
 from planview.output.totals import StageTimes
-from stereo.readers.background import newest
-
-
-class Clock(Protocol):
-    """What the pace is kept by."""
-
-    def now_s(self) -> float:
-        """Time that only grows [s]."""
-
-    def sleep(self, seconds: float) -> None:
-        """Wait so long [s]."""
-
-
-class WallClock:
-    """The machine's clock (a ``Clock``)."""
-
-    def now_s(self) -> float:
-        """Time that only grows [s]."""
-        return time.monotonic()
-
-    def sleep(self, seconds: float) -> None:
-        """Wait so long [s]."""
-        time.sleep(seconds)
-
-
-class TimedFrame(Protocol):
-    """A frame with its time in the recording [s]."""
-
-    @property
-    def timestamp_s(self) -> float: ...
+from stereo.recording import newest
 
 
 class Pace:
@@ -52,10 +23,16 @@ class Pace:
 
     A device gives its frames when it will: each is due as it comes. Its clock is set against the machine's by the frame
     that came with the least delay so far, so that the delay inside of the device is not part of the latency.
+
+    Args:
+        now_s: time that only grows [s].
+        sleep: waits so many seconds.
     """
 
-    def __init__(self, clock: Clock | None = None) -> None:
-        self._clock = clock or WallClock()
+    def __init__(
+        self, now_s: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep
+    ) -> None:
+        self._now_s, self._sleep = now_s, sleep
         self._latencies = StageTimes()
         self._start_s = math.inf
         self._dropped = 0
@@ -71,7 +48,7 @@ class Pace:
 
     def written(self, timestamp_s: float) -> None:
         """The tracks of the frame of this time are written."""
-        self._latencies.add(1e3 * (self._clock.now_s() - self._start_s - timestamp_s))
+        self._latencies.add(1e3 * (self._now_s() - self._start_s - timestamp_s))
 
     def info(self) -> PaceInfo:
         """Frames dropped and latencies so far."""
@@ -82,29 +59,29 @@ class Pace:
             frames_dropped=self._dropped, latency_median_ms=median, latency_95_ms=late, latency_99_ms=latest
         )
 
-    def _newest_due(self, recording: AnyRecording) -> Generator[TimedFrame, None, None]:
+    def _newest_due(self, recording: AnyRecording) -> Generator[Any, None, None]:
         """Frames of a source that waits; the next one is read before this one is due."""
-        frames: Iterator[TimedFrame] = iter(recording)
+        frames = iter(recording)
         frame = next(frames, None)
         if frame is not None:
-            self._start_s = self._clock.now_s() - frame.timestamp_s
+            self._start_s = self._now_s() - frame.timestamp_s
         while frame is not None:
             following = next(frames, None)
-            self._clock.sleep(max(0.0, -self._lateness_s(frame)))
+            self._sleep(max(0.0, -self._lateness_s(frame)))
             while following is not None and self._lateness_s(following) >= 0:
                 self._drop(frame)
                 frame, following = following, next(frames, None)
             yield frame
             frame = following
 
-    def _arriving(self, recording: AnyRecording) -> Generator[TimedFrame, None, None]:
+    def _arriving(self, recording: AnyRecording) -> Generator[Any, None, None]:
         """Frames of a device, which set its clock as they come."""
         for frame in recording:
-            self._start_s = min(self._start_s, self._clock.now_s() - frame.timestamp_s)
+            self._start_s = min(self._start_s, self._now_s() - frame.timestamp_s)
             yield frame
 
-    def _lateness_s(self, frame: TimedFrame) -> float:
-        return self._clock.now_s() - self._start_s - frame.timestamp_s
+    def _lateness_s(self, frame: Any) -> float:
+        return self._now_s() - self._start_s - float(frame.timestamp_s)
 
-    def _drop(self, frame: TimedFrame) -> None:
+    def _drop(self, frame: Any) -> None:
         self._dropped += 1

@@ -1,16 +1,71 @@
-"""Progress and summary of a run, for people; everything goes to stderr."""
+"""Messages of a run on the terminal."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
-from planview.engine.engine import FrameResult
-from planview.output.info import RunInfo
+from calib.errors import printable
+from planview.output.folder import RunInfo
+
+if TYPE_CHECKING:
+    from planview.engine.engine import FrameResult
+
+
+class PlainConsole(Console):
+    """Console that shows control characters instead of sending them: a folder's name may hold escape codes.
+
+    Markup in square brackets is text too, unless ``markup=True``.
+    """
+
+    def __init__(self, *, markup: bool = False, **options: Any) -> None:
+        super().__init__(markup=markup, **options)
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """See ``rich.console.Console.render_str``."""
+        return super().render_str(printable(text), **options)
+
+
+EVERY_S = 5.0
+"""Time between two lines [s] (our choice)."""
+
+
+@contextmanager
+def compile_notice(console: Console) -> Iterator[None]:
+    """Print a line when the first kernel is compiled, and every EVERY_S while more are; none when all are cached."""
+    from numba.core.event import Event, Listener, install_listener  # half a second, which only a run pays
+
+    class Lines(Listener):
+        """Counts kernels as numba compiles them."""
+
+        kernels, last_s = 0, 0.0
+
+        def on_start(self, event: Event) -> None:
+            """A kernel that no cache holds is about to be compiled."""
+            if not self.last_s:
+                self.say("compiling kernels, once per installation: about a minute")
+
+        def on_end(self, event: Event) -> None:
+            """It is compiled."""
+            self.kernels += 1
+            if time.monotonic() - self.last_s > EVERY_S:
+                self.say(f"compiling kernels: {self.kernels} so far")
+
+        def say(self, text: str) -> None:
+            console.print(text, highlight=False)
+            self.last_s = time.monotonic()
+
+    with install_listener("numba:compile", Lines()):
+        yield
 
 
 class FrameProgress:
@@ -26,6 +81,7 @@ class FrameProgress:
             TextColumn("{task.fields[people]}"),
             console=console,
         )
+        self._frames = 0
         self._task = self._progress.add_task("tracking", total=n_frames, rate="", people="")
 
     def __enter__(self) -> FrameProgress:
@@ -39,11 +95,12 @@ class FrameProgress:
 
     def __call__(self, result: FrameResult) -> None:
         people = sum(track.state == "confirmed" for track in result.tracks)
-        speed = self._progress.tasks[0].speed
+        self._frames += 1
+        elapsed_s = self._progress.tasks[0].elapsed
         self._progress.update(
             self._task,
             completed=result.frame + 1,
-            rate=f"{speed:.0f} frames/s" if speed else "",
+            rate=f"{self._frames / elapsed_s:.1f} frames/s" if elapsed_s else "",
             people=f"{people} in view",
         )
 
@@ -54,16 +111,18 @@ def summary(console: Console, info: RunInfo, folder: Path) -> None:
     table.add_row("people seen", str(info.people) + (f": {info.remark}" if info.remark else ""))
     skipped = f", {info.frames_skipped} skipped ({info.skipped[0].why})" if info.skipped else ""
     rate = info.frames_read / info.elapsed_s if info.elapsed_s else 0.0
-    table.add_row("frames", f"{info.frames_read} read{skipped}, {rate:.1f} per second")
+    table.add_row("frames", f"{info.frames_read} read{skipped}, {rate:.1f} per second, results written")
     for note in info.notes:
         table.add_row("note", note)
+    if info.rig and info.rig.correction:
+        table.add_row("calibration", info.rig.correction)
     if info.floor:
         floor = info.floor
         table.add_row(
             "camera", f"{floor.height_m:.2f} m above the floor, tilt {floor.tilt_deg:.1f} deg ({floor.source})"
         )
     stages = ", ".join(f"{name} {ms:.1f}" for name, ms in info.stages_ms.items() if ms is not None)
-    table.add_row("ms per frame", stages)
+    table.add_row("ms per stage", f"{stages} (medians; reading runs beside the others)")
     if info.pace and info.pace.latency_median_ms is not None:
         pace = info.pace
         table.add_row("dropped", f"{pace.frames_dropped} frames that were due while earlier ones were tracked")

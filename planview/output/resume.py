@@ -1,17 +1,238 @@
-"""``planview run --resume``: from where an interrupted run goes on."""
+"""``planview run --resume``: checkpoint files, and from where an interrupted run goes on."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import hashlib
+import json
+import math
+import os
+import platform
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, NamedTuple
 
-from calib.errors import InputError
-from planview.output.checkpoint.file import Checkpoint, checkpoints_in, read_checkpoint
-from planview.output.checkpoint.identity import difference
-from planview.output.folder import finished_run, products_in
-from planview.output.frame_file import FilePosition, holds
-from planview.output.info import read_run_info
+import numpy as np
+
+import planview
+from calib.errors import InputError, WorkError
+from calib.io import PART, whole_file
+from calib.types import U8
+from planview.engine.engine import Engine
+from planview.output.folder import products_in, read_run_info
+from planview.output.memory import Encoded, encode
+from planview.output.tables import FilePosition, holds
+
+LIBRARIES = ("numpy", "opencv-python-headless", "scipy", "numba")
+
+
+def identity_of(engine: Engine, settings: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """What decides the tracks of a run: code, configuration, recording and settings, as JSON.
+
+    Args:
+        settings: of the run, besides the configuration.
+        folder: of its results, which may lie in the recording's.
+    """
+    recording = engine.recording
+    camera, floor = engine.camera_info(), engine.floor_info()
+    named = {"calibration": True, "heads": {"__all__": {"calibration"}}}
+    return {
+        "version": {"planview": _code(), "python": platform.python_version()} | _libraries(),
+        "configuration": engine.config.model_dump(mode="json", exclude={"run"}),
+        "recording": {
+            "images": _images(recording.path, folder),
+            "calibration": _calibration(recording),
+            "frames": recording.n_frames,
+            "fps": recording.fps,
+            "camera": camera and camera.model_dump(mode="json", exclude=named),  # type: ignore[arg-type]
+            "floor": floor and floor.model_dump(mode="json", exclude={"source"}),
+        },
+        "settings": settings,
+    }
+
+
+def difference(found: dict[str, Any], expected: dict[str, Any]) -> str:
+    """The first part in which two identities differ, in words; empty when they are the same."""
+    for part in ("version", "configuration", "recording", "settings"):
+        a, b = found.get(part, {}), expected.get(part, {})
+        names = [name for name in sorted({*a, *b}) if a.get(name) != b.get(name)]
+        if names:
+            return f"another {part} ({', '.join(names[:4])})"
+    return ""
+
+
+@cache
+def _code() -> str:
+    """Version and digest of all code: the same tracks are promised by the same code only."""
+    digest = hashlib.sha256()
+    root = Path(planview.__file__).resolve().parent.parent
+    for path in sorted(path for package in ("calib", "stereo", "planview") for path in (root / package).rglob("*.py")):
+        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+    return f"{version('planview')} ({digest.hexdigest()[:12]})"
+
+
+def _libraries() -> dict[str, str]:
+    found = {}
+    for name in LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = ""
+    return found
+
+
+def digest_of(values: Mapping[str, object]) -> str:
+    """Digest of objects that a checkpoint can hold."""
+    encoded = encode(values)
+    digest = hashlib.sha256(json.dumps([encoded.roots, encoded.nodes]).encode())
+    for block in encoded.blocks:
+        digest.update(block.tobytes())
+    return digest.hexdigest()[:16]
+
+
+def _calibration(recording: Any) -> str:
+    """Digest of what a recording was opened with, besides its images: cameras and times of every rig, by number."""
+    parts = []
+    for one in getattr(recording, "rigs", [None]):
+        opened = recording if one is None else one.recording
+        rig = getattr(opened, "rig", None)
+        known = [getattr(opened, name, None) for name in ("camera", "sensor", "times_s")]
+        parts.append([rig and replace(rig, source=""), *known, getattr(one, "start_s", 0.0)])
+    return digest_of({"rigs": parts})
+
+
+def _images(path: Path, results: Path) -> str:
+    """Digest of the sizes of a recording's files in the order of their names, and of the ends of a single one.
+
+    Frames are too many to be read twice. Files of text are left out: what is read of them is in the calibration and
+    the times. Results of runs are none of a recording's files.
+    """
+    digest = hashlib.sha256()
+    if path.is_file():
+        with path.open("rb") as file:
+            digest.update(file.read(_END_BYTES))
+            file.seek(max(0, path.stat().st_size - _END_BYTES))
+            digest.update(file.read(_END_BYTES))
+    for found in [path] if path.is_file() else sorted(_files(path, results.resolve())):
+        if found == path or (found.suffix.lower() not in _TEXT_SUFFIXES and not found.name.startswith(".")):
+            digest.update(b"%d\0" % found.stat().st_size)
+    return digest.hexdigest()[:16]
+
+
+def _files(folder: Path, results: Path) -> Iterator[Path]:
+    """All files below a folder, but no results of runs."""
+    if folder.resolve() == results or (folder / "run.json").is_file() or not folder.is_dir():
+        return
+    for path in folder.iterdir():
+        if path.is_dir():
+            yield from _files(path, results)
+        elif path.is_file():
+            yield path
+
+
+_TEXT_SUFFIXES = frozenset(
+    {"", ".csv", ".toml", ".yml", ".yaml", ".json", ".txt", ".conf", ".xml", ".md", ".rst", ".html", ".pdf", ".log"}
+)
+_END_BYTES = 64 * 1024
+
+
+LATEST, PREVIOUS = "checkpoint.npz", "checkpoint.previous.npz"
+FORMAT = 2
+"""Changes when an older reader would misunderstand the file."""
+DIGEST_BYTES = 32
+"""After the archive its digest, so that nothing is taken from a file that was changed."""
+
+
+class Checkpoint(NamedTuple):
+    """What a checkpoint file holds.
+
+    Attributes:
+        identity: of the run, which a run that goes on must share (``planview.output.resume``).
+        written: position in every output file, by name.
+        memory: of the engine, the counts and the progress.
+    """
+
+    identity: dict[str, Any]
+    written: dict[str, Any]
+    memory: Encoded
+
+
+def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
+    """Write the latest checkpoint; the one before becomes the previous one.
+
+    Raises:
+        WorkError: the disk is full or the file cannot be written; earlier checkpoints are kept.
+    """
+    document = {
+        "format": FORMAT, "identity": checkpoint.identity, "written": checkpoint.written,
+        "roots": checkpoint.memory.roots, "nodes": checkpoint.memory.nodes,
+    }  # fmt: skip
+    text = np.frombuffer(json.dumps(document).encode(), dtype=np.uint8)
+    blocks: dict[str, Any] = {f"block{n}": block for n, block in enumerate(checkpoint.memory.blocks)}
+    path = folder / LATEST
+    try:
+        with whole_file(path) as part:
+            with part.open("w+b") as file:
+                np.savez(file, document=text, **blocks)
+                file.write(_digest(file))
+            if path.exists():
+                os.replace(path, folder / PREVIOUS)
+    except OSError as error:
+        raise WorkError(f"{path}: cannot be written ({error.strerror})") from error
+
+
+def read_checkpoint(path: Path) -> Checkpoint:
+    """Read a checkpoint.
+
+    Raises:
+        ValueError: damaged, cut short, or of another format.
+    """
+    try:
+        with path.open("rb") as file:
+            digest = _digest(file, end=path.stat().st_size - DIGEST_BYTES)
+            if file.read() != digest:
+                raise ValueError("not as it was written")
+        _refuse_swollen(path)
+        with np.load(path, allow_pickle=False) as file:
+            document = json.loads(file["document"].tobytes())
+            blocks: list[U8] = [file[f"block{n}"] for n in range(len(file.files) - 1)]
+        if document["format"] != FORMAT:
+            raise ValueError(f"format {document['format']}, not {FORMAT}")
+        memory = Encoded(document["roots"], document["nodes"], blocks)
+        return Checkpoint(document["identity"], document["written"], memory)
+    except (OSError, KeyError, TypeError, AttributeError, EOFError, RecursionError, zipfile.BadZipFile) as error:
+        raise ValueError(" ".join(str(error).split()) or type(error).__name__) from error
+
+
+def _digest(file: IO[bytes], end: int | None = None) -> bytes:
+    """Of a file from its beginning to its end, or to a place in it, where the file is left."""
+    file.seek(0)
+    digest, left = hashlib.blake2b(digest_size=DIGEST_BYTES), math.inf if end is None else end
+    while left > 0 and (part := file.read(int(min(left, 1 << 20)))):
+        digest.update(part)
+        left -= len(part)
+    return digest.digest()
+
+
+def _refuse_swollen(path: Path) -> None:
+    """Blocks are stored as they are: none is larger than the file."""
+    with zipfile.ZipFile(path) as file:
+        if sum(info.file_size for info in file.infolist()) > path.stat().st_size:
+            raise ValueError("blocks larger than the file")
+
+
+def checkpoints_in(folder: Path) -> Iterator[Path]:
+    """The checkpoints of a folder, the latest first."""
+    return (folder / name for name in (LATEST, PREVIOUS) if (folder / name).is_file())
+
+
+def remove_checkpoints(folder: Path) -> None:
+    """A finished run needs none."""
+    for path in checkpoints_in(folder):
+        path.unlink(missing_ok=True)
 
 
 def checkpoint_of(folder: Path, identity: dict[str, Any], tell: Callable[[str], None]) -> Checkpoint | None:
@@ -38,7 +259,8 @@ def checkpoint_of(folder: Path, identity: dict[str, Any], tell: Callable[[str], 
                 f"{path}: expected a checkpoint of this run, found one of {other}; add --overwrite instead of --resume "
                 "to begin anew"
             )
-        changed = [name for name, at in checkpoint.written["tables"].items() if not holds(folder / name, _position(at))]
+        tables = checkpoint.written["tables"].items()
+        changed = [name for name, at in tables if not holds(folder / name, FilePosition(*at))]
         if not changed:
             return checkpoint
         tell(f"{folder / changed[0]}: changed since {path.name} was written; the checkpoint before is tried")
@@ -48,20 +270,12 @@ def checkpoint_of(folder: Path, identity: dict[str, Any], tell: Callable[[str], 
     return None
 
 
-def is_finished(folder: Path) -> bool:
-    """Whether nothing is left to go on with."""
-    return folder.is_dir() and finished_run(folder) is not None
-
-
-def _position(values: list[int]) -> FilePosition:
-    return FilePosition(*values)
-
-
 def _refuse_other_run(folder: Path, identity: dict[str, Any]) -> None:
     """What lies in a folder without a checkpoint is replaced only where it is this run's beginning."""
-    if not products_in(folder):
+    if all(path.name.endswith(PART) for path in products_in(folder)):
         return
     path = folder / "run.json"
     info = read_run_info(path) if path.is_file() else None
-    if info is None or info.config != identity["configuration"] or info.tracker != identity["settings"]["tracker"]:
+    config = {} if info is None else {name: table for name, table in info.config.items() if name != "run"}
+    if info is None or config != identity["configuration"] or info.tracker != identity["settings"]["tracker"]:
         raise InputError(f"{folder}: expected the beginning of this run, found another; --overwrite replaces it")

@@ -2,38 +2,119 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import platform
+import signal
+import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing, suppress
-from dataclasses import dataclass
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from types import FrameType, TracebackType
+from typing import Any, Protocol
 
-from calib.errors import WorkError
+from calib.errors import InputError, WorkError
 from planview.counting.stream import Analytics
 from planview.counting.totals import Counts, Span
 from planview.engine.engine import Engine, FrameResult
-from planview.output.checkpoint.decode import decode
-from planview.output.checkpoint.encode import encode
-from planview.output.checkpoint.file import Checkpoint, remove_checkpoints, write_checkpoint
-from planview.output.checkpoint.identity import digest_of, identity_of
-from planview.output.checks import RunChecks
-from planview.output.frame_file import FilePosition
-from planview.output.info import RunInfo, SkippedFrame, write_result, write_run_info
-from planview.output.interrupts import Interrupts
-from planview.output.lock import folder_lock
-from planview.output.log import RunLog
-from planview.output.memory import return_unused_memory
+from planview.output.folder import RunInfo, SkippedFrame, folder_lock, prepare_folder, write_result, write_run_info
+from planview.output.memory import decode, encode
 from planview.output.pace import Pace
-from planview.output.schedule import Schedule
-from planview.output.tables import RunTables
-from planview.output.totals import RunTotals
+from planview.output.resume import Checkpoint, digest_of, identity_of, remove_checkpoints, write_checkpoint
+from planview.output.tables import FilePosition, RunTables
+from planview.output.totals import RunChecks, RunTotals
+
+
+class RunLog(Protocol):
+    """Takes every frame of a run."""
+
+    def frame(self, result: FrameResult) -> None: ...
+
+    def mark(self) -> dict[str, int]:
+        """Bring all frames so far to the disk; the position from which a run can go on after a kill."""
+
+    def close(self) -> None:
+        """All frames are complete on the disk, whether the run finished or not; it may be resumed."""
+
+    def finish(self) -> None:
+        """After ``close`` of a run that finished: nothing is kept for going on."""
+
+
+class Schedule:
+    """When something that is done from time to time is due again."""
+
+    def __init__(self, every_s: float) -> None:
+        self._every_s, self._last_s = every_s, time.monotonic()
+
+    def due(self, stopping: bool = False) -> bool:
+        """Whether it is time, or the run is about to stop; never when ``every_s`` is 0."""
+        now_s = time.monotonic()
+        if not self._every_s or (now_s - self._last_s < self._every_s and not stopping):
+            return False
+        self._last_s = now_s
+        return True
+
+    def stop(self) -> None:
+        """Never due any more."""
+        self._every_s = 0.0
+
+
+def return_unused_memory() -> None:
+    """Let the C library return to the system what was freed but is kept for later.
+
+    Buffers of many sizes, made and freed by several threads, leave holes that glibc does not return by itself: the
+    resident memory of an hour grew by a fiftieth though no object was kept. Elsewhere nothing is done.
+    """
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):  # a C library without it
+            ctypes.CDLL(None).malloc_trim(0)
+
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class Interrupts:
+    """While entered, the first signal is noted and the second raises KeyboardInterrupt.
+
+    Signals that the process was started to ignore (``nohup``) stay ignored; outside of the main thread, where Python
+    takes no signals, nothing is changed.
+    """
+
+    def __init__(self) -> None:
+        self.noted = False
+        self._before: dict[signal.Signals, object] = {}
+
+    def __enter__(self) -> Interrupts:
+        if threading.current_thread() is threading.main_thread():
+            for number in SIGNALS:
+                if signal.getsignal(number) is not signal.SIG_IGN:
+                    self._before[number] = signal.signal(number, self._note)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)  # type: ignore[arg-type]
+        self._before = {}
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        if self.noted:
+            raise KeyboardInterrupt
+        self.noted = True
+
+    def check(self) -> None:
+        """Raises KeyboardInterrupt after a signal; to be called where stopping loses nothing."""
+        if self.noted:
+            raise KeyboardInterrupt
+
 
 LIBRARIES = ("planview", "numpy", "opencv-python-headless", "scipy", "open3d", "numba")
 SKIPPED_MAX = 1000
@@ -101,6 +182,17 @@ def run(
     return info
 
 
+def begin_run(engine: Engine, folder: Path, options: RunOptions, *, overwrite: bool) -> None:
+    """Make an empty folder for a run and say in its ``run.json`` whose it is, before anything else is written.
+
+    Raises:
+        InputError: results of another run, unless they are to be replaced.
+        WorkError: it cannot be written.
+    """
+    prepare_folder(folder, overwrite)
+    write_run_info(_info_of(engine, options).model_copy(update={"state": "running"}), folder / "run.json")
+
+
 class _Run:
     """One run: its parts, and the steps that ``run`` puts in order."""
 
@@ -109,6 +201,7 @@ class _Run:
         self._logs = {type(log).__name__: log for log in logs}
         self._totals, self._started = RunTotals(), time.monotonic()
         self._info = _info_of(engine, options)
+        self._identity: dict[str, Any] | None = None
         self._checks = RunChecks(engine, options.strict)
 
     def track(self, watch: Callable[[FrameResult], None] | None, checkpoint: Checkpoint | None) -> None:
@@ -119,8 +212,11 @@ class _Run:
                 stack.callback(log.close)
             interrupts = stack.enter_context(Interrupts())
             frames = self._frames(checkpoint)
-            write_run_info(self._information("running"), self._folder / "run.json")
-            tables = stack.enter_context(closing(self._tables(checkpoint)))
+            if checkpoint is not None or not (self._folder / "run.json").is_file():
+                write_run_info(self._information("running"), self._folder / "run.json")
+            at = checkpoint and {name: FilePosition(*place) for name, place in checkpoint.written["tables"].items()}
+            tables = RunTables(self._folder, options.analytics is not None, options.debug, at)
+            stack.callback(tables.close)
             is_live = getattr(self._engine.recording, "is_live", False)
             marks = Schedule(0.0 if is_live or options.pace else options.checkpoint_every_s)
             trims = Schedule(TRIM_EVERY_S)
@@ -136,14 +232,22 @@ class _Run:
                 if interrupts.noted and is_live:
                     break  # the usual end of cameras that run
                 interrupts.check()
-        self._refuse_empty()
+        recording = self._engine.recording
+        if self._totals.frames == 0:
+            why = f" ({recording.skipped[0].why})" if recording.skipped else ""
+            raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used{why}")
         self._checks.refuse()
 
     def _frames(self, checkpoint: Checkpoint | None) -> Iterator[FrameResult]:
         """Results from the first frame, or from the one after the checkpoint, as many as asked for."""
         self._engine.reset()
         if checkpoint is not None:
-            decode(checkpoint.memory, self._memory())
+            try:
+                decode(checkpoint.memory, self._memory())
+            except ValueError as error:
+                raise InputError(
+                    f"{self._folder}: the checkpoint cannot be gone on from: {error}; --overwrite begins anew"
+                ) from error
         limit = self._options.max_frames
         if limit and self._totals.frames >= limit:
             return
@@ -152,11 +256,6 @@ class _Run:
             yield result
             if self._totals.frames == limit:
                 return
-
-    def _tables(self, checkpoint: Checkpoint | None) -> RunTables:
-        options = self._options
-        positions = checkpoint and {name: FilePosition(*at) for name, at in checkpoint.written["tables"].items()}
-        return RunTables(self._folder, options.analytics is not None, options.debug, positions)
 
     def _take(self, result: FrameResult, tables: RunTables) -> None:
         self._totals.take(result)
@@ -189,19 +288,14 @@ class _Run:
             return False
         finally:
             self._totals.elapsed_s = before_s
-        identity = run_identity(self._engine, self._options, list(self._logs), self._folder)
-        write_checkpoint(self._folder, Checkpoint(identity, written, memory))
+        if self._identity is None:
+            self._identity = run_identity(self._engine, self._options, list(self._logs), self._folder)
+        write_checkpoint(self._folder, Checkpoint(self._identity, written, memory))
         write_run_info(self._information("running"), self._folder / "run.json")
         return True
 
     def _elapsed_s(self) -> float:
         return self._totals.elapsed_s + time.monotonic() - self._started
-
-    def _refuse_empty(self) -> None:
-        recording = self._engine.recording
-        if self._totals.frames == 0:
-            why = f" ({recording.skipped[0].why})" if recording.skipped else ""
-            raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used{why}")
 
     def end(self, finished: bool) -> RunInfo:
         """The last words. A run that failed may have no room for them: run.json then stays as it was, unfinished."""
@@ -230,7 +324,7 @@ class _Run:
                 "notes": [*self._info.notes, *getattr(self._engine.tracker, "notes", ())],
                 "frames_skipped": len(skipped),
                 "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:SKIPPED_MAX]],
-                "stages_ms": {stage: times.median_ms for stage, times in totals.stages.items()},
+                "stages_ms": {stage: times.percentile_ms(50) for stage, times in totals.stages.items()},
                 "pace": self._options.pace and self._options.pace.info(),
                 "people": len(totals.people),
                 "remark": totals.remark(),
@@ -256,7 +350,8 @@ def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str], folde
     Args:
         logs: names of their classes.
     """
-    rules = options.analytics and {"rules": options.analytics.rules, "params": options.analytics.params}
+    counts = options.analytics
+    rules = counts and {"rules": replace(counts.rules, source=""), "params": counts.params}
     settings = {
         "tracker": options.tracker,
         "rules": digest_of(rules) if rules else "",
@@ -267,22 +362,17 @@ def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str], folde
 
 
 def _info_of(engine: Engine, options: RunOptions) -> RunInfo:
+    versions: dict[str, str] = {}
+    for name in LIBRARIES:
+        with suppress(PackageNotFoundError):  # OpenCV comes under several names
+            versions[name] = version(name)
     return RunInfo(
         input=os.fspath(engine.recording.path),
         tracker=options.tracker,
         started_at=datetime.now(UTC).astimezone().isoformat(timespec="seconds"),
-        versions={"python": platform.python_version(), **_versions()},
+        versions={"python": platform.python_version(), **versions},
         config=engine.config.model_dump(mode="json"),
         rig=engine.camera_info(),
         floor=engine.floor_info(),
         notes=list(getattr(engine.recording, "notes", ())),
     )
-
-
-def _versions() -> dict[str, str]:
-    """Of what is installed: OpenCV comes under several names."""
-    found = {}
-    for name in LIBRARIES:
-        with suppress(PackageNotFoundError):
-            found[name] = version(name)
-    return found

@@ -5,28 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
 
 from planview.engine.config import Config
 from planview.engine.engine import Engine, FrameResult
-from planview.engine.factory import AnyTracker, open_engine
+from planview.engine.open import AnyTracker, open_engine
 from planview.offline.refine import refine
+from planview.output.finished import refine_run
 from planview.output.folder import check_folder, prepare_folder
-from planview.output.refine import refine_run
 from planview.output.report.page import write_report
 from planview.output.run import RunOptions
 from planview.output.run import run as run_engine
 from planview.trajectories.table import Trajectories, TrajectoryCollector, read_tracks
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions
-
-
-class _Extent(NamedTuple):
-    """How far a run goes and what it leaves (see ``run``)."""
-
-    frames: int
-    refined: bool
-    overwrite: bool
 
 
 def run(
@@ -46,7 +37,7 @@ def run(
     """Track people in a recording.
 
     Args:
-        source: a recording, or an engine (``Pipeline``), which brings tracker, matcher and configuration of its own.
+        source: a recording, or an engine, which brings tracker, matcher and configuration of its own.
         out: folder for tracks.csv, run.json and report.html as ``planview run`` writes them; None to write nothing.
         tracker: "template", "harville", "human-model", "ellipse-particle", or a tracker of your own.
         matcher: of stereo pairs; SGBM when None.
@@ -63,40 +54,26 @@ def run(
         InputError: a recording, calibration or camera that is missing or does not fit; results in the folder.
         WorkError: no floor is visible, or the folder cannot be written.
     """
-    extent = _Extent(frames, refined, overwrite)
     if out is not None:
         check_folder(Path(out), overwrite)
-    if not isinstance(source, Path | str):
-        return _track(source, out, extent, watch)
-    path = Path(source)
-    engine = open_engine(path, tracker, config, None if camera is None else Path(camera), options, matcher)
-    return _track(engine, out, extent, watch, tracker if isinstance(tracker, str) else type(tracker).__name__)
-
-
-def _track(
-    engine: Engine,
-    out: Path | str | None,
-    extent: _Extent,
-    watch: Callable[[FrameResult], None] | None,
-    tracker: str | None = None,
-) -> Trajectories:
+    if isinstance(source, Path | str):
+        path = Path(source)
+        engine = open_engine(path, tracker, config, None if camera is None else Path(camera), options, matcher)
+        name = tracker if isinstance(tracker, str) else type(tracker).__name__
+    else:
+        engine, name = source, type(source.tracker).__name__
     if out is None:
-        return _in_memory(engine, extent, watch)
+        gathered = TrajectoryCollector()
+        for result in islice(engine, frames or None):
+            gathered.add(result.frame, result.timestamp_s, result.tracks)
+            if watch:
+                watch(result)
+        tracks = gathered.trajectories()
+        return refine(tracks).tracks if refined else tracks
     folder = Path(out)
-    prepare_folder(folder, extent.overwrite)
-    name = tracker or type(engine.tracker).__name__
-    run_engine(engine, folder, RunOptions(name, max_frames=extent.frames), watch=watch)
+    prepare_folder(folder, overwrite)
+    run_engine(engine, folder, RunOptions(name, max_frames=frames), watch=watch)
     write_report(folder)
-    if extent.refined:
+    if refined:
         refine_run(folder)
     return read_tracks(folder / "tracks.csv")
-
-
-def _in_memory(engine: Engine, extent: _Extent, watch: Callable[[FrameResult], None] | None) -> Trajectories:
-    gathered = TrajectoryCollector()
-    for result in islice(engine, extent.frames or None):
-        gathered.add(result.frame, result.timestamp_s, result.tracks)
-        if watch:
-            watch(result)
-    tracks = gathered.trajectories()
-    return refine(tracks).tracks if extent.refined else tracks

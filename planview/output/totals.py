@@ -1,14 +1,18 @@
-"""What a run counts while it goes on, in constant memory per person and event."""
+"""What run.json says of the frames: totals, stage times and failed checks."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from planview.checks.check import Check
+from planview.checks.examine import RecordingWatch, refuse_unless_ok, sentence
 from planview.counting.events import Event
 from planview.counting.totals import JUMP_S, jump_note
-from planview.engine.engine import FrameResult
+from planview.engine.engine import Engine, FrameResult
+from planview.output.folder import RunWarning
 
 TIMES_MAX = 4096
 """Times kept per stage: the median of so many is known to 2 % (our choice)."""
@@ -36,11 +40,6 @@ class StageTimes:
         self.times_ms.append(time_ms)
         if len(self.times_ms) == TIMES_MAX:
             self.times_ms, self.every = self.times_ms[::2], 2 * self.every
-
-    @property
-    def median_ms(self) -> float:
-        """Median [ms]."""
-        return self.percentile_ms(50)
 
     def percentile_ms(self, percent: float) -> float:
         """The time that so many percent of the times do not exceed [ms], interpolated."""
@@ -90,3 +89,47 @@ class RunTotals:
         if not self.tracks:
             return f"nothing of a person's size moved in {self.frames} frames"
         return "what moved was too short or too small to be believed (--rrd and --debug show why)"
+
+
+STRICT_EVERY = 60
+"""A strict run asks again after so many frames, so that it stops early."""
+
+
+class RunChecks:
+    """Watches a run.
+
+    Args:
+        engine: what is run; nothing is checked of plan-view maps.
+        strict: raise InputError at once when a check fails, before the first frame and while tracking.
+    """
+
+    def __init__(self, engine: Engine, strict: bool) -> None:
+        self._engine = engine
+        self._watch = RecordingWatch(engine.stereo) if engine.stereo is not None else None
+        self._source, self._strict, self._frames = str(engine.recording.path), strict, 0
+        self.refuse()
+
+    def update(self, result: FrameResult) -> None:
+        """Take the next frame."""
+        if self._watch is not None:
+            self._watch.update(result.thumbnails, result.sampled, result.observation.foreground)
+        self._frames += 1
+        if self._frames % STRICT_EVERY == 0:
+            self.refuse()
+
+    def refuse(self) -> None:
+        """Raise InputError when a check has failed and the run is strict."""
+        if self._strict:
+            refuse_unless_ok(self._all(), self._source)
+
+    def warnings(self) -> list[RunWarning]:
+        """The checks that failed."""
+        failed = [check for check in self._all() if not check.ok]
+        values = [check.value if math.isfinite(check.value) else None for check in failed]
+        return [
+            RunWarning(name=check.name, value=value, unit=check.unit, text=sentence(check))
+            for check, value in zip(failed, values, strict=True)
+        ]
+
+    def _all(self) -> list[Check]:
+        return list(self._engine.checks) + (self._watch.checks() if self._watch else [])

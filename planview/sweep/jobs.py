@@ -19,12 +19,12 @@ from calib.errors import InputError
 from calib.io import reason
 from calib.world import load_rigs
 from planview.engine.config import Config, load_config
-from planview.engine.factory import TrackerName, base_config, is_stereo
-from planview.engine.maps_pipeline import FIXED_MAP_PARAMETERS, FIXED_TABLES
+from planview.engine.open import TrackerName, base_config, is_stereo
+from planview.engine.replay import FIXED_MAP_PARAMETERS, FIXED_TABLES
 from planview.maps.recording import is_maps
 from planview.sweep.study import Configuration, RecordingEntry, Study
 from planview.trajectories.formats import truth_file
-from stereo.readers.open import is_heads, rigs_file
+from stereo.readers.open import is_multi_rig, rigs_file
 
 WHOLE_MAX = 256 * 1024
 """Files up to this size are hashed whole [bytes]."""
@@ -202,15 +202,13 @@ class Planner:
 
     def __init__(self, study: Study, out: Path, names: Sequence[str]) -> None:
         self._study, self._out = study, out
-        self._effective: dict[tuple[Configuration, int, str], _Effective] = {}
-        self._recordings = [_Recording(entry, name) for entry, name in zip(study.recordings, names, strict=True)]
+        self._recordings = [_looked_at(entry, name) for entry, name in zip(study.recordings, names, strict=True)]
+        # Recordings that begin with the same parameters share their configurations: a study may have RUNS_MAX runs.
+        self._effective = cache(self._effective_of)
 
     def jobs(self, configurations: Sequence[Configuration]) -> list[Planned]:
-        """Configuration by configuration, recording by recording, seed by seed.
-
-        Raises:
-            InputError: a setting that is no parameter or out of its range.
-        """
+        """Configuration by configuration, recording by recording, seed by seed. Raises InputError: a setting that is no
+        parameter or out of its range."""
         for configuration in configurations:
             load_config(self._study.config, configuration.settings)
         return [
@@ -223,23 +221,20 @@ class Planner:
     def _job(self, configuration: Configuration, recording: _Recording, seed: int) -> Planned:
         if recording.error:
             return Refused(recording.name, configuration, seed, recording.error)
-        entry, study = recording.entry, self._study
-        effective = self._effective_of(configuration, seed, recording)
-        maps = None
-        if study.maps and _records_maps(entry, study.tracker):
-            maps = self._run(entry, recording.key, effective.points, "maps")
+        entry, study, maps = recording.entry, self._study, None
+        full, points = self._effective(configuration, seed, recording.base)
+        single = is_maps(entry.path) or is_multi_rig(entry.path) or study.tracker == "human-model"
+        if study.maps and not single and (study.tracker == "template" or is_stereo(entry.path, entry.calibration)):
+            maps = self._run(entry, recording.key, points, "maps")
         source = RecordingEntry(path=maps.folder / MAPS_FILE) if maps else entry
-        run = self._run(source, maps.key if maps else recording.key, effective.full, "jobs")
+        run = self._run(source, maps.key if maps else recording.key, full, "jobs")
         return StudyJob(recording.name, configuration, seed, run, maps, recording.truth, recording.truth_key)
 
-    def _effective_of(self, configuration: Configuration, seed: int, recording: _Recording) -> _Effective:
-        """One object for all recordings that begin with the same parameters: a study may have RUNS_MAX of them."""
-        name = (configuration, seed, recording.base_key)
-        if name not in self._effective:
-            settings = [*configuration.settings, f"seed={seed}"]
-            full = load_config(self._study.config, settings, recording.base)
-            self._effective[name] = _Effective(_Keyed.of(full), _Keyed.of(points_config(full)))
-        return self._effective[name]
+    def _effective_of(self, configuration: Configuration, seed: int, base: Config) -> tuple[_Keyed, _Keyed]:
+        """The full configuration of a run, and that which records its plan-view maps; ``base`` is the recording's."""
+        settings = [*configuration.settings, f"seed={seed}"]
+        full = load_config(self._study.config, settings, base)
+        return _keyed(full), _keyed(points_config(full))
 
     def _run(self, source: RecordingEntry, source_key: str, config: _Keyed, kind: str) -> RunJob:
         study, version = self._study, engine_version()
@@ -255,44 +250,39 @@ class _Keyed(NamedTuple):
     config: Config
     key: str
 
-    @staticmethod
-    def of(config: Config) -> _Keyed:
-        return _Keyed(config, key_of(config.model_dump(mode="json")))
+
+def _keyed(config: Config) -> _Keyed:
+    return _Keyed(config, key_of(config.model_dump(mode="json")))
 
 
-class _Effective(NamedTuple):
-    """The full configuration of a run, and that which records its plan-view maps."""
+class _Recording(NamedTuple):
+    """What all jobs of a recording share; ``error`` says why there is none, ``base`` its first configuration."""
 
-    full: _Keyed
-    points: _Keyed
-
-
-class _Recording:
-    """What all jobs of a recording share; ``error`` says why there is none."""
-
-    def __init__(self, entry: RecordingEntry, name: str) -> None:
-        self.entry, self.name, self.error = entry, name, ""
-        self.key, self.truth_key, self.base, self.base_key = "", "", Config(), ""
-        self.truth: Path | None = None
-        try:
-            beside = [content_key(path) if path else "" for path in (entry.calibration, entry.camera)]
-            self.key = key_of(_input_key(entry.path), *beside)
-            self.base = base_config(entry.path)
-            self.base_key = _Keyed.of(self.base).key
-            self.truth = entry.truth or truth_file(entry.path.parent if is_maps(entry.path) else entry.path)
-            self.truth_key = content_key(self.truth) if self.truth else ""
-        except InputError as error:
-            self.error = str(error)
+    entry: RecordingEntry
+    name: str
+    error: str = ""
+    key: str = ""
+    base: Config = Config()
+    truth: Path | None = None
+    truth_key: str = ""
 
 
-def _input_key(path: Path) -> str:
-    """Of all that a recording is read from: several heads may lie anywhere, a calibration beside a video."""
-    if is_maps(path):
-        return content_key(path)
-    if is_heads(path):
-        file = rigs_file(path)
-        return key_of(content_key(file), *(content_key(file.parent / entry.folder) for entry in load_rigs(file)))
-    return key_of(content_key(path), *(content_key(file) for file in files_beside(path)))
+def _looked_at(entry: RecordingEntry, name: str) -> _Recording:
+    path = entry.path
+    try:
+        # Several heads may lie anywhere, a calibration beside a video.
+        if is_maps(path):
+            key = content_key(path)
+        elif is_multi_rig(path):
+            file = rigs_file(path)
+            key = key_of(content_key(file), *(content_key(file.parent / rig.folder) for rig in load_rigs(file)))
+        else:
+            key = key_of(content_key(path), *(content_key(file) for file in files_beside(path)))
+        key = key_of(key, *(content_key(file) if file else "" for file in (entry.calibration, entry.camera)))
+        truth = entry.truth or truth_file(path.parent if is_maps(path) else path)
+        return _Recording(entry, name, "", key, base_config(path), truth, content_key(truth) if truth else "")
+    except InputError as error:
+        return _Recording(entry, name, str(error))
 
 
 def points_config(config: Config) -> Config:
@@ -300,9 +290,3 @@ def points_config(config: Config) -> Config:
     defaults = Config()
     maps = defaults.maps.model_copy(update={name: getattr(config.maps, name) for name in FIXED_MAP_PARAMETERS})
     return defaults.model_copy(update={"maps": maps, **{name: getattr(config, name) for name in FIXED_TABLES}})
-
-
-def _records_maps(entry: RecordingEntry, tracker: TrackerName) -> bool:
-    if is_maps(entry.path) or is_heads(entry.path) or tracker == "human-model":
-        return False
-    return tracker == "template" or is_stereo(entry.path, entry.calibration)

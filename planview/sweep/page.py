@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from planview.drawing.page import page_of
+from planview.drawing.style import page_of
 from planview.output.report.plots import COLOURS, new_figure, plain_text, png_bytes
-from planview.sweep.results import DRAWS, LEVEL, Estimate, JobResult, Ranked, why_no_intervals
+from planview.sweep.results import DRAWS, LEVEL, JobResult, Ranked, why_no_intervals
 from planview.sweep.study import FIGURES, FigureName, Study
 
 LABEL_MAX = 60
@@ -20,7 +20,6 @@ ROWS_MAX = 200
 """Configurations in the table, and failed runs; summary.csv has them all."""
 BARS_MAX = 40
 """Configurations in the picture."""
-RECORDINGS_MAX = 40
 
 
 def ranking_plot(ranking: Sequence[Ranked], figure: FigureName) -> bytes:
@@ -109,8 +108,8 @@ def study_page(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked
             {
                 "label": row.configuration.label,
                 "runs": f"{row.runs}" + (f", {row.failed} failed" if row.failed else ""),
-                "behind": _text(row.behind, FIGURES[study.objective].digits, sign="+"),
-                "cells": [_text(row.figures.get(name), FIGURES[name].digits) for name in columns],
+                "behind": row.behind.text(FIGURES[study.objective].digits, "+"),
+                "cells": [f.text(FIGURES[n].digits) if (f := row.figures.get(n)) else "-" for n in columns],
             }
             for row in ranking[:ROWS_MAX]
         ],
@@ -124,13 +123,6 @@ def study_page(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked
     )
 
 
-def _text(value: Estimate | None, digits: int, sign: str = "") -> str:
-    if value is None or math.isnan(value.mean):
-        return "-"
-    interval = "" if math.isnan(value.low) else f" [{value.low:{sign}.{digits}f}, {value.high:{sign}.{digits}f}]"
-    return f"{value.mean:{sign}.{digits}f}{interval}"
-
-
 def _pictures(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked]) -> list[tuple[str, str, str]]:
     """Title, data URI and a note of each."""
     figure = study.objective
@@ -141,15 +133,13 @@ def _pictures(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked]
     shown = known[:BARS_MAX]
     note = "Mean (dot)" if why_no_intervals(runs) else f"Mean (dot) and {LEVEL:.0%} interval (bar)"
     note += f" of the first {BARS_MAX}." if known != shown else "."
-    pictures = [_picture(f"Ranking by {label}", ranking_plot(shown, figure), note)]
+    pictures = [(f"Ranking by {label}", ranking_plot(shown, figure), note)]
     for name in study.parameters:
         note = "A dot per configuration; the line joins the means of each value."
-        pictures.append(_picture(name, parameter_plot(known, name, figure), note))
-    if 1 < len({run.recording for run in runs}) <= RECORDINGS_MAX:
+        pictures.append((name, parameter_plot(known, name, figure), note))
+    if 1 < len({run.recording for run in runs}) <= 40:
         note = "Lines are configurations by their place in the ranking."
-        pictures.append(_picture("By recording", recordings_plot(known, runs, figure), note))
-    return pictures
-
-
-def _picture(title: str, png: bytes, note: str) -> tuple[str, str, str]:
-    return title, "data:image/png;base64," + base64.b64encode(png).decode("ascii"), note
+        pictures.append(("By recording", recordings_plot(known, runs, figure), note))
+    return [
+        (title, "data:image/png;base64," + base64.b64encode(png).decode("ascii"), note) for title, png, note in pictures
+    ]

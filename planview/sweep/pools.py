@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import time
 import traceback
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from calib.errors import InputError, WorkError
 
@@ -23,39 +22,13 @@ PER_THREAD = 3
 """Jobs handed over per thread of a cluster: enough to keep it busy, and the scheduler's memory small."""
 DEATHS_MAX = 3
 """A job during which the process died so often is given up."""
-CHECK_S = 5.0
-
-
-class Pool(Protocol):
-    """Runs functions elsewhere.
-
-    Attributes:
-        at_once: jobs handed over at the same time; None for all of them.
-    """
-
-    @property
-    def at_once(self) -> int | None: ...
-
-    def submit(self, function: Callable[..., Any], *arguments: object) -> Future[Any]: ...
-
-    def restart(self) -> None:
-        """After a process died: be ready again."""
-
-    def check(self) -> None:
-        """Raises WorkError when nothing can be expected any more."""
-
-    def close(self) -> None: ...
 
 
 class ProcessPool:
     """Processes of this machine (joblib's loky: fresh ones, since forked ones would share OpenCV's threads)."""
 
     def __init__(self, processes: int) -> None:
-        """Start nothing yet.
-
-        Raises:
-            InputError: fewer than one process.
-        """
+        """Start nothing yet. Raises InputError: fewer than one process."""
         if processes < 1:
             raise InputError(f"--jobs: expected at least 1, found {processes}")
         self.at_once: int | None = processes
@@ -89,11 +62,8 @@ class ClusterPool:
     """
 
     def __init__(self, address: str) -> None:
-        """Connect to a scheduler.
-
-        Raises:
-            InputError: ``distributed`` is not installed, no scheduler at the address, or none of its workers comes.
-        """
+        """Connect to a scheduler. Raises InputError: ``distributed`` is not installed, no scheduler at the address, or
+        none of its workers comes."""
         try:
             from distributed import Client
         except ImportError as error:
@@ -133,9 +103,8 @@ class ClusterPool:
         self._client.close()
 
 
-def cores() -> int:
-    """Processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+Pool = ProcessPool | ClusterPool
+"""Runs functions elsewhere; ``at_once`` jobs are handed over at the same time."""
 
 
 @dataclass(frozen=True)
@@ -162,11 +131,6 @@ class Done:
     error: str = ""
 
 
-def run_tasks(tasks: Sequence[Task], pool: Pool) -> Iterator[Done]:
-    """Run all tasks; each comes once, in the order in which they end."""
-    yield from _Schedule(tasks, pool).run()
-
-
 def guarded(function: Callable[..., Any], argument: object) -> tuple[Any, str]:
     """The value of a call and an empty text, or None and what went wrong; runs in the other process."""
     try:
@@ -179,65 +143,54 @@ def guarded(function: Callable[..., Any], argument: object) -> tuple[Any, str]:
         return None, f"unexpected {type(error).__name__} in {where.name}, line {where.lineno}: {text}"
 
 
-class _Schedule:
-    def __init__(self, tasks: Sequence[Task], pool: Pool) -> None:
-        self._pool = pool
-        self._ready = deque(task for task in tasks if task.after is None)
-        self._blocked: dict[str, list[Task]] = {}
-        for task in tasks:
-            if task.after is not None:
-                self._blocked.setdefault(task.after, []).append(task)
-        self._running: dict[Future[Any], Task] = {}
-        self._deaths: dict[str, int] = {}
+def run_tasks(tasks: Sequence[Task], pool: Pool) -> Iterator[Done]:
+    """Run all tasks; each comes once, in the order in which they end."""
+    ready = deque(task for task in tasks if task.after is None)
+    blocked: dict[str, list[Task]] = {}
+    for task in tasks:
+        if task.after is not None:
+            blocked.setdefault(task.after, []).append(task)
+    running: dict[Future[Any], Task] = {}
+    deaths: Counter[str] = Counter()
 
-    def run(self) -> Iterator[Done]:
-        while self._ready or self._running:
-            self._submit()
-            ended, _ = wait(self._running, timeout=CHECK_S, return_when=FIRST_COMPLETED)
-            try:
-                self._pool.check()
-            except WorkError as error:
-                open_tasks = [*self._running.values(), *self._ready]
-                self._running, self._ready = {}, deque()
-                for task in open_tasks:
-                    yield from self._close(Done(task.key, error=str(error)))
-                return
-            for future in ended:
-                yield from self._ended(future)
-
-    def _submit(self) -> None:
-        limit = self._pool.at_once or len(self._ready) + len(self._running)
-        while self._ready and len(self._running) < limit:
-            task = self._ready.popleft()
-            try:
-                self._running[self._pool.submit(guarded, task.function, task.argument)] = task
-            except BrokenProcessPool:
-                self._ready.appendleft(task)
-                if self._running:
-                    return
-                self._pool.restart()
-
-    def _ended(self, future: Future[Any]) -> Iterator[Done]:
-        task = self._running.pop(future)
-        try:
-            value, error = future.result()
-        except BrokenProcessPool:
-            # Killed, of this task or of another that ran beside it: try again, but not for ever.
-            self._deaths[task.key] = self._deaths.get(task.key, 0) + 1
-            if not self._running:
-                self._pool.restart()
-            if self._deaths[task.key] < DEATHS_MAX:
-                self._ready.append(task)
-                return
-            value, error = None, f"its process was killed {DEATHS_MAX} times"
-        except (Exception, CancelledError) as failure:
-            value, error = None, f"the worker was lost ({type(failure).__name__})"
-        yield from self._close(Done(task.key, value, error))
-
-    def _close(self, done: Done) -> Iterator[Done]:
+    def closed(done: Done) -> Iterator[Done]:
+        """A task that has ended; those that need it become ready, or fail with it."""
         yield done
-        for task in self._blocked.pop(done.key, []):
+        for task in blocked.pop(done.key, []):
             if done.error:
-                yield from self._close(Done(task.key, error=done.error))
+                yield from closed(Done(task.key, error=done.error))
             else:
-                self._ready.append(task)
+                ready.append(task)
+
+    while ready or running:
+        while ready and len(running) < (pool.at_once or len(tasks)):
+            try:
+                running[pool.submit(guarded, ready[0].function, ready[0].argument)] = ready[0]
+                ready.popleft()
+            except BrokenProcessPool:
+                if running:
+                    break
+                pool.restart()
+        ended, _ = wait(running, timeout=5.0, return_when=FIRST_COMPLETED)
+        try:
+            pool.check()
+        except WorkError as error:
+            for task in [*running.values(), *ready]:
+                yield from closed(Done(task.key, error=str(error)))
+            return
+        for future in ended:
+            task = running.pop(future)
+            try:
+                value, text = future.result()
+            except BrokenProcessPool:
+                # Killed, of this task or of another that ran beside it: try again, but not for ever.
+                deaths[task.key] += 1
+                if not running:
+                    pool.restart()
+                if deaths[task.key] < DEATHS_MAX:
+                    ready.append(task)
+                    continue
+                value, text = None, f"its process was killed {DEATHS_MAX} times"
+            except (Exception, CancelledError) as failure:
+                value, text = None, f"the worker was lost ({type(failure).__name__})"
+            yield from closed(Done(task.key, value, text))

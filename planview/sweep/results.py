@@ -19,9 +19,6 @@ DRAWS = 1000
 RECORDINGS_MIN = 5
 """Fewer recordings say too little of others for an interval (our choice): a bootstrap of four has 35 samples."""
 LEVEL = 0.95
-_SEED = 0
-_BLOCK = 5_000_000
-"""Values drawn at a time."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +91,13 @@ class Estimate:
     low: float
     high: float
 
+    def text(self, digits: int, sign: str = "") -> str:
+        """With its interval in brackets; "-" without a mean."""
+        if math.isnan(self.mean):
+            return "-"
+        interval = "" if math.isnan(self.low) else f" [{self.low:{sign}.{digits}f}, {self.high:{sign}.{digits}f}]"
+        return f"{self.mean:{sign}.{digits}f}{interval}"
+
 
 @dataclass(frozen=True)
 class Ranked:
@@ -125,24 +129,30 @@ def ranked(results: Sequence[JobResult], objective: FigureName) -> list[Ranked]:
     recordings drawn with replacement and, of each, seeds drawn with replacement (Efron and Tibshirani 1993, chapter 8:
     the bootstrap of a two-stage sample).
     """
-    table = _FigureTable(results)
-    better = FIGURES[objective].better
+    places = {c: i for i, c in enumerate(dict.fromkeys(r.configuration for r in results))}
+    names = {name: i for i, name in enumerate(dict.fromkeys(r.recording for r in results))}
+    seeds = {seed: i for i, seed in enumerate(dict.fromkeys(r.seed for r in results))}
+    table = np.full((len(places), len(FIGURES), len(names), len(seeds)), np.nan)
+    failed = np.zeros(len(places), dtype=np.int64)
+    for r in results:
+        figures = [r.figures.get(name, np.nan) for name in FIGURES]
+        table[places[r.configuration], :, names[r.recording], seeds[r.seed]] = figures
+        failed[places[r.configuration]] += bool(r.error)
+    judged = table[:, list(FIGURES).index(objective)]
 
     def order(configuration: Configuration) -> tuple[bool, bool, float]:
-        values = table.values(configuration, objective)
+        values = judged[places[configuration]]
         mean = _mean(values)
-        return math.isnan(mean), bool(np.isnan(values).any()), -better * mean if not math.isnan(mean) else 0.0
+        unknown = math.isnan(mean)
+        return unknown, bool(np.isnan(values).any()), 0.0 if unknown else -FIGURES[objective].better * mean
 
-    configurations = sorted(table.configurations, key=order)
-    if not configurations:
-        return []
-    first = table.values(configurations[0], objective)
-    ranking = []
-    for configuration in configurations:
-        figures = {name: estimate(table.values(configuration, name)) for name in FIGURES}
-        known = {name: found for name, found in figures.items() if not math.isnan(found.mean)}
-        behind, failed = estimate(table.values(configuration, objective) - first), table.failed(configuration)
-        ranking.append(Ranked(configuration, known, behind, table.runs - failed, failed))
+    ranking, ordered = [], sorted(places, key=order)
+    for configuration in ordered:
+        i, first = places[configuration], judged[places[ordered[0]]]
+        estimates = {name: estimate(values) for name, values in zip(FIGURES, table[i], strict=True)}
+        known = {name: found for name, found in estimates.items() if not math.isnan(found.mean)}
+        n_runs = len(names) * len(seeds) - int(failed[i])
+        ranking.append(Ranked(configuration, known, estimate(judged[i] - first), n_runs, int(failed[i])))
     return ranking
 
 
@@ -153,8 +163,9 @@ def estimate(values: F64) -> Estimate:
     if len(values) < RECORDINGS_MIN:
         return Estimate(mean, math.nan, math.nan)
     n_recordings, n_seeds = values.shape
-    generator, means = np.random.default_rng(_SEED), []
-    block = max(1, _BLOCK // values.size)
+    generator, means = np.random.default_rng(0), []
+    # Values drawn at a time.
+    block = max(1, 5_000_000 // values.size)
     for start in range(0, DRAWS, block):
         count = min(block, DRAWS - start)
         recording = generator.integers(0, n_recordings, (count, n_recordings, 1))
@@ -177,27 +188,3 @@ def _mean_of_means(values: F64) -> F64:
     recordings = (seeds > 0).sum(axis=1)
     total = np.where(seeds > 0, per_recording, 0.0).sum(axis=1)
     return np.where(recordings > 0, total / np.maximum(recordings, 1), np.nan)
-
-
-class _FigureTable:
-    """Figures by configuration, recording and seed."""
-
-    def __init__(self, results: Sequence[JobResult]) -> None:
-        self.configurations = list(dict.fromkeys(result.configuration for result in results))
-        names = {name: i for i, name in enumerate(dict.fromkeys(r.recording for r in results))}
-        seeds = {seed: i for i, seed in enumerate(dict.fromkeys(r.seed for r in results))}
-        self.runs = len(names) * len(seeds)
-        self._cells = {c: np.full((len(FIGURES), len(names), len(seeds)), np.nan) for c in self.configurations}
-        self._failed = dict.fromkeys(self.configurations, 0)
-        for result in results:
-            cell = self._cells[result.configuration]
-            for i, name in enumerate(FIGURES):
-                cell[i, names[result.recording], seeds[result.seed]] = result.figures.get(name, np.nan)
-            self._failed[result.configuration] += bool(result.error)
-
-    def values(self, configuration: Configuration, figure: FigureName) -> F64:
-        """(recordings, seeds), NaN where unknown."""
-        return np.asarray(self._cells[configuration][list(FIGURES).index(figure)])
-
-    def failed(self, configuration: Configuration) -> int:
-        return self._failed[configuration]

@@ -16,9 +16,9 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from calib.errors import InputError
 from calib.io import load_toml, parse_toml
 from calib.params import Params, first_problem
-from planview.engine.factory import TrackerName
+from planview.engine.open import TrackerName
 from planview.evaluation.result import Evaluation
-from planview.output.info import RunInfo
+from planview.output.folder import RunInfo
 
 FigureName = Literal[
     "mota", "idf1", "hota", "significant_errors", "switches", "position_error_mean_m", "height_error_mean_m",
@@ -133,11 +133,8 @@ def configuration(values: Mapping[str, Any]) -> Configuration:
 
 
 def grid(parameters: Mapping[str, Space]) -> list[Configuration]:
-    """All combinations, the last parameter fastest; one without settings where there are no parameters.
-
-    Raises:
-        InputError: a range without step, or too many.
-    """
+    """All combinations, the last parameter fastest; one without settings where there are no parameters. Raises
+    InputError: a range without step, or too many."""
     count = combinations(parameters)
     if not 0 < count <= RUNS_MAX:
         raise InputError(f"expected 1 to {RUNS_MAX} combinations of parameters, found {count}")
@@ -162,11 +159,7 @@ def random_draws(parameters: Mapping[str, Space], count: int, seed: int) -> list
 
 
 def combinations(parameters: Mapping[str, Space]) -> int:
-    """Number of all combinations of a grid.
-
-    Raises:
-        InputError: a range without step.
-    """
+    """Number of all combinations of a grid. Raises InputError: a range without step."""
     for name, space in parameters.items():
         if isinstance(space, Range) and space.step is None:
             raise InputError(f"parameters.{name}: expected a list or a step for a grid, found a range without step")
@@ -224,11 +217,8 @@ class Study(Params):
         return seeds
 
     def refuse_many(self) -> None:
-        """Refuse a study by its size, before anything is looked at.
-
-        Raises:
-            InputError: more than RUNS_MAX runs, or a grid over a range without step.
-        """
+        """Refuse a study by its size, before anything is looked at. Raises InputError: more than RUNS_MAX runs, or a
+        grid over a range without step."""
         n_configurations = combinations(self.parameters) if self.method == "grid" else self.samples
         counts = n_configurations, len(self.recordings), len(self.seeds)
         if math.prod(counts) > RUNS_MAX:
@@ -239,14 +229,14 @@ class Study(Params):
 
 
 def load_study(path: Path) -> Study:
-    """Read a study file.
-
-    Raises:
-        InputError: unreadable, an unknown key, a value out of range, or a pattern that matches nothing.
-    """
+    """Read a study file. Raises InputError: unreadable, an unknown key, a value out of range, or a pattern that matches
+    nothing."""
     tables = load_toml(path, "a study in TOML")
     try:
-        tables["recordings"] = _entries(tables.get("recordings", []), path.parent)
+        listed = tables.get("recordings", [])
+        if not isinstance(listed, list):
+            raise InputError(f"expected a list of recordings, found {str(listed)[:80]!r}")
+        tables["recordings"] = [entry for item in listed for entry in _entry(item, path.parent)]
         tables["parameters"] = _flat(tables.get("parameters", {}))
         if "config" in tables:
             tables["config"] = path.parent / str(tables["config"])
@@ -268,11 +258,7 @@ class Varied:
 
 
 def varied(options: Sequence[str]) -> Varied:
-    """Parse ``table.key=value,value``.
-
-    Raises:
-        InputError: another text, or a value that is there twice.
-    """
+    """Parse ``table.key=value,value``. Raises InputError: another text, or a value that is there twice."""
     parameters: dict[str, Space] = {}
     for text in options:
         name, equals, values = text.partition("=")
@@ -294,12 +280,6 @@ def _value(text: str) -> Any:
         return parse_toml(f"value = {text}")["value"]
     except ValueError:
         return text.strip()
-
-
-def _entries(listed: Any, folder: Path) -> list[dict[str, Any]]:
-    if not isinstance(listed, list):
-        raise InputError(f"expected a list of recordings, found {str(listed)[:80]!r}")
-    return [entry for item in listed for entry in _entry(item, folder)]
 
 
 def _entry(item: Any, folder: Path) -> list[dict[str, Any]]:

@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator, Sequence
-from contextlib import closing, suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 from calib.errors import InputError
-from planview.output.info import write_result
-from planview.output.lock import folder_lock
+from planview.output.folder import folder_lock, write_result
 from planview.sweep.jobs import Planned, Planner, Refused, StudyJob
 from planview.sweep.pools import Pool, Task, run_tasks
 from planview.sweep.results import JobResult, Ranked, ranked, summary_csv
 from planview.sweep.study import FIGURES, Configuration, Range, Space, Study, configuration, grid, random_draws
 from planview.sweep.work import earlier_figures, is_done, remove_stale_attempts, track, track_and_score
 
-BATCH = 4
-"""Proposals made together. Not the number of processes: the same study proposes the same on any machine, so that what
-is done is found again."""
 STUDY_FILE, SUMMARY_FILE, PAGE_FILE = "study.json", "summary.csv", "report.html"
 
 
@@ -56,7 +52,9 @@ class Proposals:
 
     def ask(self) -> list[Configuration]:
         """The next configurations; none when all samples are taken or no run has the objective."""
-        count = min(BATCH, self._left)
+        # Proposals made together. Not the number of processes: the same study proposes the same on any
+        # machine, so that what is done is found again.
+        count = min(4, self._left)
         if self._recorded and not self._known:
             return []
         self._left -= count
@@ -137,17 +135,32 @@ def run_study(
     study.refuse_many()
     batches = _batches(study, Planner(study, out, names))
     batch: list[Planned] = next(batches)
-    with folder_lock(out), closing(_Runner(open_pool, watch)) as runner:
+    with folder_lock(out), ExitStack() as stack:
+        pools: list[Pool] = []
+
+        def pool() -> Pool:
+            if not pools:
+                pools.append(open_pool())
+                stack.callback(pools[0].close)
+            return pools[0]
+
         remove_stale_attempts(out)
         write_result(out / STUDY_FILE, study.model_dump_json(indent=2) + "\n")
         runs: list[JobResult] = []
         with suppress(StopIteration):
             while batch:
-                runs += (done := runner.run(batch))
+                runs += (done := _run(batch, pool, watch))
                 batch = batches.send(done)
         remove_stale_attempts(out)
         results = StudyResults(study, runs, ranked(runs, study.objective))
-        _write(results, out)
+        # The page is written anew where a run was made or failed.
+        summary, page, text = out / SUMMARY_FILE, out / PAGE_FILE, summary_csv(runs)
+        written = page.is_file() and summary.is_file() and summary.read_text(encoding="utf-8") == text
+        if not written or not all(run.reused for run in runs):
+            from planview.sweep.page import study_page
+
+            write_result(summary, text)
+            write_result(page, study_page(study, runs, results.ranking, out))
     return results
 
 
@@ -164,68 +177,35 @@ def _batches(study: Study, planner: Planner) -> Generator[list[Planned], list[Jo
             proposals.record((yield planner.jobs(configurations)))
 
 
-class _Runner:
-    """Runs batches on a pool that is opened when it is needed."""
-
-    def __init__(self, open_pool: Callable[[], Pool], watch: StudyWatch) -> None:
-        self._open_pool, self._watch = open_pool, watch
-        self._pool: Pool | None = None
-
-    def run(self, batch: Sequence[Planned]) -> list[JobResult]:
-        """Results in the order of the batch."""
-        early = {i: result for i, job in enumerate(batch) if (result := _early(job)) is not None}
-        waiting: dict[str, list[int]] = {}
-        for i, job in enumerate(batch):
-            if i not in early and isinstance(job, StudyJob):
-                waiting.setdefault(job.key, []).append(i)
-        jobs = [job for indices in waiting.values() if isinstance(job := batch[indices[0]], StudyJob)]
-        maps = {job.maps.key: job.maps for job in jobs if job.maps and not is_done(job.maps)}
-        self._watch.planned(len(batch), len(maps))
-        for result in early.values():
-            self._watch.ended(result)
-        results = early
-        if not jobs:
-            return [results[i] for i in range(len(batch))]
-        tasks = [Task(key, track, job) for key, job in maps.items()]
-        for job in jobs:
-            after = job.maps.key if job.maps and job.maps.key in maps else None
-            tasks.append(Task(job.key, track_and_score, job, after))
-        self._pool = self._pool or self._open_pool()
-        for done in run_tasks(tasks, self._pool):
-            if done.key in maps:
-                self._watch.recorded(done.error)
-            for i in waiting.get(done.key, []):
-                results[i] = _result(batch[i], done.value or {}, done.error)
-                self._watch.ended(results[i])
-        return [results[i] for i in range(len(batch))]
-
-    def close(self) -> None:
-        if self._pool is not None:
-            self._pool.close()
+def _run(batch: Sequence[Planned], pool: Callable[[], Pool], watch: StudyWatch) -> list[JobResult]:
+    """Results in the order of the batch; the pool is opened when there is something to run."""
+    results: dict[int, JobResult] = {}
+    waiting: dict[str, list[tuple[int, StudyJob]]] = {}
+    for i, job in enumerate(batch):
+        if isinstance(job, Refused):
+            results[i] = JobResult(job.name, job.configuration, job.seed, error=job.error)
+        elif (figures := earlier_figures(job)) is not None:
+            results[i] = _result(job, figures, "", reused=True)
+        else:
+            waiting.setdefault(job.key, []).append((i, job))
+    jobs = [group[0][1] for group in waiting.values()]
+    maps = {job.maps.key: job.maps for job in jobs if job.maps and not is_done(job.maps)}
+    watch.planned(len(batch), len(maps))
+    for result in results.values():
+        watch.ended(result)
+    tasks = [Task(key, track, job) for key, job in maps.items()]
+    for job in jobs:
+        after = job.maps.key if job.maps and job.maps.key in maps else None
+        tasks.append(Task(job.key, track_and_score, job, after))
+    for done in run_tasks(tasks, pool()) if tasks else ():
+        if done.key in maps:
+            watch.recorded(done.error)
+        for i, job in waiting.get(done.key, []):
+            results[i] = _result(job, done.value or {}, done.error)
+            watch.ended(results[i])
+    return [results[i] for i in range(len(batch))]
 
 
-def _early(job: Planned) -> JobResult | None:
-    """What is known without work: a run that is done, or one that cannot begin."""
-    if isinstance(job, Refused):
-        return JobResult(job.name, job.configuration, job.seed, error=job.error)
-    figures = earlier_figures(job)
-    return None if figures is None else _result(job, figures, "", reused=True)
-
-
-def _result(job: Planned, figures: dict[str, float], error: str, *, reused: bool = False) -> JobResult:
-    assert isinstance(job, StudyJob)
+def _result(job: StudyJob, figures: dict[str, float], error: str, *, reused: bool = False) -> JobResult:
     folder = None if error else job.run.folder
     return JobResult(job.name, job.configuration, job.seed, folder, figures, error, reused, job.maps is not None)
-
-
-def _write(results: StudyResults, out: Path) -> None:
-    """summary.csv, and the page anew where a run was made or failed."""
-    summary, page = out / SUMMARY_FILE, out / PAGE_FILE
-    text = summary_csv(results.runs)
-    unchanged = page.is_file() and summary.is_file() and summary.read_text(encoding="utf-8") == text
-    if unchanged and all(run.reused for run in results.runs):
-        return
-    from planview.sweep.page import study_page
-
-    write_result(summary, text)
-    write_result(page, study_page(results.study, results.runs, results.ranking, out))

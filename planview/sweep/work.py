@@ -17,21 +17,16 @@ import cv2
 
 from calib.errors import WorkError
 from calib.io import reason
-from planview.engine.factory import open_engine
-from planview.engine.pipeline import Pipeline
+from planview.engine.open import open_engine
 from planview.evaluation.evaluate import evaluate_tracks
-from planview.output.folder import finished_run
-from planview.output.info import write_result
-from planview.output.log import RunLog
-from planview.output.run import RunOptions, run
+from planview.output.folder import finished_run, write_result
+from planview.output.run import RunLog, RunOptions, run
 from planview.sweep.jobs import MAPS_FILE, RunJob, StudyJob, engine_version
 from planview.sweep.study import run_figures
 from planview.trajectories.formats import load_tracks, load_truth
 from stereo.readers import OpenOptions
 
 ATTEMPT = ".attempt-"
-FOREIGN_ATTEMPT_S = 86_400.0
-"""Attempts of other machines are left alone for so long [s]."""
 
 
 def track(job: RunJob) -> None:
@@ -51,8 +46,7 @@ def track(job: RunJob) -> None:
         engine = open_engine(
             job.source.path, job.tracker, job.config, job.source.camera, OpenOptions(job.source.calibration)
         )
-        if isinstance(engine, Pipeline):
-            engine.ahead = 0
+        engine.ahead = 0
         logs: list[RunLog] = []
         if job.save_maps:
             from planview.output.maps_log import MapsLog
@@ -71,11 +65,8 @@ def is_done(job: RunJob) -> bool:
 
 
 def track_and_score(job: StudyJob) -> dict[str, float]:
-    """Run unless that is done, and score; the figures are written beside the run.
-
-    Raises:
-        InputError, WorkError: as ``track``; truth that cannot be read.
-    """
+    """Run unless that is done, and score; the figures are written beside the run. Raises InputError, WorkError: as
+    ``track``; truth that cannot be read."""
     track(job.run)
     info = finished_run(job.run.folder)
     if info is None:
@@ -119,7 +110,8 @@ def remove_stale_attempts(out: Path) -> None:
     for folder in out.glob(f"*/{ATTEMPT}*"):
         host, pid = folder.name.removeprefix(ATTEMPT).rsplit("-", 2)[0:2]
         with suppress(OSError):
-            old = time.time() - folder.stat().st_mtime > FOREIGN_ATTEMPT_S
+            # Attempts of other machines are left alone for so long [s].
+            old = time.time() - folder.stat().st_mtime > 86_400.0
             if old if host != _host() else not _alive(int(pid)):
                 shutil.rmtree(folder)
 

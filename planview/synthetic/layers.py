@@ -29,15 +29,12 @@ from planview.synthetic.texture import Palette
 
 STATIC_SAMPLES = 3
 """Rays per pixel and direction for what does not move."""
-SHADOW_SAMPLES = 6
 SHADOW_STEP = 2
 """Shadows of moving things on the room are traced on every second pixel and interpolated."""
 PENUMBRA = 13
 """Widest soft rim of a shadow, in those second pixels."""
 CONTACT_STEP = 4
 """Their soft contact shadows on every fourth."""
-MIRROR_BLUR_PX = 1.2
-"""Floors are never perfect mirrors."""
 
 Box = tuple[float, float, float, float]
 
@@ -74,23 +71,20 @@ class ViewRenderer:
         n, lamps = view.width * view.height, len(scene.lights.lamps)
         self._room, self._mirror = LightStack(n, lamps), LightStack(n, lamps)
         for k in range(STATIC_SAMPLES**2):
-            self._render_room(k)
+            # One of the rays of every pixel, with its own sample of every lamp.
+            s = STATIC_SAMPLES
+            right, down = (k % s + 0.5) / s - 0.5, (k // s + 0.5) / s - 0.5
+            rays = self._rays + np.float32(right) * self._steps[0] + np.float32(down) * self._steps[1]
+            share = np.float32(1 / (s * s))
+            index = np.arange(len(rays))
+            hit, at = self._see(rays, 1 / (self._view.focal_px * s))
+            self._add(self._room, index[hit], at, np.full(len(hit), share, np.float32), k)
+            glossy = np.flatnonzero(at.gloss > 0)
+            if len(glossy):
+                onward = mirrored(rays[hit], at)[glossy]
+                hit2, at2 = self._see(onward, 1 / self._view.focal_px)
+                self._add(self._mirror, index[hit][glossy][hit2], at2, share * at.gloss[glossy][hit2], k)
         self._keep_centres()
-
-    def _render_room(self, k: int) -> None:
-        """One of the rays of every pixel, with its own sample of every lamp."""
-        s = STATIC_SAMPLES
-        right, down = (k % s + 0.5) / s - 0.5, (k // s + 0.5) / s - 0.5
-        rays = self._rays + np.float32(right) * self._steps[0] + np.float32(down) * self._steps[1]
-        share = np.float32(1 / (s * s))
-        index = np.arange(len(rays))
-        hit, at = self._see(rays, 1 / (self._view.focal_px * s))
-        self._add(self._room, index[hit], at, np.full(len(hit), share, np.float32), k)
-        glossy = np.flatnonzero(at.gloss > 0)
-        if len(glossy):
-            onward = mirrored(rays[hit], at)[glossy]
-            hit2, at2 = self._see(onward, 1 / self._view.focal_px)
-            self._add(self._mirror, index[hit][glossy][hit2], at2, share * at.gloss[glossy][hit2], k)
 
     def _see(self, rays: F32, pixel_rad: float) -> tuple[I64, Surfaces]:
         hits = self._solid.cast(rays)
@@ -148,16 +142,22 @@ class ViewRenderer:
         return depth, owner, found
 
     def _lit_room(self, t: float, moving: Tracer) -> F32:
-        lamps = self._scene.lights.lamps
-        if moving.mesh is None:
-            shares: list[F32 | None] = [None] * len(lamps)
-            open_share = None
-        else:
+        lamps, open_share = self._scene.lights.lamps, None
+        shares: list[F32 | None] = [None] * len(lamps)
+        if moving.mesh is not None:
             shares = [
                 self._shadow(lamp, lit, moving) if lamp.shadows else None
                 for lamp, lit in zip(lamps, self._room.lit, strict=True)
             ]
-            open_share = self._contact(moving)
+            # (N,) share of ambient light that moving things leave.
+            index = self._coarse(CONTACT_STEP)
+            reach = 0.8
+            low, high = moving.mesh.vertices.min(axis=0) - reach, moving.mesh.vertices.max(axis=0) + reach
+            points = self._points[index]
+            near = np.flatnonzero(((points > low) & (points < high)).all(axis=1))
+            seen = np.ones(len(index), np.float32)
+            seen[near] = openness(moving, points[near], self._normals[index[near]], hemisphere(8, 0))
+            open_share = self._enlarge(seen, CONTACT_STEP)
         linear = self._room.radiance(self._scene, t, shares, open_share)
         if len(self._glossy):
             linear += self._mirrored(t, moving)
@@ -174,7 +174,8 @@ class ViewRenderer:
                 colour = self._shader.colour(at, t, moving)
                 image[self._glossy[mine]] = colour * self._gloss[mine, None]
         h, w = self._view.height, self._view.width
-        blurred = cv2.GaussianBlur(image.reshape(h, w, 3), (0, 0), MIRROR_BLUR_PX)
+        # Floors are never perfect mirrors.
+        blurred = cv2.GaussianBlur(image.reshape(h, w, 3), (0, 0), 1.2)
         return np.asarray(blurred.reshape(-1, 3), np.float32)
 
     def _shadow(self, lamp: Light, lit: F32, moving: Tracer) -> F32:
@@ -187,23 +188,11 @@ class ViewRenderer:
         shape = -(-self._view.height // SHADOW_STEP), -(-self._view.width // SHADOW_STEP)
         hard, kernel = seen.reshape(shape), np.ones((PENUMBRA, PENUMBRA), np.uint8)
         rim = (cv2.dilate(hard, kernel) != cv2.erode(hard, kernel)).ravel() & lit_up
-        seen[rim] = self._seen(lamp, index[rim], SHADOW_SAMPLES, moving)
+        seen[rim] = self._seen(lamp, index[rim], 6, moving)
         return self._enlarge(seen, SHADOW_STEP)
 
     def _seen(self, lamp: Light, pixels: I64, samples: int, moving: Tracer) -> F32:
         return visibility(lamp, [moving], self._points[pixels], self._normals[pixels], ball_samples(samples))
-
-    def _contact(self, moving: Tracer) -> F32:
-        """(N,) share of ambient light that moving things leave."""
-        assert moving.mesh is not None  # the caller has looked
-        index = self._coarse(CONTACT_STEP)
-        reach = 0.8
-        low, high = moving.mesh.vertices.min(axis=0) - reach, moving.mesh.vertices.max(axis=0) + reach
-        points = self._points[index]
-        near = np.flatnonzero(((points > low) & (points < high)).all(axis=1))
-        seen = np.ones(len(index), np.float32)
-        seen[near] = openness(moving, points[near], self._normals[index[near]], hemisphere(8, 0))
-        return self._enlarge(seen, CONTACT_STEP)
 
     def _coarse(self, step: int) -> I64:
         """Pixels of every step-th row and column."""

@@ -16,8 +16,6 @@ from planview.synthetic.texture import Palette, linear_colour
 
 EPSILON_M = 2e-3
 """Shadow rays start this far off their surface."""
-SUN_M = 60.0
-"""Length of shadow rays towards the sun."""
 
 NEAR_M = 1.0
 """Lamps are no brighter nearer than this: they are panels, not points, and shine downwards."""
@@ -101,7 +99,8 @@ def light_vectors(light: Light, points: F32, offset: F64) -> F32:
     if light.kind == "sun":
         towards = np.asarray(light.towards, np.float64)
         direction = -towards / np.linalg.norm(towards) + np.tan(np.deg2rad(light.softness_deg)) * offset
-        return np.broadcast_to((direction * SUN_M).astype(np.float32), points.shape)
+        # Length of shadow rays towards the sun.
+        return np.broadcast_to((direction * 60.0).astype(np.float32), points.shape)
     centre = np.asarray(light.at_m, np.float64) + light.radius_m * offset
     return np.asarray(centre.astype(np.float32) - points, np.float32)
 
@@ -154,11 +153,6 @@ def ball_samples(n: int) -> F64:
     angle = np.pi * (1 + 5**0.5) * k
     r = np.sqrt(1 - z * z)
     return 0.8 * np.column_stack([r * np.cos(angle), r * np.sin(angle), z])
-
-
-def colour_of(light: Light) -> F32:
-    """(3,) linear BGR."""
-    return linear_colour(light.colour)
 
 
 def hemisphere(n: int, turn: int) -> F32:
@@ -283,7 +277,7 @@ class Shader:
                 blockers = [self._furniture if lamp.kind == "sun" else self._solid]
                 blockers += [moving] if moving is not None else []
                 light[lit] *= visibility(lamp, blockers, at.points[lit], at.normals[lit], samples)
-            result.append(np.asarray(light[:, None] * colour_of(lamp), np.float32))
+            result.append(np.asarray(light[:, None] * linear_colour(lamp.colour), np.float32))
         return result
 
     def open_share(self, at: Surfaces, turn: int) -> F32:

@@ -17,26 +17,18 @@ from scipy.ndimage import gaussian_filter1d
 
 from calib.types import F64
 from planview.synthetic.room import furniture_size, wall_pieces
-from planview.synthetic.scene import Furniture, Person, Room, Scene, Step, Wall, Wander
+from planview.synthetic.scene import Furniture, Room, Scene, ScenePerson, Step, Wall, Wander
 
 TICK_HZ = 60.0
 ACTIONS = ("sit", "floor", "reach", "bend", "carry", "push", "low", "crouch", "turns")
 """Weights of postures from 0 to 1; ``turns`` is the number of cartwheels turned so far."""
 TURNS = ACTIONS.index("turns")
-LOW_SEAT_M = 0.4
-"""Benches and boxes lower than this are sat on with raised knees."""
-CARTWHEEL_MPS = 1.3
-"""Speed of the hips during a cartwheel (our choice: 2 m, about an arm span and a stride, in 1.5 s)."""
-SEAT_BACK_M = 0.32
-"""How far the hips move back when sitting down on a chair."""
 WALK_STEP_S = 0.1
 """Time between two decisions of a wanderer [s]."""
 PERSONAL_M = 0.62
 """Distance between body axes that walkers keep: a shoulder width and a hand."""
 CLEARANCE_M = 0.35
 """Distance of a body's axis from furniture."""
-HORIZON_S = 2.5
-"""Wanderers look so far ahead [s]."""
 _FAN_TURNS = np.deg2rad([0, 18, -18, 40, -40, 70, -70, 110, -110, 180])
 _FAN_SPEEDS = np.array([1.0, 0.6, 0.25])
 
@@ -106,7 +98,7 @@ class Motion:
 class _Script:
     """Ticks collected while reading a person's steps."""
 
-    def __init__(self, person: Person) -> None:
+    def __init__(self, person: ScenePerson) -> None:
         self.t0 = person.enter_s
         self.xy: list[F64] = [np.array([person.start_m])]
         self.face: list[F64] = [np.array([np.deg2rad(person.face_deg)])]
@@ -134,11 +126,35 @@ class _Script:
         self.add(np.tile(self.place, (n, 1)), face, **weights)
 
 
-def scripted_motion(person: Person, furniture: dict[str, Furniture], end_s: float) -> Motion:
+def scripted_motion(person: ScenePerson, furniture: dict[str, Furniture], end_s: float) -> Motion:
     """The motion of a person's steps; afterwards it stands until the end, or is gone."""
     script = _Script(person)
     for step in person.steps:
-        _play(script, step, furniture)
+        face = np.nan if step.face_deg is None else float(np.deg2rad(step.face_deg))
+        if step.go is not None:
+            begin = script.now_s
+            for point in step.go or []:
+                target = np.asarray(point, np.float64)
+                n = max(1, round(float(np.linalg.norm(target - script.place)) / step.speed_mps * TICK_HZ))
+                track = script.place + (target - script.place) * np.linspace(1 / n, 1, n)[:, None]
+                script.add(track, np.nan, carry=float(step.carry is not None), push=float(step.push is not None))
+            for name, how in ((step.push, "push"), (step.carry, "carry")):
+                if name is not None:
+                    script.handlings.append(Handling(name, how, begin, script.now_s, step.put_z_m))
+        elif step.until_s is not None:
+            script.stay(max(step.until_s - script.now_s, 1 / TICK_HZ), face)
+        elif step.stand_s is not None:
+            script.stay(step.stand_s, face)
+        elif step.reach_s is not None:
+            script.stay(step.reach_s, face, reach=1.0)
+        elif step.bend_s is not None:
+            script.stay(step.bend_s, face, bend=1.0)
+        elif step.crouch_s is not None:
+            script.stay(step.crouch_s, face, crouch=1.0)
+        elif step.cartwheel is not None:
+            _turn_cartwheel(script, step.cartwheel)
+        elif step.sit_s is not None:
+            _sit(script, step, furniture, face)
     done = script.now_s
     if done < end_s + 1:
         script.stay(end_s + 1 - done, np.nan)
@@ -154,7 +170,7 @@ def scripted_motion(person: Person, furniture: dict[str, Furniture], end_s: floa
 
 
 def motion_from_ticks(
-    person: Person, xy: F64, face: F64, actions: F64, handlings: tuple[Handling, ...] = (), last_s: float = np.inf
+    person: ScenePerson, xy: F64, face: F64, actions: F64, handlings: tuple[Handling, ...] = (), last_s: float = np.inf
 ) -> Motion:
     """Smooth a raw tick track: corners rounded, starts and stops gradual, heading along the way."""
     raw_xy = xy
@@ -162,7 +178,16 @@ def motion_from_ticks(
     velocity = np.gradient(xy, axis=0) * TICK_HZ if len(xy) > 1 else np.zeros_like(xy)
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
     along = np.arctan2(velocity[:, 1], velocity[:, 0])
-    heading = _headings(face, along, speed, float(np.deg2rad(person.face_deg)))
+    # Along the movement while moving, else as the step says, else unchanged; turned smoothly the short way.
+    first = float(np.deg2rad(person.face_deg))
+    wanted = np.where(speed > 0.25, along, face)
+    held = np.empty_like(wanted)
+    current = first
+    for i, value in enumerate(wanted):
+        if np.isfinite(value):
+            current += float(np.angle(np.exp(1j * (value - current))))
+        held[i] = current
+    heading = np.asarray(gaussian_filter1d(held, 0.18 * TICK_HZ, mode="nearest"))
     step_m = step_length_m(person.height_m, speed)
     phase = np.cumsum(np.pi * speed / step_m / TICK_HZ)
     weights = gaussian_filter1d(actions, 0.25 * TICK_HZ, axis=0, mode="nearest")
@@ -174,56 +199,13 @@ def step_length_m(height_m: float, speed_mps: F64) -> F64:
     return np.asarray(0.41 * height_m * np.sqrt(np.maximum(speed_mps, 0.15) / 1.35))
 
 
-def _headings(face: F64, along: F64, speed: F64, first: float) -> F64:
-    """Along the movement while moving, else as the step says, else unchanged; turned smoothly the short way."""
-    wanted = np.where(speed > 0.25, along, face)
-    held = np.empty_like(wanted)
-    current = first
-    for i, value in enumerate(wanted):
-        if np.isfinite(value):
-            current += float(np.angle(np.exp(1j * (value - current))))
-        held[i] = current
-    return np.asarray(gaussian_filter1d(held, 0.18 * TICK_HZ, mode="nearest"))
-
-
-def _play(script: _Script, step: Step, furniture: dict[str, Furniture]) -> None:
-    face = np.nan if step.face_deg is None else float(np.deg2rad(step.face_deg))
-    if step.go is not None:
-        _walk(script, step)
-    elif step.until_s is not None:
-        script.stay(max(step.until_s - script.now_s, 1 / TICK_HZ), face)
-    elif step.stand_s is not None:
-        script.stay(step.stand_s, face)
-    elif step.reach_s is not None:
-        script.stay(step.reach_s, face, reach=1.0)
-    elif step.bend_s is not None:
-        script.stay(step.bend_s, face, bend=1.0)
-    elif step.crouch_s is not None:
-        script.stay(step.crouch_s, face, crouch=1.0)
-    elif step.cartwheel is not None:
-        _turn_cartwheel(script, step.cartwheel)
-    elif step.sit_s is not None:
-        _sit(script, step, furniture, face)
-
-
-def _walk(script: _Script, step: Step) -> None:
-    begin = script.now_s
-    for point in step.go or []:
-        target = np.asarray(point, np.float64)
-        n = max(1, round(float(np.linalg.norm(target - script.place)) / step.speed_mps * TICK_HZ))
-        track = script.place + (target - script.place) * np.linspace(1 / n, 1, n)[:, None]
-        script.add(track, np.nan, carry=float(step.carry is not None), push=float(step.push is not None))
-    for name, how in ((step.push, "push"), (step.carry, "carry")):
-        if name is not None:
-            script.handlings.append(Handling(name, how, begin, script.now_s, step.put_z_m))
-
-
 def _turn_cartwheel(script: _Script, point: tuple[float, float]) -> None:
     """One turn about the forward axis while the hips travel to the left, to a point."""
     start, way = script.place, np.asarray(point, np.float64) - script.place
     face = float(np.arctan2(way[1], way[0])) - np.pi / 2
     script.stay(0.8, face)
-    n = max(2, round(float(np.linalg.norm(way)) / CARTWHEEL_MPS * TICK_HZ))
+    # Speed of the hips during a cartwheel (our choice: 2 m, about an arm span and a stride, in 1.5 s).
+    n = max(2, round(float(np.linalg.norm(way)) / 1.3 * TICK_HZ))
     turned = float(script.actions[-1][-1, TURNS])
     for k in range(1, n + 1):
         script.add((start + way * k / n)[None], face, turns=turned + k / n)
@@ -237,12 +219,14 @@ def _sit(script: _Script, step: Step, furniture: dict[str, Furniture], face: flo
         return
     chair = furniture[step.on]
     front = float(np.deg2rad(chair.heading_deg)) if not np.isfinite(face) else face
-    ahead = np.asarray(chair.at_m) + SEAT_BACK_M * np.array([np.cos(front), np.sin(front)])
+    # How far the hips move back when sitting down on a chair.
+    ahead = np.asarray(chair.at_m) + 0.32 * np.array([np.cos(front), np.sin(front)])
     n = max(1, round(float(np.linalg.norm(ahead - script.place)) / 0.8 * TICK_HZ))
     before = script.place
     script.add(before + (ahead - before) * np.linspace(1 / n, 1, n)[:, None], np.nan)
     script.stay(0.7, front)
-    low = chair.kind in ("bench", "box") and furniture_size(chair)[2] < LOW_SEAT_M
+    # Benches and boxes lower than this are sat on with raised knees.
+    low = chair.kind in ("bench", "box") and furniture_size(chair)[2] < 0.4
     seat = np.tile(np.asarray(chair.at_m, np.float64), (max(1, round(seconds * TICK_HZ)), 1))
     script.add(seat, front, sit=float(not low), low=float(low))
     script.add(np.tile(ahead, (round(0.7 * TICK_HZ), 1)), front)
@@ -252,7 +236,7 @@ def _sit(script: _Script, step: Step, furniture: dict[str, Furniture], face: flo
 class _Walker:
     """A wanderer while simulated; ``track`` holds positions at WALK_STEP_S from ``begin``."""
 
-    person: Person
+    person: ScenePerson
     wander: Wander
     begin: float
     place: F64
@@ -364,7 +348,8 @@ def _danger(place: F64, candidates: F64, others: F64, moving: F64) -> F64:
     offset = others - place
     relative = moving[None] - candidates[:, None]
     square = np.maximum((relative**2).sum(-1), 1e-9)
-    when = np.clip(-(offset * relative).sum(-1) / square, 0, HORIZON_S)
+    # Wanderers look so far ahead [s].
+    when = np.clip(-(offset * relative).sum(-1) / square, 0, 2.5)
     closest = np.linalg.norm(offset + relative * when[..., None], axis=-1)
     soon = np.linalg.norm(offset + relative * 0.3, axis=-1)
     cost = np.clip(PERSONAL_M + 0.1 - closest, 0, None) / PERSONAL_M * 4.0 / (0.4 + when)
@@ -394,20 +379,16 @@ def _think(walker: _Walker, t: float, obstacles: Obstacles) -> None:
         if walker.stuck_s > 3.0 and walker.leaving < 0:
             _new_goal(walker, obstacles)
         elif walker.stuck_s > 1.5 and walker.leaving >= 0:
-            _step_aside(walker)
+            # Around an obstacle in the way to the exit: a random place nearby first, then on.
+            if walker.detour:
+                _aim(walker, walker.wander.exit_m[walker.leaving])
+            else:
+                _aim(walker, walker.place + walker.rng.uniform(-1.5, 1.5, 2), detour=True)
 
 
 def _aim(walker: _Walker, goal: ArrayLike, *, detour: bool = False) -> None:
     walker.goal, walker.detour = np.asarray(goal, np.float64), detour
     walker.best_m, walker.stuck_s = np.inf, 0.0
-
-
-def _step_aside(walker: _Walker) -> None:
-    """Around an obstacle in the way to the exit: a random place nearby first, then on."""
-    if walker.detour:
-        _aim(walker, walker.wander.exit_m[walker.leaving])
-    else:
-        _aim(walker, walker.place + walker.rng.uniform(-1.5, 1.5, 2), detour=True)
 
 
 def _new_goal(walker: _Walker, obstacles: Obstacles) -> None:
@@ -421,7 +402,7 @@ def _new_goal(walker: _Walker, obstacles: Obstacles) -> None:
     _aim(walker, goal)
 
 
-def _merged(person: Person, scripted: Motion, walker: _Walker) -> Motion:
+def _merged(person: ScenePerson, scripted: Motion, walker: _Walker) -> Motion:
     """Steps first, then the walk, as one motion."""
     n = max(1, round((walker.begin - scripted.first_s) * TICK_HZ))
     times = np.arange(len(walker.track) * int(TICK_HZ * WALK_STEP_S)) / TICK_HZ

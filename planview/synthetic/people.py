@@ -14,7 +14,7 @@ from calib.types import F64
 from planview.synthetic.mesh import Mesh, dome_rings, join, limb_rings, sweep
 from planview.synthetic.motion import ACTIONS, Handling, Motion, scripted_motion, step_length_m, wander
 from planview.synthetic.room import furniture_mesh
-from planview.synthetic.scene import Furniture, Person, Scene, Surface
+from planview.synthetic.scene import Furniture, Scene, ScenePerson, Surface
 from planview.synthetic.texture import Palette
 
 HIP, KNEE, ANKLE, SHOULDER, NECK = 0.530, 0.285, 0.039, 0.812, 0.842
@@ -68,7 +68,7 @@ class PosedBody:
 class Body:
     """A person's rest parts, and ``pose`` that places them."""
 
-    def __init__(self, person: Person, palette: Palette) -> None:
+    def __init__(self, person: ScenePerson, palette: Palette) -> None:
         self.height_m = person.height_m
         h, b = person.height_m, person.build
         shirt = palette.add(person.shirt)
@@ -77,8 +77,23 @@ class Body:
         hair = palette.add(Surface(colour=person.hair, scale_m=0.02, contrast=0.35))
         shoes = palette.add(Surface(colour="#2a2624", scale_m=0.05, contrast=0.2))
         sleeve = shirt if person.sleeves == "long" else skin
+        rows = [
+            (-0.075, 0.0, 0.0, 0.0),
+            (-0.06, 0.045, 0.06, 0.0),
+            (-0.03, 0.063, 0.092, 0.0),
+            (0.02, 0.063, 0.094, 0.0),
+        ]
+        if person.skirt:
+            rows = [
+                (-0.26, 0.0, 0.0, 0.0),
+                (-0.26, 0.088, 0.115, 0.0),
+                (-0.1, 0.075, 0.105, 0.0),
+                (0.02, 0.06, 0.09, 0.0),
+            ]
+        rows.append((0.03, 0.0, 0.0, 0.0))
+        pelvis = sweep(_rings(h, rows, b), trousers, 18)
         self._parts = {
-            "pelvis": _pelvis(h, b, trousers, skirt=person.skirt),
+            "pelvis": pelvis,
             "torso": _torso(h, b, shirt, skin),
             "head": _head(h, person.hair_style, skin, hair),
             "arm": join([_limb(h, UPPER_ARM, (0.030, 0.027, 0.024, 0.021), b, shirt)]),
@@ -176,14 +191,6 @@ def _torso(h: float, b: float, shirt: int, skin: int) -> Mesh:
     return join([sweep(_rings(h, rows, b), shirt, 18), neck])
 
 
-def _pelvis(h: float, b: float, trousers: int, *, skirt: bool) -> Mesh:
-    rows = [(-0.075, 0.0, 0.0, 0.0), (-0.06, 0.045, 0.06, 0.0), (-0.03, 0.063, 0.092, 0.0), (0.02, 0.063, 0.094, 0.0)]
-    if skirt:
-        rows = [(-0.26, 0.0, 0.0, 0.0), (-0.26, 0.088, 0.115, 0.0), (-0.1, 0.075, 0.105, 0.0), (0.02, 0.06, 0.09, 0.0)]
-    rows.append((0.03, 0.0, 0.0, 0.0))
-    return sweep(_rings(h, rows, b), trousers, 18)
-
-
 def _head(h: float, style: str, skin: int, hair: int) -> Mesh:
     """Head with hair; the origin is the top of the neck and the highest point (1 - NECK) h above it."""
     top = (1.0 - NECK) * h
@@ -241,7 +248,11 @@ def pose_at(person_index: int, height_m: float, motion: Motion, t: float) -> tup
     going = min(1.0, speed / 0.35) * (1.0 - max(w["sit"], w["floor"], w["low"], wheel))
     step = float(step_length_m(height_m, np.array([speed]))[0])
     swing = float(np.arcsin(np.clip(step / (2 * HIP * height_m), 0, 0.7))) * going
-    idle = _fidget(person_index, t)
+    # (6,) slow irregular numbers in about -1..1, different for each person.
+    k = np.arange(6)
+    a = np.sin(0.61 * t * (1 + 0.13 * k) + 2.1 * k + 5.3 * person_index)
+    b = np.sin(1.37 * t * (1 - 0.07 * k) + 1.7 * k + 3.1 * person_index)
+    idle = np.asarray(0.6 * a + 0.4 * b)
     sides = np.array([phase, phase + np.pi])
     forward = np.cos(sides)
     lifting = np.maximum(0.0, -np.sin(sides + 0.6)) ** 1.3
@@ -295,14 +306,6 @@ _ACTION_POSES: dict[str, dict[str, tuple[float, ...]]] = {
 
 def _pair(values: F64) -> tuple[float, float]:
     return float(values[0]), float(values[1])
-
-
-def _fidget(index: int, t: float) -> F64:
-    """(6,) slow irregular numbers in about -1..1, different for each person."""
-    k = np.arange(6)
-    a = np.sin(0.61 * t * (1 + 0.13 * k) + 2.1 * k + 5.3 * index)
-    b = np.sin(1.37 * t * (1 - 0.07 * k) + 1.7 * k + 3.1 * index)
-    return np.asarray(0.6 * a + 0.4 * b)
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,12 +40,7 @@ class SensorModel:
     """One camera's sensor; its noise depends only on the seed, the camera and the frame."""
 
     def __init__(
-        self,
-        sensor: Sensor,
-        shape: tuple[int, int],
-        gain: float,
-        seed: tuple[int, int],
-        capture: Capture | None = None,
+        self, sensor: Sensor, shape: tuple[int, int], gain: float, seed: tuple[int, int], capture: Capture | None = None
     ) -> None:
         """``gain`` scales linear light to 1 at full scale; ``shape`` is (H, W); the last of ``seed`` is the camera."""
         self._capture, self._empty_level = capture or Capture(), sensor.brightness
@@ -70,7 +65,18 @@ class SensorModel:
             light = (light @ np.array([0.114, 0.587, 0.299], np.float32))[:, :, None]
         # A longer exposure counts more electrons, gain steps are rare in practice: noise is of the full well.
         sigma = np.sqrt(np.maximum(light, 0) * s.full_well_e + s.read_noise_e**2) / np.float32(s.full_well_e)
-        light = light + sigma * self._noise(light.shape, frame)
+        # Normal numbers from a bank, from another place in each frame.
+        rng = np.random.default_rng([*self._seed, frame])
+        size = int(np.prod(light.shape))
+        out = np.empty(size, np.float32)
+        at = 0
+        while at < size:
+            start = int(rng.integers(0, _BANK))
+            n = min(size - at, _BANK - start)
+            out[at : at + n] = self._bank[start : start + n]
+            at += n
+        noise = out.reshape(light.shape)
+        light = light + sigma * noise
         image = self._curve[np.clip(light * 4095 + 0.5, 0, 4095).astype(np.int32)]
         return self._compressed(np.ascontiguousarray(image[:, :, 0] if s.grey else image))
 
@@ -91,19 +97,6 @@ class SensorModel:
         _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, self._capture.jpeg_quality])
         flag = cv2.IMREAD_GRAYSCALE if image.ndim == 2 else cv2.IMREAD_COLOR
         return np.asarray(cv2.imdecode(data, flag), dtype=np.uint8)
-
-    def _noise(self, shape: tuple[int, ...], frame: int) -> F32:
-        """Normal numbers from a bank, from another place in each frame."""
-        rng = np.random.default_rng([*self._seed, frame])
-        size = int(np.prod(shape))
-        out = np.empty(size, np.float32)
-        at = 0
-        while at < size:
-            start = int(rng.integers(0, _BANK))
-            n = min(size - at, _BANK - start)
-            out[at : at + n] = self._bank[start : start + n]
-            at += n
-        return out.reshape(shape)
 
 
 @dataclass(frozen=True, eq=False)

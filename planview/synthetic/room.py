@@ -11,8 +11,6 @@ from planview.synthetic.mesh import Mesh, box, dome_rings, join, limb_rings, qua
 from planview.synthetic.scene import Furniture, FurnitureKind, Opening, Room, Surface, Wall
 from planview.synthetic.texture import Palette
 
-CORRIDOR_M = 3.5
-"""Depth of the corridor behind an opening."""
 Size = tuple[float, float, float]
 Builder = Callable[[Size, int, int], list[Mesh]]
 
@@ -85,7 +83,8 @@ def _corridor(room: Room, o: Opening, floor: int, wall: int, ceiling: int) -> li
     up = np.array([0, 0, room.size_m[2]])
     side = 1.5
     start = corner + along * (o.from_m - side)
-    span, out = along * (o.width_m + 2 * side), -inward * CORRIDOR_M
+    # Depth of the corridor behind an opening.
+    span, out = along * (o.width_m + 2 * side), -inward * 3.5
     faces_up = np.cross(span, out)[2] >= 0
     ground = quad(start, span, out, floor) if faces_up else quad(start + span, -span, out, floor)
     return [

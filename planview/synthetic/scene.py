@@ -165,7 +165,7 @@ class Wander(Params):
     exit_m: tuple[Pair, ...] = ()
 
 
-class Person(Params):
+class ScenePerson(Params):
     """A person. Ids count from 1 in the order of the file."""
 
     height_m: float = Field(1.72, ge=0.9, le=2.2)
@@ -318,7 +318,7 @@ class Scene(Params):
     lights: Lights = Lights()
     capture: Capture | None = None
     furniture: tuple[Furniture, ...] = ()
-    people: tuple[Person, ...] = Field((), max_length=60)
+    people: tuple[ScenePerson, ...] = Field((), max_length=60)
 
     @model_validator(mode="after")
     def _consistent(self) -> Scene:
@@ -349,11 +349,7 @@ class Scene(Params):
 
 
 def load_scene(path: Path) -> Scene:
-    """Read a scene.
-
-    Raises:
-        InputError: unreadable, not TOML, an unknown key or a value out of range.
-    """
+    """Read a scene. Raises InputError: unreadable, not TOML, an unknown key or a value out of range."""
     return parse_scene(read_text(path, "a scene in TOML"), str(path))
 
 

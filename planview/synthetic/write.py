@@ -12,12 +12,12 @@ import cv2
 from pydantic import Field, ValidationError
 
 from calib.errors import InputError, WorkError
+from calib.formats import write_rig
 from calib.ground_camera import save_ground_camera
 from calib.images import as_colour, encode_image
 from calib.io import load_toml, reason
 from calib.params import Params, first_problem
 from calib.rig import Floor, save_rig
-from calib.types import U8
 from calib.world import RIGS_FILE, RigEntry, save_rigs, save_world
 from planview.synthetic.render import SceneRenderer
 from planview.synthetic.scene import Rig, Scene
@@ -66,7 +66,15 @@ def write_recording(
     count = min(renderer.n_frames, frames or renderer.n_frames)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _write_calibration(renderer, folder, opencv=opencv, world=world)
+        rig = renderer.rig
+        if renderer.ground_camera is not None:
+            save_ground_camera(renderer.ground_camera, folder / "camera.toml")
+        if rig is not None:
+            save_rig(rig, folder / "rig.toml")
+        if world and renderer.world_SE3_left is not None:
+            save_world(Floor(renderer.world_SE3_left), folder / "world.toml")
+        if opencv and rig is not None:
+            write_rig(rig, folder, "opencv")
         with (folder / "truth.csv").open("w") as truth, (folder / "timestamps.csv").open("w") as times:
             rows = _write_frames(renderer, folder, count, storage, truth, times, done)
     except OSError as error:
@@ -80,11 +88,14 @@ def _write_frames(renderer: SceneRenderer, folder: Path, count: int, storage: St
     truth.write(TRUTH_HEADER + (BOX_HEADER if single else "") + "\n")
     times.write("frame,timestamp_s\n")
     sides = [""] if single else ["left", "right"]
-    videos: list[_Video] = []
+    videos: list[cv2.VideoWriter] = []
     rows = 0
     for side in sides:
         if storage == "video":
-            videos.append(_Video(folder / f"{side or 'video'}.mp4", renderer.scene.fps, renderer.size))
+            path, fps = folder / f"{side or 'video'}.mp4", renderer.scene.fps
+            videos.append(cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), fps, renderer.size))
+            if not videos[-1].isOpened():
+                raise OSError(f"{path.name}: this OpenCV cannot write the video")
         else:
             (folder / side).mkdir(parents=True, exist_ok=True)
     try:
@@ -92,7 +103,7 @@ def _write_frames(renderer: SceneRenderer, folder: Path, count: int, storage: St
             frame = renderer.frame(index)
             images = [image for image in (frame.left, frame.right) if image is not None]
             for video, image in zip(videos, images, strict=False):
-                video.write(image)
+                video.write(as_colour(image))
             if not videos:
                 for side, image in zip(sides, images, strict=True):
                     content = encode_image(image, f".{storage}", quality=95)
@@ -103,7 +114,7 @@ def _write_frames(renderer: SceneRenderer, folder: Path, count: int, storage: St
             done()
     finally:
         for video in videos:
-            video.close()
+            video.release()
     return rows
 
 
@@ -114,41 +125,6 @@ def truth_line(frame: int, row: TruthRow, *, boxes: bool) -> str:
     if boxes:
         cells += ["" if math.isnan(v) else f"{v:.1f}" for v in (*row.box_px, *row.full_box_px)]
     return ",".join(cells) + "\n"
-
-
-class _Video:
-    """One video file."""
-
-    def __init__(self, path: Path, fps: float, size: tuple[int, int]) -> None:
-        self._writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), fps, size)
-        if not self._writer.isOpened():
-            raise OSError(f"{path.name}: this OpenCV cannot write the video")
-
-    def write(self, image: U8) -> None:
-        self._writer.write(as_colour(image))
-
-    def close(self) -> None:
-        self._writer.release()
-
-
-def _write_calibration(renderer: SceneRenderer, folder: Path, *, opencv: bool, world: bool) -> None:
-    rig = renderer.rig
-    if renderer.ground_camera is not None:
-        save_ground_camera(renderer.ground_camera, folder / "camera.toml")
-    if rig is not None:
-        save_rig(rig, folder / "rig.toml")
-    if world and renderer.world_SE3_left is not None:
-        save_world(Floor(renderer.world_SE3_left), folder / "world.toml")
-    if opencv and rig is not None:  # as OpenCV's stereo_calib sample writes them
-        inner = cv2.FileStorage(str(folder / "intrinsics.yml"), cv2.FILE_STORAGE_WRITE)
-        for name, camera in (("1", rig.left), ("2", rig.right)):
-            inner.write(f"M{name}", camera.matrix)
-            inner.write(f"D{name}", camera.coefficients.reshape(1, -1))
-        inner.release()
-        outer = cv2.FileStorage(str(folder / "extrinsics.yml"), cv2.FILE_STORAGE_WRITE)
-        outer.write("R", rig.right_SE3_left.rotation)
-        outer.write("T", rig.right_SE3_left.translation.reshape(3, 1))
-        outer.release()
 
 
 class RigMount(Params):
@@ -173,17 +149,9 @@ class RigScene:
         return SceneRenderer(self.scene, scale, self.mount.start_s)
 
 
-def has_rigs(table: dict[str, Any]) -> bool:
-    """Whether a scene's table lists heads instead of one rig or camera."""
-    return "head" in table
-
-
 def rigs_of(table: dict[str, Any], source: str) -> tuple[RigScene, ...]:
-    """The heads of a scene's table, which has ``[[head]]`` in the place of ``[rig]``.
-
-    Raises:
-        InputError: an unknown key, a value out of range, or two heads of one name.
-    """
+    """The heads of a scene's table, which has ``[[head]]`` in the place of ``[rig]``. Raises InputError: an unknown
+    key, a value out of range, or two heads of one name."""
     rest = {key: value for key, value in table.items() if key != "head"}
     try:
         mounts = [RigMount.model_validate(entry) for entry in table["head"]]
@@ -196,13 +164,10 @@ def rigs_of(table: dict[str, Any], source: str) -> tuple[RigScene, ...]:
 
 
 def load_rig_scenes(path: Path) -> tuple[RigScene, ...]:
-    """Read a scene with ``[[head]]`` tables; empty for a scene with one rig or camera.
-
-    Raises:
-        InputError: unreadable, or not TOML, and as ``rigs_of``.
-    """
+    """Read a scene with ``[[head]]`` tables; empty for a scene with one rig or camera. Raises InputError: unreadable,
+    or not TOML, and as ``rigs_of``."""
     table = load_toml(path, "a scene in TOML")
-    return rigs_of(table, str(path)) if has_rigs(table) else ()
+    return rigs_of(table, str(path)) if "head" in table else ()
 
 
 def with_seed(heads: tuple[RigScene, ...], seed: int | None) -> tuple[RigScene, ...]:

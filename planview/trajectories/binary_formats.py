@@ -6,7 +6,7 @@ import hashlib
 import sqlite3
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,15 +22,9 @@ from planview.trajectories.table import (
     sorted_rows,
 )
 
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
 ARCHIVE_VERSION = "1.0.0"
 _FIELDS = ("id", "frame", "x", "y")
 _ROW = np.dtype([("id", "<i8"), ("frame", "<i8"), ("x", "<f8"), ("y", "<f8"), ("z", "<f8")])
-JUPEDSIM_VERSION = 2
-AREAS_MAX = 100
-"""Most walkable areas that are read."""
 _SCHEMA = """
 CREATE TABLE trajectory_data (frame INTEGER NOT NULL, id INTEGER NOT NULL, pos_x REAL NOT NULL, pos_y REAL NOT NULL,
     ori_x REAL NOT NULL, ori_y REAL NOT NULL);
@@ -43,11 +37,8 @@ _REQUIRED = ("frame", "id", "x_m", "y_m")
 
 
 def read_ped_data_archive(path: Path) -> TrajectoryFile:
-    """Read a file of the archive; a z of 0 or less, or none, is no height.
-
-    Raises:
-        InputError: another HDF5 file, damaged, without its frame rate, or too large.
-    """
+    """Read a file of the archive; a z of 0 or less, or none, is no height. Raises InputError: another HDF5 file,
+    damaged, without its frame rate, or too large."""
     import h5py  # a tenth of a second, and only these files need it
 
     try:
@@ -66,15 +57,17 @@ def read_ped_data_archive(path: Path) -> TrajectoryFile:
     table = sorted_rows(path, table, frame=1, track_id=0)
     track_id, frame = table[:, :2].astype(np.int64).T
     rows = positions_table(frame, track_id, table[:, 2:4], np.where(table[:, 4] > 0, table[:, 4], np.nan))
-    return TrajectoryFile(rows, fps, checked_area(_text(area), str(path)) if area is not None else None)
+    return TrajectoryFile(
+        rows,
+        fps,
+        checked_area(area.decode("utf-8", "replace") if isinstance(area, bytes) else str(area), str(path))
+        if area is not None
+        else None,
+    )
 
 
 def write_ped_data_archive(path: Path, file: TrajectoryFile) -> None:
-    """Write rows with known positions by id, then frame.
-
-    Raises:
-        WorkError: the file cannot be written.
-    """
+    """Write rows with known positions by id, then frame. Raises WorkError: the file cannot be written."""
     import h5py
 
     table = file.table
@@ -104,30 +97,33 @@ def _numbers(path: Path, dataset: Any) -> F64:
     return np.column_stack([*(rows[name] for name in _FIELDS), height]).astype(np.float64)
 
 
-def _text(value: object) -> str:
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
-
-
 def read_jupedsim(path: Path) -> TrajectoryFile:
-    """Read a database; several walkable areas come as one collection.
-
-    Raises:
-        InputError: another database, damaged, of another version, without its frame rate, or too large.
-    """
+    """Read a database; several walkable areas come as one collection. Raises InputError: another database, damaged, of
+    another version, without its frame rate, or too large."""
     try:
         with closing(sqlite3.connect(path.resolve().as_uri() + "?mode=ro&immutable=1", uri=True)) as database:
             database.execute("PRAGMA trusted_schema = OFF")
-            return _read(path, database)
+            kinds = database.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'").fetchall()
+            tables = {name for name, sql in kinds if not str(sql).upper().startswith("CREATE VIRTUAL")}
+            if not {"trajectory_data", "metadata"} <= tables:
+                raise InputError(
+                    f"{path}: expected the tables trajectory_data and metadata, "
+                    f"found {', '.join(sorted(tables)) or 'none'}"
+                )
+            metadata = dict(database.execute("SELECT key, value FROM metadata LIMIT 100").fetchall())
+            if str(metadata.get("version")) not in ("1", "2"):
+                raise InputError(f"{path}: expected version 1 or 2, found {metadata.get('version')!r}")
+            table = sorted_rows(path, _positions(path, database), frame=0, track_id=1)
+            frame, track_id = table[:, :2].astype(np.int64).T
+            rows, fps = positions_table(frame, track_id, table[:, 2:4]), checked_rate(path, metadata.get("fps"))
+            return TrajectoryFile(rows, fps, _area(path, database) if "geometry" in tables else None)
     except (sqlite3.Error, ValueError, OverflowError) as error:
         raise InputError(f"{path}: expected a database of JuPedSim, found {error}") from error
 
 
 def write_jupedsim(path: Path, file: TrajectoryFile) -> None:
-    """Write rows with known positions; the orientation is the direction of the velocity, (0, 0) where unknown.
-
-    Raises:
-        WorkError: the file cannot be written.
-    """
+    """Write rows with known positions; the orientation is the direction of the velocity, (0, 0) where unknown. Raises
+    WorkError: the file cannot be written."""
     table, area = file.table, file.walkable_wkt or ""
     area_hash = int.from_bytes(hashlib.sha256(area.encode()).digest()[:8], "big", signed=True)
     speed = np.hypot(*table.velocity_mps.T)[:, None]
@@ -143,32 +139,16 @@ def write_jupedsim(path: Path, file: TrajectoryFile) -> None:
 
 
 def _metadata(file: TrajectoryFile) -> list[tuple[str, str]]:
-    rows = [("version", str(JUPEDSIM_VERSION)), ("fps", f"{file.fps!r}")]
+    rows = [("version", str(2)), ("fps", f"{file.fps!r}")]
     if len(file.table):
         for axis, values in (("x", file.table.x_m), ("y", file.table.y_m)):
             rows += [(f"{axis}min", f"{values.min()}"), (f"{axis}max", f"{values.max()}")]
     return rows
 
 
-def _read(path: Path, database: sqlite3.Connection) -> TrajectoryFile:
-    # Views and virtual tables could run queries of their own without end: only plain tables are read.
-    kinds = database.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'").fetchall()
-    tables = {name for name, sql in kinds if not str(sql).upper().startswith("CREATE VIRTUAL")}
-    if not {"trajectory_data", "metadata"} <= tables:
-        raise InputError(
-            f"{path}: expected the tables trajectory_data and metadata, found {', '.join(sorted(tables)) or 'none'}"
-        )
-    metadata = dict(database.execute("SELECT key, value FROM metadata LIMIT 100").fetchall())
-    if str(metadata.get("version")) not in ("1", "2"):
-        raise InputError(f"{path}: expected version 1 or 2, found {metadata.get('version')!r}")
-    table = sorted_rows(path, _positions(path, database), frame=0, track_id=1)
-    frame, track_id = table[:, :2].astype(np.int64).T
-    rows, fps = positions_table(frame, track_id, table[:, 2:4]), checked_rate(path, metadata.get("fps"))
-    return TrajectoryFile(rows, fps, _area(path, database) if "geometry" in tables else None)
-
-
 def _area(path: Path, database: sqlite3.Connection) -> str | None:
-    found = database.execute("SELECT DISTINCT wkt FROM geometry LIMIT ?", (AREAS_MAX,)).fetchall()
+    # Most walkable areas that are read.
+    found = database.execute("SELECT DISTINCT wkt FROM geometry LIMIT ?", (100,)).fetchall()
     areas = [checked_area(str(wkt), str(path)) for (wkt,) in found if wkt]
     return areas[0] if len(areas) == 1 else f"GEOMETRYCOLLECTION ({', '.join(areas)})" if areas else None
 
@@ -183,37 +163,19 @@ def _positions(path: Path, database: sqlite3.Connection) -> F64:
         raise ValueError(f"values that are not numbers ({error})") from error
 
 
-def data_frame(file: TrajectoryFile) -> DataFrame:
-    """A pandas DataFrame with the columns of ``tracks.csv``; ``attrs`` holds ``fps`` and ``walkable_wkt``.
-
-    Raises:
-        InputError: pandas is not installed.
-    """
+def write_parquet(path: Path, file: TrajectoryFile) -> None:
+    """Write all rows. Raises InputError: pandas or pyarrow is not installed. WorkError: the file cannot be written."""
+    _pandas()
+    # attrs holds fps and walkable_wkt.
     frame = file.table.to_dataframe()
     frame.attrs.update(fps=file.fps, walkable_wkt=file.walkable_wkt)
-    return frame
-
-
-def write_parquet(path: Path, file: TrajectoryFile) -> None:
-    """Write all rows.
-
-    Raises:
-        InputError: pandas or pyarrow is not installed.
-        WorkError: the file cannot be written.
-    """
-    _pandas()
-    frame = data_frame(file)
     with replaced(path) as part:
         frame.to_parquet(part, engine="pyarrow", index=False)
 
 
 def read_parquet(path: Path) -> TrajectoryFile:
-    """Read a table; a column that is missing is unknown.
-
-    Raises:
-        InputError: pandas or pyarrow is not installed, not a Parquet file, one of the columns frame, id, x_m, y_m is
-            missing, or values of another kind.
-    """
+    """Read a table; a column that is missing is unknown. Raises InputError: pandas or pyarrow is not installed, not a
+    Parquet file, one of the columns frame, id, x_m, y_m is missing, or values of another kind."""
     pandas = _pandas()
     from pyarrow import ArrowException
     from pyarrow.parquet import ParquetFile

@@ -49,11 +49,7 @@ def timed_by_rate(file: TrajectoryFile) -> TrajectoryFile:
 
 
 def checked_rate(path: Path, value: object) -> float:
-    """A frame rate from a file [1/s].
-
-    Raises:
-        InputError: not a number above 0 and up to FPS_MAX.
-    """
+    """A frame rate from a file [1/s]. Raises InputError: not a number above 0 and up to FPS_MAX."""
     try:
         fps = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
@@ -64,11 +60,8 @@ def checked_rate(path: Path, value: object) -> float:
 
 
 def checked_area(text: str, where: str) -> str:
-    """Well-known text of a walkable area.
-
-    Raises:
-        InputError: not a POLYGON, MULTIPOLYGON or GEOMETRYCOLLECTION, or parentheses that do not pair up.
-    """
+    """Well-known text of a walkable area. Raises InputError: not a POLYGON, MULTIPOLYGON or GEOMETRYCOLLECTION, or
+    parentheses that do not pair up."""
     wkt = " ".join(text.split())
     if not _WKT.fullmatch(wkt) or wkt.count("(") != wkt.count(")") or "(" not in wkt:
         raise InputError(f"{where}: expected a walkable area like POLYGON ((0 0, 4 0, 4 3, 0 0)), found {wkt[:60]!r}")
@@ -85,11 +78,7 @@ def surrounding_area(table: Trajectories) -> str:
 
 
 def refuse_many(path: Path, rows: int) -> None:
-    """Refuse a table before memory is taken for it.
-
-    Raises:
-        InputError: more rows than ROWS_MAX.
-    """
+    """Refuse a table before memory is taken for it. Raises InputError: more rows than ROWS_MAX."""
     if rows > ROWS_MAX:
         raise InputError(f"{path}: expected up to {ROWS_MAX} rows, found {rows}")
 
@@ -97,10 +86,7 @@ def refuse_many(path: Path, rows: int) -> None:
 @contextmanager
 def replaced(path: Path) -> Iterator[Path]:
     """A path to write to, which becomes ``path`` in one step when all is written (see ``calib.files.whole_file``).
-
-    Raises:
-        WorkError: the file cannot be written; what was there is kept.
-    """
+    Raises WorkError: the file cannot be written; what was there is kept."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as part:
@@ -132,11 +118,7 @@ class Region:
 
 
 def region_of(text: str, option: str) -> Region:
-    """A region of well-known text, or of a file with it.
-
-    Raises:
-        InputError: neither.
-    """
+    """A region of well-known text, or of a file with it. Raises InputError: neither."""
     path = Path(text)
     try:
         if len(text) < 1000 and path.is_file():
@@ -148,11 +130,8 @@ def region_of(text: str, option: str) -> Region:
 
 
 def limited(file: TrajectoryFile, region: str | None, ignore: str | None) -> TrajectoryFile:
-    """Trajectories inside one region and outside another, each well-known text or a file; None for no limit.
-
-    Raises:
-        InputError: see ``region_of``.
-    """
+    """Trajectories inside one region and outside another, each well-known text or a file; None for no limit. Raises
+    InputError: see ``region_of``."""
     table = file.table
     if region is not None:
         table = table.where(inside(table, region_of(region, "--region")))

@@ -38,27 +38,18 @@ from planview.trajectories.text_formats import (
     write_petrack,
 )
 
-BINARY = {
-    b"\x89HDF\r\n\x1a\n": read_ped_data_archive,
-    b"SQLite format 3\x00": read_jupedsim,
-    b"PAR1": read_parquet,
-}
+BINARY = {b"\x89HDF\r\n\x1a\n": read_ped_data_archive, b"SQLite format 3\x00": read_jupedsim, b"PAR1": read_parquet}
 """Readers by the first bytes of a file."""
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _FIRST_LINE = 10_000
 ExportName = Literal["pedpy", "ped-data-archive", "jupedsim", "motchallenge", "parquet", "csv", "jsonl"]
-RATE_DIGITS = 3
-"""Decimals of a rate that is measured from times rounded to 0.1 ms."""
 _TRUTH_FILES = ("truth.csv", "gt.txt", "gt/gt.txt")
 _TABLES = (".csv", ".txt", ".h5", ".hdf5", ".sqlite", ".parquet", ".jsonl")
 
 
 def load_truth(path: Path) -> Trajectories:
-    """Truth in our layout (with a header), as PETS/MOTChallenge rows or in any other layout of ``load_file``.
-
-    Raises:
-        InputError: unreadable or none of these.
-    """
+    """Truth in our layout (with a header), as PETS/MOTChallenge rows or in any other layout of ``load_file``. Raises
+    InputError: unreadable or none of these."""
     return load_file(path, truth=True).table
 
 
@@ -110,11 +101,8 @@ def _load_text(path: Path, first: bytes, truth: bool, boxes: bool) -> Trajectory
 
 
 def read_laboratory(path: Path, fps: float = 16.0) -> Trajectories:
-    """Head positions of laboratory experiments (Juelich) without comments: id, frame, x cm, y cm, z cm.
-
-    Raises:
-        InputError: a row of another length, or values that are not numbers.
-    """
+    """Head positions of laboratory experiments (Juelich) without comments: id, frame, x cm, y cm, z cm. Raises
+    InputError: a row of another length, or values that are not numbers."""
     table = read_numbers(path, None, "rows of id frame x_cm y_cm z_cm")
     if table.shape[1] != 5:
         raise InputError(f"{path}: expected 5 columns (id frame x_cm y_cm z_cm), found {table.shape[1]}")
@@ -172,7 +160,13 @@ def prepared(
     """
     table = file.table
     if not FORMATS[name].keeps_state:
-        table = _plain_rows(table, FORMATS[name].needs_floor, lost)
+        needs_floor = FORMATS[name].needs_floor
+        confirmed = (table.state == "confirmed") | (lost & (table.state == "lost"))
+        floor = np.isfinite(table.x_m) & np.isfinite(table.y_m)
+        usable = floor if needs_floor else floor | np.isfinite(table.box_px).all(axis=1)
+        if len(table) and not usable.any():
+            raise InputError("expected trajectories with floor positions, found none")
+        table = table.where(confirmed & usable)
     rate = fps or file.fps or measured_rate(file.table)
     if rate is None and not FORMATS[name].keeps_state:
         raise InputError("expected timestamps or a frame rate in the trajectories, found neither; --fps gives it")
@@ -187,16 +181,8 @@ def measured_rate(table: Trajectories) -> float | None:
     known = np.flatnonzero(np.isfinite(table.timestamp_s))
     first, last = int(known[0]), int(known[-1])
     mean = (table.timestamp_s[last] - table.timestamp_s[first]) / (table.frame[last] - table.frame[first])
-    return round(1 / float(mean if abs(mean - period) < 0.01 * period else period), RATE_DIGITS)
-
-
-def _plain_rows(table: Trajectories, needs_floor: bool, lost: bool) -> Trajectories:
-    confirmed = (table.state == "confirmed") | (lost & (table.state == "lost"))
-    floor = np.isfinite(table.x_m) & np.isfinite(table.y_m)
-    usable = floor if needs_floor else floor | np.isfinite(table.box_px).all(axis=1)
-    if len(table) and not usable.any():
-        raise InputError("expected trajectories with floor positions, found none")
-    return table.where(confirmed & usable)
+    # Decimals of a rate that is measured from times rounded to 0.1 ms.
+    return round(1 / float(mean if abs(mean - period) < 0.01 * period else period), 3)
 
 
 class FilePair(NamedTuple):

@@ -39,11 +39,8 @@ IGNORED = -1.0
 
 
 def read_numbers(path: Path, delimiter: str | None, expected: str) -> F64:
-    """(N, M) numbers of a text file; None for blanks as delimiter.
-
-    Raises:
-        InputError: unreadable, rows of different lengths, or values that are not numbers; ``expected`` is named.
-    """
+    """(N, M) numbers of a text file; None for blanks as delimiter. Raises InputError: unreadable, rows of different
+    lengths, or values that are not numbers; ``expected`` is named."""
     require_file(path, expected)
     try:
         with warnings.catch_warnings():
@@ -55,11 +52,8 @@ def read_numbers(path: Path, delimiter: str | None, expected: str) -> F64:
 
 
 def sorted_rows(path: Path, table: F64, frame: int, track_id: int) -> F64:
-    """Rows by frame, then id (given their columns).
-
-    Raises:
-        InputError: a frame or id that is not a whole number up to KEY_MAX, or two rows of one frame and id.
-    """
+    """Rows by frame, then id (given their columns). Raises InputError: a frame or id that is not a whole number up to
+    KEY_MAX, or two rows of one frame and id."""
     keys = table[:, [frame, track_id]]
     if not np.isfinite(keys).all() or (keys != np.floor(keys)).any():
         raise InputError(f"{path}: expected whole numbers for frame and id, found others")
@@ -71,11 +65,8 @@ def sorted_rows(path: Path, table: F64, frame: int, track_id: int) -> F64:
 
 
 def require_unique(path: Path, frame: F64 | I64, track_id: F64 | I64) -> None:
-    """Refuse two rows of one frame and id, in (N,) columns sorted by frame, then id.
-
-    Raises:
-        InputError: there are two.
-    """
+    """Refuse two rows of one frame and id, in (N,) columns sorted by frame, then id. Raises InputError: there are
+    two."""
     twice = np.flatnonzero((np.diff(frame) == 0) & (np.diff(track_id) == 0))
     if len(twice):
         first = int(twice[0])
@@ -209,11 +200,8 @@ class Trajectories:
         return Trajectories(**{name: _picked(getattr(self, name), keep) for name in self.__dataclass_fields__})
 
     def to_dataframe(self) -> DataFrame:
-        """A pandas DataFrame with the columns of ``tracks.csv`` (``TRACK_COLUMNS``), a row per person and frame.
-
-        Raises:
-            InputError: pandas is not installed.
-        """
+        """A pandas DataFrame with the columns of ``tracks.csv`` (``TRACK_COLUMNS``), a row per person and frame. Raises
+        InputError: pandas is not installed."""
         try:
             import pandas
         except ImportError as error:

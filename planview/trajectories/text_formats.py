@@ -27,16 +27,10 @@ from planview.trajectories.table import (
     sorted_rows,
 )
 
-_PEDESTRIAN = 1
-_DISTRACTORS = (2, 7, 8, 12)
-"""Person on a vehicle, static person, distractor, reflection: tracks on them are no errors (Milan et al. 2016, MOT16,
-section 3.2); all other classes and rows with flag 0 are left out."""
-_CLASS_MAX = 13
 METRES = {"m": 1.0, "cm": 0.01}
 _RATE = re.compile(r"framerate\s*[:=]?\s*([^\s,;]+)", re.IGNORECASE)
 _CENTIMETRES = re.compile(r"x\s*[/\[(]\s*cm\b|\bin\s+cm\b", re.IGNORECASE)
 _METRES = re.compile(r"x\s*[/\[(]\s*m\b|\bin\s+(m\b|met)", re.IGNORECASE)
-_COMMENTS_MAX = 1000
 LINE_MAX = 10_000_000
 """Most characters of a line: a frame of 50,000 people."""
 _VALUES = ("x_m", "y_m", "vx_mps", "vy_mps", "height_m")
@@ -60,7 +54,12 @@ def read_motchallenge(path: Path, *, truth: bool) -> Trajectories:
         raise InputError(f"{path}: expected 6 to 10 columns, the first 6 finite, found {table.shape[1]} columns")
     table = sorted_rows(path, table, frame=0, track_id=1)
     if _has_classes(table):
-        return _with_classes(table)
+        # Person on a vehicle, static person, distractor, reflection: tracks on them are no errors (Milan et
+        # al. 2016, MOT16, section 3.2); all other classes and rows with flag 0 are left out.
+        distractor = np.isin(table[:, 7], (2, 7, 8, 12))
+        counted = distractor | ((table[:, 7] == 1) & (table[:, 6] == 1))
+        visible = np.where(distractor, IGNORED, table[:, 8])
+        return _positions(table[counted], np.full((int(counted.sum()), 2), np.nan), visible[counted])
     if truth and table.shape[1] > 6:
         table = table[table[:, 6] != 0]
     return _positions(table, _floor(table))
@@ -94,15 +93,8 @@ def _has_classes(table: F64) -> Bool | bool:
     if table.shape[1] != 9 or not len(table):
         return False
     flag, kind, visible = table[:, 6:9].T
-    classes = (kind == np.floor(kind)) & (kind >= 1) & (kind <= _CLASS_MAX)
+    classes = (kind == np.floor(kind)) & (kind >= 1) & (kind <= 13)
     return bool((np.isin(flag, (0, 1)) & classes & (visible >= 0) & (visible <= 1)).all())
-
-
-def _with_classes(table: F64) -> Trajectories:
-    distractor = np.isin(table[:, 7], _DISTRACTORS)
-    counted = distractor | ((table[:, 7] == _PEDESTRIAN) & (table[:, 6] == 1))
-    visible = np.where(distractor, IGNORED, table[:, 8])
-    return _positions(table[counted], np.full((int(counted.sum()), 2), np.nan), visible[counted])
 
 
 def _floor(table: F64) -> F64:
@@ -161,7 +153,7 @@ def _comments(path: Path) -> tuple[float | None, float]:
     """Frames per second (None without a comment) and metres per unit."""
     try:
         with path.open(encoding="utf-8-sig") as file:
-            lines = [line for line, _ in zip(file, range(_COMMENTS_MAX), strict=False)]
+            lines = [line for line, _ in zip(file, range(1000), strict=False)]
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: expected rows of id frame x y z, found {reason(error)}") from error
     text = "".join(takewhile(lambda line: line.startswith("#") or not line.strip(), lines))
@@ -176,11 +168,7 @@ def _comments(path: Path) -> tuple[float | None, float]:
 
 
 def write_jsonl(path: Path, file: TrajectoryFile) -> None:
-    """Write all rows.
-
-    Raises:
-        WorkError: the file cannot be written.
-    """
+    """Write all rows. Raises WorkError: the file cannot be written."""
     with replaced(path) as part, part.open("w", encoding="utf-8") as out:
         stream_jsonl(out, file.table)
 
@@ -202,11 +190,8 @@ def stream_jsonl(out: IO[str], table: Trajectories) -> None:
 
 
 def read_jsonl(path: Path) -> TrajectoryFile:
-    """Read a stream; a last line that is cut short (the writer was interrupted) is left out.
-
-    Raises:
-        InputError: unreadable, or a line that is not a frame with people.
-    """
+    """Read a stream; a last line that is cut short (the writer was interrupted) is left out. Raises InputError:
+    unreadable, or a line that is not a frame with people."""
     numbers: list[list[float]] = []
     states: list[str] = []
     for line, frame in _frames(path):

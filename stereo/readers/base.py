@@ -1,73 +1,50 @@
-"""What readers share: decoded images, frames made of two of them, and what a reader is."""
+"""What readers share: sources of images, what is found at a path before it is opened, and its clock and calibration."""
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Generic, Literal, Protocol, TypeVar
+from typing import Any, Literal, NamedTuple, Protocol
 
-import cv2
 import numpy as np
 
-from calib.images import as_colour
+from calib.errors import InputError
+from calib.formats import load_rig
 from calib.pose import SE3
 from calib.rig import StereoRig
-from calib.types import F32, F64, U8
-from stereo.readers.background import prefetch
-from stereo.recording import RgbdRecording, Skipped, StereoFrame
+from calib.types import F64, I64, U8
+from calib.world import load_world
+from stereo.readers.images import ImageFiles, Size, bits_note, bits_of
+from stereo.readers.pairing import TimePairs, pair_stamps
+from stereo.readers.times import load_timestamps
+from stereo.recording import (
+    DEFAULT_FPS,
+    Decoded,
+    DecodedPair,
+    FrameClock,
+    LiveRecording,
+    PairsOf,
+    RgbdRecording,
+    StereoRecording,
+    prefetch,
+)
 
 
-@dataclass(frozen=True, eq=False)
-class Decoded:
-    """One frame of one camera: an image, or the reason why there is none.
-
-    Attributes:
-        index: position in the recording, from 0.
-        timestamp_s: the file's own time of the frame, None when it has none.
-        image: (H, W) or (H, W, 3) uint8, BGR; None when it could not be had.
-        why: the reason when image is None.
-    """
-
-    index: int
-    timestamp_s: float | None
-    image: U8 | None
-    why: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class DecodedDepth:
-    """One depth image as stored.
-
-    Attributes:
-        index, timestamp_s: as of ``Decoded``.
-        depth_m: (h, w) float32 [m] in the depth sensor's own pixels, NaN where unknown; None when it could not be had.
-        why: the reason when depth_m is None.
-    """
-
-    index: int
-    timestamp_s: float | None
-    depth_m: F32 | None
-    why: str = ""
-
-
-DecodedItem = TypeVar("DecodedItem", bound=Decoded | DecodedDepth, covariant=True)
-
-
-class ItemSource(Protocol[DecodedItem]):
+class ItemSource(Protocol):
     """What was decoded, in order; every index is yielded once, with or without an image."""
 
-    def __iter__(self) -> Iterator[DecodedItem]: ...
+    def __iter__(self) -> Iterator[Decoded]: ...
 
-    def at(self, indices: Iterable[int]) -> Iterator[DecodedItem]:
+    def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
         """Only these frames, which must ascend; the iteration ends where the file does."""
 
 
-class FrameSource(ItemSource[Decoded], Protocol):
-    """Images of one camera in order.
+class FrameSource(ItemSource, Protocol):
+    """Images of one camera.
 
     Attributes:
         size: (width, height) [px].
@@ -75,215 +52,20 @@ class FrameSource(ItemSource[Decoded], Protocol):
         fps: nominal rate, NaN when the files hold none.
     """
 
-    size: tuple[int, int]
+    size: Size
     n_frames: int
     fps: float
 
 
-GREY_TOLERANCE = 4
-"""Largest difference of the channels [grey levels] in a grey video: codecs that store YUV round a little."""
-
-
-def is_grey(image: U8) -> bool:
-    """Whether an image holds no colour: one channel, or three nearly equal ones that are not all the same value.
-
-    A uniform picture (a black first frame) decides nothing and counts as colour, which loses nothing.
-    """
-    if image.ndim == 2:
-        return True
-    green = image[..., 1]
-    difference = max(int(cv2.absdiff(image[..., c], green).max()) for c in (0, 2))
-    return int(np.ptp(green)) > 4 * GREY_TOLERANCE and difference <= GREY_TOLERANCE
-
-
-DEFAULT_FPS = 30.0
-"""Assumed for image folders that have no timestamps.csv."""
-
-AnyFrame = TypeVar("AnyFrame")
-Second = TypeVar("Second", bound=Decoded | DecodedDepth)
-
-
-class PairedFrames(ABC, Generic[AnyFrame, Second]):
-    """Frames of an image and its mate, decoded ahead in the background; each iteration starts at the first frame.
-
-    A frame that one side lacks is passed over and noted in ``skipped``; indices and times keep the gap.
-
-    Attributes:
-        path: the folder or file it came from.
-        n_frames: frames announced by the files.
-        fps: nominal frames per second.
-        times_s: (n,) float64 [s] by frame index, NaN where unknown; None without a table of times.
-        skipped: frames passed over so far while iterating.
-        notes: what the reader assumed, mended or missed, a sentence each.
-        even: frames are ``fps`` apart, whatever times the decoded frames hold.
-    """
-
-    sides: tuple[str, str]
-    """Names of the two, for messages."""
-
-    def __init__(
-        self,
-        path: Path,
-        pairs: Callable[[Sequence[int] | None], Generator[tuple[Decoded, Second], None, None]],
-        n_frames: int,
-        fps: float,
-        times_s: F64 | None,
-    ) -> None:
-        """Prepare.
-
-        Args:
-            pairs: decodes the pairs of ascending indices, or all.
-        """
-        self.path = path
-        self.n_frames = n_frames
-        self.fps = fps
-        self.times_s = times_s
-        self.skipped: list[Skipped] = []
-        self.notes: list[str] = []
-        self.even = False
-        self._pairs = pairs
-
-    @abstractmethod
-    def _joined(self, first: Decoded, second: Second, timestamp_s: float) -> AnyFrame | None:
-        """The frame of two decoded images; None when one of them is missing."""
-
-    def __iter__(self) -> Iterator[AnyFrame]:
-        self.skipped = skipped = []
-        last = -1
-        with closing(self._pairs(None)) as pairs:
-            for first, second in pairs:
-                last = first.index
-                frame = self._frame(first, second)
-                if isinstance(frame, Skipped):
-                    skipped.append(frame)
-                else:
-                    yield frame
-        skipped += [Skipped(i, "recording ends before this frame") for i in range(last + 1, self.n_frames)]
-
-    def sample(self, count: int) -> list[AnyFrame]:
-        """Up to ``count`` usable frames spread evenly over the recording; ``skipped`` is not touched.
-
-        For what must be known before the first frame (row offset, floor, exposure) without decoding everything.
-        """
-        spread = np.unique(np.linspace(0, self.n_frames - 1, max(1, min(count, self.n_frames))).round().astype(int))
-        return self.at([int(i) for i in spread])
-
-    def at(self, indices: Sequence[int]) -> list[AnyFrame]:
-        """The usable ones of these frames, whose indices ascend; ``skipped`` is not touched."""
-        with closing(self._pairs(indices)) as pairs:
-            frames = [self._frame(first, second) for first, second in pairs]
-        return [frame for frame in frames if not isinstance(frame, Skipped)]
-
-    def _frame(self, first: Decoded, second: Second) -> AnyFrame | Skipped:
-        frame = self._joined(first, second, self._time(first))
-        if frame is None:
-            reasons = zip(self.sides, (first.why, second.why), strict=True)
-            return Skipped(first.index, "; ".join(f"{side}: {why}" for side, why in reasons if why))
-        return frame
-
-    def _time(self, frame: Decoded) -> float:
-        if self.times_s is not None:
-            return time_at(self.times_s, frame.index, self.fps)
-        return frame.index / self.fps if self.even or frame.timestamp_s is None else frame.timestamp_s
-
-
-def both(
-    first: ItemSource[Decoded], second: ItemSource[Second], indices: Sequence[int] | None
-) -> Generator[tuple[Decoded, Second], None, None]:
+def both(first: ItemSource, second: ItemSource, indices: Sequence[int] | None) -> Generator[DecodedPair, None, None]:
     """Frames of two sources side by side, each decoded in its own thread; ends with the shorter one."""
     one, other = (first, second) if indices is None else (first.at(indices), second.at(indices))
     with closing(prefetch(one)) as a, closing(prefetch(other)) as b:
         yield from zip(a, b, strict=False)
 
 
-def time_at(times_s: F64, index: int, fps: float) -> float:
-    """Time of a frame; where the table has none, between its neighbours, beyond its end at the nominal rate."""
-    if index < len(times_s) and math.isfinite(times_s[index]):
-        return float(times_s[index])
-    known = np.flatnonzero(np.isfinite(times_s))
-    if index > known[-1]:
-        return float(times_s[known[-1]] + (index - known[-1]) / fps)
-    if index < known[0]:
-        return float(times_s[known[0]] + (index - known[0]) / fps)
-    return float(np.interp(index, known, times_s[known]))
-
-
-def rate_of(times_s: F64) -> float:
-    """Nominal frames per second of a table of times, ``DEFAULT_FPS`` when it holds fewer than two."""
-    steps = np.diff(times_s)
-    steps = steps[np.isfinite(steps)]
-    return float(1.0 / np.median(steps)) if steps.size else DEFAULT_FPS
-
-
-SAMPLE_STEP_S = 0.25
-"""Frames in which a live camera's floor is looked for are so far apart [s] (our choice: 12 take 3 s)."""
-
-DecodedPair = tuple[Decoded, Decoded]
-PairsOf = Callable[[Sequence[int] | None], Generator[DecodedPair, None, None]]
-"""Decodes the pairs of these ascending indices, or all."""
-
-
-class StereoRecording(PairedFrames[StereoFrame, Decoded]):
-    """Frames of two cameras (a ``Recording``).
-
-    Attributes:
-        rig, world_SE3_left: see ``Recording``.
-        is_live: frames come from cameras as they run.
-    """
-
-    sides = ("left", "right")
-    is_live = False
-
-    def __init__(
-        self,
-        path: Path,
-        rig: StereoRig,
-        pairs: PairsOf,
-        n_frames: int,
-        fps: float,
-        times_s: F64 | None,
-        world_SE3_left: SE3 | None,
-    ) -> None:
-        super().__init__(path, pairs, n_frames, fps, times_s)
-        self.rig = rig
-        self.world_SE3_left = world_SE3_left
-
-    def _joined(self, first: Decoded, second: Decoded, timestamp_s: float) -> StereoFrame | None:
-        a, b = first.image, second.image
-        if a is None or b is None:
-            return None
-        if a.ndim != b.ndim:
-            a, b = as_colour(a), as_colour(b)
-        return StereoFrame(first.index, timestamp_s, a, b)
-
-
-class LiveRecording(StereoRecording):
-    """Frames of two cameras as they run; every iteration begins with the next frame that comes.
-
-    Attributes:
-        waits: the source waits until its frames are read (a file behind an address), as a device does not.
-    """
-
-    is_live = True
-    waits = False
-
-    def sample(self, count: int) -> list[StereoFrame]:
-        """Up to ``count`` usable frames from now on, ``SAMPLE_STEP_S`` apart."""
-        frames: list[StereoFrame] = []
-        with closing(self._pairs(None)) as pairs:
-            for left, right in pairs:
-                frame = self._frame(left, right)
-                if isinstance(frame, Skipped):
-                    continue
-                if not frames or frame.timestamp_s - frames[-1].timestamp_s >= SAMPLE_STEP_S:
-                    frames.append(frame)
-                if len(frames) >= count:
-                    break
-        return frames
-
-
 def split_pairs(
-    source: ItemSource[Decoded], split: Callable[[U8], tuple[U8, U8]], indices: Sequence[int] | None
+    source: ItemSource, split: Callable[[U8], tuple[U8, U8]], indices: Sequence[int] | None
 ) -> Generator[DecodedPair, None, None]:
     """The left and the right view in every frame of a source that holds both."""
     with closing(prefetch(source if indices is None else source.at(indices))) as frames:
@@ -327,48 +109,37 @@ class Stream:
     """
 
     name: str
-    size: tuple[int, int]
+    size: Size
     n_frames: int
     times_s: F64 | None = None
     pixels: str = ""
 
 
-class Layout(Protocol):
+@dataclass(frozen=True, eq=False)
+class Layout:
     """What a reader found at a path; nothing is decoded yet but a first image of each camera.
 
     Attributes:
         kind: images of two cameras, or images with depth.
-        streams: the cameras.
         n_frames: frames announced (an upper bound).
-        fps: nominal frames per second.
+        clock: when they were taken.
+        notes: what the reader assumed, repaired or missed, a sentence each, for the summary and run.json.
         unpaired: frames that one of the cameras lacks.
-        notes: what the reader assumed, mended or missed, a sentence each, for the summary and run.json.
+        open: the recording with its calibration; raises InputError where that is missing or does not fit.
     """
 
-    @property
-    def kind(self) -> Literal["stereo", "rgbd"]: ...
+    kind: Literal["stereo", "rgbd"]
+    streams: tuple[Stream, ...]
+    n_frames: int
+    clock: FrameClock
+    notes: tuple[str, ...]
+    unpaired: int
+    open: Callable[[], AnyRecording]
 
     @property
-    def streams(self) -> tuple[Stream, ...]: ...
-
-    @property
-    def n_frames(self) -> int: ...
-
-    @property
-    def fps(self) -> float: ...
-
-    @property
-    def unpaired(self) -> int: ...
-
-    @property
-    def notes(self) -> tuple[str, ...]: ...
-
-    def open(self) -> AnyRecording:
-        """The recording with its calibration.
-
-        Raises:
-            InputError: no calibration there, or one that does not fit.
-        """
+    def fps(self) -> float:
+        """Nominal frames per second."""
+        return self.clock.fps
 
 
 @dataclass(frozen=True)
@@ -376,7 +147,7 @@ class Reader:
     """One layout of recordings.
 
     Attributes:
-        key: short name, for ``inspect --json``.
+        key: short name, for ``check --quick --json``.
         name: as messages show it.
         looks_for: what makes a path this layout, for the sentence that lists what was looked for.
         fits: whether a path looks like it; reads names and first bytes only, and never raises InputError.
@@ -388,3 +159,170 @@ class Reader:
     looks_for: str
     fits: Callable[[Path], bool]
     find: Callable[[Path, OpenOptions], Layout]
+
+
+def stereo_layout(
+    path: Path,
+    pairs: PairsOf,
+    streams: tuple[Stream, ...],
+    n_frames: int,
+    clock: FrameClock,
+    rig: Callable[[], StereoRig],
+    notes: Iterable[str] = (),
+    *,
+    unpaired: int = 0,
+    folder: Path | None = None,
+    live_waits: bool | None = None,
+) -> Layout:
+    """Two cameras whose frames are paired.
+
+    Args:
+        pairs: decodes the pairs.
+        rig: reads the calibration; raises InputError.
+        folder: where world.toml lies; the path when None.
+        live_waits: see ``LiveRecording.waits``; None where the recording has an end.
+    """
+    said = (*clock.notes, *notes)
+
+    def opened() -> StereoRecording:
+        kind = StereoRecording if live_waits is None else LiveRecording
+        recording = kind(path, rig(), pairs, n_frames, clock, said, world_pose(folder or path))
+        if isinstance(recording, LiveRecording):
+            recording.waits = bool(live_waits)
+        return recording
+
+    return Layout("stereo", streams, n_frames, clock, said, unpaired, opened)
+
+
+def clock_of(folder: Path, options: OpenOptions, file_fps: float = math.nan) -> FrameClock:
+    """``--fps``, else timestamps.csv, else the files' own times, else an assumed rate.
+
+    Args:
+        file_fps: rate that the files announce; NaN when they hold none.
+    Raises:
+        InputError: a timestamps.csv that cannot be read.
+    """
+    if options.fps is not None:
+        return FrameClock(options.fps, even=True)
+    file = folder / "timestamps.csv"
+    if file.is_file():
+        times, notes = load_timestamps(file)
+        return FrameClock(rate_of(times), times, notes)
+    if math.isfinite(file_fps):
+        return FrameClock(file_fps)
+    note = f"no timestamps: {DEFAULT_FPS:g} frames per second are assumed (--fps gives another rate)"
+    return FrameClock(DEFAULT_FPS, None, (note,))
+
+
+def clock_of_pairs(pairs: TimePairs, options: OpenOptions) -> FrameClock:
+    """The pairs' own times; even ones where the caller gives a rate."""
+    if options.fps is None:
+        return FrameClock(pairs.fps, pairs.times_s, pairs.notes)
+    return FrameClock(options.fps, np.arange(len(pairs.left)) / options.fps, pairs.notes)
+
+
+def rate_of(times_s: F64) -> float:
+    """Nominal frames per second of a table of times, ``DEFAULT_FPS`` when it holds fewer than two."""
+    steps = np.diff(times_s)
+    steps = steps[np.isfinite(steps)]
+    return float(1.0 / np.median(steps)) if steps.size else DEFAULT_FPS
+
+
+def rig_in(folder: Path, options: OpenOptions, size: Size) -> Callable[[], StereoRig]:
+    """Reads the calibration that was named, or the one in the folder, at the size of the images."""
+    return lambda: load_rig(options.calibration or folder, size)
+
+
+def world_pose(folder: Path) -> SE3 | None:
+    """world_SE3_left of the folder's world.toml; None without that file."""
+    file = folder / "world.toml"
+    return load_world(file).world_SE3_left if file.is_file() else None
+
+
+def same_size(a: Any, b: Any, left: Path | str, right: Path | str) -> Size:
+    """The size of two sources.
+
+    Raises:
+        InputError: they differ.
+    """
+    if a.size != b.size:
+        raise InputError(
+            f"{right}: expected images as large as {Path(left).name}'s {a.size[0]}x{a.size[1]}, "
+            f"found {b.size[0]}x{b.size[1]}"
+        )
+    size: Size = a.size
+    return size
+
+
+class TimedFiles(NamedTuple):
+    """One camera.
+
+    Attributes:
+        folder: for messages.
+        files: in the order of the recording.
+        ns: (n,) int64 [ns], when each was taken.
+    """
+
+    folder: Path
+    files: Sequence[Path]
+    ns: I64
+
+
+def timed_layout(
+    path: Path,
+    left: TimedFiles,
+    right: TimedFiles,
+    options: OpenOptions,
+    rig: Callable[[Size], StereoRig],
+    notes: Sequence[str] = (),
+) -> Layout:
+    """Pair the images by their times.
+
+    Args:
+        rig: reads the calibration for images of a size.
+    Raises:
+        InputError: no image of a camera can be decoded, sizes differ, or nothing pairs.
+    """
+    for side in (left, right):
+        if not side.files:
+            raise InputError(f"{side.folder}: expected images, found none")
+    pairs = pair_stamps(left.ns, right.ns)
+    check_paired(pairs, path)
+    bits = bits_of(left.files, right.files)
+    a, b = (
+        ImageFiles([side.files[i] if i >= 0 else None for i in order], bits)
+        for side, order in ((left, pairs.left), (right, pairs.right))
+    )
+    size = same_size(a, b, left.folder, right.folder)
+    streams = tuple(
+        Stream(name, size, len(side.files), own_times(side.ns), pixel_text(source.is_grey, bits))
+        for name, side, source in (("left", left, a), ("right", right, b))
+    )
+    return stereo_layout(
+        path, partial(both, a, b), streams, len(pairs.left), clock_of_pairs(pairs, options), partial(rig, size),
+        (*notes, *bits_note(bits)), unpaired=pairs.unpaired,
+    )  # fmt: skip
+
+
+def check_paired(pairs: TimePairs, path: Path) -> None:
+    """Refuse two recordings of different times.
+
+    Raises:
+        InputError: not one frame has a mate.
+    """
+    if not np.any((pairs.left >= 0) & (pairs.right >= 0)):
+        raise InputError(
+            f"{path}: expected frames of the two cameras within a quarter of the frame period ({250 / pairs.fps:.1f} "
+            f"ms), found none: their clocks differ, or they are two recordings"
+        )
+
+
+def own_times(ns: I64) -> F64:
+    """(n,) float64 [s] since the first."""
+    return np.asarray((ns - ns[0]) / 1e9, dtype=np.float64) if len(ns) else np.empty(0)
+
+
+def pixel_text(grey: bool, bits: int | None) -> str:
+    """What a pixel is, for people."""
+    kind = "grey" if grey else "colour"
+    return kind if bits is None else f"{kind}, {bits} bits in 16"

@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from functools import partial
+from io import StringIO
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -23,81 +24,71 @@ from calib.errors import InputError
 from calib.formats import load_rig
 from calib.formats.base import read_source
 from calib.formats.rgbd import find_rgbd, load_rgbd
-from calib.io import read_text, reason
-from calib.rig import RgbdRig, StereoRig
+from calib.io import read_text
+from calib.rig import RgbdRig
 from calib.types import I64
-from stereo.readers.base import OpenOptions, Reader, Stream, both, rate_of
-from stereo.readers.images import ImageFiles, Size, bits_note, bits_of, frame_number, image_files
+from stereo.readers.base import (
+    Layout,
+    OpenOptions,
+    Reader,
+    Stream,
+    TimedFiles,
+    own_times,
+    rate_of,
+    timed_layout,
+)
+from stereo.readers.folders import files_layout
+from stereo.readers.images import DepthFiles, ImageFiles, frame_number, image_files
 from stereo.readers.pairing import MAX_APART_S, depth_note, nearest_mates
-from stereo.readers.rgbd import DepthFiles, RgbdLayout, rgbd_pairs
-from stereo.readers.stereo_layout import StereoLayout, TimedFiles, clock_of, pixel_text, rig_in, same_size, timed_layout
-from stereo.readers.times import NS, read_stamps, stamp_list
-
-MAX_ROWS = 10_000_000
-"""More rows than a day of 100 Hz are no list of images."""
-
-
-def _euroc_fits(path: Path) -> bool:
-    root = _euroc_root(path)
-    return all((root / camera / "data").is_dir() for camera in ("cam0", "cam1"))
-
-
-def _euroc_find(path: Path, options: OpenOptions) -> StereoLayout:
-    root = _euroc_root(path)
-    first, second = (_euroc_camera(root / name) for name in ("cam0", "cam1"))
-    calibration = options.calibration or root
-    if options.calibration is None and _euroc_swapped(root):
-        note = "cam0 is the right camera by its calibration, and cam1 the left one: taken so"
-        return timed_layout(path, second, first, options, lambda size: load_rig(root, size, swap=True), (note,))
-
-    def rig(size: Size) -> StereoRig:
-        return load_rig(calibration, size)
-
-    return timed_layout(path, first, second, options, rig)
-
-
-def _euroc_swapped(root: Path) -> bool:
-    try:
-        load_rig(root)
-    except InputError as error:
-        return "left and right are swapped" in str(error)
-    return False
+from stereo.readers.rgbd import rgbd_layout
+from stereo.readers.times import MAX_BYTES, NS, read_stamps, stamp_list
+from stereo.recording import FrameClock
 
 
 def _euroc_root(path: Path) -> Path:
     return path / "mav0" if (path / "mav0").is_dir() else path
 
 
+def _euroc_fits(path: Path) -> bool:
+    return all((_euroc_root(path) / camera / "data").is_dir() for camera in ("cam0", "cam1"))
+
+
+def _euroc_find(path: Path, options: OpenOptions) -> Layout:
+    root = _euroc_root(path)
+    first, second = (_euroc_camera(root / name) for name in ("cam0", "cam1"))
+    if options.calibration is None:
+        try:
+            load_rig(root)
+        except InputError as error:
+            if "left and right are swapped" in str(error):
+                note = "cam0 is the right camera by its calibration, and cam1 the left one: taken so"
+                return timed_layout(path, second, first, options, partial(load_rig, root, swap=True), (note,))
+    return timed_layout(path, first, second, options, partial(load_rig, options.calibration or root))
+
+
 def _euroc_camera(folder: Path) -> TimedFiles:
-    data = folder / "data"
-    listed = folder / "data.csv"
+    data, listed = folder / "data", folder / "data.csv"
     if listed.is_file():
-        rows = _euroc_rows(listed)
-        names = [Path(row[1].strip()).name for row in rows]
-        texts, files = [row[0] for row in rows], [data / name for name in names]
+        lines = csv.reader(StringIO(read_text(listed, "rows of timestamp,filename", MAX_BYTES), newline=""))
+        try:
+            rows = [row for row in lines if row and row[0].strip() and not row[0].lstrip().startswith("#")]
+        except csv.Error as error:
+            raise InputError(f"{listed}: expected rows of timestamp,filename, found {error}") from error
+        if short := [row for row in rows if len(row) < 2]:
+            raise InputError(f"{listed}: expected rows of timestamp,filename, found {short[0][0][:60]!r}")
+        texts, files = [row[0] for row in rows], [data / Path(row[1].strip()).name for row in rows]
     else:
         files = image_files(data)
         texts = [file.stem for file in files]
+    # The format gives nanoseconds; converted recordings hold seconds under the same name.
+    return TimedFiles(data, files, _stamps(listed if listed.is_file() else data, texts))
+
+
+def _stamps(source: Path, texts: Sequence[str]) -> I64:
     try:
-        # The format gives nanoseconds; converted recordings hold seconds under the same name.
-        return TimedFiles(data, files, read_stamps(texts).ns)
+        return read_stamps(texts).ns
     except ValueError as error:
-        raise InputError(f"{listed if listed.is_file() else data}: {error}") from error
-
-
-def _euroc_rows(path: Path) -> list[list[str]]:
-    rows: list[list[str]] = []
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            for row in csv.reader(file):
-                if not row or row[0].lstrip().startswith("#") or not row[0].strip():
-                    continue
-                if len(row) < 2 or len(rows) >= MAX_ROWS:
-                    raise InputError(f"{path}: expected rows of timestamp,filename, found {','.join(row)[:60]!r}")
-                rows.append(row)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: expected rows of timestamp,filename, found {reason(error)}") from error
-    return rows
+        raise InputError(f"{source}: {error}") from error
 
 
 EUROC = Reader(
@@ -112,116 +103,83 @@ KITTI_SEQUENCE_PAIRS = (("image_2", "image_3"), ("image_0", "image_1"))
 
 
 def _kitti_fits(path: Path) -> bool:
-    return path.is_dir() and any(_kitti_pair(drive) for drive in _kitti_drives(path))
+    return path.is_dir() and any(True for _ in _kitti_drives(path))
 
 
-def _kitti_find(path: Path, options: OpenOptions) -> StereoLayout:
-    drives = [drive for drive in _kitti_drives(path) if _kitti_pair(drive)]
+def _kitti_find(path: Path, options: OpenOptions) -> Layout:
+    drives = list(_kitti_drives(path))
     if len(drives) > 1:
         names = ", ".join(drive.name for drive in drives[:6])
         raise InputError(f"{path}: expected one drive, found {len(drives)} ({names}): name the drive's folder")
     drive = drives[0]
-    pair = _kitti_pair(drive) or KITTI_PAIRS[0]
-    left, right = (_kitti_camera(drive / name) for name in pair)
-    calibration = options.calibration or _kitti_calibration(drive)
-
-    def rig(size: Size) -> StereoRig:
-        # Drives that end with _sync are rectified, those that end with _extract are not (KITTI raw data, readme.txt).
-        rectified = True if drive.name.endswith("_sync") else False if drive.name.endswith("_extract") else None
-        first, second = (name[-2:] for name in pair)
-        cameras = (first, second) if calibration.name == "calib_cam_to_cam.txt" else None
-        return load_rig(calibration, size, cameras=cameras, rectified=rectified)
-
-    note = (
-        ()
-        if pair == KITTI_PAIRS[0] or not any((drive / name).is_dir() for name in KITTI_PAIRS[0])
-        else ("the grey cameras are taken: a colour one lacks images",)
-    )
-    return timed_layout(path, left, right, options, rig, note)
+    pair = _pair_in(drive, KITTI_PAIRS, "data") or KITTI_PAIRS[0]
+    cameras = []
+    for name in pair:
+        listed = stamp_list(drive / name)
+        if listed is None:
+            raise InputError(f"{drive / name / 'timestamps.txt'}: expected the times of the images, found no such file")
+        cameras.append(_kitti_camera(drive / name / "data", *listed))
+    places = [folder / "calib_cam_to_cam.txt" for folder in (drive, drive.parent)]
+    calibration = options.calibration or next((place for place in places if place.is_file()), drive)
+    # Drives that end with _sync are rectified, those that end with _extract are not (KITTI raw data, readme.txt).
+    rectified = {"_sync": True, "_extract": False}.get("_" + drive.name.rsplit("_", 1)[-1])
+    chosen = (pair[0][-2:], pair[1][-2:]) if calibration.name == "calib_cam_to_cam.txt" else None
+    grey = pair != KITTI_PAIRS[0] and any((drive / name).is_dir() for name in KITTI_PAIRS[0])
+    notes = ("the grey cameras are taken: a colour one lacks images",) if grey else ()
+    rig = partial(load_rig, calibration, cameras=chosen, rectified=rectified)
+    return timed_layout(path, cameras[0], cameras[1], options, rig, notes)
 
 
 def _kitti_sequence_fits(path: Path) -> bool:
-    return (path / "times.txt").is_file() and _kitti_sequence_pair(path) is not None
+    return (path / "times.txt").is_file() and _pair_in(path, KITTI_SEQUENCE_PAIRS) is not None
 
 
-def _kitti_sequence_find(path: Path, options: OpenOptions) -> StereoLayout:
-    pair = _kitti_sequence_pair(path) or KITTI_SEQUENCE_PAIRS[0]
-    left, right = (_listed_camera(path / name, path / "times.txt") for name in pair)
-
-    def rig(size: Size) -> StereoRig:
-        own = options.calibration is None
-        cameras = (pair[0][-1], pair[1][-1]) if own else None
-        return load_rig(options.calibration or path / "calib.txt", size, cameras=cameras, rectified=own or None)
-
-    return timed_layout(path, left, right, options, rig, ())
-
-
-def _kitti_sequence_pair(path: Path) -> tuple[str, str] | None:
-    for pair in KITTI_SEQUENCE_PAIRS:
-        if all((path / name).is_dir() and image_files(path / name) for name in pair):
-            return pair
-    return None
-
-
-def _listed_camera(folder: Path, times: Path) -> TimedFiles:
-    """Image number n has the time of line n, in seconds with an exponent."""
-    texts = [f"{_seconds(times, text):.9f}" for text in read_text(times, "times", 10_000_000).split()]
-    return _kitti_timed(folder, image_files(folder), times, texts)
-
-
-def _seconds(times: Path, text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = math.nan
-    if not abs(seconds) < 1e9:
-        raise InputError(f"{times}: expected times in seconds, found {text[:40]!r}")
-    return seconds
+def _kitti_sequence_find(path: Path, options: OpenOptions) -> Layout:
+    pair, times = _pair_in(path, KITTI_SEQUENCE_PAIRS) or KITTI_SEQUENCE_PAIRS[0], path / "times.txt"
+    texts = []
+    for text in read_text(times, "times", 10_000_000).split():  # seconds with an exponent
+        try:
+            seconds = float(text)
+        except ValueError:
+            seconds = math.nan
+        if not abs(seconds) < 1e9:
+            raise InputError(f"{times}: expected times in seconds, found {text[:40]!r}")
+        texts.append(f"{seconds:.9f}")
+    left, right = (_kitti_camera(path / name, times, texts) for name in pair)
+    own = options.calibration is None
+    names = (pair[0][-1], pair[1][-1]) if own else None
+    rig = partial(load_rig, options.calibration or path / "calib.txt", cameras=names, rectified=own or None)
+    return timed_layout(path, left, right, options, rig)
 
 
 def _kitti_drives(path: Path) -> Iterator[Path]:
-    """The folder itself, its drives, and those of its days."""
-    if _kitti_pair(path):
+    """The folder itself, its drives, and those of its days, which hold a pair."""
+    if _pair_in(path, KITTI_PAIRS, "data"):
         yield path
         return
     for folder in (f for f in sorted(path.iterdir()) if f.is_dir()):
-        if _kitti_pair(folder):
+        if _pair_in(folder, KITTI_PAIRS, "data"):
             yield folder
         elif folder.name.count("_") == 2:
-            yield from (f for f in sorted(folder.iterdir()) if f.is_dir() and "_drive_" in f.name)
+            days = (f for f in sorted(folder.iterdir()) if f.is_dir() and "_drive_" in f.name)
+            yield from (f for f in days if _pair_in(f, KITTI_PAIRS, "data"))
 
 
-def _kitti_pair(drive: Path) -> tuple[str, str] | None:
-    for pair in KITTI_PAIRS:
-        if all((drive / name / "data").is_dir() and image_files(drive / name / "data") for name in pair):
+def _pair_in(folder: Path, pairs: Sequence[tuple[str, str]], inside: str = "") -> tuple[str, str] | None:
+    """The first pair of folders that both hold images."""
+    for pair in pairs:
+        if all((folder / name / inside).is_dir() and image_files(folder / name / inside) for name in pair):
             return pair
     return None
 
 
-def _kitti_camera(folder: Path) -> TimedFiles:
+def _kitti_camera(folder: Path, times: Path, texts: Sequence[str]) -> TimedFiles:
     """Image number n has the time of line n, counted from 0; numbers may be missing."""
-    files = image_files(folder / "data")
-    listed = stamp_list(folder)
-    if listed is None:
-        raise InputError(f"{folder / 'timestamps.txt'}: expected the times of the images, found no such file")
-    return _kitti_timed(folder, files, listed.path, listed.texts)
-
-
-def _kitti_timed(folder: Path, files: Sequence[Path], times: Path, texts: Sequence[str]) -> TimedFiles:
-    """Images with the times of their numbers."""
-    try:
-        ns = read_stamps(texts).ns
-    except ValueError as error:
-        raise InputError(f"{times}: {error}") from error
+    files, ns = image_files(folder), _stamps(times, texts)
     numbers = [frame_number(file) for file in files]
     if any(number is None or number >= len(ns) for number in numbers):
         raise InputError(f"{times}: expected a time for each of {len(files)} images, found {len(ns)}")
     return TimedFiles(folder, files, np.asarray(ns[np.array(numbers)], dtype=np.int64))
-
-
-def _kitti_calibration(drive: Path) -> Path:
-    places = [folder / "calib_cam_to_cam.txt" for folder in (drive, drive.parent)]
-    return next((place for place in places if place.is_file()), drive)
 
 
 KITTI = Reader(
@@ -248,19 +206,8 @@ def _middlebury_fits(path: Path) -> bool:
     return path.is_dir() and _middlebury_pair(path) is not None
 
 
-def _middlebury_find(path: Path, options: OpenOptions) -> StereoLayout:
-    left, right = _middlebury_pair(path) or (path, path)
-    bits = bits_of([left], [right])
-    a, b = ImageFiles([left], bits), ImageFiles([right], bits)
-    size, clock = same_size(a, b, left, right), clock_of(path, options, math.nan)
-    streams = tuple(
-        Stream(name, size, 1, None, pixel_text(source.is_grey, bits))
-        for name, source in (("left", a), ("right", b))
-    )  # fmt: skip
-    return StereoLayout(
-        path, path, size, partial(both, a, b), streams, 1, clock.fps, clock.times_s, rig_in(path, options, size),
-        bits_note(bits),
-    )  # fmt: skip
+def _middlebury_find(path: Path, options: OpenOptions) -> Layout:
+    return files_layout(path, [_middlebury_pair(path) or (None, None)], options)
 
 
 def _middlebury_pair(path: Path) -> tuple[Path, Path] | None:
@@ -302,7 +249,7 @@ def _tum_fits(path: Path) -> bool:
     return (path / "rgb.txt").is_file() and (path / "depth.txt").is_file()
 
 
-def _tum_find(path: Path, options: OpenOptions) -> RgbdLayout:
+def _tum_find(path: Path, options: OpenOptions) -> Layout:
     images, depths = _tum_listed(path / "rgb.txt"), _tum_listed(path / "depth.txt")
     associated = next((path / name for name in _ASSOCIATIONS if (path / name).is_file()), None)
     mates = _tum_associated(associated, images, depths) if associated else nearest_mates(images.ns, depths.ns)
@@ -310,22 +257,19 @@ def _tum_find(path: Path, options: OpenOptions) -> RgbdLayout:
         raise InputError(f"{path}: expected images and depth of the same times, found none within {MAX_APART_S:g} s")
     image_files = ImageFiles([_inside(path, name) for name in images.names])
     depth_files = DepthFiles([_inside(path, depths.names[i]) if i >= 0 else None for i in mates], TUM_UNITS_PER_M)
-    times = (images.ns - images.ns[0]) / 1e9 if options.fps is None else np.arange(len(images.ns)) / options.fps
-    return RgbdLayout(
-        path, path, partial(rgbd_pairs, image_files, depth_files),
-        (Stream("image", image_files.size, len(images.ns), (images.ns - images.ns[0]) / 1e9),
-         Stream("depth", depth_files.size, len(depths.ns), (depths.ns - images.ns[0]) / 1e9)),
-        len(images.ns), rate_of(times), np.asarray(times, dtype=np.float64),
-        partial(_tum_rig, path, options.calibration, image_files.size, depth_files.size),
-        (*images.notes, *depths.notes, *_tum_notes(mates, associated, path)),
-    )  # fmt: skip
-
-
-def _tum_notes(mates: I64, associated: Path | None, path: Path) -> tuple[str, ...]:
     notes = depth_note(mates, f"in {associated.name}" if associated else "")
     if find_rgbd(path) is None:
         notes.append("no calibration: the nominal Kinect camera is taken (fx = fy = 525 at 640x480)")
-    return tuple(notes)
+    times = own_times(images.ns) if options.fps is None else np.arange(len(images.ns)) / options.fps
+    streams = (
+        Stream("image", image_files.size, len(images.ns), own_times(images.ns)),
+        Stream("depth", depth_files.size, len(depths.ns), (depths.ns - images.ns[0]) / 1e9),
+    )
+    return rgbd_layout(
+        path, image_files, depth_files, streams, FrameClock(rate_of(times), times),
+        partial(_tum_rig, path, options.calibration, image_files.size, depth_files.size),
+        (*images.notes, *depths.notes, *notes),
+    )  # fmt: skip
 
 
 def _tum_rig(path: Path, calibration: Path | None, size: tuple[int, int], depth_size: tuple[int, int]) -> RgbdRig:
@@ -380,7 +324,7 @@ def _tum_rows(file: Path) -> list[tuple[int, list[str]]]:
 def _inside(folder: Path, name: str) -> Path:
     """The file of a list, which must lie inside the recording."""
     path = folder / name
-    if Path(name).is_absolute() or ".." in Path(name).parts:
+    if Path(name).is_absolute() or ".." in Path(name).parts or "\0" in name:
         raise InputError(f"{folder}: expected file names inside the recording, found {name[:80]!r}")
     return path
 

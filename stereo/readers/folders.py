@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 from calib.errors import InputError
 from stereo.readers import images
-from stereo.readers.base import OpenOptions, Reader, Stream, both
+from stereo.readers.base import (
+    Layout,
+    OpenOptions,
+    Reader,
+    Stream,
+    TimedFiles,
+    both,
+    clock_of,
+    pixel_text,
+    rig_in,
+    same_size,
+    stereo_layout,
+    timed_layout,
+)
 from stereo.readers.images import ImageFiles, bits_note, bits_of, frame_number, image_files
-from stereo.readers.pairing import pair_files, split_sides
-from stereo.readers.stereo_layout import StereoLayout, TimedFiles, clock_of, pixel_text, rig_in, same_size, timed_layout
+from stereo.readers.pairing import Pair, pair_files, split_sides
 from stereo.readers.times import read_stamps, stamp_list, stamps_in_names
 
 
@@ -29,35 +40,37 @@ def _fits(path: Path) -> bool:
     return path.is_dir() and (_folders(path) is not None or _flat(path) is not None)
 
 
-def _find(path: Path, options: OpenOptions) -> StereoLayout:
-    sides = _sides(path)
+def _find(path: Path, options: OpenOptions) -> Layout:
+    folders = _folders(path)
+    if folders is None:
+        sides = _flat(path) or _Sides((path, path), ([], []))
+    else:
+        sides = _Sides(folders, (image_files(folders[0]), image_files(folders[1])))
+        for folder, found in zip(folders, sides.files, strict=True):
+            if not found:
+                raise InputError(f"{folder}: expected images ({', '.join(sorted(images.SUFFIXES))}), found none")
     timed = _timed(path, sides)
     if timed is not None:
         return timed_layout(path, *timed, options, lambda size: rig_in(path, options, size)())
-    pairs = pair_files(*sides.files, sides.number)
-    bits = bits_of(*sides.files)
-    a, b = (ImageFiles([pair[side] for pair in pairs], bits) for side in (0, 1))
-    size, clock = same_size(a, b, *sides.folders), clock_of(path, options, math.nan)
+    return files_layout(path, pair_files(*sides.files, sides.number), options)
+
+
+def files_layout(path: Path, pairs: Sequence[Pair], options: OpenOptions) -> Layout:
+    """Images that pair by their names, at the times of the folder's timestamps.csv."""
+    sides = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+    bits = bits_of(*sides)
+    a, b = (ImageFiles(files, bits) for files in sides)
+    left, right = (next(file for file in files if file) for files in sides)
+    names = (left, right) if left.parent == right.parent else (left.parent, right.parent)
+    size, clock = same_size(a, b, *names), clock_of(path, options)
     streams = tuple(
-        Stream(name, size, len(files), clock.times_s, pixel_text(source.is_grey, bits))
-        for name, files, source in zip(("left", "right"), sides.files, (a, b), strict=True)
+        Stream(name, size, sum(file is not None for file in files), clock.times_s, pixel_text(source.is_grey, bits))
+        for name, files, source in zip(("left", "right"), sides, (a, b), strict=True)
     )
-    return StereoLayout(
-        path, path, size, partial(both, a, b), streams, len(pairs), clock.fps, clock.times_s,
-        rig_in(path, options, size), (*clock.notes, *bits_note(bits)), clock.even,
-        sum(None in pair for pair in pairs),
+    return stereo_layout(
+        path, partial(both, a, b), streams, len(pairs), clock, rig_in(path, options, size), bits_note(bits),
+        unpaired=sum(None in pair for pair in pairs),
     )  # fmt: skip
-
-
-def _sides(path: Path) -> _Sides:
-    folders = _folders(path)
-    if folders is None:
-        return _flat(path) or _Sides((path, path), ([], []))
-    files = image_files(folders[0]), image_files(folders[1])
-    for folder, found in zip(folders, files, strict=True):
-        if not found:
-            raise InputError(f"{folder}: expected images ({', '.join(sorted(images.SUFFIXES))}), found none")
-    return _Sides(folders, files)
 
 
 def _folders(path: Path) -> tuple[Path, Path] | None:
@@ -69,7 +82,9 @@ def _folders(path: Path) -> tuple[Path, Path] | None:
     if sided is None or len(sided.left) != 1 or len(sided.right) != 1:
         return None
     found = subfolders[sided.left[0]], subfolders[sided.right[0]]
-    return found if all(_has_image(folder) for folder in found) else None
+    return (
+        found if all(any(f.suffix.lower() in images.SUFFIXES for f in folder.iterdir()) for folder in found) else None
+    )
 
 
 def _flat(path: Path) -> _Sides | None:
@@ -81,10 +96,6 @@ def _flat(path: Path) -> _Sides | None:
     return _Sides((path, path), ([files[i] for i in sided.left], [files[i] for i in sided.right]), numbers.get)
 
 
-def _has_image(folder: Path) -> bool:
-    return any(file.suffix.lower() in images.SUFFIXES for file in folder.iterdir())
-
-
 def _timed(path: Path, sides: _Sides) -> tuple[TimedFiles, TimedFiles] | None:
     """Times in lists beside the images, or in their names; None without, or with a timestamps.csv of the recording."""
     if (path / "timestamps.csv").is_file():
@@ -94,13 +105,13 @@ def _timed(path: Path, sides: _Sides) -> tuple[TimedFiles, TimedFiles] | None:
     for folder, files, found in zip(sides.folders, sides.files, listed, strict=True):
         if found is None:
             stamps = stamps_in_names([file.stem for file in files])
-        elif len(found.texts) != len(files):
-            raise InputError(f"{found.path}: expected a time for each of {len(files)} images, found {len(found.texts)}")
+        elif len(found[1]) != len(files):
+            raise InputError(f"{found[0]}: expected a time for each of {len(files)} images, found {len(found[1])}")
         else:
             try:
-                stamps = read_stamps(found.texts)
+                stamps = read_stamps(found[1])
             except ValueError as error:
-                raise InputError(f"{found.path}: {error}") from error
+                raise InputError(f"{found[0]}: {error}") from error
         if stamps is None:
             return None
         timed.append(TimedFiles(folder, files, stamps.ns))

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 import re
 import struct
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -15,11 +14,10 @@ import numpy as np
 from calib.errors import InputError
 from calib.images import as_colour, as_grey
 from calib.io import size_text
-from calib.types import U8, AnyArray
-from stereo.readers.base import Decoded, is_grey
+from calib.types import F32, U8, AnyArray
+from stereo.recording import Decoded
 
 Size = tuple[int, int]
-Stored = TypeVar("Stored", bound=AnyArray)
 
 MAX_PIXELS = 100_000_000
 """Largest image that is decoded: larger than any camera's, and 0.6 GB at 16 bits in three channels (our choice)."""
@@ -46,11 +44,6 @@ def header_size(data: bytes) -> Size | None:
     except struct.error:
         return None
     return abs(int(width)), abs(int(height))
-
-
-def is_image_size(size: Size | None) -> bool:
-    """Whether an announced size is one that may be decoded."""
-    return size is not None and min(size) > 0 and size[0] * size[1] <= MAX_PIXELS
 
 
 def _jpeg(data: bytes) -> Size | None:
@@ -144,28 +137,42 @@ _END_MARKERS = {b"\xff\xd8\xff": b"\xff\xd9", b"\x89PNG": b"IEND"}
 
 MAX_BYTES = 1 << 30
 """Files larger than this are no camera's image, and are not read."""
+GREY_TOLERANCE = 4
+"""Largest difference of the channels [grey levels] in a grey video: codecs that store YUV round a little."""
+
+
+def is_grey(image: U8) -> bool:
+    """Whether an image holds no colour: one channel, or three nearly equal ones that are not all the same value.
+
+    A uniform picture (a black first frame) decides nothing and counts as colour, which loses nothing.
+    """
+    if image.ndim == 2:
+        return True
+    green = image[..., 1]
+    difference = max(int(cv2.absdiff(image[..., c], green).max()) for c in (0, 2))
+    return int(np.ptp(green)) > 4 * GREY_TOLERANCE and difference <= GREY_TOLERANCE
 
 
 class ImageFiles:
-    """One camera's frames as files; None stands for a file that is missing.
+    """One camera's frames as files (a ``FrameSource``); None stands for a file that is missing.
 
     Raises:
         InputError: no file of the list can be decoded.
     """
 
     fps = math.nan
+    _expected = "images, found none of {} that can be decoded"
 
     def __init__(self, files: Sequence[Path | None], bits: int | None = None) -> None:
         """Args: bits that the values of 16-bit images use (see ``bits_of``)."""
-        self._files = tuple(files)
-        self._bits = bits
-        self.n_frames = len(self._files)
-        first = first_readable(self._files, lambda file: read_image(file, bits))
+        self._files, self._bits, self.n_frames = tuple(files), bits, len(files)
+        there = [file for file in self._files if file]
+        first = next((stored for file in there if (stored := self._read(file)) is not None), None)
         if first is None:
-            folder = folder_of(self._files)
-            raise InputError(f"{folder}: expected images, found none of {self.n_frames} that can be decoded")
+            folder = next((file.parent for file in there), Path())
+            raise InputError(f"{folder}: expected {self._expected.format(self.n_frames)}")
         self.size = first.shape[1], first.shape[0]
-        self.is_grey = is_grey(first)
+        self._prepare(first)
 
     def __iter__(self) -> Iterator[Decoded]:
         return self.at(range(self.n_frames))
@@ -173,30 +180,73 @@ class ImageFiles:
     def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
         """Only these frames."""
         for index in indices:
-            image, why = read_of_size(self._files[index], lambda file: read_image(file, self._bits), self.size)
-            given = None if image is None else as_grey(image) if self.is_grey else as_colour(image)
-            yield Decoded(index, None, given, why)
+            file = self._files[index]
+            stored = None if file is None else self._read(file)
+            if file is None:
+                yield Decoded(index, None, None, "file is missing")
+            elif stored is None:
+                yield Decoded(index, None, None, f"{file.parent.name}/{file.name} cannot be decoded")
+            elif (found := (stored.shape[1], stored.shape[0])) != self.size:
+                why = f"{file.parent.name}/{file.name} is {size_text(found)}, not {size_text(self.size)}"
+                yield Decoded(index, None, None, why)
+            else:
+                yield Decoded(index, None, self._given(stored))
+
+    def _read(self, file: Path) -> AnyArray | None:
+        return read_image(file, self._bits)
+
+    def _prepare(self, first: AnyArray) -> None:
+        self.is_grey = is_grey(first)
+
+    def _given(self, stored: AnyArray) -> AnyArray:
+        return as_grey(stored) if self.is_grey else as_colour(stored)
 
 
-def first_readable(files: Iterable[Path | None], read: Callable[[Path], Stored | None]) -> Stored | None:
-    """What the first file holds that can be read."""
-    return next((stored for file in files if file and (stored := read(file)) is not None), None)
+UNITS_PER_M = 1000.0
+"""Depth values per metre of files that do not say: sensors and their tools write millimetres."""
+RANGE_M = 30.0
+"""No depth sensor for rooms measures farther [m]; such values mark what is unknown (65535, for one)."""
 
 
-def folder_of(files: Iterable[Path | None]) -> Path:
-    """Where the files are, for messages."""
-    return next((file for file in files if file), Path()).parent
+class DepthFiles(ImageFiles):
+    """Depth images as files of one channel.
+
+    Whole numbers count ``units_per_m`` to the metre, with 0 for unknown; floating-point numbers are metres.
+    """
+
+    _expected = "depth images (one channel of 16 bits), found none of {}"
+
+    def __init__(self, files: Sequence[Path | None], units_per_m: float = UNITS_PER_M) -> None:
+        self._units_per_m = units_per_m
+        super().__init__(files)
+
+    def scaled(self, units_per_m: float) -> DepthFiles:
+        """The same files with another scale."""
+        return DepthFiles(self._files, units_per_m)
+
+    def _read(self, file: Path) -> AnyArray | None:
+        return read_depth(file)
+
+    def _prepare(self, first: AnyArray) -> None:
+        """Depth has no colour."""
+
+    def _given(self, stored: AnyArray) -> AnyArray:
+        return metres(stored, self._units_per_m)
 
 
-def read_of_size(file: Path | None, read: Callable[[Path], Stored | None], size: Size) -> tuple[Stored | None, str]:
-    """What a file holds, or None and the reason: missing, unreadable, or not of (width, height) [px]."""
-    if file is None:
-        return None, "file is missing"
-    stored, name = read(file), f"{file.parent.name}/{file.name}"
-    if stored is None:
-        return None, f"{name} cannot be decoded"
-    found = stored.shape[1], stored.shape[0]
-    return (stored, "") if found == size else (None, f"{name} is {size_text(found)}, not {size_text(size)}")
+def metres(stored: AnyArray, units_per_m: float) -> F32:
+    """(H, W) float32 [m] of depth as stored, NaN where unknown: 0, negative, not finite or out of any range."""
+    whole = np.issubdtype(stored.dtype, np.integer)
+    depth = stored.astype(np.float32) * np.float32(1.0 / units_per_m if whole else 1.0)
+    with np.errstate(invalid="ignore"):
+        return np.where((depth > 0) & (depth < RANGE_M), depth, np.float32(np.nan))
+
+
+def read_depth(file: Path) -> AnyArray | None:
+    """(H, W) uint16 or float32 as stored; None when it cannot be decoded or holds anything else."""
+    data = _content(file)
+    stored = decode(data, cv2.IMREAD_UNCHANGED) if data else None
+    return stored if stored is not None and stored.ndim == 2 and stored.dtype in (np.uint16, np.float32) else None
 
 
 def read_image(file: Path, bits: int | None = None) -> U8 | None:
@@ -210,29 +260,37 @@ def read_image(file: Path, bits: int | None = None) -> U8 | None:
 
 
 def _stored(file: Path) -> AnyArray | None:
+    data = _content(file)
+    return decode_image(data) if data else None
+
+
+def _content(file: Path) -> bytes | None:
     try:
-        return decode_image(file.read_bytes()) if file.stat().st_size <= MAX_BYTES else None
-    except OSError:
+        return file.read_bytes() if file.is_file() and file.stat().st_size <= MAX_BYTES else None
+    except (OSError, ValueError):  # a name with a zero byte
         return None
 
 
 def decode_image(data: bytes) -> AnyArray | None:
-    """(H, W) or (H, W, 3) uint8 or uint16 BGR as stored, None when it cannot be decoded or its end is cut off.
-
-    The size that the header announces is checked before memory is taken for the image.
-    """
-    if not is_image_size(header_size(data)):
-        return None
+    """(H, W) or (H, W, 3) uint8 or uint16 BGR as stored, None when it cannot be decoded or its end is cut off."""
     for start, end in _END_MARKERS.items():
         # Decoders fill the missing rest of a truncated file with grey and call it an image.
         if data.startswith(start) and end not in data[-1024:]:
             return None
+    image = decode(data, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    return image if image is not None and image.dtype in (np.uint8, np.uint16) else None
+
+
+def decode(data: bytes, flags: int) -> AnyArray | None:
+    """What OpenCV makes of it; the size that the header announces is checked before memory is taken for the image."""
+    width, height = header_size(data) or (0, 0)
+    if not 0 < width * height <= MAX_PIXELS:
+        return None
     try:
-        flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
         image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
     except cv2.error:
         return None
-    return np.asarray(image) if image is not None and image.dtype in (np.uint8, np.uint16) else None
+    return None if image is None else np.asarray(image)
 
 
 def bits_of(*cameras: Sequence[Path | None]) -> int | None:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 from functools import partial
+from itertools import count, islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,18 +18,15 @@ from calib.errors import InputError
 from calib.formats import load_rig
 from calib.images import as_grey
 from calib.rig import StereoRig
-from calib.types import U8
-from stereo.readers.background import newest
-from stereo.readers.base import Decoded, DecodedPair, OpenOptions, Reader, Stream, is_grey
-from stereo.readers.images import Size
+from stereo.readers.base import Layout, OpenOptions, Reader, Stream, pixel_text, same_size, stereo_layout
+from stereo.readers.images import is_grey
 from stereo.readers.side_by_side import packed_layout
-from stereo.readers.stereo_layout import LiveLayout, pixel_text
+from stereo.recording import DEFAULT_FPS, Decoded, DecodedPair, FrameClock, newest
 
 TIMEOUT_MS = 10_000
 """An address that does not answer, or a stream without a frame, for this long is given up [ms] (our choice)."""
 FIRST_FRAMES = 3
 """Frames read at the start to tell size and layout; cameras need some to adapt to the light."""
-DEFAULT_FPS = 30.0
 _DROPPED = "came while earlier frames were tracked"
 _ADDRESS = re.compile(r"(rtsps?|https?|rtmps?|udp|tcp|srt):/+", re.IGNORECASE)
 _DEVICE = re.compile(r"\d{1,3}")
@@ -54,22 +52,25 @@ class Address(NamedTuple):
 class LiveSource:
     """Images of a camera from now on (a ``FrameSource`` whose end is not known).
 
+    Their times are the stream's own while these increase, else the machine's clock.
+
+    Attributes:
+        pictures: the first ones.
     Raises:
         InputError: nothing answers there, or it gives no image.
     """
 
     n_frames = 0
+    is_grey = False
 
     def __init__(self, address: Address) -> None:
-        self.address = address
+        self.address, self.fps = address, DEFAULT_FPS
         with closing(self._capture()) as frames:
-            self.first = [image for _, image in zip(range(FIRST_FRAMES), (f.image for f in frames), strict=False)]
-        pictures = [image for image in self.first if image is not None]
-        if not pictures:
+            self.pictures = [np.asarray(f.image, dtype=np.uint8) for f in islice(frames, FIRST_FRAMES)]
+        if not self.pictures:
             raise InputError(f"{address.text}: expected a camera or a stream of images, found none")
-        self.pictures: list[U8] = pictures
-        self.size = pictures[-1].shape[1], pictures[-1].shape[0]
-        self.is_grey = is_grey(pictures[-1])
+        self.size = self.pictures[-1].shape[1], self.pictures[-1].shape[0]
+        self.is_grey = is_grey(self.pictures[-1])
 
     def __iter__(self) -> Iterator[Decoded]:
         return with_gaps(newest(self._capture())) if self.address.drops else self._capture()
@@ -85,23 +86,31 @@ class LiveSource:
                     return
 
     def _capture(self) -> Generator[Decoded, None, None]:
-        capture = _open(self.address)
-        rate = capture.get(cv2.CAP_PROP_FPS)
-        self.fps = float(rate) if np.isfinite(rate) and 0 < rate <= 1000 else DEFAULT_FPS
-        clock, index = _LiveClock(), 0
+        if isinstance(self.address.opens, int):
+            capture = cv2.VideoCapture(self.address.opens)
+        else:
+            limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, TIMEOUT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, TIMEOUT_MS]
+            capture = cv2.VideoCapture(self.address.opens, cv2.CAP_FFMPEG, limits)
         try:
-            while True:
+            if not capture.isOpened():
+                raise InputError(f"{self.address.text}: expected a camera or a stream, found nothing that answers")
+            rate = capture.get(cv2.CAP_PROP_FPS)
+            self.fps = float(rate) if np.isfinite(rate) and 0 < rate <= 1000 else DEFAULT_FPS
+            start_s = zero_s = last_s = 0.0
+            own = True
+            for index in count():
                 found, image = capture.read()
                 if not found or image is None:
                     return
+                now_s, stream_s = time.monotonic(), capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3
+                if index == 0:
+                    start_s, zero_s, last_s = now_s, stream_s, -1.0
+                own = own and stream_s - zero_s > last_s
+                last_s = stream_s - zero_s if own else max(now_s - start_s, last_s + 1e-3)
                 pixels = np.asarray(image, dtype=np.uint8)
-                yield Decoded(index, clock.now(capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3), self._as_stored(pixels))
-                index += 1
+                yield Decoded(index, last_s, as_grey(pixels) if self.is_grey else pixels)
         finally:
             capture.release()
-
-    def _as_stored(self, pixels: U8) -> U8:
-        return as_grey(pixels) if getattr(self, "is_grey", False) else pixels
 
 
 def with_gaps(frames: Generator[Decoded, None, None]) -> Generator[Decoded, None, None]:
@@ -114,60 +123,46 @@ def with_gaps(frames: Generator[Decoded, None, None]) -> Generator[Decoded, None
             next_index = frame.index + 1
 
 
-class _LiveClock:
-    """Seconds since the first frame by the stream's own times while these increase, else by the machine's clock."""
-
-    def __init__(self) -> None:
-        self._start_s: float | None = None
-        self._zero_s = 0.0
-        self._last_s = -1.0
-        self._own = True
-
-    def now(self, stream_s: float) -> float:
-        if self._start_s is None:
-            self._start_s, self._zero_s = time.monotonic(), stream_s
-        seconds = stream_s - self._zero_s
-        self._own = self._own and seconds > self._last_s
-        if not self._own:
-            seconds = max(time.monotonic() - self._start_s, self._last_s + 1e-3)
-        self._last_s = seconds
-        return seconds
-
-
 def _fits(path: Path) -> bool:
     return not path.exists() and bool(_addresses(path))
 
 
-def _find(path: Path, options: OpenOptions) -> LiveLayout:
-    addresses = _addresses(path)
+def _find(path: Path, options: OpenOptions) -> Layout:
+    addresses, calibration = _addresses(path), options.calibration
     if len(addresses) > 2:
         raise InputError(f"{path}: expected one or two cameras, found {len(addresses)}")
     named = Path(",".join(address.text for address in addresses))
-    folder = _folder(options)
-    if len(addresses) == 1:
-        source = LiveSource(addresses[0])
-        rig = None if options.calibration else partial(_no_calibration, named)
-        layout = packed_layout(named, named, folder, source, source.pictures, options)
-        return LiveLayout.of(layout, rig, not addresses[0].drops)
-    sources = LiveSource(addresses[0]), LiveSource(addresses[1])
-    if sources[0].size != sources[1].size:
-        raise InputError(f"{named}: expected cameras of one size, found {sources[0].size} and {sources[1].size}")
-    size = sources[0].size
+    waits = not any(address.drops for address in addresses)
+    folder = Path("no-calibration")  # where world.toml lies: beside the calibration
+    if calibration is not None:
+        folder = calibration if calibration.is_dir() else calibration.parent
+    sources = tuple(LiveSource(address) for address in addresses)
+
+    def rig() -> StereoRig:
+        if calibration is None:
+            raise InputError(
+                f"{named}: expected the calibration of the cameras, found none: --calibration FILE gives it"
+            )
+        return load_rig(calibration, sources[0].size)
+
+    if len(sources) == 1:
+        return packed_layout(
+            named, named, folder, sources[0], sources[0].pictures, options,
+            rig=None if calibration else rig, live_waits=waits,
+        )  # fmt: skip
+    size = same_size(sources[0], sources[1], addresses[0].text, addresses[1].text)
     streams = tuple(
         Stream(name, size, 0, None, pixel_text(source.is_grey, None))
         for name, source in zip(("left", "right"), sources, strict=True)
     )
+    clock = FrameClock(options.fps or sources[0].fps, even=options.fps is not None)
     note = "two cameras that run freely: their images are paired as they come"
-    return LiveLayout(
-        named, folder, size, partial(_together, sources), streams, 0, options.fps or sources[0].fps, None,
-        partial(_rig, options, named, size), (note,), options.fps is not None,
-        waits=not any(address.drops for address in addresses),
-    )  # fmt: skip
+    return stereo_layout(
+        named, partial(_together, sources), streams, 0, clock, rig, (note,), folder=folder, live_waits=waits
+    )
 
 
-def _together(
-    sources: tuple[LiveSource, LiveSource], indices: Sequence[int] | None
-) -> Generator[DecodedPair, None, None]:
+def _together(sources: Sequence[LiveSource], indices: Sequence[int] | None) -> Generator[DecodedPair, None, None]:
     one, other = (iter(source) if indices is None else source.at(indices) for source in sources)
     for left, right in zip(one, other, strict=False):
         yield left, Decoded(left.index, right.timestamp_s, right.image, right.why)
@@ -182,32 +177,6 @@ def _addresses(path: Path) -> list[Address]:
         return []
     addresses = [_ADDRESS.sub(lambda match: f"{match[1]}://", part, count=1) for part in parts]
     return [Address(address, not address.lower().startswith("http")) for address in addresses]
-
-
-def _open(address: Address) -> cv2.VideoCapture:
-    if isinstance(address.opens, int):
-        capture = cv2.VideoCapture(address.opens)
-    else:
-        limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, TIMEOUT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, TIMEOUT_MS]
-        capture = cv2.VideoCapture(address.opens, cv2.CAP_FFMPEG, limits)
-    if not capture.isOpened():
-        raise InputError(f"{address.text}: expected a camera or a stream, found nothing that answers")
-    return capture
-
-
-def _folder(options: OpenOptions) -> Path:
-    """Where world.toml lies: beside the calibration."""
-    if options.calibration is None:
-        return Path("no-calibration")
-    return options.calibration if options.calibration.is_dir() else options.calibration.parent
-
-
-def _rig(options: OpenOptions, named: Path, size: Size) -> StereoRig:
-    return load_rig(options.calibration, size) if options.calibration else _no_calibration(named)
-
-
-def _no_calibration(named: Path) -> StereoRig:
-    raise InputError(f"{named}: expected the calibration of the cameras, found none: --calibration FILE gives it")
 
 
 READER = Reader("live", "live cameras", "a camera's number or an address (rtsp://, http://)", _fits, _find)

@@ -8,27 +8,26 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.world import RigEntry, load_rigs
-from stereo.readers.background import prefetch
-from stereo.readers.base import AnyRecording, StereoRecording
+from calib.world import load_rigs
+from stereo.readers.base import AnyRecording
 from stereo.readers.open import open_any, rigs_file
-from stereo.recording import RgbdFrame, Skipped, StereoFrame
+from stereo.recording import RgbdFrame, Skipped, StereoFrame, StereoRecording, prefetch
 
 AnyFrame = StereoFrame | RgbdFrame
 
 TOGETHER = 0.6
-"""Frames taken within this share of the slowest head's period are of one moment. Half of it would let heads that run
+"""Frames taken within this share of the slowest rig's period are of one moment. Half of it would let rigs that run
 half a period apart flicker between together and apart (our choice)."""
 
 
 @dataclass(frozen=True, eq=False)
-class HeadsFrame:
+class MultiRigFrame:
     """The frames of one moment.
 
     Attributes:
         index: moments counted from 0.
-        timestamp_s: mean time of the frames on the common clock, seconds since the first frame of the earliest head.
-        frames: one per head, None for a head without a frame at that time.
+        timestamp_s: mean time of the frames on the common clock, seconds since the first frame of the earliest rig.
+        frames: one per rig, None for a rig without a frame at that time.
     """
 
     index: int
@@ -37,8 +36,8 @@ class HeadsFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class Head:
-    """One head of a recording.
+class RigRecording:
+    """One rig of a recording.
 
     Attributes:
         name: its folder.
@@ -51,43 +50,43 @@ class Head:
     start_s: float
 
 
-class HeadsRecording:
-    """Several stereo recordings of one place; iterate it for its ``HeadsFrame``.
+class MultiRigRecording:
+    """Several stereo recordings of one place; iterate it for its ``MultiRigFrame``.
 
     Attributes:
         path: the folder with ``rigs.toml``.
-        heads: in the order of ``rigs.toml``; their ``world_SE3_left`` is that of the common world.
-        n_frames, fps, skipped: see ``stereo.recording.Recording``; moments at the rate of the slowest head.
+        rigs: in the order of ``rigs.toml``; their ``world_SE3_left`` is that of the common world.
+        n_frames, fps, skipped: see ``stereo.recording.Recording``; moments at the rate of the slowest rig.
     """
 
-    def __init__(self, path: Path, heads: Sequence[Head]) -> None:
-        self.path, self.heads = path, tuple(heads)
-        self.fps = min(head.recording.fps for head in heads)
-        first = min(head.start_s for head in heads)
-        ends = [head.start_s - first + head.recording.n_frames / head.recording.fps for head in heads]
+    def __init__(self, path: Path, rigs: Sequence[RigRecording]) -> None:
+        self.path, self.rigs = path, tuple(rigs)
+        self.fps = min(rig.recording.fps for rig in rigs)
+        first = min(rig.start_s for rig in rigs)
+        ends = [rig.start_s - first + rig.recording.n_frames / rig.recording.fps for rig in rigs]
         self.n_frames = max(1, round(max(ends) * self.fps))
 
     @property
     def skipped(self) -> list[Skipped]:
-        """Frames that one of the heads passed over; indices are those of the head."""
+        """Frames that one of the rigs passed over; indices are those of the rig."""
         return [
-            Skipped(skipped.index, f"{head.name}: {skipped.why}")
-            for head in self.heads
-            for skipped in head.recording.skipped
+            Skipped(skipped.index, f"{rig.name}: {skipped.why}")
+            for rig in self.rigs
+            for skipped in rig.recording.skipped
         ]
 
-    def __iter__(self) -> Iterator[HeadsFrame]:
+    def __iter__(self) -> Iterator[MultiRigFrame]:
         with ExitStack() as stack:
-            first = min(head.start_s for head in self.heads)
-            streams = [
-                _Stream(stack.enter_context(closing(_ahead(h.recording))), h.start_s - first, 1 / h.recording.fps)
-                for h in self.heads
-            ]
+            first, streams = min(rig.start_s for rig in self.rigs), []
+            for rig in self.rigs:
+                items: Iterable[AnyFrame] = rig.recording
+                frames = stack.enter_context(closing(prefetch(items)))
+                streams.append(_Stream(frames, rig.start_s - first, 1 / rig.recording.fps))
             yield from moments(streams, 1 / self.fps)
 
 
 class _Stream:
-    """A head's frames with one looked at ahead."""
+    """A rig's frames with one looked at ahead."""
 
     def __init__(self, frames: Generator[AnyFrame, None, None], start_s: float, period_s: float) -> None:
         self._frames, self._start_s = frames, start_s
@@ -108,44 +107,32 @@ class _Stream:
         return frame
 
 
-def moments(streams: Sequence[_Stream], period_s: float) -> Iterator[HeadsFrame]:
-    """Frames by time: the earliest that waits, and those of other heads taken within ``TOGETHER`` of the period."""
+def moments(streams: Sequence[_Stream], period_s: float) -> Iterator[MultiRigFrame]:
+    """Frames by time: the earliest that waits, and those of other rigs taken within ``TOGETHER`` of the period."""
     index = 0
     while any(stream.next is not None for stream in streams):
         until = min(stream.time_s for stream in streams) + TOGETHER * period_s
         times = [stream.time_s for stream in streams if stream.time_s <= until]
         frames = tuple(stream.take(period_s) if stream.time_s <= until else None for stream in streams)
-        yield HeadsFrame(index, sum(times) / len(times), frames)
+        yield MultiRigFrame(index, sum(times) / len(times), frames)
         index += 1
 
 
-def _ahead(recording: AnyRecording) -> Generator[AnyFrame, None, None]:
-    frames: Iterable[AnyFrame] = recording
-    return prefetch(frames)
-
-
-def open_heads(path: Path) -> HeadsRecording:
-    """Open every head that ``rigs.toml`` lists.
+def open_rigs(path: Path) -> MultiRigRecording:
+    """Open every rig that ``rigs.toml`` lists.
 
     Raises:
-        InputError: no or a wrong rigs.toml, or a head that cannot be opened.
+        InputError: no or a wrong rigs.toml, or a rig that cannot be opened.
     """
     file = rigs_file(path)
-    return heads_in(file.parent, load_rigs(file))
-
-
-def heads_in(folder: Path, entries: Sequence[RigEntry]) -> HeadsRecording:
-    """Open heads whose folders lie in one folder (same errors as ``open_heads``)."""
-    return HeadsRecording(folder, [_opened(folder, entry) for entry in entries])
-
-
-def _opened(folder: Path, entry: RigEntry) -> Head:
-    path = folder / entry.folder
-    if not path.exists():
-        raise InputError(f"{folder}: expected a recording in {entry.folder!r}, found nothing there")
-    recording = open_any(path)
-    if isinstance(recording, StereoRecording):
-        recording.world_SE3_left = entry.world_SE3_left
-    else:
-        recording.world_SE3_camera = entry.world_SE3_left
-    return Head(entry.folder, recording, entry.start_s)
+    folder, rigs = file.parent, []
+    for entry in load_rigs(file):
+        if not (folder / entry.folder).exists():
+            raise InputError(f"{folder}: expected a recording in {entry.folder!r}, found nothing there")
+        recording = open_any(folder / entry.folder)
+        if isinstance(recording, StereoRecording):
+            recording.world_SE3_left = entry.world_SE3_left
+        else:
+            recording.world_SE3_camera = entry.world_SE3_left
+        rigs.append(RigRecording(entry.folder, recording, entry.start_s))
+    return MultiRigRecording(folder, rigs)

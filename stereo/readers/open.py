@@ -2,36 +2,26 @@
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 from calib.errors import InputError
 from calib.io import reason
 from calib.world import RIGS_FILE, load_rigs
-from stereo.readers.background import prefetch
 from stereo.readers.bags.layout import READER as BAG
-from stereo.readers.base import (
-    AnyRecording,
-    FrameSource,
-    Layout,
-    OpenOptions,
-    Reader,
-    StereoRecording,
-    time_at,
-)
+from stereo.readers.base import AnyRecording, FrameSource, Layout, OpenOptions, Reader, clock_of
 from stereo.readers.datasets import EUROC, KITTI, KITTI_SEQUENCE, MIDDLEBURY, TUM_RGBD
 from stereo.readers.folders import READER as FOLDERS
 from stereo.readers.images import ImageFiles, bits_note, bits_of, image_files
 from stereo.readers.live import READER as LIVE
 from stereo.readers.rgbd import READER as RGBD_FOLDERS
 from stereo.readers.side_by_side import READER as SIDE_BY_SIDE
-from stereo.readers.stereo_layout import FrameClock, clock_of
 from stereo.readers.video import READER as VIDEO_PAIR
 from stereo.readers.video import VideoFile, video_files
-from stereo.recording import Skipped, VideoFrame
+from stereo.recording import Decoded, FrameClock, StereoRecording, Video, prefetch
 
 _POINTER = re.compile(rb"\Aversion https://git-lfs\.github\.com/spec/v1\noid [^\n]+\nsize (\d+)")
 _NAMED = {
@@ -47,14 +37,7 @@ _NAMED[".svo2"] = _NAMED[".svo"]
 _ARCHIVES = frozenset({".zip", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".7z", ".rar", ".zst"})
 
 
-def content_text(path: Path) -> str:
-    """What there is instead of a recording, for a message."""
-    if path.is_dir():
-        return ", ".join(sorted(f.name for f in path.iterdir())[:6]) or "an empty folder"
-    return "another file" if path.is_file() else "neither a file nor a folder"
-
-
-def foreign_text(path: Path) -> str | None:
+def _foreign_text(path: Path) -> str | None:
     """What a file is that is known to be no recording, or none that can be read here, and the way out."""
     if not path.is_file():
         return None
@@ -66,9 +49,7 @@ def foreign_text(path: Path) -> str | None:
     if pointer := _POINTER.match(head):
         return f"a git-lfs pointer instead of the file of {int(pointer[1])} bytes: git lfs pull fetches it"
     suffix = path.suffix.lower()
-    if suffix in _ARCHIVES:
-        return "an archive: unpack it"
-    return _NAMED.get(suffix, None if head else "an empty file")
+    return "an archive: unpack it" if suffix in _ARCHIVES else _NAMED.get(suffix, None if head else "an empty file")
 
 
 def rigs_file(path: Path) -> Path:
@@ -76,7 +57,7 @@ def rigs_file(path: Path) -> Path:
     return path if path.name == RIGS_FILE else path / RIGS_FILE
 
 
-def is_heads(path: Path) -> bool:
+def is_multi_rig(path: Path) -> bool:
     """Whether a path is a recording of several heads: a folder with ``rigs.toml``, or that file."""
     return rigs_file(path).is_file()
 
@@ -90,45 +71,9 @@ def _refuse_several(path: Path, _options: OpenOptions) -> Layout:
     )
 
 
-MULTI_RIG = Reader("heads", "several heads", "rigs.toml beside the folders of several heads", is_heads, _refuse_several)
-
-
-class SingleRecording:
-    """Frames of one camera, decoded ahead in the background; what cannot be decoded is noted in ``skipped``."""
-
-    def __init__(self, path: Path, source: FrameSource, clock: FrameClock, notes: Sequence[str] = ()) -> None:
-        self.path = path
-        self.n_frames = source.n_frames
-        self.size = source.size
-        self.skipped: list[Skipped] = []
-        self.notes = [*clock.notes, *notes]
-        self.fps = clock.fps
-        self._source, self._clock = source, clock
-
-    def __iter__(self) -> Iterator[VideoFrame]:
-        self.skipped = skipped = []
-        last = -1
-        with closing(prefetch(self._source)) as frames:
-            for frame in frames:
-                last = frame.index
-                if frame.image is None:
-                    skipped.append(Skipped(frame.index, frame.why))
-                    continue
-                yield VideoFrame(frame.index, self._time(frame.index, frame.timestamp_s), frame.image)
-        skipped += [Skipped(i, "recording ends before this frame") for i in range(last + 1, self.n_frames)]
-
-    def at(self, indices: Sequence[int]) -> list[VideoFrame]:
-        """The usable ones of these frames, whose indices ascend; ``skipped`` is not touched."""
-        return [
-            VideoFrame(frame.index, self._time(frame.index, frame.timestamp_s), frame.image)
-            for frame in self._source.at(indices)
-            if frame.image is not None
-        ]
-
-    def _time(self, index: int, file_time_s: float | None) -> float:
-        if self._clock.times_s is not None:
-            return time_at(self._clock.times_s, index, self.fps)
-        return index / self.fps if file_time_s is None or self._clock.even else file_time_s
+MULTI_RIG = Reader(
+    "heads", "several heads", "rigs.toml beside the folders of several heads", is_multi_rig, _refuse_several
+)
 
 
 READERS: tuple[Reader, ...] = (
@@ -159,10 +104,13 @@ def find_reader(path: Path) -> Reader:
             return reader
     if not path.exists():
         raise InputError(f"{path}: expected a recording (folder or file), found nothing there")
-    if foreign := foreign_text(path):
+    if foreign := _foreign_text(path):
         raise InputError(f"{path}: expected a recording, found {foreign}")
     looked_for = "; ".join(reader.looks_for for reader in READERS)
-    raise InputError(f"{path}: expected a recording ({looked_for}), found {content_text(path)}")
+    found = "another file" if path.is_file() else "neither a file nor a folder"
+    if path.is_dir():
+        found = ", ".join(sorted(f.name for f in path.iterdir())[:6]) or "an empty folder"
+    raise InputError(f"{path}: expected a recording ({looked_for}), found {found}")
 
 
 def holds_pair(path: Path) -> bool:
@@ -205,7 +153,7 @@ def open_recording(path: Path, options: OpenOptions | None = None) -> StereoReco
     return recording
 
 
-def open_video(path: Path, options: OpenOptions | None = None) -> SingleRecording:
+def open_video(path: Path, options: OpenOptions | None = None) -> Video:
     """Open a single-camera recording: a video file, or a folder of images (and timestamps.csv).
 
     Args:
@@ -221,14 +169,21 @@ def open_video(path: Path, options: OpenOptions | None = None) -> SingleRecordin
     if options.calibration is not None:
         raise InputError(f"--calibration: expected a stereo pair or images with depth, found {path}: one camera")
     if path.is_file():
-        source = VideoFile(path)
-        return SingleRecording(path, source, FrameClock(options.fps or source.fps, None, even=options.fps is not None))
-    if files := image_files(path):
-        bits = bits_of(files)
-        clock = clock_of(path, options, math.nan)
-        return SingleRecording(path, ImageFiles(files, bits), clock, bits_note(bits))
-    found = video_files(path)
-    if len(found) == 1:
-        source = VideoFile(found[0])
-        return SingleRecording(path, source, clock_of(path, options, source.fps))
-    raise InputError(f"{path}: expected images or one video, found {len(found)} videos and no image")
+        source: FrameSource = VideoFile(path)
+        clock = FrameClock(options.fps or source.fps, even=options.fps is not None)
+        return Video(path, partial(_alone, source), source.size, source.n_frames, clock)
+    files, videos = image_files(path), video_files(path)
+    if not files and len(videos) != 1:
+        raise InputError(f"{path}: expected images or one video, found {len(videos)} videos and no image")
+    bits = bits_of(files)
+    source = ImageFiles(files, bits) if files else VideoFile(videos[0])
+    clock = clock_of(path, options, source.fps)
+    notes = (*clock.notes, *bits_note(bits))
+    return Video(path, partial(_alone, source), source.size, source.n_frames, clock, notes)
+
+
+def _alone(source: FrameSource, indices: Sequence[int] | None) -> Generator[tuple[Decoded], None, None]:
+    """The frames of one camera, decoded in a thread of their own where all are wanted."""
+    with closing(prefetch(source if indices is None else source.at(indices))) as frames:
+        for frame in frames:
+            yield (frame,)

@@ -14,8 +14,8 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import F64, I64
-from stereo.readers.base import DEFAULT_FPS
 from stereo.readers.images import frame_number
+from stereo.recording import DEFAULT_FPS
 
 _WORD = re.compile(r"left|right|(?<![a-z])[lr](?![a-z])", re.IGNORECASE)
 _NUMBER = re.compile(
@@ -167,57 +167,53 @@ def pair_stamps(left_ns: I64, right_ns: I64, names: tuple[str, str] = ("left", "
         left_ns, right_ns: (n,) and (m,) int64 [ns], in the order of the recording.
         names: of the two, for the notes.
     """
-    if max(len(left_ns), len(right_ns)) > 1 and not any(np.ptp(own) for own in (left_ns, right_ns) if len(own)):
-        return _by_position(len(left_ns), len(right_ns))
+    counts = len(left_ns), len(right_ns)
+    if max(counts) > 1 and not any(np.ptp(own) for own in (left_ns, right_ns) if len(own)):  # clocks that stand still
+        order = np.arange(max(counts))
+        left, right = (np.where(order < n, order, -1) for n in counts)
+        note = f"all frames have one time: {DEFAULT_FPS:g} frames per second are assumed (--fps gives another rate)"
+        return TimePairs(left, right, order / DEFAULT_FPS, DEFAULT_FPS, (note,))
     # Median step of the camera that has more frames [ns].
-    longer = left_ns if len(left_ns) >= len(right_ns) else right_ns
-    steps = np.diff(np.sort(longer))
+    steps = np.diff(np.sort(left_ns if counts[0] >= counts[1] else right_ns))
     steps = steps[steps > 0]
     period = float(np.median(steps)) if steps.size else 1e9 / DEFAULT_FPS
-    offset = _offset(left_ns, right_ns, period * TOLERANCE)
-    left_mate, right_mate = _mates(left_ns, right_ns - offset, period * TOLERANCE)
+    tolerance, notes, offset = period * TOLERANCE, [], 0
+    if counts[0] == counts[1] > 0:
+        # A clock that is ahead: all frames are as far apart. With other counts which belong together would be a guess.
+        ahead = int(np.median(right_ns - left_ns))
+        if abs(ahead) > tolerance and np.all(np.abs(right_ns - left_ns - ahead) <= tolerance):
+            offset = ahead
+            notes.append(f"the clock of {names[1]} is {_span(offset / 1e9)} from that of {names[0]}: paired in order")
+    left_mate, right_mate = _mates(left_ns, right_ns - offset, tolerance)
     alone = np.flatnonzero(right_mate < 0)
     left = np.concatenate([np.arange(len(left_ns)), np.full(len(alone), -1)])
     right = np.concatenate([left_mate, alone])
     stamps = np.concatenate([left_ns, right_ns[alone] - offset])
-    eras = np.concatenate([_eras(left_ns, period), _eras(right_ns, period)[alone]])
+    left_eras, right_eras = _eras(left_ns, period), _eras(right_ns, period)
+    eras = np.concatenate([left_eras, right_eras[alone]])
     order = np.lexsort((stamps, eras))
     left, right, stamps, eras = left[order], right[order], stamps[order], eras[order]
-    times, jumps = _continuous(stamps, eras, period)
+    steps = np.diff(stamps).astype(np.float64)
+    jumps = np.flatnonzero(np.diff(eras))
+    told = [(int(frame), float(steps[frame]) / 1e9) for frame in jumps]
+    steps[jumps] = period
+    times = np.concatenate([[0.0], np.cumsum(steps)])[: len(stamps)] / 1e9
     again = np.diff(times, prepend=-1.0) <= 0
     left[again], right[again] = -1, -1
-    notes = [
-        *_offset_note(offset, names),
-        *_unpaired_note(left, right, names, period),
-        *_repeated_note(int(again.sum())),
-        *_order_note((left_ns, right_ns), names, period),
-        *(f"the clock jumps by {_span(step)} after frame {frame}: times run on at the nominal rate"
-          for frame, step in jumps),
-    ]  # fmt: skip
+    lonely = [int(np.count_nonzero((own >= 0) & (other < 0))) for own, other in ((left, right), (right, left))]
+    if any(lonely):
+        each = ", ".join(f"{count} of {name}" for name, count in zip(names, lonely, strict=True) if count)
+        limit = f"{tolerance / 1e6:.1f} ms, a quarter of the frame period"
+        notes.append(f"{sum(lonely)} of {_frames(len(left))} without a mate within {limit}, skipped ({each})")
+    if again.any():
+        notes.append(f"{_frames(int(again.sum()))} with the time of the frame before, skipped")
+    for own, era, name in ((left_ns, left_eras, names[0]), (right_ns, right_eras, names[1])):
+        if late := int(np.count_nonzero((np.diff(own) < 0) & (np.diff(era) == 0))):
+            notes.append(f"{_frames(late)} of {name} recorded out of order, put in order of their times")
+    notes += [
+        f"the clock jumps by {_span(s)} after frame {frame}: times run on at the nominal rate" for frame, s in told
+    ]
     return TimePairs(left, right, times, 1e9 / period, tuple(notes))
-
-
-def _by_position(n_left: int, n_right: int) -> TimePairs:
-    """For clocks that stand still."""
-    count = max(n_left, n_right)
-    order = np.arange(count)
-    left, right = (np.where(order < n, order, -1) for n in (n_left, n_right))
-    note = f"all frames have one time: {DEFAULT_FPS:g} frames per second are assumed (--fps gives another rate)"
-    return TimePairs(left, right, order / DEFAULT_FPS, DEFAULT_FPS, (note,))
-
-
-def _offset(left_ns: I64, right_ns: I64, tolerance_ns: float) -> int:
-    """How far the right camera's clock is ahead [ns], when all its frames are as far apart as the left camera's.
-
-    Zero when clocks agree within the tolerance, or when the numbers of frames differ: which belong together would then
-    be a guess.
-    """
-    if len(left_ns) != len(right_ns) or not len(left_ns):
-        return 0
-    ahead = right_ns - left_ns
-    offset = int(np.median(ahead))
-    even = bool(np.all(np.abs(ahead - offset) <= tolerance_ns))
-    return offset if even and abs(offset) > tolerance_ns else 0
 
 
 def _mates(left_ns: I64, right_ns: I64, tolerance_ns: float) -> tuple[I64, I64]:
@@ -248,43 +244,6 @@ def _eras(stamps: I64, period: float) -> I64:
     return np.concatenate([[0], np.cumsum(set_)]).astype(np.int64)[: len(stamps)]
 
 
-def _continuous(stamps: I64, eras: I64, period: float) -> tuple[F64, list[tuple[int, float]]]:
-    """Times [s] since the first frame without the jumps, and the jumps: frame before, step [s]."""
-    steps = np.diff(stamps).astype(np.float64)
-    jumps = np.flatnonzero(np.diff(eras))
-    found = [(int(frame), float(steps[frame]) / 1e9) for frame in jumps]
-    steps[jumps] = period
-    return np.concatenate([[0.0], np.cumsum(steps)])[: len(stamps)] / 1e9, found
-
-
-def _unpaired_note(left: I64, right: I64, names: tuple[str, str], period: float) -> list[str]:
-    alone = [int(np.count_nonzero((own >= 0) & (other < 0))) for own, other in ((left, right), (right, left))]
-    if not any(alone):
-        return []
-    each = ", ".join(f"{count} of {name}" for name, count in zip(names, alone, strict=True) if count)
-    limit = f"{period * TOLERANCE / 1e6:.1f} ms, a quarter of the frame period"
-    return [f"{sum(alone)} of {_frames(len(left))} without a mate within {limit}, skipped ({each})"]
-
-
-def _offset_note(offset_ns: int, names: tuple[str, str]) -> list[str]:
-    if not offset_ns:
-        return []
-    return [f"the clock of {names[1]} is {_span(offset_ns / 1e9)} from that of {names[0]}: paired in order"]
-
-
-def _repeated_note(count: int) -> list[str]:
-    return [f"{_frames(count)} with the time of the frame before, skipped"] if count else []
-
-
-def _order_note(stamps: tuple[I64, I64], names: tuple[str, str], period: float) -> list[str]:
-    notes = []
-    for own, name in zip(stamps, names, strict=True):
-        late = int(np.count_nonzero((np.diff(own) < 0) & (np.diff(_eras(own, period)) == 0)))
-        if late:
-            notes.append(f"{_frames(late)} of {name} recorded out of order, put in order of their times")
-    return notes
-
-
 def _frames(count: int) -> str:
     return f"{count} frame" + "s" * (count != 1)
 
@@ -302,17 +261,10 @@ def nearest_mates(images: I64, depths: I64) -> I64:
     """Position of each image's depth image, -1 without one: nearest to each other, and near enough.
 
     Args:
-        images, depths: (n,) and (m,) int64 [ns], increasing.
+        images, depths: (n,) and (m,) int64 [ns].
     """
-    mates = np.full(len(images), -1)
-    if not len(images) or not len(depths):
-        return mates
-    period = float(np.median(np.diff(images))) if len(images) > 1 else 0.0
-    nearest, back = _nearest(images, depths), _nearest(depths, images)
-    near = np.abs(images - depths[nearest]) <= max(MAX_APART_S * 1e9, 0.25 * period)
-    mutual = near & (back[nearest] == np.arange(len(images)))
-    mates[mutual] = nearest[mutual]
-    return mates
+    period = float(np.median(np.diff(np.sort(images)))) if len(images) > 1 else 0.0
+    return _mates(images, depths, max(MAX_APART_S * 1e9, TOLERANCE * period))[0]
 
 
 def depth_note(mates: I64, where: str = "") -> list[str]:

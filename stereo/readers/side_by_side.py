@@ -16,12 +16,21 @@ from calib.formats import load_rig
 from calib.images import as_grey
 from calib.pose import SE3
 from calib.rig import StereoRig
-from calib.types import F64, U8, AnyArray
-from stereo.readers.base import FrameSource, OpenOptions, Reader, Stream, is_grey, split_pairs
-from stereo.readers.images import Size
-from stereo.readers.stereo_layout import StereoLayout, clock_of, pixel_text
+from calib.types import F64, U8
+from stereo.readers.base import (
+    FrameSource,
+    Layout,
+    OpenOptions,
+    Reader,
+    Stream,
+    clock_of,
+    pixel_text,
+    split_pairs,
+    stereo_layout,
+)
+from stereo.readers.images import Size, is_grey
 from stereo.readers.video import SUFFIXES, VideoFile, video_files
-from stereo.row_offset import VerticalParams, match_corners
+from stereo.rig_correction import MatchParams, match_corners
 
 MIN_MATCHES = 40
 """Fewest matched corners by which the order is told (our choice)."""
@@ -96,7 +105,7 @@ def rectified_rig(load: Callable[[], StereoRig], rig: StereoRig) -> tuple[Stereo
         _, _, *projections, _ = cv2.fisheye.stereoRectify(k1, d1, k2, d2, size, turn, shift_column, 0)
     else:
         _, _, *projections, _, _, _ = cv2.stereoRectify(k1, d1, k2, d2, size, turn, shift_column, alpha=0.0)
-    left, right = (_ideal(np.asarray(p, dtype=np.float64), rig.left) for p in projections)
+    left, right = (Camera(*size, float(p[0, 0]), float(p[1, 1]), float(p[0, 2]), float(p[1, 2])) for p in projections)
     shift = np.array([-rig.baseline_m, 0.0, 0.0])
     ideal = StereoRig(left, right, SE3(np.eye(3), shift), f"{rig.source} [rectified images]")
     return ideal, f"their focal length is taken as {left.fx:.1f} px, as OpenCV's stereoRectify gives it for alpha 0"
@@ -106,10 +115,6 @@ def is_ideal(rig: StereoRig) -> bool:
     """Whether a rig is that of rectified images: no distortion, no rotation."""
     turned = float(np.abs(rig.right_SE3_left.rotation - np.eye(3)).max())
     return turned < 1e-9 and not any(np.any(one.coefficients) for one in (rig.left, rig.right))
-
-
-def _ideal(p: AnyArray, one: Camera) -> Camera:
-    return Camera(one.width, one.height, float(p[0, 0]), float(p[1, 1]), float(p[0, 2]), float(p[1, 2]))
 
 
 def _case(matches: F64, rig: StereoRig, swapped: bool, rectified: bool) -> Order:
@@ -133,7 +138,7 @@ Halves = tuple[U8, U8]
 
 REDUCED_PX = 320
 """Width to which halves are reduced for matching."""
-SEARCH = VerticalParams(features=150, search_px=24)
+SEARCH = MatchParams(features=150, search_px=24)
 """Rows of unrectified cameras may be 24 of 320 px apart."""
 REACH = 0.3
 """Disparities are searched up to this share of the width, each way (our choice)."""
@@ -172,13 +177,10 @@ class Packing:
             parts = picture[: height // 2], picture[height // 2 : height // 2 * 2]
         else:
             parts = picture[:, : width // 2], picture[:, width // 2 : width // 2 * 2]
-        first, second = (self._given(part, (width, height)) for part in parts)
-        return first, second
-
-    def _given(self, part: U8, picture: Size) -> U8:
         if not self.squeezed:
-            return np.ascontiguousarray(part)
-        return np.asarray(cv2.resize(part, picture, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
+            return np.ascontiguousarray(parts[0]), np.ascontiguousarray(parts[1])
+        first, second = (np.asarray(cv2.resize(part, (width, height)), dtype=np.uint8) for part in parts)
+        return first, second
 
     @property
     def text(self) -> str:
@@ -209,8 +211,10 @@ def common(pictures: Iterable[U8], split: Callable[[U8], Halves]) -> Common:
     corners, found = 0, [np.empty((0, 4))]
     for picture in pictures:
         first, second = (as_grey(view) for view in split(picture))
-        reduced, scale = (_reduced(view) for view in (first, second)), first.shape[1] / min(first.shape[1], REDUCED_PX)
-        a, b = reduced
+        height, width = first.shape
+        scale = width / min(width, REDUCED_PX)
+        size = round(width / scale), round(height / scale)
+        a, b = (np.asarray(cv2.resize(v, size, interpolation=cv2.INTER_AREA), np.uint8) for v in (first, second))
         points = cv2.goodFeaturesToTrack(a, SEARCH.features, 0.01, 14.0)
         corners += 0 if points is None else len(points)
         reach = REACH * a.shape[1]
@@ -259,13 +263,6 @@ def _possible(picture: Size, aspect: float | None) -> list[Packing]:
     return found
 
 
-def _reduced(view: U8) -> U8:
-    if view.shape[1] <= REDUCED_PX:
-        return view
-    height = round(view.shape[0] * REDUCED_PX / view.shape[1])
-    return np.asarray(cv2.resize(view, (REDUCED_PX, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
 LOOKED_AT = 3
 """Frames spread over the video in which the two views are matched (our choice)."""
 
@@ -274,15 +271,23 @@ def _fits(path: Path) -> bool:
     return _video(path) is not None
 
 
-def _find(path: Path, options: OpenOptions) -> StereoLayout:
+def _find(path: Path, options: OpenOptions) -> Layout:
     video = _video(path) or path
     source = VideoFile(video)
     return packed_layout(path, video, video.parent, source, sampled(source), options)
 
 
 def packed_layout(
-    path: Path, named: Path, folder: Path, source: FrameSource, pictures: Sequence[U8], options: OpenOptions
-) -> StereoLayout:
+    path: Path,
+    named: Path,
+    folder: Path,
+    source: FrameSource,
+    pictures: Sequence[U8],
+    options: OpenOptions,
+    *,
+    rig: Callable[[], StereoRig] | None = None,
+    live_waits: bool | None = None,
+) -> Layout:
     """Tell how the two views share a source's pictures, and which is the left one.
 
     Args:
@@ -290,25 +295,41 @@ def packed_layout(
         named: the video, for messages.
         folder: where calibration, times and world.toml lie.
         pictures: a few of the source.
+        rig: reads another calibration than the folder's, when given.
+        live_waits: see ``stereo_layout``.
     Raises:
         InputError: the pictures are no two views of one scene.
     """
     calibration = options.calibration or folder
-    packing, shared = find_packing(pictures, _aspect(calibration))
+    try:
+        one = load_rig(calibration).left
+        aspect = one.width / one.height
+    except InputError:
+        aspect = None
+    packing, shared = find_packing(pictures, aspect)
     if packing is None:
         raise InputError(f"{named}: {_no_pair(source.size, pictures, shared)}")
     size = packing.size(source.size)
     order, assumed = _order(calibration, size, shared)
     swapped, rectified = (order.swapped, order.rectified) if order else (False, False)
-    clock = clock_of(folder, options, source.fps)
-    stored = (size[0], size[1] // 2) if packing.stacked and packing.squeezed else size
-    stored = (size[0] // 2, size[1]) if packing.squeezed and not packing.stacked else stored
+    width, height = size
+    if packing.squeezed:
+        width, height = (width, height // 2) if packing.stacked else (width // 2, height)
     pixels = pixel_text(is_grey(pictures[0]), None)
-    streams = tuple(Stream(name, stored, source.n_frames, None, pixels) for name in ("left", "right"))
-    split = partial(_views, packing, swapped)
-    return StereoLayout(
-        path, folder, size, partial(split_pairs, source, split), streams, source.n_frames, clock.fps, clock.times_s,
-        _rig(calibration, size, rectified), (*_notes(packing, order, assumed), *clock.notes), clock.even,
+    streams = tuple(Stream(name, (width, height), source.n_frames, None, pixels) for name in ("left", "right"))
+
+    def views(picture: U8) -> Halves:
+        first, second = packing.split(picture)
+        return (second, first) if swapped else (first, second)
+
+    def own_rig() -> StereoRig:
+        found = load_rig(calibration, size)
+        return rectified_rig(partial(load_rig, calibration, size, rectified=True), found)[0] if rectified else found
+
+    return stereo_layout(
+        path, partial(split_pairs, source, views), streams, 0 if live_waits is not None else source.n_frames,
+        clock_of(folder, options, source.fps), rig or own_rig, _notes(packing, order, assumed), folder=folder,
+        live_waits=live_waits,
     )  # fmt: skip
 
 
@@ -317,19 +338,6 @@ def sampled(source: FrameSource) -> list[U8]:
     spread = sorted({round(float(i)) for i in np.linspace(0, max(0, source.n_frames - 1), LOOKED_AT)})
     found = [frame.image for frame in source.at(spread) if frame.image is not None]
     return found or [frame.image for frame in source.at([0]) if frame.image is not None]
-
-
-def _views(packing: Packing, swapped: bool, picture: U8) -> tuple[U8, U8]:
-    first, second = packing.split(picture)
-    return (second, first) if swapped else (first, second)
-
-
-def _aspect(calibration: Path) -> float | None:
-    try:
-        width, height = load_rig(calibration).left.size
-    except InputError:
-        return None
-    return width / height
 
 
 def _order(calibration: Path, size: Size, shared: Common) -> tuple[Order | None, str]:
@@ -342,14 +350,6 @@ def _order(calibration: Path, size: Size, shared: Common) -> tuple[Order | None,
     except InputError:
         return None, ""
     return tell_order(shared.matches, rig, rectified), assumed
-
-
-def _rig(calibration: Path, size: Size, rectified: bool) -> Callable[[], StereoRig]:
-    def load() -> StereoRig:
-        rig = load_rig(calibration, size)
-        return rectified_rig(partial(load_rig, calibration, size, rectified=True), rig)[0] if rectified else rig
-
-    return load
 
 
 def _notes(packing: Packing, order: Order | None, assumed: str) -> list[str]:
@@ -376,7 +376,10 @@ def _no_pair(size: Size, pictures: Sequence[U8], shared: Common) -> str:
                 f"{expected} a grey and a coloured half with {len(shared.matches)} of {shared.corners} corners alike: "
                 "a picture of depth beside its colour image holds no depth in metres"
             )
-    return f"{expected} one picture of {width}x{height}: a stereo recording needs both cameras"
+    return (
+        f"{expected} one picture of {width}x{height}: a stereo recording needs both cameras; "
+        "one camera is tracked with --tracker ellipse-particle, or --tracker human-model --calibration camera.toml"
+    )
 
 
 def _video(path: Path) -> Path | None:

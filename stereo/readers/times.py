@@ -8,13 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from decimal import Decimal
+from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from calib.errors import InputError
-from calib.io import reason
+from calib.io import read_text
 from calib.types import F64, I64
 from stereo.readers.pairing import JUMP_S, pair_stamps
 
@@ -27,6 +28,7 @@ _MAX_STEP = {"s": 2, "ms": 2_000, "us": 2_000_000}
 by a factor of 1000, the periods of cameras (1 to 250 Hz) by 250 (our choice)."""
 _NUMBER = re.compile(r"[+-]?\d{1,20}(\.\d{0,30})?([eE][+-]?\d{1,2})?")
 _DATE = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?\d*(?:Z|\+00:?00)?")
+_DAY = re.compile(r"\d{4}-\d\d-\d\d ")
 _MAX_NS = 2**62
 _NAME = re.compile(r"(?<![\d.])(\d{7,20}(?:\.\d{1,9}|_\d{6,9})?|\d{1,6}\.\d{2,9})(?![\d.])")
 
@@ -54,7 +56,9 @@ def read_stamps(texts: Sequence[str], unit: str | None = None) -> Stamps:
     """
     dates = [_DATE.fullmatch(text.strip()) for text in texts]
     if texts and all(dates):
-        unit, values = "date", [_date_ns(match) for match in dates if match]
+        # Of a date the whole seconds and the digits behind them.
+        days = [(datetime.fromisoformat(match[1]).replace(tzinfo=UTC), match[2] or "0") for match in dates if match]
+        unit, values = "date", [round(day.timestamp()) * NS["s"] + int(digits.ljust(9, "0")) for day, digits in days]
     else:
         numbers = [_number(text) for text in texts]
         unit = unit or unit_of(numbers)
@@ -110,11 +114,6 @@ def _number(text: str) -> Decimal:
     return number
 
 
-def _date_ns(match: re.Match[str]) -> int:
-    seconds = datetime.fromisoformat(match[1]).replace(tzinfo=UTC).timestamp()
-    return round(seconds) * NS["s"] + int((match[2] or "0").ljust(9, "0"))
-
-
 LISTS = ("timestamps.txt", "times.txt", "timestamp.txt")
 """Names of lists with one time a line."""
 MAX_BYTES = 1 << 26
@@ -122,13 +121,6 @@ MAX_BYTES = 1 << 26
 _FRAME = ("frame", "frame_id", "index", "id")
 _TIME = re.compile(r"#?\s*(timestamp|time|stamp|t)s?(?:[ _]?[\[(]?(ns|us|ms|s|sec|nsec|usec|msec)[\])]?)?")
 _UNITS = {"sec": "s", "nsec": "ns", "usec": "us", "msec": "ms"}
-
-
-class StampList(NamedTuple):
-    """One time a line, as text."""
-
-    path: Path
-    texts: Sequence[str]
 
 
 class TimeTable(NamedTuple):
@@ -171,12 +163,13 @@ def load_timestamps(path: Path) -> TimeTable:
     paired = pair_stamps(stamps.ns, stamps.ns)
     times = np.full(frames[-1] + 1, np.nan)
     times[frames] = paired.times_s if paired.notes else seconds
-    note = () if stamps.unit == "s" else (f"times of {path.name} are taken as {_unit_text(stamps.unit)}",)
+    unit = "dates" if stamps.unit == "date" else stamps.unit
+    note = () if unit == "s" else (f"times of {path.name} are taken as {unit}",)
     return TimeTable(times, (*note, *paired.notes))
 
 
-def stamp_list(folder: Path) -> StampList | None:
-    """The list of times in a folder; None without one.
+def stamp_list(folder: Path) -> tuple[Path, list[str]] | None:
+    """The list of times in a folder and its entries as text, one a line; None without one.
 
     Raises:
         InputError: there is one that cannot be read.
@@ -184,58 +177,35 @@ def stamp_list(folder: Path) -> StampList | None:
     path = next((folder / name for name in LISTS if (folder / name).is_file()), None)
     if path is None:
         return None
-    return StampList(path, [_first_field(line) for line in _text(path).splitlines() if line.strip(" \t#") and
-                            not line.lstrip().startswith("#")])  # fmt: skip
-
-
-def _first_field(line: str) -> str:
-    """The time of a line: a date with its blank, or what comes before the first blank or comma."""
-    line = line.strip()
-    return line if re.match(r"\d{4}-\d\d-\d\d ", line) else re.split(r"[\s,;]", line)[0]
+    lines = [line.strip() for line in read_text(path, "a list of times", MAX_BYTES).splitlines()]
+    # A date with its blank, or what comes before the first blank or comma.
+    first = ((_DAY.match(line) and line) or re.split(r"[\s,;]", line)[0] for line in lines if line and line[0] != "#")
+    return path, list(first)
 
 
 def _rows(path: Path) -> tuple[list[tuple[int, str]], str | None]:
     """Frame and time of every row, and the unit that the column names; a column of seconds may hold anything."""
+    expected = f"{path}: expected the columns frame,timestamp_s with numbers"
+    rows: list[tuple[int, str]] = []
     try:
-        reader = csv.DictReader(_text(path).splitlines())
-        columns = _columns(path, reader.fieldnames or ())
-        rows = [_row(path, row, columns, n) for n, row in enumerate(reader)]
+        lines = csv.reader(StringIO(read_text(path, "a table of times", MAX_BYTES), newline=""))
+        names = [name.strip().lower() for name in next(lines, [])]
+        frame = next((i for i, name in enumerate(names) if name in _FRAME), None)
+        time = next((i for i, name in enumerate(names) if _TIME.fullmatch(name)), None)
+        if time is None or (frame is None and len(names) > 2):
+            raise InputError(f"{expected}, found {','.join(names)[:80]}")
+        for row in filter(None, lines):
+            text = str(len(rows)) if frame is None else row[frame] if frame < len(row) else ""
+            if not re.fullmatch(r"\s*\d{1,12}\s*", text) or time >= len(row) or not row[time]:
+                raise InputError(f"{expected}, found {','.join(row)[:80]!r} in line {lines.line_num}")
+            rows.append((int(text), row[time]))
     except csv.Error as error:
         raise InputError(f"{path}: expected the columns frame,timestamp_s, found {error}") from error
     if not rows:
         raise InputError(f"{path}: expected rows of frame,timestamp_s, found none")
-    match = _TIME.fullmatch(columns[1].strip().lower())
+    match = _TIME.fullmatch(names[time])
     unit = match[2] if match else None
     return sorted(rows, key=lambda row: row[0]), None if unit in (None, "s", "sec") else _UNITS.get(unit, unit)
-
-
-def _columns(path: Path, names: Sequence[str]) -> tuple[str | None, str]:
-    frame = next((name for name in names if name.strip().lower() in _FRAME), None)
-    time = next((name for name in names if _TIME.fullmatch(name.strip().lower())), None)
-    if time is None or (frame is None and len(names) > 2):
-        raise InputError(f"{path}: expected the columns frame,timestamp_s with numbers, found {','.join(names)[:80]}")
-    return frame, time
-
-
-def _row(path: Path, row: dict[str, str], columns: tuple[str | None, str], position: int) -> tuple[int, str]:
-    frame, time = columns
-    text = row[frame] if frame is not None else str(position)
-    if text is None or not re.fullmatch(r"\s*\d{1,12}\s*", text) or not row[time]:
-        raise InputError(f"{path}: expected the columns frame,timestamp_s with numbers, found {row}")
-    return int(text), row[time]
-
-
-def _text(path: Path) -> str:
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: expected a table of times of at most 64 MB, found {path.stat().st_size} bytes")
-        return path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected a table of times, found {reason(error)}") from error
-
-
-def _unit_text(unit: str) -> str:
-    return "dates" if unit == "date" else unit
 
 
 GAP = 1.5

@@ -12,9 +12,20 @@ import numpy as np
 from calib.errors import InputError
 from calib.images import as_grey
 from calib.types import U8
-from stereo.readers.base import Decoded, OpenOptions, Reader, both, is_grey
+from stereo.readers.base import (
+    Layout,
+    OpenOptions,
+    Reader,
+    Stream,
+    both,
+    clock_of,
+    rig_in,
+    same_size,
+    stereo_layout,
+)
+from stereo.readers.images import is_grey
 from stereo.readers.pairing import split_sides
-from stereo.readers.stereo_layout import StereoLayout, clock_of, rig_in, same_size, stream
+from stereo.recording import Decoded
 
 SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg"})
 MAX_BROKEN_RUN = 25
@@ -40,8 +51,13 @@ class VideoFile:
         try:
             found, first = capture.read()
             self._start_ms = float(capture.get(cv2.CAP_PROP_POS_MSEC))
-            self.n_frames = _announced(capture, path)
-            fps = capture.get(cv2.CAP_PROP_FPS)
+            fps, announced = capture.get(cv2.CAP_PROP_FPS), capture.get(cv2.CAP_PROP_FRAME_COUNT)
+            self.n_frames = int(announced) if np.isfinite(announced) and announced > 0 else 0
+            if self.n_frames > path.stat().st_size / MIN_FRAME_BYTES:  # a file too small for so many: they are counted
+                count = 1
+                while count < self.n_frames and capture.grab():
+                    count += 1
+                self.n_frames = count
         finally:
             capture.release()
         if not found or first is None:
@@ -96,19 +112,6 @@ class VideoFile:
         return as_grey(pixels) if self._grey else pixels
 
 
-def _announced(capture: cv2.VideoCapture, path: Path) -> int:
-    """Frames that the header announces; of a file too small for so many they are counted instead."""
-    announced = capture.get(cv2.CAP_PROP_FRAME_COUNT)
-    if not np.isfinite(announced) or announced < 0:
-        return 0
-    if announced <= path.stat().st_size / MIN_FRAME_BYTES:
-        return int(announced)
-    count = 1
-    while count < announced and capture.grab():
-        count += 1
-    return count
-
-
 def video_files(folder: Path) -> list[Path]:
     """The videos of a folder, sorted by name."""
     return sorted(f for f in folder.iterdir() if f.suffix.lower() in SUFFIXES and f.is_file())
@@ -127,14 +130,14 @@ def _fits(path: Path) -> bool:
     return path.is_dir() and _sides(path) is not None
 
 
-def _find(path: Path, options: OpenOptions) -> StereoLayout:
+def _find(path: Path, options: OpenOptions) -> Layout:
     left, right = _sides(path) or (path, path)
     a, b = VideoFile(left), VideoFile(right)
-    size, n_frames = same_size(a, b, left, right), max(a.n_frames, b.n_frames)
-    clock = clock_of(path, options, a.fps)
-    return StereoLayout(
-        path, path, size, partial(both, a, b), (stream("left", a), stream("right", b)), n_frames, clock.fps,
-        clock.times_s, rig_in(path, options, size), clock.notes, clock.even,
+    size = same_size(a, b, left, right)
+    streams = tuple(Stream(name, size, source.n_frames) for name, source in (("left", a), ("right", b)))
+    return stereo_layout(
+        path, partial(both, a, b), streams, max(a.n_frames, b.n_frames), clock_of(path, options, a.fps),
+        rig_in(path, options, size),
     )  # fmt: skip
 
 

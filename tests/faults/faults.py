@@ -11,6 +11,10 @@ from faults.damage import (
     png_claiming, removed, replaced, right_shows, rows, sparse, swapped, videos,
 )  # fmt: skip
 
+from calib.pose import SE3
+from calib.rig import Floor
+from calib.world import save_world
+
 L, R = f"left/{MIDDLE}", f"right/{MIDDLE}"
 EVEN = [f"{i / 15:.6f}" for i in range(FRAMES)]
 SHIFTED = [*EVEN[:12], EVEN[11], *EVEN[13:]]
@@ -77,6 +81,7 @@ CALIBRATION_FAULTS = (
     Fault("focal length not a number", edited(RIG, "fx = ", "fx = nan # "), 2, "finite"),
     Fault("focal length of text", edited(RIG, "fx = ", 'fx = "a" # '), 2, "rig.toml"),
     Fault("focal length of 5000 digits", edited(RIG, "fx = ", f"fx = {'9' * 5000} # "), 2, "rig.toml"),
+    Fault("lens that shows nothing", edited(RIG, "distortion = []", "distortion = [-1e6, 0.0, 0.0, 0.0]"), 2, "shows the middle of its image"),
     Fault("focal length of another image", edited(RIG, "fx = ", "fx = 9"), 2, "focal length"),
     Fault("no baseline", edited(RIG, "translation_m = [-0.12", "translation_m = [-0.0"), 2, "rig.toml"),
     Fault("baseline in millimetres", edited(RIG, "translation_m = [-0.12", "translation_m = [-120.0"), 2, "rig.toml"),
@@ -96,6 +101,10 @@ SIDE_FILE_FAULTS = (
     Fault("broken world.toml", replaced(WORLD, "[world"), 2, "world.toml"),
     Fault("world.toml without its table", replaced(WORLD, "a = 1"), 2, "world_SE3_left"),
     Fault("camera 250 m above the floor", edited(WORLD, "2.5]", "250.0]"), 2, "wrong units"),
+    Fault("camera 99 m above the floor", edited(WORLD, "2.5]", "99.0]"), 2, "world.toml.*sees the space between floor"),
+    Fault("camera 1 nm above the floor", edited(WORLD, "2.5]", "1e-9]"), 2, "world.toml.*wrong units"),
+    Fault("camera that looks up", lambda f: save_world(Floor(SE3(np.eye(3), np.array([0.0, 0.0, 2.5]))), f / WORLD), 2, "world.toml.*sees the space between floor"),
+    Fault("camera 1e9 m from the origin", edited(WORLD, "translation_m = [0.0", "translation_m = [1e9"), 2, "world.toml.*of the origin"),
     Fault("floor that is no plane", edited(WORLD, "[[1.0", "[[2.0"), 2, "world.toml"),
     Fault("world.toml of words", replaced(WORLD, 'world_SE3_left = "up"'), 2, "world.toml"),
     Fault("empty timestamps", replaced("timestamps.csv", ""), 2, "timestamps.csv"),

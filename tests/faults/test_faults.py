@@ -13,7 +13,7 @@ from toy_stereo import ToyWorld, toy_rig, walking, write_toy_recording
 from calib.rig import Floor
 from calib.world import save_world
 from planview.cli import main
-from planview.output.info import read_run_info
+from planview.output.folder import read_run_info
 from planview.trajectories.table import read_tracks
 
 FEW = ("--set", "analysis.setup_frames=4")

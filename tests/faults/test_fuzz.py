@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from faults.damaged_recordings import CASES, attempt
 from hypothesis import given
 from hypothesis import strategies as st
 from toy_stereo import toy_rig
@@ -28,7 +29,7 @@ from planview.counting.events import read_events
 from planview.counting.rules import load_rules
 from planview.engine.config import load_config
 from planview.maps.recording import MapsRecording
-from planview.output.info import read_run_info
+from planview.output.folder import read_run_info
 from planview.synthetic.scene import load_scene
 from planview.trajectories.file import TrajectoryFile
 from planview.trajectories.formats import FORMATS as EXPORTS
@@ -190,6 +191,13 @@ def test_truth_of_any_format_is_read_or_refused(folder: Path, seed: int, steps: 
 def test_file_is_read_or_refused(folder: Path, name: str, seed: int, steps: int) -> None:
     read, good = simple()[name]
     assert is_clear(refusal(read, folder / name, damaged(good, seed, steps)), name)
+
+
+@pytest.mark.parametrize("kind", sorted(CASES))
+@given(seed=st.integers(0, 2**32))
+def test_damaged_recording_is_read_or_refused(kind: str, seed: int) -> None:
+    sentence = attempt(kind, seed)
+    assert sentence.isprintable() and len(sentence) < 900
 
 
 @given(text=st.text(max_size=60))

@@ -10,7 +10,8 @@ from toy_stereo import ToyWorld, toy_rig, walking, write_toy_recording
 
 from planview.cli import main
 from planview.engine.config import load_config
-from planview.engine.pipeline import Pipeline
+from planview.engine.engine import Engine
+from planview.engine.open import open_engine
 
 
 @pytest.fixture(scope="session")
@@ -26,9 +27,9 @@ def recording(pairs: list[Pair], tmp_path_factory: pytest.TempPathFactory) -> Pa
 
 
 @pytest.fixture(scope="session")
-def engine(recording: Path) -> Pipeline:
+def engine(recording: Path) -> Engine:
     """Floor found once; iterating it anew gives the same frames."""
-    return Pipeline.from_recording(recording, load_config(None, [FEW]))
+    return open_engine(recording, config=load_config(None, [FEW]))
 
 
 @pytest.fixture(scope="session")
@@ -38,7 +39,7 @@ def short_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def copy(recording: Path, engine: Pipeline, tmp_path: Path) -> Path:
+def copy(recording: Path, engine: Engine, tmp_path: Path) -> Path:
     """A recording to be damaged; its floor is given, so that only the damage is tried."""
     folder = tmp_path / "copy"
     shutil.copytree(recording, folder)

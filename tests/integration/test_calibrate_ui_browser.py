@@ -19,7 +19,7 @@ from calib.ground_camera import GroundCamera, load_ground_camera
 from calib.people.model import HumanModel
 from calib.people.samples import HumanSample
 from planview.calibration.people import draw_person
-from planview.commands.calibrate_ui import calibrate_ui
+from planview.commands.calibrate import calibrate_ui
 from tests.people import standing_people
 
 CAMERA = GroundCamera(640, 480, 500.0, 3.5, math.radians(55), "pinhole")

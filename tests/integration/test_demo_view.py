@@ -20,7 +20,7 @@ def test_demo_tracks_its_clip_and_prints_the_metrics(
     cards = [(i, walking(i - EMPTY)[0]) for i in range(EMPTY, FRAMES)]
     truth = "".join(f"{i},1,{card.x_m:.3f},{card.y_m:.3f},1.75\n" for i, card in cards)
     (clip / "truth.csv").write_text("frame,id,x_m,y_m,height_m\n" + truth)
-    monkeypatch.setattr("planview.commands.demo.DEMO", clip)
+    monkeypatch.setattr("planview.commands.run.DEMO", clip)
     with pytest.raises(SystemExit):
         main(["demo", "--out", str(out), "--json"])
     metrics = json.loads(capsys.readouterr().out)
@@ -30,7 +30,7 @@ def test_demo_tracks_its_clip_and_prints_the_metrics(
 
 
 def test_demo_without_its_clip_is_refused(say: Say, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("planview.commands.demo.DEMO", tmp_path / "none")
+    monkeypatch.setattr("planview.commands.run.DEMO", tmp_path / "none")
     status, told = say("demo", "--out", tmp_path / "out")
     assert status == 2
     assert "demo clip" in one_sentence(told)

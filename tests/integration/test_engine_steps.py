@@ -8,9 +8,8 @@ from toy_run import EMPTY
 
 from calib.types import U8
 from planview.engine.engine import Engine, FrameResult
-from planview.engine.pipeline import Pipeline
-from planview.engine.single_camera_pipeline import SingleCameraPipeline
-from planview.tracking.ellipse_particle import image_ellipse_tracker
+from planview.engine.one_camera import one_camera_engine
+from planview.tracking.ellipse_particle import EllipseParticleTracker
 from stereo.recording import Skipped, VideoFrame
 
 SHOWN = EMPTY + 12
@@ -38,24 +37,24 @@ def stepped(engine: Engine, frames: int) -> list[FrameResult]:
     return [engine.step(frame) for frame, _ in zip(engine.recording, range(frames), strict=False)]  # type: ignore[call-overload]
 
 
-def test_steps_of_a_stereo_engine_give_the_tracks_of_its_iteration(engine: Pipeline) -> None:
+def test_steps_of_a_stereo_engine_give_the_tracks_of_its_iteration(engine: Engine) -> None:
     iterated = [result.tracks for result, _ in zip(engine, range(SHOWN), strict=False)]
     assert any(iterated)
     assert [result.tracks for result in stepped(engine, SHOWN)] == iterated
 
 
-def test_a_stereo_step_is_timed_by_stage_without_reading(engine: Pipeline) -> None:
+def test_a_stereo_step_is_timed_by_stage_without_reading(engine: Engine) -> None:
     (result,) = stepped(engine, 1)
     assert list(result.stages_ms) == ["rectify", "match", "foreground", "maps", "track"]
 
 
-def test_reset_forgets_the_background_of_a_stereo_engine(engine: Pipeline) -> None:
+def test_reset_forgets_the_background_of_a_stereo_engine(engine: Engine) -> None:
     stepped(engine, EMPTY + 3)
     assert not stepped(engine, 1)[0].observation.foreground.any()
 
 
 def test_steps_of_a_single_camera_engine_give_the_tracks_of_its_iteration() -> None:
-    engine = SingleCameraPipeline(SquareVideo(), image_ellipse_tracker())
+    engine = one_camera_engine(SquareVideo(), EllipseParticleTracker())
     assert [r.tracks for r in stepped(engine, 12)] == [r.tracks for r in engine]
 
 
@@ -64,6 +63,6 @@ def test_an_engine_without_stereo_says_what_it_knows_of_its_camera(known: bool) 
     from calib.ground_camera import GroundCamera
 
     camera = GroundCamera(160, 120, 130.0, 4.0, 1.0) if known else None
-    engine = SingleCameraPipeline(SquareVideo(), image_ellipse_tracker(), camera=camera)
+    engine = one_camera_engine(SquareVideo(), EllipseParticleTracker(), camera=camera)
     assert engine.stereo is None
     assert (engine.camera_info() is not None, engine.floor_info() is not None) == (known, known)

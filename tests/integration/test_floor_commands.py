@@ -1,4 +1,4 @@
-"""One floor for ``run``, ``doctor`` and ``calibrate floor``, which writes it only where told."""
+"""One floor for ``run``, ``check`` and ``calibrate floor``, which writes it only where told."""
 
 import json
 import shutil
@@ -44,7 +44,7 @@ def files(folder: Path) -> set[str]:
     return {str(p.relative_to(folder)) for p in folder.rglob("*")}
 
 
-def test_doctor_and_calibration_find_the_floor_of_a_run(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_and_calibration_find_the_floor_of_a_run(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
     of_run = set_up(open_recording(small), load_config()).floor
     evidence = examine(small, frames=4).evidence
     assert evidence is not None and evidence.floor is not None

@@ -5,19 +5,19 @@ from dataclasses import replace
 from typing import Any
 
 from planview.engine.config import Config
-from planview.engine.pipeline import Pipeline
 from planview.engine.setup import set_up
+from planview.engine.stereo import stereo_engine
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.synthetic.assets import DEMO
 from planview.trajectories.table import TrajectoryCollector, read_truth
 from stereo.readers import open_recording
-from stereo.recording import Recording, StereoFrame
+from stereo.recording import StereoFrame, StereoRecording
 
 
 class EverySecondFrame:
     """A recording without its odd frames, with the timestamps of the even ones."""
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: StereoRecording) -> None:
         self._recording = recording
 
     def __iter__(self) -> Iterator[StereoFrame]:
@@ -31,7 +31,7 @@ class EverySecondFrame:
 
 def test_demo_clip_at_half_its_frame_rate_is_tracked_without_a_significant_error() -> None:
     recording, config, tracks = open_recording(DEMO), Config(), TrajectoryCollector()
-    for result in Pipeline(EverySecondFrame(recording), set_up(recording, config), config):
+    for result in stereo_engine(EverySecondFrame(recording), config, setup=set_up(recording, config)):
         tracks.add(result.frame, result.timestamp_s, result.tracks)
     truth = read_truth(DEMO / "truth.csv")
     truth = truth.where(truth.frame % 2 == 0)

@@ -1,4 +1,4 @@
-"""``planview run --save-maps``, and tracking what it wrote."""
+"""``planview run --maps``, and tracking what it wrote."""
 
 import shutil
 from pathlib import Path
@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from toy_run import FRAMES, Say, one_sentence, run_few
 
-from planview.engine.engine import FrameResult
-from planview.engine.maps_pipeline import MapsPipeline, recorded_config
-from planview.engine.pipeline import Pipeline
+from planview.engine.engine import Engine, FrameResult
+from planview.engine.replay import recorded_config, replay_engine
 from planview.maps.recording import MapsRecording
-from planview.output.info import read_run_info
+from planview.output.folder import read_run_info
 from planview.output.maps_log import MapsLog
 from planview.output.run import RunOptions, run
 from planview.tracking.template import TemplateTracker
@@ -21,7 +20,7 @@ PRODUCTS = ("tracks.csv", "decisions.csv")
 
 
 @pytest.fixture(scope="module")
-def live(engine: Pipeline, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[FrameResult]]:
+def live(engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[FrameResult]]:
     """The folder of a run that saved its maps, and its results."""
     folder = tmp_path_factory.mktemp("live")
     results: list[FrameResult] = []
@@ -48,11 +47,11 @@ def test_maps_are_tracked_again_bit_for_bit(
 
 
 def test_maps_built_from_the_recording_are_those_of_the_run(
-    live: tuple[Path, list[FrameResult]], engine: Pipeline
+    live: tuple[Path, list[FrameResult]], engine: Engine
 ) -> None:
     recording = MapsRecording(live[0] / "maps.h5")
     config = recorded_config(recording)
-    again = list(MapsPipeline(recording, TemplateTracker(config.template), config))
+    again = list(replay_engine(recording, TemplateTracker(config.template), config))
     assert len(again) == len(live[1]) == FRAMES
     for before, after in zip(live[1], again, strict=True):
         old, new = before.observation.maps, after.observation.maps
@@ -66,14 +65,14 @@ def test_maps_built_from_the_recording_are_those_of_the_run(
 
 def test_another_tracker_follows_the_same_maps(say: Say, maps: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    status, told = say("run", maps, "--out", out, "--tracker", "ellipse-particle", "--set", "seed=3")
+    status, told = say("run", maps, "--out", out, "--tracker", "harville", "--set", "seed=3")
     assert status == 0, told
     info = read_run_info(out / "run.json")
-    assert (info.tracker, info.config["seed"], info.frames_read) == ("ellipse-particle", 3, FRAMES)
+    assert (info.tracker, info.config["seed"], info.frames_read) == ("harville", 3, FRAMES)
 
 
 def test_the_command_saves_maps_without_any_image(say: Say, copy: Path, tmp_path: Path) -> None:
-    status, told = run_few(say, copy, tmp_path / "out", "--save-maps", "--frames", 12)
+    status, told = run_few(say, copy, tmp_path / "out", "--maps", "--frames", 12)
     assert status == 0, told
     with h5py.File(tmp_path / "out" / "maps.h5") as file:
         assert set(file["points"]) == {"pixel", "disparity", "appearance"}
@@ -87,7 +86,7 @@ def test_the_command_saves_maps_without_any_image(say: Say, copy: Path, tmp_path
         (["--set", "maps.height_max_m=3"], "expected maps.height_max_m as recorded"),
         (["--tracker", "human-model"], "human-model"),
         (["--calibration", "rig.toml"], "rig.toml"),
-        (["--save-maps"], "--save-maps"),
+        (["--maps"], "--maps"),
     ],
 )
 def test_words_that_do_not_go_with_maps_are_refused(
@@ -147,9 +146,9 @@ def damage_codes(file: h5py.File) -> None:
         (damage_version, "version 1 to 2, found 99"),
         (damage_parameters, "another version"),
         (damage_rig, "another rig"),
-        (damage_columns, "columns of points"),
-        (damage_pixels, "outside"),
-        (damage_disparity, "damaged"),
+        (damage_columns, "points/disparity of (3,)"),
+        (damage_pixels, "expected pixels in order inside"),
+        (damage_disparity, "expected disparities of points"),
         (damage_codes, "another version"),
     ],
 )

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from calib.types import F64
-from planview.engine.pipeline import Pipeline
+from planview.engine.engine import Engine
+from planview.engine.open import open_engine
 from planview.trajectories.state import TrackState
 
 MIDDLE_CROSSED_AT = (67, 242)
@@ -39,18 +40,18 @@ class Walker:
 @pytest.fixture(scope="module")
 def walkers(shared_data: Path) -> list[Walker]:
     """Confirmed ids in the order of their appearance."""
-    pipeline = Pipeline.from_recording(shared_data / "overhead-stereo")
+    engine = open_engine(shared_data / "overhead-stereo")
     rows: dict[int, list[tuple[float, ...]]] = defaultdict(list)
-    for result in pipeline:
+    for result in engine:
         for track in result.tracks:
             if track.state == "confirmed":
-                where = head_column(pipeline, track)
+                where = head_column(engine, track)
                 rows[track.track_id].append((result.frame, result.timestamp_s, track.height_m, where))
     return [Walker(*np.array(rows[i]).T) for i in sorted(rows)]
 
 
-def head_column(pipeline: Pipeline, track: TrackState) -> float:
-    geometry, pose = pipeline.setup.rectifier.geometry, pipeline.setup.floor.world_SE3_left
+def head_column(engine: Engine, track: TrackState) -> float:
+    geometry, pose = engine.stereo.geometry, engine.stereo.floor.world_SE3_left
     u, _ = geometry.project(pose.inverse() @ np.array([track.x_m, track.y_m, track.height_m]))
     return float(u / geometry.width)
 

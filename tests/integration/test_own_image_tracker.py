@@ -8,7 +8,7 @@ import pytest
 
 from calib.errors import InputError
 from calib.types import U8
-from planview.engine.factory import open_engine
+from planview.engine.open import open_engine
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.trajectories.state import TrackState
 

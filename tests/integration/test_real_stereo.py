@@ -8,6 +8,7 @@ import pytest
 
 from calib.types import F32, U8
 from stereo.depth import RectifiedGeometry
+from stereo.floor import FloorEstimator, setup_frames
 from stereo.matcher import DisparityRange, SgbmMatcher
 from stereo.readers import open_recording
 from stereo.rectify import Rectifier, aligned_rectifier
@@ -32,18 +33,23 @@ def test_middlebury_is_matched_better_than_by_plain_sgbm(shared_data: Path, scen
     assert valid.sum() / np.isfinite(truth).sum() > 0.85  # plain SGBM: 0.82
 
 
-def test_overhead_pair_has_its_row_offset_taken_out(shared_data: Path) -> None:
+def test_overhead_pair_is_corrected_by_its_own_matches(shared_data: Path) -> None:
     recording = open_recording(shared_data / "overhead-stereo")
-    frames = recording.sample(8)
-    rectifier, fit = aligned_rectifier(recording.rig, frames)
-    assert fit.before_px > 0.3  # 0.6 to 1.0 px at the recorded 1280x800, so half of it here
-    assert fit.after_px < 0.2
-    again = aligned_rectifier(recording.rig, frames[1::2])[1]
-    assert again.after_px < 0.2
-    pair = rectifier(frames[4].left, frames[4].right)
-    disparity = SgbmMatcher(rectifier.geometry, mask=rectifier.mask)(pair.left_grey, pair.right_grey)
-    depth = rectifier.geometry.disparity_metre / np.nanmedian(disparity)
-    assert depth == pytest.approx(2.74, abs=0.15)
+    frames = setup_frames(recording)
+    rectifier, found = aligned_rectifier(recording.rig, frames)
+    assert np.degrees(found.angles[2]) == pytest.approx(0.158, abs=0.02)  # see the recording's README
+    assert list(found.is_applied) == [True, False, True]  # yaw cannot be told
+    assert "roll corrected by 0.15" in str(found)
+    assert found.before_px > 0.3
+    assert found.after_px < 0.25  # 0.5 px of the recorded 1280
+    floor = FloorEstimator(rectifier)(frames)
+    assert floor.height_m == pytest.approx(2.706, abs=0.02)
+    up = floor.world_SE3_left.rotation[2]
+    about_x, about_y = np.degrees([np.arctan2(-up[1], -up[2]), np.arcsin(up[0])])
+    assert about_x == pytest.approx(10.9, abs=1.0)  # at 640 px; 0.4 at the recorded 1280
+    assert about_y == pytest.approx(2.8, abs=1.0)
+    half = aligned_rectifier(recording.rig, frames[1::2])[1]
+    assert np.all(np.abs(half.angles - found.angles) < 3.0 * found.deviations)
 
 
 def test_overhead_videos_are_read_whole(shared_data: Path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,17 +13,20 @@ import pytest
 from calib.ground_camera import GroundCamera
 from calib.people.model import HumanModel
 from calib.types import U8
+from calib.world import RigEntry, save_rigs
 from planview.engine.engine import Engine
-from planview.engine.maps_pipeline import MapsPipeline
-from planview.engine.pipeline import Pipeline
-from planview.engine.single_camera_pipeline import SingleCameraPipeline
+from planview.engine.one_camera import one_camera_engine
+from planview.engine.open import open_engine
+from planview.engine.replay import replay_engine
+from planview.engine.setup import set_up
+from planview.engine.stereo import stereo_engine
 from planview.maps.recording import MapsRecording
-from planview.output.checkpoint.decode import decode
-from planview.output.checkpoint.encode import Encoded, encode
 from planview.output.maps_log import MapsLog
-from planview.tracking.ellipse_particle import floor_ellipse_tracker, image_ellipse_tracker
-from planview.tracking.human_model import HumanModelParams, HumanModelTracker
+from planview.output.memory import Encoded, decode, encode
+from planview.tracking.ellipse_particle import EllipseParticleTracker
+from planview.tracking.human_model import HumanModelParams
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
+from planview.tracking.human_model.tracker import HumanModelTracker
 from planview.tracking.template import TemplateTracker
 from stereo.recording import Skipped, VideoFrame
 
@@ -78,38 +82,50 @@ def moments(seed: int, first: int, last: int, count: int = 3) -> tuple[int, ...]
     return tuple(int(n) for n in np.random.default_rng(seed).integers(first, last, count))
 
 
-@pytest.mark.parametrize("tracker", ["template", "ellipse"])
-def test_a_stereo_engine_resumes(engine: Pipeline, tracker: str) -> None:
+def test_a_stereo_engine_resumes(engine: Engine) -> None:
+    setup = set_up(engine.recording, engine.config)
+
     def make() -> Engine:
         c = engine.config
-        chosen = TemplateTracker(c.template) if tracker == "template" else floor_ellipse_tracker(c.ellipse_particle, 3)
-        return Pipeline(engine.recording, engine.setup, c, chosen)
+        return stereo_engine(engine.recording, c, TemplateTracker(c.template), setup=setup)
 
     assert_resumes(make, moments(1, 8, 35))
 
 
-def test_the_engine_of_recorded_maps_resumes(engine: Pipeline, tmp_path: Path) -> None:
+def test_the_engine_of_two_rigs_resumes(engine: Engine, recording: Path, tmp_path: Path) -> None:
+    for name in ("one", "other"):
+        shutil.copytree(recording, tmp_path / name)
+    pose = engine.stereo.floor.world_SE3_left
+    save_rigs([RigEntry("one", pose), RigEntry("other", pose)], tmp_path / "rigs.toml")
+
+    def make() -> Engine:
+        return open_engine(tmp_path, config=engine.config)
+
+    assert_resumes(make, moments(5, 8, 35, 2))
+
+
+def test_the_engine_of_recorded_maps_resumes(engine: Engine, tmp_path: Path) -> None:
     log = MapsLog(engine, tmp_path / "maps.h5")
     for result in engine:
         log.frame(result)
     log.close()
 
     def make() -> Engine:
-        return MapsPipeline(MapsRecording(tmp_path / "maps.h5"), TemplateTracker(engine.config.template))
+        return replay_engine(MapsRecording(tmp_path / "maps.h5"), TemplateTracker(engine.config.template))
 
     assert_resumes(make, moments(2, 8, 35))
 
 
 def test_the_engine_of_one_camera_resumes() -> None:
     def make() -> Engine:
-        return SingleCameraPipeline(CrossingVideo(), HumanModelTracker(PARAMS, CAMERA, MAP), camera=CAMERA)
+        return one_camera_engine(CrossingVideo(), HumanModelTracker(PARAMS, CAMERA, MAP), camera=CAMERA)
 
     assert_resumes(make, moments(3, 2, 58, 3))
 
 
-@pytest.mark.parametrize("compose", [SingleCameraPipeline, SingleCameraPipeline.from_recording])
-def test_the_ellipse_engine_of_one_camera_resumes(compose: Callable[..., Engine]) -> None:
+@pytest.mark.parametrize("overview", [False, True])
+def test_the_ellipse_engine_of_one_camera_resumes(overview: bool) -> None:
     def make() -> Engine:
-        return compose(CrossingVideo(), image_ellipse_tracker())
+        return one_camera_engine(CrossingVideo(), EllipseParticleTracker(), overview=overview)
 
     assert_resumes(make, moments(4, 2, 58, 3))

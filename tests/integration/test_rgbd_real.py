@@ -10,7 +10,7 @@ from calib.types import F64
 from planview.cli import main
 from planview.trajectories.table import Trajectories, read_tracks
 from stereo.readers import find_layout, open_any
-from stereo.readers.rgbd import RgbdImages
+from stereo.recording import RgbdRecording
 
 STANDS_FROM = 30
 """From this frame on the walker leaves the picture at its lower edge, and a second person stands there."""
@@ -19,7 +19,7 @@ STANDS_FROM = 30
 @pytest.fixture(scope="module")
 def walked(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("rgbd") / "out"
-    _run(shared_data / "rgbd-one-walker", "--out", out, "--save-maps")
+    _run(shared_data / "rgbd-one-walker", "--out", out, "--maps")
     return out
 
 
@@ -64,7 +64,7 @@ def test_tum_sample_pairs_all_but_the_frame_left_out(shared_data: Path) -> None:
     path = shared_data / "recordings" / "tum-rgbd-people"
     reader, layout = find_layout(path)
     recording = open_any(path)
-    assert isinstance(recording, RgbdImages)
+    assert isinstance(recording, RgbdRecording)
     assert (reader.key, layout.kind, recording.n_frames) == ("tum-rgbd", "rgbd", 20)
     assert recording.fps == pytest.approx(5.0)
     first = recording.at([0, 6])

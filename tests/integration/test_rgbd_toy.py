@@ -1,4 +1,4 @@
-"""The engine, its floor and its doctor on exact images with depth."""
+"""The engine, its floor and its checks on exact images with depth."""
 
 import csv
 import shutil
@@ -9,9 +9,11 @@ import pytest
 from toy_rgbd import EMPTY, HEIGHT_M, TILT_DEG, walker_m, write_toy_rgbd
 from toy_run import Say
 
+from calib.errors import InputError
 from planview.checks.examine import examine
 from planview.engine.config import Config
-from planview.engine.pipeline import Pipeline
+from planview.engine.engine import Engine
+from planview.engine.open import open_engine
 
 FEW = Config.model_validate({"analysis": {"setup_frames": 6}})
 
@@ -22,17 +24,17 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def engine(recording: Path) -> Pipeline:
-    return Pipeline.from_recording(recording, FEW)
+def engine(recording: Path) -> Engine:
+    return open_engine(recording, config=FEW)
 
 
-def test_floor_of_depth_is_where_it_was_put(engine: Pipeline) -> None:
-    floor = engine.setup.floor
+def test_floor_of_depth_is_where_it_was_put(engine: Engine) -> None:
+    floor = engine.stereo.floor
     assert floor.height_m == pytest.approx(HEIGHT_M, abs=0.02)
     assert np.degrees(floor.tilt_rad) == pytest.approx(TILT_DEG, abs=0.3)
 
 
-def test_person_is_tracked_from_depth_alone(engine: Pipeline) -> None:
+def test_person_is_tracked_from_depth_alone(engine: Engine) -> None:
     off = [
         np.hypot(track.x_m - walker_m(result.frame)[0], track.y_m - walker_m(result.frame)[1])
         for result in engine
@@ -43,10 +45,15 @@ def test_person_is_tracked_from_depth_alone(engine: Pipeline) -> None:
     assert np.median(off) < 0.1  # a card has no thickness, a body's axis is set 6 cm behind its surface
 
 
-def test_steps_give_the_tracks_of_the_iteration(engine: Pipeline) -> None:
+def test_steps_give_the_tracks_of_the_iteration(engine: Engine) -> None:
     iterated = [result.tracks for result in engine]
     engine.reset()
     assert [engine.step(frame).tracks for frame in engine.recording] == iterated
+
+
+def test_a_matcher_of_ones_own_is_refused_for_depth(recording: Path) -> None:
+    with pytest.raises(InputError, match="images with depth"):
+        open_engine(recording, config=FEW, matcher=lambda left, right: np.zeros(left.shape, np.float32))
 
 
 def test_run_names_the_sensor_and_no_baseline(recording: Path, tmp_path: Path, say: Say) -> None:
@@ -60,7 +67,7 @@ def test_run_names_the_sensor_and_no_baseline(recording: Path, tmp_path: Path, s
     assert (tmp_path / "out" / "run.rrd").stat().st_size > 0
 
 
-def test_doctor_passes_depth_and_says_what_it_skips(recording: Path) -> None:
+def test_check_passes_depth_and_says_what_it_skips(recording: Path) -> None:
     diagnosis = examine(recording, frames=10, person_height_m=1.75)
     assert diagnosis.ok, [check for check in diagnosis.checks if not check.ok]
     assert any(check.note.startswith("skipped") for check in diagnosis.checks)

@@ -1,9 +1,12 @@
 """``planview run`` over a small exact world: the contract of its folder."""
 
 import csv
+import io
 import json
+import re
 import subprocess
 import sysconfig
+from contextlib import redirect_stderr
 from pathlib import Path
 
 import numpy as np
@@ -13,24 +16,33 @@ from toy_stereo import toy_rig, walking, write_toy_recording
 
 from planview.cli import main
 from planview.engine.config import load_config
-from planview.engine.factory import open_engine
-from planview.engine.pipeline import Pipeline
-from planview.output.info import read_run_info
+from planview.engine.engine import Engine
+from planview.engine.open import open_engine
+from planview.output.folder import read_run_info
 from planview.output.run import run
 from planview.trajectories.table import read_tracks
 
 
 @pytest.fixture(scope="module")
-def folder(engine: Pipeline, recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(engine: Engine, recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run with everything: rules, decisions and the rerun recording, by the command."""
     out = tmp_path_factory.mktemp("run")
     rules = out.parent / "rules.toml"
     rules.write_text('[[tripwire]]\nname = "gate"\nfrom_m = [-0.6, 1.0]\nto_m = [-0.6, 6.0]\n')
     words = ["run", str(recording), "--out", str(out), "--set", FEW, "--rules", str(rules), "--rrd", "--debug"]
-    with pytest.raises(SystemExit) as left:
+    told = io.StringIO()
+    with redirect_stderr(told), pytest.raises(SystemExit) as left:
         main(words)
     assert left.value.code in (0, None)
+    (out.parent / "told.txt").write_text(told.getvalue())
     return out
+
+
+def test_the_summary_tells_the_counts_and_one_speed_with_its_meaning(folder: Path) -> None:
+    told = " ".join((folder.parent / "told.txt").read_text().split())
+    assert re.search(r"gate │ tripwire │ left_to_right \d, right_to_left \d, people 1", told)
+    assert re.search(r"\d per second, results written", told)
+    assert "medians; reading runs beside the others" in told
 
 
 def test_tracks_have_the_columns_of_the_contract(folder: Path) -> None:
@@ -92,7 +104,7 @@ def test_nothing_half_written_is_left(folder: Path) -> None:
     assert [file.name for file in folder.iterdir() if file.suffix == ".part"] == []
 
 
-def test_same_input_and_configuration_give_the_same_tracks(engine: Pipeline, folder: Path, tmp_path: Path) -> None:
+def test_same_input_and_configuration_give_the_same_tracks(engine: Engine, folder: Path, tmp_path: Path) -> None:
     run(engine, tmp_path)
     assert (tmp_path / "tracks.csv").read_bytes() == (folder / "tracks.csv").read_bytes()
 
@@ -114,7 +126,7 @@ def test_overwriting_leaves_foreign_files_alone(say: Say, copy: Path, tmp_path: 
     assert read_run_info(out / "run.json").frames_read == 3
 
 
-def test_colour_is_tracked_like_grey(pairs: list[Pair], engine: Pipeline, tmp_path: Path) -> None:
+def test_colour_is_tracked_like_grey(pairs: list[Pair], engine: Engine, tmp_path: Path) -> None:
     tint = np.array([0.8, 1.0, 0.9])
     coloured = [tuple((image[..., None] * tint).astype(np.uint8) for image in pair) for pair in pairs[:26]]
     recording = write_toy_recording(tmp_path / "colour", toy_rig(), coloured)  # type: ignore[arg-type]
@@ -127,8 +139,8 @@ def test_colour_is_tracked_like_grey(pairs: list[Pair], engine: Pipeline, tmp_pa
 def test_json_is_one_object_on_stdout_whatever_the_tracker(
     copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["run", str(copy), "--out", str(tmp_path / "[/out]"), "--tracker", "ellipse-particle", "--json"]
+    words = ["run", str(copy), "--out", str(tmp_path / "[/out]"), "--tracker", "harville", "--json"]
     with pytest.raises(SystemExit):
         main([*words, "--set", FEW])
     info = json.loads(capsys.readouterr().out)
-    assert (info["tracker"], info["finished"], info["frames_read"]) == ("ellipse-particle", True, FRAMES)
+    assert (info["tracker"], info["finished"], info["frames_read"]) == ("harville", True, FRAMES)

@@ -12,9 +12,8 @@ from toy_stereo import ToyWorld, toy_rig, write_toy_recording
 
 from calib.errors import WorkError
 from calib.rig import StereoRig, save_rig
-from planview.engine.engine import FrameResult
-from planview.engine.pipeline import Pipeline
-from planview.output.info import read_run_info
+from planview.engine.engine import Engine, FrameResult
+from planview.output.folder import read_run_info
 from planview.output.run import run
 from planview.trajectories.table import read_tracks
 
@@ -107,14 +106,14 @@ def test_no_floor_in_view_is_a_failure_told_in_one_sentence(say: Say, tmp_path: 
     assert "no floor found" in one_sentence(told)
 
 
-def test_frames_that_are_all_unusable_are_a_failure(engine: Pipeline, recording: Path, tmp_path: Path) -> None:
+def test_frames_that_are_all_unusable_are_a_failure(engine: Engine, recording: Path, tmp_path: Path) -> None:
     class Empty:
         path, n_frames, fps, rig, skipped = recording, 3, 15.0, engine.recording.rig, ()
 
         def __iter__(self) -> Iterator[FrameResult]:
             return iter(())
 
-    nothing = Pipeline(Empty(), engine.setup, engine.config)  # type: ignore[arg-type]
+    nothing = Engine(Empty(), engine.front_end, engine.tracker, engine.config)  # type: ignore[arg-type]
     with pytest.raises(WorkError, match="none of 3 frames can be used"):
         run(nothing, tmp_path)
     assert not read_run_info(tmp_path / "run.json").finished
@@ -145,7 +144,7 @@ def test_a_truncated_video_is_tracked_to_its_end(say: Say, pairs: list[Pair], co
         (["--set", "maps.no_such=1"], "maps.no_such"),
         (["--set", "maps.cell_m=7"], "maps.cell_m"),
         (["--tracker", "telepathy"], "telepathy"),
-        (["--tracker", "human-model"], "--camera"),
+        (["--tracker", "human-model"], "--calibration"),
         (["--frames", "-1"], "--frames"),
         (["--rules", "none.toml"], "none.toml"),
         (["--config", "none.toml"], "none.toml"),

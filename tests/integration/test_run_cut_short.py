@@ -1,12 +1,13 @@
 """``planview run`` on a full disk and when it is interrupted: nothing finished is lost."""
 
+import resource
 import shutil
 import signal
 import subprocess
 import sys
 import sysconfig
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,10 +16,21 @@ from full_disk import fill_disk_after
 from toy_run import EMPTY, FEW, FRAMES, Say, one_sentence, rows_in, run_few
 
 from calib.errors import WorkError
-from planview.engine.pipeline import Pipeline
-from planview.output.info import read_run_info
-from planview.output.run import run
+from planview.engine.engine import Engine
+from planview.output.folder import read_run_info
+from planview.output.maps_log import MapsLog
+from planview.output.run import RunLog, run
 from planview.trajectories.table import read_tracks
+
+
+def maps_log(engine: Engine, path: Path) -> RunLog:
+    return MapsLog(engine, path)
+
+
+def rerun_log(engine: Engine, path: Path) -> RunLog:
+    from planview.output.rerun.log import RerunLog
+
+    return RerunLog(engine, path)
 
 
 def test_tracks_end_with_a_whole_frame_when_the_disk_fills_up(
@@ -68,7 +80,7 @@ def test_a_full_disk_from_the_start_is_told(say: Say, copy: Path, tiny_disk: Pat
 
 
 def test_rerun_is_stopped_before_the_disk_is_full(
-    engine: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    engine: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from planview.output.rerun import log as rerun_log
 
@@ -79,6 +91,21 @@ def test_rerun_is_stopped_before_the_disk_is_full(
     assert not read_run_info(tmp_path / "run.json").finished
     rerun = Path(sysconfig.get_path("scripts")) / "rerun"
     assert subprocess.run([rerun, "rrd", "verify", tmp_path / "run.rrd"], timeout=60).returncode == 0
+
+
+@pytest.mark.parametrize(("log", "name", "room"), [(maps_log, "maps.h5", 4 << 20), (rerun_log, "run.rrd", 300_000)])
+def test_a_log_without_room_ends_the_run_in_a_sentence_and_keeps_the_tracks(
+    engine: Engine, tmp_path: Path, log: Callable[[Engine, Path], RunLog], name: str, room: int
+) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, before[1]))
+    try:
+        with pytest.raises(WorkError, match=rf"{name}.*cannot be written"):
+            run(engine, tmp_path, logs=[log(engine, tmp_path / name)])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert len(read_tracks(tmp_path / "tracks.csv"))
+    assert not read_run_info(tmp_path / "run.json").finished
 
 
 # Interruption

@@ -5,13 +5,15 @@ from pathlib import Path
 import pytest
 from toy_run import FEW, Say, one_sentence
 
+from calib.errors import InputError
 from planview.counting.rules import load_rules
 from planview.counting.stream import Analytics
-from planview.engine.engine import FrameResult
-from planview.engine.pipeline import Pipeline
-from planview.output.info import read_run_info
+from planview.engine.config import load_config
+from planview.engine.engine import Engine, FrameResult
+from planview.engine.open import open_engine
+from planview.output.folder import read_run_info
 from planview.output.maps_log import MapsLog
-from planview.output.resume import checkpoint_of
+from planview.output.resume import checkpoint_of, difference
 from planview.output.run import RunOptions, run, run_identity
 
 RULES = '[[zone]]\nname = "all"\npolygon_m = [[-9, -9], [9, -9], [9, 9], [-9, 9]]\nmin_age_s = 0.0\n'
@@ -43,7 +45,7 @@ def rules(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("frame", [2, 20])
 def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(
-    engine: Pipeline, tmp_path: Path, rules: Path, frame: int
+    engine: Engine, tmp_path: Path, rules: Path, frame: int
 ) -> None:
     alone, stopped = tmp_path / "alone", tmp_path / "stopped"
     run(engine, alone, options_with(rules), [MapsLog(engine, folder_of(alone) / "maps.h5")])
@@ -69,8 +71,20 @@ def folder_of(folder: Path) -> Path:
     return folder
 
 
+def test_a_checkpoint_whose_memory_is_none_is_refused_in_a_sentence(
+    engine: Engine, tmp_path: Path, rules: Path
+) -> None:
+    with pytest.raises(StoppedError):
+        run(engine, tmp_path, options_with(rules), (), stop_at(5))
+    checkpoint = checkpoint_of(tmp_path, run_identity(engine, options_with(rules), [], tmp_path), print)
+    assert checkpoint is not None
+    broken = checkpoint._replace(memory=checkpoint.memory._replace(nodes=[]))
+    with pytest.raises(InputError, match="cannot be gone on from"):
+        run(engine, tmp_path, options_with(rules), (), None, broken)
+
+
 def test_rows_that_were_changed_since_the_checkpoints_are_not_gone_on_from(
-    engine: Pipeline, tmp_path: Path, rules: Path
+    engine: Engine, tmp_path: Path, rules: Path
 ) -> None:
     with pytest.raises(StoppedError):
         run(engine, tmp_path, options_with(rules), (), stop_at(30))
@@ -82,8 +96,63 @@ def test_rows_that_were_changed_since_the_checkpoints_are_not_gone_on_from(
 
 def test_another_recording_or_option_is_not_gone_on_with(say: Say, copy: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert say("run", copy, "--out", out, "--set", FEW, "--frames", 3, "--checkpoint-every", FREQUENT_S)[0] == 0
+    assert (
+        say("run", copy, "--out", out, "--set", FEW, "--frames", 3, "--set", f"run.checkpoint_every_s={FREQUENT_S}")[0]
+        == 0
+    )
     (out / "run.json").write_text((out / "run.json").read_text().replace('"finished": true', '"finished": false'))
     status, told = say("run", copy, "--out", out, "--set", "analysis.setup_frames=5", "--resume")
     assert status == 2
     assert "expected the beginning of this run, found another" in one_sentence(told)
+
+
+def test_a_run_goes_on_beside_a_new_read_me_and_with_its_rules_under_another_name(
+    copy: Path, tmp_path: Path, rules: Path
+) -> None:
+    config = load_config(None, [FEW])
+    with pytest.raises(StoppedError):
+        run(open_engine(copy, config=config), tmp_path / "out", options_with(rules), (), stop_at(5))
+    (copy / "README.md").write_text("# What this is\n")
+    (copy / "notes.txt").write_text("rain\n")
+    renamed = rules.rename(rules.with_name("door.toml"))
+    identity = run_identity(open_engine(copy, config=config), options_with(renamed), [], tmp_path / "out")
+    assert checkpoint_of(tmp_path / "out", identity, print) is not None
+
+
+def test_another_image_or_calibration_is_another_recording(copy: Path, tmp_path: Path) -> None:
+    config = load_config(None, [FEW])
+
+    def identity() -> dict[str, dict[str, object]]:
+        return run_identity(open_engine(copy, config=config), RunOptions(), [], tmp_path)
+
+    before = identity()
+    assert difference(before, identity()) == ""
+    image = sorted((copy / "left").iterdir())[3]
+    image.write_bytes(image.read_bytes() + b"more")
+    assert "recording (images)" in difference(before, identity())
+
+
+@pytest.mark.parametrize("left", [["run.json", "run.rrd", "maps.h5.part"], ["run.json.part"]])
+def test_a_run_that_was_killed_before_its_first_checkpoint_is_begun_anew(
+    say: Say, copy: Path, tmp_path: Path, left: list[str]
+) -> None:
+    out = tmp_path / "out"
+    assert say("run", copy, "--out", out, "--set", FEW, "--frames", 3)[0] == 0
+    kept = (out / "run.json").read_text().replace('"finished": true', '"finished": false')
+    tracks = (out / "tracks.csv").read_bytes()
+    for file in out.iterdir():
+        file.unlink()
+    for name in left:
+        (out / name).write_text(kept if name == "run.json" else "half")
+    assert say("run", copy, "--out", out, "--set", FEW, "--frames", 3, "--resume")[0] == 0
+    assert (out / "tracks.csv").read_bytes() == tracks
+    assert not (out / "maps.h5.part").exists()
+
+
+def test_a_run_that_was_killed_before_it_was_refined_is_refined(say: Say, copy: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert say("run", copy, "--out", out, "--set", FEW)[0] == 0
+    status, told = say("run", copy, "--out", out, "--set", FEW, "--resume", "--refine")
+    assert status == 0 and "nothing is left" not in told
+    assert read_run_info(out / "run.json").refined and (out / "tracks_online.csv").is_file()
+    assert "nothing is left to resume" in say("run", copy, "--out", out, "--set", FEW, "--resume", "--refine")[1]

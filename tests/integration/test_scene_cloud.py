@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from toy_run import Say, one_sentence
 
-from planview.engine.pipeline import Pipeline
-from planview.engine.scene_cloud import scene_cloud
+from planview.engine.engine import Engine
+from planview.engine.setup import scene_cloud, set_up
 
 
-def test_most_points_of_an_empty_room_lie_on_its_floor(engine: Pipeline) -> None:
-    cloud = scene_cloud(engine.recording, engine.setup, engine.config)
+def test_most_points_of_an_empty_room_lie_on_its_floor(engine: Engine) -> None:
+    cloud = scene_cloud(engine.recording, set_up(engine.recording, engine.config), engine.config)
     assert cloud.points_m.shape == cloud.colours.shape
     assert np.median(np.abs(cloud.points_m[:, 2])) < 0.03
 

@@ -11,7 +11,7 @@ import pytest
 from calib.ground_camera import GroundCamera, save_ground_camera
 from calib.types import U8
 from planview.cli import main
-from planview.output.info import RunInfo, read_run_info
+from planview.output.folder import RunInfo, read_run_info
 
 FPS = 10
 CLOTHES = (40, 40, 200)

@@ -9,7 +9,7 @@ import pytest
 
 from calib.ground_camera import GroundCamera, save_ground_camera
 from planview.cli import main
-from planview.output.info import read_run_info
+from planview.output.folder import read_run_info
 
 
 @pytest.fixture

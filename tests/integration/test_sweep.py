@@ -11,7 +11,7 @@ from toy_run import EMPTY, FEW, FRAMES, Say, one_sentence
 from toy_stereo import walking
 
 from planview.cli import main
-from planview.engine.pipeline import Pipeline
+from planview.engine.engine import Engine
 from planview.output.maps_log import MapsLog
 from planview.output.run import run
 
@@ -29,7 +29,7 @@ def pool(monkeypatch: pytest.MonkeyPatch) -> InlinePool:
 
 
 @pytest.fixture(scope="module")
-def toy_maps(engine: Pipeline, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def toy_maps(engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The plan-view recording of the toy recording."""
     folder = tmp_path_factory.mktemp("maps")
     run(engine, folder, None, [MapsLog(engine, folder / "maps.h5")])

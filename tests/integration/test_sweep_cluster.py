@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from toy_run import Say
 
-from planview.engine.pipeline import Pipeline
+from planview.engine.engine import Engine
 from planview.output.maps_log import MapsLog
 from planview.output.run import run
 
@@ -68,7 +68,7 @@ def kill_when_working(worker: subprocess.Popen[str], out: Path) -> None:
 
 
 def test_study_finishes_when_one_of_two_workers_is_killed(
-    say: Say, engine: Pipeline, cluster: tuple[str, list[subprocess.Popen[str]]], tmp_path: Path
+    say: Say, engine: Engine, cluster: tuple[str, list[subprocess.Popen[str]]], tmp_path: Path
 ) -> None:
     address, workers = cluster
     (tmp_path / "live").mkdir()

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from calib.types import U8
-from planview.engine.pipeline import Pipeline
+from planview.engine.engine import Engine
 
 FRAMES = 36
 EMPTY = 10
@@ -13,10 +13,10 @@ Pair = tuple[U8, U8]
 Say = Callable[..., tuple[int, str]]
 
 
-def write_world(engine: Pipeline, folder: Path) -> None:
+def write_world(engine: Engine, folder: Path) -> None:
     from calib.world import save_world
 
-    save_world(engine.setup.floor, folder / "world.toml")
+    save_world(engine.stereo.floor, folder / "world.toml")
 
 
 def one_sentence(told: str) -> str:

@@ -70,11 +70,7 @@ def nearest(points: Sequence[Point], at: Point, reach_px: float) -> Handle | Non
 
 
 def moved(sample: HumanSample, part: Part, by: Point) -> HumanSample:
-    """A sample with one part, or all of it, moved [px].
-
-    Raises:
-        ValueError: it would be no standing person any more.
-    """
+    """A sample with one part, or all of it, moved [px]. Raises ValueError: it would be no standing person any more."""
     (left, top, width, height), (du, dv) = sample.box_px, by
     if part == "whole":
         box = (left + du, top + dv, width, height)

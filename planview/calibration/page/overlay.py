@@ -8,7 +8,7 @@ from calib.types import F64
 from planview.calibration.page.marks import Handle, Point, handle_points
 from planview.calibration.page.session import CalibrationSession
 from planview.calibration.people import crowd
-from planview.drawing.projection import grid_lines
+from planview.drawing.image import grid_lines
 from stereo.depth import StereoFloorCamera
 
 GIVEN, COMPUTED, CROWD, GRID, FLOOR = "#0a84ff", "#ff2fd0", "#b06cff", "#4cd964", "#ffcc00"

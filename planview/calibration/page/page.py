@@ -61,27 +61,24 @@ class SidePanel:
             self._values = ui.column().classes("w-full gap-0")
             self._people = ui.column().classes("w-full gap-0")
             if session.view is None:
-                self._add_single_camera()
-
-    def _add_single_camera(self) -> None:
-        """What means something for one camera only: lens, known values, files of samples."""
-        ui.checkbox("draw people all over the floor", on_change=self._on_everywhere).props("dense")
-        ui.label("known values").classes("text-caption q-mt-sm")
-        with ui.grid(columns=2).classes("w-full gap-x-2 gap-y-0"):
-            self._known = {
-                name: ui.number(text, value=getattr(self._session.known, name), on_change=self._on_known).props(
-                    "dense debounce=600 clearable"
-                )
-                for name, text in KNOWN.items()
-            }
-        ui.select(LENSES, value=self._session.lens or "", on_change=self._on_lens, label="lens").props("dense").classes(
-            "w-full"
-        )
-        self._note = ui.label().classes("text-caption")
-        with ui.row().classes("gap-1"):
-            _picker("Focal length of a photo", "image/*", self._on_photo)
-            _picker("Load samples", ".json,.csv", self._on_samples)
-            ui.button("Save samples", on_click=lambda: self._page.export(False)).props("dense flat no-caps")
+                # What means something for one camera only: lens, known values, files of samples.
+                ui.checkbox("draw people all over the floor", on_change=self._on_everywhere).props("dense")
+                ui.label("known values").classes("text-caption q-mt-sm")
+                with ui.grid(columns=2).classes("w-full gap-x-2 gap-y-0"):
+                    self._known = {
+                        name: ui.number(text, value=getattr(self._session.known, name), on_change=self._on_known).props(
+                            "dense debounce=600 clearable"
+                        )
+                        for name, text in KNOWN.items()
+                    }
+                ui.select(LENSES, value=self._session.lens or "", on_change=self._on_lens, label="lens").props(
+                    "dense"
+                ).classes("w-full")
+                self._note = ui.label().classes("text-caption")
+                with ui.row().classes("gap-1"):
+                    _picker("Focal length of a photo", "image/*", self._on_photo)
+                    _picker("Load samples", ".json,.csv", self._on_samples)
+                    ui.button("Save samples", on_click=lambda: self._page.export(False)).props("dense flat no-caps")
 
     def refresh(self, solving: bool) -> None:
         """Show the session as it is."""

@@ -25,8 +25,6 @@ from stereo.readers import OpenOptions, find_layout, holds_pair, open_recording,
 Tool = Literal["person", "select", "floor"]
 GRAB_PX = 12.0
 """A point within this distance of the mouse is picked up instead of a new one made [px of the screen]."""
-MIN_BOX_PX = 8.0
-"""A smaller box is a slip of the hand."""
 PHOTOGRAPHS = (".jpg", ".jpeg", ".heic", ".tif", ".tiff")
 
 
@@ -131,7 +129,13 @@ class CalibrationSession:
         """
         u, v = self._inside(u, v)
         if self.tool == "person":
-            self._press_person(u, v)
+            step = self.draft.step
+            if step == "box":
+                self._start, self.draft = (u, v), Draft()
+            elif step == "head":
+                self.draft.head_px = (u, v)
+            else:
+                self.draft.foot_px = (u, v)
             return
         self.selected = nearest(self.floor_points, (u, v), reach_px)
         if self.tool == "select" and self.selected is None:
@@ -143,15 +147,6 @@ class CalibrationSession:
         elif self.selected is not None:
             self._remember()
         self._held = (u, v) if self.selected else None
-
-    def _press_person(self, u: float, v: float) -> None:
-        step = self.draft.step
-        if step == "box":
-            self._start, self.draft = (u, v), Draft()
-        elif step == "head":
-            self.draft.head_px = (u, v)
-        else:
-            self.draft.foot_px = (u, v)
 
     def drag(self, u: float, v: float) -> None:
         """The mouse moves with its button down."""
@@ -179,10 +174,21 @@ class CalibrationSession:
             return not unchanged
         if self._start is not None:
             self._start = None
-            if self.draft.box_px is None or min(self.draft.box_px[2:]) < MIN_BOX_PX:
+            # A smaller box is a slip of the hand.
+            if self.draft.box_px is None or min(self.draft.box_px[2:]) < 8.0:
                 self.draft = Draft()
         if self.draft.foot_px is not None:
-            return self._finish_person()
+            draft, self.draft = self.draft, Draft()
+            assert draft.box_px is not None and draft.head_px is not None and draft.foot_px is not None
+            try:
+                sample = HumanSample(draft.box_px, draft.head_px, draft.foot_px, self.indices[self.shown])
+            except ValueError as error:
+                self.message = f"that is no standing person: {error}"
+                return False
+            self._remember()
+            self.samples.append(sample)
+            self.message = self.next_step()
+            return True
         self.message = self.next_step()
         return False
 
@@ -215,11 +221,7 @@ class CalibrationSession:
         return True
 
     def load(self, samples: Sequence[HumanSample], size: tuple[int, int] | None) -> None:
-        """Take samples from a file in place of those drawn.
-
-        Raises:
-            InputError: samples of another image size.
-        """
+        """Take samples from a file in place of those drawn. Raises InputError: samples of another image size."""
         if size is not None and size != self.size:
             (w, h), (width, height) = size, self.size
             raise InputError(f"expected samples of images of {width}x{height} px, found {w}x{h}")
@@ -281,19 +283,6 @@ class CalibrationSession:
             self.samples[number] = moved(self.samples[number], part, (du, dv))
         except ValueError as error:
             self.message = f"that is no standing person: {error}"
-
-    def _finish_person(self) -> bool:
-        draft, self.draft = self.draft, Draft()
-        assert draft.box_px is not None and draft.head_px is not None and draft.foot_px is not None
-        try:
-            sample = HumanSample(draft.box_px, draft.head_px, draft.foot_px, self.indices[self.shown])
-        except ValueError as error:
-            self.message = f"that is no standing person: {error}"
-            return False
-        self._remember()
-        self.samples.append(sample)
-        self.message = self.next_step()
-        return True
 
     def _remember(self) -> None:
         self._past.append((list(self.samples), list(self.floor_points)))

@@ -24,10 +24,6 @@ from calib.world import save_world
 from planview.calibration.floor import FloorDepths
 from planview.calibration.page.marks import Point
 
-OFF_PLANE_M = 0.06
-"""A point this far from the plane of the others is not on the floor [m] (our choice: lower than a step)..."""
-OFF_PLANE_STDS = 3.0
-"""...or so many deviations of its depth, where that is more (our choice)."""
 TRIPLES = 400
 """Planes tried at most (our choice: all of 14 points)."""
 
@@ -47,13 +43,12 @@ class FloorFit(NamedTuple):
 
 
 def fit_floor(view: FloorDepths, pixels: Sequence[Point]) -> FloorFit:
-    """The plane that most points lie on; of several with as many, that of the points clicked first.
-
-    Raises:
-        InputError: fewer than three points, a point without depth, or no three that span a floor.
-    """
+    """The plane that most points lie on; of several with as many, that of the points clicked first. Raises InputError:
+    fewer than three points, a point without depth, or no three that span a floor."""
     points = view.points_at(np.array(pixels, dtype=np.float64).reshape(-1, 2))
-    limit = np.array([max(OFF_PLANE_M, OFF_PLANE_STDS * view.geometry.depth_std_m(float(p[2]))) for p in points])
+    # A point this far from the plane of the others is not on the floor [m] (our choice: lower than a step)...
+    # ...or so many deviations of its depth, where that is more (our choice).
+    limit = np.array([max(0.06, 3.0 * view.geometry.depth_std_m(float(p[2]))) for p in points])
     return fit_plane(points, limit)
 
 
@@ -93,20 +88,6 @@ class Assessed(NamedTuple):
 
     enough: bool
     sentence: str
-
-
-def camera_rows(found: HumanCalibration) -> list[ValueRow]:
-    """The values of a camera from people."""
-    camera, std = found.camera, found.std
-    focal_std = std.focal * camera.focal_px
-    return [
-        ValueRow("height above the floor", f"{camera.height_m:.2f} m", f"± {std.height * camera.height_m:.2f} m"),
-        _angle("tilt from straight down", camera.tilt_rad, std.tilt_rad),
-        _angle("roll", camera.roll_rad, std.roll_rad),
-        ValueRow("focal length", f"{camera.focal_px:.0f} px", f"± {focal_std:.0f} px"),
-        ValueRow("lens", camera.lens, ""),
-        ValueRow("floor positions", "", f"± {found.assessment.floor_error_m:.2f} m"),
-    ]
 
 
 def floor_rows(fit: FloorFit, found: Floor | None) -> list[ValueRow]:
@@ -174,7 +155,18 @@ class Solution:
             plain_floor: found without points, to compare with.
         """
         if self.found is not None:
-            return camera_rows(self.found)
+            camera, std = self.found.camera, self.found.std
+            focal_std = std.focal * camera.focal_px
+            return [
+                ValueRow(
+                    "height above the floor", f"{camera.height_m:.2f} m", f"± {std.height * camera.height_m:.2f} m"
+                ),
+                _angle("tilt from straight down", camera.tilt_rad, std.tilt_rad),
+                _angle("roll", camera.roll_rad, std.roll_rad),
+                ValueRow("focal length", f"{camera.focal_px:.0f} px", f"± {focal_std:.0f} px"),
+                ValueRow("lens", camera.lens, ""),
+                ValueRow("floor positions", "", f"± {self.found.assessment.floor_error_m:.2f} m"),
+            ]
         return floor_rows(self.fit, plain_floor) if self.fit else []
 
     def assessment(self) -> Assessed | None:
@@ -206,11 +198,8 @@ def solve(task: CalibrationTask) -> Solution:
 
 
 def export(folder: Path, task: CalibrationTask, solution: Solution) -> tuple[Path, ...]:
-    """Write samples.json, and camera.toml or world.toml as far as there is a solution.
-
-    Raises:
-        InputError: nothing to write yet, or nowhere to write it.
-    """
+    """Write samples.json, and camera.toml or world.toml as far as there is a solution. Raises InputError: nothing to
+    write yet, or nowhere to write it."""
     written: list[Path] = []
     try:
         folder.mkdir(parents=True, exist_ok=True)

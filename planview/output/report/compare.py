@@ -9,14 +9,13 @@ from typing import Any, NamedTuple
 
 from pydantic import JsonValue
 
-from planview.drawing.page import page_of
+from planview.drawing.style import page_of
 from planview.evaluation.significant import SignificantError
-from planview.output.info import write_result
-from planview.output.report import floor_plots
-from planview.output.report.page import figure_text, flat_settings, picture, words_of
-from planview.output.report.scores import errors_of, scores_of
+from planview.output.folder import write_result
+from planview.output.report import plots
+from planview.output.report.page import Picture, errors_of, figure_text, flat_settings, picture, scores_of, words_of
 from planview.output.report.timelines import TimelineRow, timelines
-from planview.output.scene.results import RunResults, read_results
+from planview.output.results import RunResults, read_results
 
 SAME_S = 1.0
 """Errors of one kind and person that begin within this are one error of several runs [s] (our choice)."""
@@ -78,8 +77,18 @@ def write_comparison(folders: Sequence[Path], path: Path, truth: Path | None = N
         InputError: a folder without tracks, or a file that is not what its name says.
         WorkError: the page cannot be written.
     """
-    runs = [_run(name, read_results(folder, truth)) for name, folder in zip(_names(folders), folders, strict=True)]
+    runs = []
+    for name, folder in zip(_names(folders), folders, strict=True):
+        results = read_results(folder, truth)
+        scores = scores_of(results)
+        runs.append(_ComparedRun(name, results, scores, errors_of(scores)))
     errors = shared_errors([run.errors for run in runs], runs[0].results.clock.frame_s)
+    pictures: list[Picture] = []
+    for run in runs:
+        results = run.results
+        true_places = plots.Places.of(results.truth) if results.truth is not None else None
+        scene, places = plots.FloorScene.of(results), plots.Places.of(results.tracks)
+        pictures.append(picture(f"Floor: {run.name}", plots.floor_plot(places, scene, true_places)))
     page = page_of(
         "planview.output.report",
         "compare.html.j2",
@@ -90,14 +99,9 @@ def write_comparison(folders: Sequence[Path], path: Path, truth: Path | None = N
         more_errors=max(0, len(errors) - ERRORS_MAX),
         timelines=[_rows(run) for run in runs],
         stages=_stages(runs),
-        pictures=[picture(f"Floor: {run.name}", _floor(run.results)) for run in runs],
+        pictures=pictures,
     )
     write_result(path, page)
-
-
-def _run(name: str, results: RunResults) -> _ComparedRun:
-    scores = scores_of(results)
-    return _ComparedRun(name, results, scores, errors_of(scores))
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
@@ -111,16 +115,13 @@ def _names(folders: Sequence[Path]) -> list[str]:
 
 
 def _settings(runs: Sequence[_ComparedRun]) -> list[Line]:
-    flat = [_described(run.results) for run in runs]
+    flat: list[dict[str, JsonValue]] = []
+    for info in (run.results.info for run in runs):
+        versions = {f"version of {name}": version for name, version in info.versions.items()}
+        flat.append({"recording": info.input, "tracker": info.tracker, **versions, **flat_settings(info.config)})
     names = list(dict.fromkeys(name for settings in flat for name in settings))
     rows = [Line(name, [Cell(figure_text(settings.get(name))) for settings in flat]) for name in names]
     return [row for row in rows if len({cell.text for cell in row.cells}) > 1]
-
-
-def _described(results: RunResults) -> dict[str, JsonValue]:
-    info = results.info
-    versions = {f"version of {name}": version for name, version in info.versions.items()}
-    return {"recording": info.input, "tracker": info.tracker, **versions, **flat_settings(info.config)}
 
 
 def _scores(runs: Sequence[_ComparedRun]) -> list[Line]:
@@ -178,9 +179,3 @@ def _rows(run: _ComparedRun) -> RunRows:
         return RunRows(f"True people: {run.name}", found.truth, found.ticks, note)
     rows = [row._replace(link="") for row in found.tracks]
     return RunRows(f"Identities: {run.name}", rows, found.ticks, "A row per track, thin where only predicted.")
-
-
-def _floor(results: RunResults) -> bytes:
-    places, truth = floor_plots.Places.of(results.tracks), results.truth
-    true_places = floor_plots.Places.of(truth) if truth is not None else None
-    return floor_plots.floor_plot(places, floor_plots.FloorScene.of(results), true_places)

@@ -1,4 +1,4 @@
-"""``report.html``: one self-contained page about a run."""
+"""``report.html``: one page that needs no other file."""
 
 from __future__ import annotations
 
@@ -8,19 +8,52 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from pydantic import JsonValue
+from pydantic import JsonValue, TypeAdapter, ValidationError
 
-from planview.drawing.colours import ERRORS, as_hex, person_hex
-from planview.drawing.page import page_of
+from calib.errors import InputError, WorkError
+from calib.params import first_problem
+from planview.drawing.style import ERRORS, as_hex, page_of, person_hex
 from planview.engine.info import CameraInfo
-from planview.output.info import RunInfo, write_result
-from planview.output.report import floor_plots, plots
-from planview.output.report.ledger import Ledger, read_ledger
-from planview.output.report.moments import ERRORS_MAX, scene_pictures
-from planview.output.report.people import PersonRow, people_rows
-from planview.output.report.scores import errors_of, scores_of
-from planview.output.report.timelines import timelines
-from planview.output.scene.results import RunResults, read_results
+from planview.evaluation.significant import SignificantError
+from planview.output.folder import RunInfo, write_result
+from planview.output.report import plots
+from planview.output.report.snapshots import ERRORS_MAX, read_decision_log, scene_pictures
+from planview.output.report.timelines import people_rows, timelines
+from planview.output.results import RunResults, read_object, read_results
+
+ROWS_MAX = 60_000
+"""Longer runs are scored on request only (``planview evaluate``), since scoring takes longer than the page (our
+choice)."""
+
+
+def scores_of(results: RunResults) -> dict[str, Any]:
+    """``evaluation.json`` of the folder, else the scores of the frames that were tracked; empty without truth."""
+    written = read_object(results.folder / "evaluation.json")
+    truth = results.truth
+    if written or truth is None or not results.has_run or len(results.tracks) + len(truth) > ROWS_MAX:
+        return written
+    from planview.evaluation.evaluate import evaluate_tracks  # brings scipy
+
+    try:
+        return evaluate_tracks(results.tracks, truth, None, (0, max(0, results.n_frames - 1))).to_json()
+    except (InputError, WorkError):
+        return {}  # truth in another world, or without positions: the page does without
+
+
+def errors_of(evaluation: dict[str, Any]) -> list[SignificantError]:
+    """The significant errors of an evaluation.
+
+    Raises:
+        InputError: errors that are not what they should be.
+    """
+    try:
+        return _ERRORS.validate_python(evaluation.get("significant_error_list") or [])
+    except ValidationError as error:
+        raise InputError(f"evaluation.json: expected significant errors: {first_problem(error)}") from error
+
+
+_ERRORS = TypeAdapter(list[SignificantError])
+
 
 _NOT_SHOWN = {"view_m", "world_SE3_left", "name", "at_m", "heads"}
 """Of camera and floor, what is drawn and not listed."""
@@ -53,17 +86,6 @@ class Picture(NamedTuple):
     keep_colours: bool = False
 
 
-class ListedPerson(NamedTuple):
-    """A person of the page: ``row`` as in the table, and the ledger where there is one."""
-
-    row: PersonRow
-    ledger: Ledger | None
-
-    def shown(self) -> dict[str, Any]:
-        """What the template prints."""
-        return {**self.row._asdict(), "colour": person_hex(self.row.track_id), "ledger": self.ledger}
-
-
 def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: Path | None = None) -> Path:
     """Write ``report.html`` from the files of a run's folder, with pictures from its recording.
 
@@ -82,39 +104,42 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: 
         WorkError: the page cannot be written.
     """
     results = read_results(folder, truth)
-    page = _render(results, scores_of(results) if evaluation is None else evaluation)
-    path = folder / "report.html"
-    write_result(path, page)
-    return path
-
-
-def _render(results: RunResults, evaluation: dict[str, Any]) -> str:
+    evaluation = scores_of(results) if evaluation is None else evaluation
     info, errors = results.info, errors_of(evaluation)
     ids = np.unique(results.tracks.track_id[results.tracks.state == "confirmed"])
-    ledgers = read_ledger(results.folder / "decisions.csv", set(ids[:PEOPLE_MAX].tolist()))
+    logs = read_decision_log(results.folder / "decisions.csv", set(ids[:PEOPLE_MAX].tolist()))
     people = people_rows(results.tracks, results.clock, ids[:PEOPLE_MAX])
-    return page_of(
+    page = page_of(
         "planview.output.report",
         "report.html.j2",
         name=run_name(results),
         info=info,
         has_run=results.has_run,
         has_truth=results.truth is not None,
-        has_ledger=bool(ledgers),
+        on_floor=results.on_floor,
+        has_decisions=bool(logs),
         tiles=_tiles(results, evaluation, len(ids)),
         scenes=scene_pictures(results, errors),
         times=timelines(results.tracks, results.truth, results.clock, results.n_frames, errors),
         error_colours=[(kind.replace("_", " "), as_hex(rgb)) for kind, rgb in ERRORS.items()],
         more_errors=max(0, len(errors) - ERRORS_MAX),
         pictures=_pictures(results),
-        counts=_count_rows(results.rule_counts),
+        counts=[
+            {"name": name, "kind": str(rule.get("kind", "")), "text": ", ".join(f"{n} {v}" for n, v in _figures(rule))}
+            for name, rule in results.rule_counts.items()
+        ],
         evaluation=evaluation_rows(evaluation),
         errors=errors,
-        people=[ListedPerson(row, ledgers.get(row.track_id)).shown() for row in people],
+        people=[
+            {**row._asdict(), "colour": person_hex(row.track_id), "decisions": logs.get(row.track_id)} for row in people
+        ],
         more_people=max(0, len(ids) - PEOPLE_MAX),
         camera=_camera_rows(info),
         settings=changed_settings(info.config),
     )
+    path = folder / "report.html"
+    write_result(path, page)
+    return path
 
 
 def run_name(results: RunResults) -> str:
@@ -124,7 +149,8 @@ def run_name(results: RunResults) -> str:
 
 def _tiles(results: RunResults, evaluation: dict[str, Any], n_people: int) -> list[NamedFigure]:
     info = results.info
-    tiles = [NamedFigure("people", f"{n_people}"), NamedFigure("seconds recorded", f"{_end_s(results):.1f}")]
+    recorded_s = results.clock.span(results.n_frames).duration_s if results.n_frames else 0.0
+    tiles = [NamedFigure("people", f"{n_people}"), NamedFigure("seconds recorded", f"{recorded_s:.1f}")]
     if results.has_run:
         tiles.append(NamedFigure("frames read", f"{info.frames_read}"))
         tiles.append(NamedFigure("frames skipped", f"{info.frames_skipped}"))
@@ -145,43 +171,27 @@ def _tiles(results: RunResults, evaluation: dict[str, Any], n_people: int) -> li
     return tiles
 
 
-def _end_s(results: RunResults) -> float:
-    return results.clock.span(results.n_frames).duration_s if results.n_frames else 0.0
-
-
 def _pictures(results: RunResults) -> list[Picture]:
-    scene = floor_plots.FloorScene.of(results)
-    pictures = _floor_pictures(results, scene, floor_plots.Places.of(results.tracks))
-    if results.n_frames:
-        frames = np.arange(results.n_frames, dtype=np.int64)
-        pictures.append(
-            picture("People over time", plots.people_plot(results.tracks, results.clock.at(frames), frames))
-        )
-    stages = {stage: ms for stage, ms in results.info.stages_ms.items() if ms is not None}
-    if stages:
-        pictures.append(picture("Time per stage", plots.stage_plot(stages)))
-    return pictures + _count_pictures(results)
-
-
-def _floor_pictures(results: RunResults, scene: floor_plots.FloorScene, places: floor_plots.Places) -> list[Picture]:
     pictures = []
+    scene, places = plots.FloorScene.of(results), plots.Places.of(results.tracks)
     if len(places.frame):
         note = "Each person from the dot to the square; dotted where only predicted."
         note += " Dashed black: the truth." if results.truth is not None else ""
-        truth = floor_plots.Places.of(results.truth) if results.truth is not None else None
-        pictures.append(picture("Floor", floor_plots.floor_plot(places, scene, truth), note))
+        truth = plots.Places.of(results.truth) if results.truth is not None else None
+        pictures.append(picture("Floor", plots.floor_plot(places, scene, truth), note))
     observed = places.observed()
     if len(observed):
-        note = f"Time that people spent in each cell of {floor_plots.HEAT_CELL_M:.1f} m, on a logarithmic scale."
-        heat = picture("Heat map", floor_plots.heat_plot(observed, results.clock.frame_s, scene), note)
+        note = f"Time that people spent in each cell of {plots.HEAT_CELL_M:.1f} m, on a logarithmic scale."
+        heat = picture("Heat map", plots.heat_plot(observed, results.clock.frame_s, scene), note)
         pictures.append(heat._replace(keep_colours=True))
-    return pictures
-
-
-def _count_pictures(results: RunResults) -> list[Picture]:
-    rules = results.rule_counts
-    end_s = results.clock.span(max(1, results.n_frames)).end_s
-    pictures = []
+    if results.n_frames:
+        frames = np.arange(results.n_frames, dtype=np.int64)
+        people = plots.people_plot(results.tracks, results.clock.at(frames), frames)
+        pictures.append(picture("People over time", people))
+    stages = {stage: ms for stage, ms in results.info.stages_ms.items() if ms is not None}
+    if stages:
+        pictures.append(picture("Time per stage", plots.stage_plot(stages)))
+    rules, end_s = results.rule_counts, results.clock.span(max(1, results.n_frames)).end_s
     crossings = {
         name: [(e.timestamp_s, e.direction) for e in results.events if e.rule == name]
         for name, rule in rules.items()
@@ -201,25 +211,16 @@ def picture(title: str, png: bytes, note: str = "") -> Picture:
     return Picture(title, "data:image/png;base64," + base64.b64encode(png).decode("ascii"), note)
 
 
-def _count_rows(rules: dict[str, Any]) -> list[dict[str, str]]:
-    rows = []
-    for name, rule in rules.items():
-        figures = [f"{words_of(k)} {figure_text(v)}" for k, v in rule.items() if isinstance(v, int | float)]
-        rows.append({"name": name, "kind": str(rule.get("kind", "")), "text": ", ".join(figures)})
-    return rows
+def _figures(values: dict[str, Any]) -> list[NamedFigure]:
+    return [NamedFigure(words_of(k), figure_text(v)) for k, v in values.items() if isinstance(v, int | float)]
 
 
 def evaluation_rows(evaluation: dict[str, Any]) -> list[NamedFigure]:
     """The scores of an evaluation, ready to print."""
-    rows = [
-        NamedFigure(words_of(k), figure_text(v))
-        for k, v in evaluation.items()
-        if v is None or isinstance(v, int | float)
-    ]
+    known = {k: v for k, v in evaluation.items() if v is None or isinstance(v, int | float)}
+    rows = [NamedFigure(words_of(k), figure_text(v)) for k, v in known.items()]
     errors = evaluation.get("significant_errors") or {}
-    return rows + [
-        NamedFigure(f"significant errors, {words_of(kind)}", figure_text(number)) for kind, number in errors.items()
-    ]
+    return rows + [NamedFigure(f"significant errors, {words_of(k)}", figure_text(v)) for k, v in errors.items()]
 
 
 def _camera_rows(info: RunInfo) -> list[NamedFigure]:

@@ -1,4 +1,4 @@
-"""A run as a rerun recording: image, foreground, disparity, 3D view, plan-view maps, decisions and time series."""
+"""A rerun recording of a run."""
 
 from __future__ import annotations
 
@@ -11,28 +11,98 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from calib.errors import WorkError
+from calib.errors import InputError, WorkError
+from calib.io import reason
 from calib.types import U8
-from planview.drawing.colours import person_rgb
 from planview.drawing.plan import PlanBounds, bounds_of
+from planview.drawing.style import person_rgb
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.view import StereoView
-from planview.output.rerun.blueprint import blueprint, other_heads, shown_floor
-from planview.output.rerun.parts import RrdParts, rarer
-from planview.output.rerun.scene import StaticScene, map_image, metre_grid
-from planview.output.rerun.series import SeriesBlocks
+from planview.output.report.page import errors_of, scores_of
+from planview.output.rerun.file import RrdFile, rarer
 from planview.output.rerun.shapes import (
+    StaticScene,
+    blueprint,
     disparity_photo,
     label_of,
     label_places,
+    map_image,
+    metre_grid,
     mosaic,
     outlines,
     photo,
     point_colours,
+    shown_floor,
     strips_of,
 )
-from planview.output.rerun.verdict import log_verdict
+from planview.output.results import RunResults, read_results
 from planview.trajectories.state import TrackState
+
+BLOCK_FRAMES = 256
+"""Frames whose numbers are sent together (our choice: 17 s at 15 Hz)."""
+
+
+class SeriesBlocks:
+    """Gathers numbers by path and sends them as columns."""
+
+    def __init__(self) -> None:
+        self._rows: dict[str, list[tuple[int, float, float]]] = {}  # frame, time [s], value
+        self._frames = 0
+
+    def add(self, stream: rr.RecordingStream, frame: int, time_s: float, values: dict[str, float]) -> None:
+        """The numbers of a frame, by path."""
+        for path, value in values.items():
+            self._rows.setdefault(path, []).append((frame, time_s, value))
+        self._frames += 1
+        if self._frames >= BLOCK_FRAMES:
+            self.flush(stream)
+
+    def flush(self, stream: rr.RecordingStream) -> None:
+        """Send what has been gathered."""
+        for path, rows in self._rows.items():
+            frames, times, values = zip(*rows, strict=True)
+            indexes = [rr.TimeColumn("frame", sequence=frames), rr.TimeColumn("time", duration=times)]
+            rr.send_columns(path, indexes, rr.Scalars.columns(scalars=values), recording=stream)
+        self._rows, self._frames = {}, 0
+
+
+HEIGHT_M = 1.7
+"""Of a true person whose height is not known."""
+TRUTH_COLOUR = (255, 255, 255)
+
+
+def log_assessment(stream: rr.RecordingStream, folder: Path) -> RunResults | None:
+    """Log the truth of the recording and the errors against it, where there is one.
+
+    Args:
+        folder: of the run, its tables complete.
+    Returns:
+        What the run left; None where it cannot be read.
+    """
+    try:
+        results = read_results(folder)
+        errors = errors_of(scores_of(results))
+    except (InputError, WorkError):
+        return None
+    truth = results.truth
+    if truth is not None and len(truth):
+        # Points on the floor and at the heads, a row per frame.
+        frames, starts, counts = np.unique(truth.frame, return_index=True, return_counts=True)
+        rows = slice(int(starts[0]), int(starts[-1] + counts[-1]))
+        xy = np.column_stack([truth.x_m[rows], truth.y_m[rows]])
+        heights = np.nan_to_num(truth.height_m[rows], nan=HEIGHT_M)
+        times = rr.TimeColumn("time", duration=results.clock.at(frames))
+        for path, z, radius in (("plan/truth", np.full(len(xy), 0.04), 0.06), ("world/truth", heights, 0.05)):
+            columns = rr.Points3D.columns(positions=np.column_stack([xy, z]).astype(np.float32)).partition(counts)
+            rr.send_columns(path, [rr.TimeColumn("frame", sequence=frames), times], columns, recording=stream)
+            stream.log(path, rr.Points3D.from_fields(colors=[TRUTH_COLOUR], radii=[radius]), static=True)
+    for error in errors:
+        stream.set_time("frame", sequence=error.frame)
+        stream.set_time("time", duration=float(results.clock.at(np.array([error.frame]))[0]))
+        text = f"{error.kind.replace('_', ' ')}: {error.who}: {error.note}"
+        stream.log("errors", rr.TextLog(text, level=rr.TextLogLevel.ERROR))
+    return results
+
 
 TRAIL_S = 10.0
 """Length of the trails behind people [s]."""
@@ -42,14 +112,14 @@ CLOUD_POINTS_MAX = 1500
 """Foreground points logged per frame at most: enough to recognise five people, in 24 kB (our choice)."""
 FLUSH_FRAMES = 100
 """So many frames may wait for rerun's thread: on a busy machine they would pile up in memory."""
-PART_FRAMES = 500
-"""Frames of a part of the recording (our choice: some 40 MB)."""
+FLUSH_S = 60.0
+"""Longest wait for rerun's thread [s]: a slow disk takes 6 GB in that time."""
 FREE_BYTES_MIN = 64 * 2**20
 """Free disk space for the next frames [bytes]: rerun writes in a thread of its own, which hangs on a full disk."""
 
 
 class RerunLog:
-    """Writes ``run.rrd``, in parts while the run goes on (``planview.output.rerun.parts``).
+    """Writes ``run.rrd``.
 
     Args:
         engine: whose frames will come.
@@ -63,7 +133,7 @@ class RerunLog:
     """
 
     def __init__(self, engine: Engine, path: Path, position: Mapping[str, int] | None = None, every: int = 1) -> None:
-        self._engine, self._path, self._parts = engine, path, RrdParts(path, position)
+        self._engine, self._path, self._file = engine, path, RrdFile(path, position)
         self._check_room()
         self._stereo, self._asked_every = engine.stereo, every
         self._every = self._thinned()
@@ -71,39 +141,24 @@ class RerunLog:
         self._bounds: PlanBounds | None = None
         self._shown: set[str] = set()
         self._coloured: set[int] = set()
-        # All parts are one recording, since they share its id; the viewer keeps a layout per name of application.
+        # What a resumed run writes belongs to the same recording by its id; the viewer keeps a layout per application.
         application = "planview" if self._stereo else "planview-single"
         self._stream = rr.RecordingStream(application, recording_id=f"planview-{path.parent.name}")
-        self._frames_in_part = 0
-        self._stream.save(str(self._parts.open_path), default_blueprint=blueprint(self._engine, self._bounds))
+        self._frames = 0
+        self._stream.save(str(self._file.open_path), default_blueprint=blueprint(self._engine, self._bounds))
         self._series = SeriesBlocks()
         self._scene = StaticScene(engine.stereo) if engine.stereo else None
         self._log_static()
 
-    def _write_to(self, path: Path) -> None:
-        """Close the file written so far and begin another.
-
-        Without a layout, which the first part has: rerun makes a stream for each that it is given, and a stream keeps
-        2 MB for good.
-        """
-        self._stream.save(str(path))
-
-    def _next_part(self) -> None:
-        """rerun keeps a table of all that it has written of a file: files of bounded length bound its memory."""
-        self._series.flush(self._stream)
-        self._stream.flush()
-        self._parts.turn(self._write_to)
-        self._every, self._frames_in_part = self._thinned(), 0
-
     def _thinned(self) -> int:
         """Of every so many frames the images are logged now."""
-        return self._asked_every * rarer(self._parts.bytes_before())
+        return self._asked_every * rarer(self._file.size())
 
     def mark(self) -> dict[str, int]:
         """See ``RunLog``."""
         self._series.flush(self._stream)
-        self._stream.flush()
-        return self._parts.position()
+        self._flush()
+        return self._file.position()
 
     def frame(self, result: FrameResult) -> None:
         """Log one frame, on the timelines ``frame`` and ``time``.
@@ -112,36 +167,45 @@ class RerunLog:
             WorkError: too little free disk space; the file is complete up to the frame before.
         """
         self._check_room()
-        if self._frames_in_part >= PART_FRAMES:
-            self._next_part()
-        self._frames_in_part += 1
         self._stream.set_time("frame", sequence=result.frame)
         self._stream.set_time("time", duration=result.timestamp_s)
         if self._scene is not None:
             self._scene.take(self._stream, result)
         if result.frame % self._every == 0:
             self._log_images(result)
-        for head in result.heads[1:]:
-            self._log_boxes(f"{head.name}/image", [t for t in head.tracks if not math.isnan(t.box_px[0])])
+        for rig in filter(None, result.rigs[1:]):
+            self._log_boxes(f"{rig.name}/image", [t for t in rig.tracks if not math.isnan(t.box_px[0])])
         self._log_people(result.tracks, result.timestamp_s)
         self._log_decisions(result)
         self._log_series(result)
-        if self._frames_in_part % FLUSH_FRAMES == 0:
-            self._stream.flush()
+        self._frames += 1
+        if self._frames % FLUSH_FRAMES == 0:
+            self._flush()
+            self._every = self._thinned()
 
     def close(self) -> None:
         """See ``RunLog``."""
         self._series.flush(self._stream)
-        log_verdict(self._stream, self._path.parent)
+        log_assessment(self._stream, self._path.parent)
         if self._bounds is not None:
             self._stream.log("plan/grid", metre_grid(self._bounds), static=True)
             self._stream.send_blueprint(blueprint(self._engine, self._bounds))
-        self._stream.disconnect()
-        self._parts.join()
+        try:
+            self._flush()
+            size = self._file.open_path.stat().st_size
+        finally:
+            self._stream.disconnect()
+        self._file.close(size)
 
     def finish(self) -> None:
         """See ``RunLog``."""
-        self._parts.remove()
+
+    def _flush(self) -> None:
+        """Wait for rerun's thread, which ends when it cannot write; what waits on a disk that hangs is given up."""
+        try:
+            self._stream.flush(timeout_sec=FLUSH_S)
+        except (RuntimeError, ValueError) as error:
+            raise WorkError(f"{self._path}: cannot be written ({reason(error)}); earlier frames are kept") from error
 
     def _check_room(self) -> None:
         free = shutil.disk_usage(self._path.parent).free
@@ -156,7 +220,7 @@ class RerunLog:
         if self._stereo is None:
             return
         self._log_camera("world/camera", self._stereo)
-        for name, stereo in other_heads(self._engine):
+        for name, stereo in list(self._engine.views.items())[1:]:
             self._log_camera(f"world/{name}", stereo)
         grid = metre_grid(PlanBounds(*shown_floor(self._stereo)))
         self._stream.log("world/floor", grid, static=True)
@@ -176,8 +240,8 @@ class RerunLog:
     def _log_images(self, result: FrameResult) -> None:
         """What takes room: images, cloud, maps and what the tracker looked at."""
         self._log_image("image", result.image, result.observation.foreground)
-        for head in result.heads[1:]:
-            self._log_image(f"{head.name}/image", head.image, head.foreground)
+        for rig in filter(None, result.rigs[1:]):
+            self._log_image(f"{rig.name}/image", rig.image, rig.foreground)
         if self._stereo:
             self._log_depth(self._stereo, result)
             self._log_maps(self._stereo, result)
@@ -192,9 +256,9 @@ class RerunLog:
 
     def _log_depth(self, stereo: StereoView, result: FrameResult) -> None:
         """Disparity, and the foreground cloud in colour."""
-        if result.disparity is not None:
-            self._stream.log("disparity", disparity_photo(result.disparity, stereo))
-        maps, colours = result.observation.maps, point_colours(stereo, result)
+        if result.sampled is not None:
+            self._stream.log("disparity", disparity_photo(result.sampled, stereo))
+        maps, colours = result.observation.maps, point_colours(result)
         if maps is None or colours is None:
             return
         step = -(-len(maps.points.xyz) // CLOUD_POINTS_MAX) or 1
@@ -248,7 +312,11 @@ class RerunLog:
         self._stream.log("plan/labels", rr.Points3D(label_places(tracks), colors=colours, labels=ids, radii=0.001))
         confirmed = [(track.x_m, track.y_m) for track in tracks if track.state == "confirmed"]
         if confirmed:
-            self._bounds = _joined(self._bounds, bounds_of(np.array(confirmed)))
+            now, before = bounds_of(np.array(confirmed)), self._bounds
+            self._bounds = now if before is None else PlanBounds(
+                min(before.x_min_m, now.x_min_m), min(before.y_min_m, now.y_min_m),
+                max(before.x_max_m, now.x_max_m), max(before.y_max_m, now.y_max_m),
+            )  # fmt: skip
 
     def _log_debug(self) -> None:
         debug = self._engine.tracker.debug()
@@ -276,25 +344,13 @@ class RerunLog:
         values["people/confirmed"] = float(sum(track.state == "confirmed" for track in result.tracks))
         for decision in result.decisions:
             if decision.kind == "matched" and not math.isnan(decision.value):
-                self._colour_score(decision.track_id)
+                if decision.track_id not in self._coloured:  # the curve has the person's colour
+                    self._coloured.add(decision.track_id)
+                    line = rr.SeriesLines(colors=[person_rgb(decision.track_id)], names=[str(decision.track_id)])
+                    self._stream.log(f"score/{decision.track_id}", line, static=True)
                 values[f"score/{decision.track_id}"] = decision.value
         self._series.add(self._stream, result.frame, result.timestamp_s, values)
-
-    def _colour_score(self, track_id: int) -> None:
-        """The curve has the person's colour."""
-        if track_id not in self._coloured:
-            self._coloured.add(track_id)
-            line = rr.SeriesLines(colors=[person_rgb(track_id)], names=[str(track_id)])
-            self._stream.log(f"score/{track_id}", line, static=True)
 
 
 def _colours(tracks: Sequence[TrackState]) -> list[tuple[int, int, int]]:
     return [person_rgb(track.track_id, track.state) for track in tracks]
-
-
-def _joined(one: PlanBounds | None, other: PlanBounds) -> PlanBounds:
-    if one is None:
-        return other
-    low = min(one.x_min_m, other.x_min_m), min(one.y_min_m, other.y_min_m)
-    high = max(one.x_max_m, other.x_max_m), max(one.y_max_m, other.y_max_m)
-    return PlanBounds(*low, *high)

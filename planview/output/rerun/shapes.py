@@ -1,4 +1,4 @@
-"""What trackers and stages show, as rerun's shapes."""
+"""Shapes and layout of a rerun recording."""
 
 from __future__ import annotations
 
@@ -8,13 +8,18 @@ from collections.abc import Mapping, Sequence
 import cv2
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 
 from calib.images import as_colour, encode_image
 from calib.types import F32, I32, U8
-from planview.engine.engine import FrameResult
+from planview.drawing.plan import PlanBounds
+from planview.engine.engine import Engine, FrameResult
 from planview.maps.view import StereoView
+from planview.output.maps_log import at_step
 from planview.tracking.base import Drawing
 from planview.trajectories.state import TrackState
+from stereo.depth import DepthFromDisparity, back_project
+from stereo.matcher import SampledDisparity
 
 JPEG_QUALITY = 50
 """Of the camera's image: 0.6 of the size of quality 80, and people are as well to be recognised (our choice)."""
@@ -29,9 +34,9 @@ def photo(image: U8) -> rr.EncodedImage:
     return rr.EncodedImage(contents=encode_image(image, quality=JPEG_QUALITY), media_type="image/jpeg")
 
 
-def disparity_photo(disparity: F32, stereo: StereoView) -> rr.EncodedImage:
-    """Near red, far blue, invalid black (as ``planview doctor`` shows it), at the size of foreground and maps."""
-    reduced = disparity[:: stereo.reduction, :: stereo.reduction]
+def disparity_photo(sampled: SampledDisparity, stereo: StereoView) -> rr.EncodedImage:
+    """Near red, far blue, invalid black (as ``planview check`` shows it), at the size of foreground and maps."""
+    reduced = at_step(sampled, stereo.reduction)
     first, span = stereo.disparities.first_px, stereo.disparities.count
     known = np.isfinite(reduced)
     levels = np.clip((np.nan_to_num(reduced) - first) * (255.0 / span), 0, 255).astype(np.uint8)
@@ -101,24 +106,244 @@ def label_places(tracks: Sequence[TrackState]) -> list[tuple[float, float, float
 _SIDES = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
 
 
-def point_colours(stereo: StereoView, result: FrameResult) -> U8 | None:
-    """(N, 3) RGB of the maps' points, each from its head's image; None without an image."""
-    maps, image = result.observation.maps, result.image
-    if maps is None:
-        return None
-    pixels = maps.points.pixels
-    if not result.heads:
-        return None if image is None else _colours_at(image, pixels, stereo.shape[1], stereo.reduction)
-    parts, start = [np.empty((0, 3), dtype=np.uint8)], 0
-    for head in result.heads:
-        mine = pixels[start : start + head.n_points]
-        if (own := head.image) is not None and head.foreground is not None:
-            width = head.foreground.shape[1]
-            parts.append(_colours_at(own, mine, width, -(-own.shape[1] // width)))
-        start += head.n_points
-    return np.concatenate(parts)
+def point_colours(result: FrameResult) -> U8 | None:
+    """(N, 3) RGB of the maps' points, each from its rig's image; None for recorded maps."""
+    parts = [np.empty((0, 3), dtype=np.uint8)]
+    for rig in result.rigs:
+        if rig is not None:
+            image, width = rig.image, rig.foreground.shape[1]
+            parts.append(_colours_at(image, rig.points.pixels, width, -(-image.shape[1] // width)))
+    return np.concatenate(parts) if result.rigs else None
 
 
 def _colours_at(image: U8, pixels: I32, width: int, reduction: int) -> U8:
     rows, cols = np.divmod(pixels, width)
     return np.asarray(as_colour(image)[rows * reduction, cols * reduction, ::-1], dtype=np.uint8)
+
+
+SCENE_POINTS_MAX = 60_000
+"""Points of the static scene."""
+SETTLED_S = 3.0
+"""From then on the foreground knows who is no part of the scene, and what stood behind them is filled in [s]."""
+RADIUS_M = 0.012
+FLOOR_LIGHT = 0.55
+"""The image on the floor is darkened by this, so that the maps on it stand out."""
+UNDER, OVER = -50.0, 10.0
+"""Order of drawing of floor and maps: both lie in one plane, since what is transparent hides what lies below it."""
+GRID_LINES_MAX = 40
+HEIGHT_SHOWN_M = (-0.5, 3.5)
+"""What lies lower or higher is noise or hides the view."""
+
+
+class StaticScene:
+    """Logs the scene without people: what the first frame shows, filled in where people stood once they have moved.
+
+    Args:
+        stereo: the (first head's) pair above the floor.
+    """
+
+    def __init__(self, stereo: StereoView) -> None:
+        self._stereo = stereo
+        self._points: F32 | None = None
+        self._colours: U8 | None = None
+        self._started_s = 0.0
+        self.done = False
+
+    def take(self, stream: rr.RecordingStream, result: FrameResult) -> None:
+        """Take a frame; nothing is computed once the scene is known."""
+        if self.done:
+            return
+        image, disparity = result.image, result.disparity
+        if image is None or disparity is None:
+            return
+        if self._points is None:
+            self._started_s = result.timestamp_s
+        elif result.timestamp_s - self._started_s < SETTLED_S:
+            return
+        else:
+            self.done = True
+        self._fill(image, disparity, result.observation.foreground)
+        self._log(stream)
+
+    def _fill(self, image: U8, disparity: F32, foreground: U8 | None) -> None:
+        """Points of the background; where there is none now, those taken before."""
+        step = self._stereo.reduction
+        geometry = self._stereo.geometry
+        points = back_project(DepthFromDisparity(geometry)(disparity), geometry)[::step, ::step].reshape(-1, 3)
+        pose = self._stereo.floor.world_SE3_left
+        world = np.asarray(points @ pose.rotation.T + pose.translation, dtype=np.float32)
+        colours = _rgb(image)[::step, ::step].reshape(-1, 3)
+        if self._points is None or self._colours is None:
+            self._points, self._colours = world, colours.copy()
+            return
+        known = np.isfinite(world[:, 2])
+        if foreground is not None:
+            known &= foreground.reshape(-1) == 0
+        self._points[known], self._colours[known] = world[known], colours[known]
+
+    def _log(self, stream: rr.RecordingStream) -> None:
+        assert self._points is not None and self._colours is not None
+        z = self._points[:, 2]
+        with np.errstate(invalid="ignore"):
+            keep = np.flatnonzero((z > HEIGHT_SHOWN_M[0]) & (z < HEIGHT_SHOWN_M[1]) & self._near())
+        keep = keep[:: max(1, -(-len(keep) // SCENE_POINTS_MAX))]
+        cloud = rr.Points3D(self._points[keep], colors=self._colours[keep], radii=RADIUS_M)
+        stream.log("world/scene", cloud, static=True)
+
+    def _near(self) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+        """Within the grid, and a little beyond."""
+        assert self._points is not None
+        grid, x, y = self._stereo.grid, self._points[:, 0], self._points[:, 1]
+        across = (x > grid.x_min_m - 1) & (x < grid.x_max_m + 1)
+        return np.asarray(across & (y > grid.y_min_m - 1) & (y < grid.y_max_m + 1))
+
+    def log_floor(self, stream: rr.RecordingStream, image: U8) -> None:
+        """The image laid on the floor, under the maps."""
+        grid = self._stereo.grid
+        rows, cols = np.indices(grid.shape)
+        x, y = grid.centre_of(0, 0)
+        places = np.stack([x + cols * grid.cell_m, y + rows * grid.cell_m, np.zeros(grid.shape)], axis=-1)
+        pixels = np.nan_to_num(self._stereo.camera.project(places), nan=-1.0).astype(np.float32)
+        shown = cv2.remap(_rgb(image), pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        dimmed = np.asarray(shown * FLOOR_LIGHT, dtype=np.uint8)
+        visible = np.where(dimmed.any(axis=2), 255, 0).astype(np.uint8)
+        image_map = _grid_map(np.dstack([dimmed, visible]), self._stereo, UNDER)
+        stream.log("plan/floor", image_map, static=True)
+
+
+def metre_grid(bounds: PlanBounds) -> rr.LineStrips3D:
+    """Lines every metre of a part of the floor, every five metres of a large one."""
+    x_min, y_min = math.floor(bounds.x_min_m), math.floor(bounds.y_min_m)
+    x_max, y_max = math.ceil(bounds.x_max_m), math.ceil(bounds.y_max_m)
+    step = 1 if max(x_max - x_min, y_max - y_min) <= GRID_LINES_MAX else 5
+    lines = [[(x, y_min, 0.01), (x, y_max, 0.01)] for x in range(x_min, x_max + 1, step)]
+    lines += [[(x_min, y, 0.01), (x_max, y, 0.01)] for y in range(y_min, y_max + 1, step)]
+    return rr.LineStrips3D(lines, colors=[90, 90, 90], radii=-0.5)
+
+
+def map_image(values: F32, largest: float, stereo: StereoView) -> rr.GridMap:
+    """A plan-view map in colours, transparent where it is empty, so that the floor shows.
+
+    Args:
+        values: (n_rows, n_cols), row 0 at y_min.
+        largest: value of the brightest colour.
+    """
+    levels = np.clip(values * (255.0 / largest), 0, 255).astype(np.uint8)
+    bgr = np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_INFERNO), dtype=np.uint8)
+    rgba = np.dstack([bgr[..., ::-1], np.where(levels > 0, 255, 0).astype(np.uint8)])
+    rgba[levels == 0] = 0
+    return _grid_map(rgba, stereo, OVER)
+
+
+def _grid_map(pixels: U8, stereo: StereoView, order: float) -> rr.GridMap:
+    """(n_rows, n_cols, 4) RGBA pixels of the grid, row 0 at y_min, where a grid map has its upper row first."""
+    grid = stereo.grid
+    return rr.GridMap(
+        data=np.ascontiguousarray(pixels[::-1]).tobytes(),
+        format=rr.components.ImageFormat(
+            width=grid.n_cols, height=grid.n_rows, color_model="RGBA", channel_datatype="U8"
+        ),
+        cell_size=grid.cell_m,
+        translation=[grid.x_min_m, grid.y_min_m, 0.0],
+        draw_order=order,
+    )  # fmt: skip
+
+
+def _rgb(image: U8) -> U8:
+    return np.ascontiguousarray(as_colour(image)[..., ::-1])
+
+
+_MAP_LAYERS = [
+    "plan/floor", "plan/grid", "plan/people", "plan/labels", "plan/search", "plan/template", "plan/ellipses",
+    "plan/truth",
+]  # fmt: skip
+PEOPLE_TAB = 2
+"""Number of people, which every tracker of one camera gives; not all have match scores."""
+
+
+def blueprint(engine: Engine, people: PlanBounds | None = None) -> rrb.Blueprint:
+    """Image and disparity, 3D view, both maps, decisions and series, side by side; one camera has a layout of its own.
+
+    Args:
+        people: where people were, which the views are fitted to; the visible floor when None.
+    """
+    stereo = engine.stereo
+    if stereo is None:
+        return _single(engine, people)
+    image: rrb.Spatial2DView | rrb.Tabs = rrb.Spatial2DView(origin="image", name="image, foreground, people")
+    others = [rrb.Spatial2DView(origin=f"{name}/image", name=name) for name in list(engine.views)[1:]]
+    if others:
+        image = rrb.Tabs(image, *others, active_tab=0)
+    world = rrb.Spatial3DView(
+        origin="world", name="3D", eye_controls=_eye(_bounds(stereo, people), (0.0, -0.75, 0.55)), line_grid=False,
+    )  # fmt: skip
+    height, occupancy = (
+        _plan_view(f"{name} from above", [f"plan/{name}", *_MAP_LAYERS], _bounds(stereo, people))
+        for name in ("height", "occupancy")
+    )
+    disparity = rrb.Spatial2DView(origin="disparity", name="disparity")
+    return rrb.Blueprint(
+        rrb.Vertical(
+            rrb.Horizontal(image, world),
+            rrb.Horizontal(disparity, height, occupancy, _series()),
+            row_shares=[3, 2],
+        ),
+        rrb.TimePanel(state="collapsed", timeline="frame"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+    )
+
+
+def _single(engine: Engine, people: PlanBounds | None) -> rrb.Blueprint:
+    """One camera: its image large; the floor from above where it is known."""
+    image = rrb.Spatial2DView(origin="image", name="image, people")
+    right: list[rrb.View | rrb.Container] = []
+    if engine.camera is not None:
+        bounds = people or PlanBounds(-8.0, 0.0, 8.0, 16.0)
+        right.append(_plan_view("floor from above", ["plan/trails", *_MAP_LAYERS], bounds))
+    right.append(_series(active_tab=PEOPLE_TAB))
+    return rrb.Blueprint(
+        rrb.Horizontal(image, rrb.Vertical(*right), column_shares=[3, 2]),
+        rrb.TimePanel(state="collapsed", timeline="frame"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+    )
+
+
+def _series(active_tab: int = 0) -> rrb.Tabs:
+    """Curves and decisions; ``errors`` are the significant ones, where there is truth."""
+    return rrb.Tabs(
+        rrb.TimeSeriesView(origin="score", name="match score"),
+        rrb.TextLogView(origin="decisions", name="decisions"),
+        rrb.TimeSeriesView(origin="people", name="people"),
+        rrb.TimeSeriesView(origin="time_ms", name="stage times [ms]"),
+        rrb.TextLogView(origin="errors", name="significant errors"),
+        active_tab=active_tab,
+    )
+
+
+def _plan_view(name: str, layers: list[str], bounds: PlanBounds) -> rrb.Spatial3DView:
+    return rrb.Spatial3DView(
+        origin="plan", contents=layers, name=name, eye_controls=_eye(bounds, (0.0, -0.001, 0.9)), line_grid=False,
+    )  # fmt: skip
+
+
+def _eye(bounds: PlanBounds, direction: tuple[float, float, float]) -> rrb.EyeControls3D:
+    """Looking at the middle of a part of the floor, from a direction, the way the camera looks upwards."""
+    centre = np.array([(bounds.x_min_m + bounds.x_max_m) / 2, (bounds.y_min_m + bounds.y_max_m) / 2, 0.0])
+    distance = max(1.1 * (bounds.x_max_m - bounds.x_min_m), 1.25 * (bounds.y_max_m - bounds.y_min_m), 3.0)
+    return rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital, position=centre + distance * np.array(direction), look_target=centre,
+        eye_up=(0.0, 1.0, 0.0) if abs(direction[1]) < 0.01 else (0.0, 0.0, 1.0),
+    )  # fmt: skip
+
+
+def _bounds(stereo: StereoView, people: PlanBounds | None) -> PlanBounds:
+    return people or PlanBounds(*shown_floor(stereo))
+
+
+def shown_floor(stereo: StereoView) -> tuple[float, float, float, float]:
+    """Bounds of the visible floor, else of the grid; the place below the camera included [m]."""
+    grid = stereo.grid
+    x_min, y_min, x_max, y_max = stereo.floor.extent_m or (grid.x_min_m, grid.y_min_m, grid.x_max_m, grid.y_max_m)
+    return min(x_min, 0.0), min(y_min, 0.0), max(x_max, 0.0), max(y_max, 0.0)

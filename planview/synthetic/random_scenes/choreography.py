@@ -14,13 +14,8 @@ from planview.synthetic.random_scenes.stage import NoPlaceError, Stage
 from planview.synthetic.room import furniture_size
 from planview.synthetic.scene import Furniture
 
-SEAT_AHEAD_M = 0.8
-"""People come to this point in front of a seat before they sit down [m]."""
 GATE_M = 0.75
 """People who meet come to this distance from the circle before they step into it [m]."""
-
-TURN_M = 0.35
-"""People who turn in view do so at this distance from the end of their lane, with the whole body in the image [m]."""
 
 
 class Part:
@@ -70,11 +65,7 @@ class Part:
         self.time_s += seconds
 
     def until(self, time_s: float, face: float | None = None) -> None:
-        """Stand until a time.
-
-        Raises:
-            NoPlaceError: it is past already.
-        """
+        """Stand until a time. Raises NoPlaceError: it is past already."""
         if time_s < self.time_s - 0.2:
             raise NoPlaceError(f"late by {self.time_s - time_s:.1f} s")
         step: dict[str, Any] = {"until_s": float(time_s)}
@@ -87,7 +78,8 @@ class Part:
         """Come to the front of a seat, sit down, and stand up again."""
         front = np.deg2rad(seat.heading_deg)
         ahead = np.array([np.cos(front), np.sin(front)])
-        self.walk_to(np.array(seat.at_m) + max(SEAT_AHEAD_M, furniture_size(seat)[0] / 2 + 0.4) * ahead)
+        # People come to this point in front of a seat before they sit down [m].
+        self.walk_to(np.array(seat.at_m) + max(0.8, furniture_size(seat)[0] / 2 + 0.4) * ahead)
         self.steps.append({"sit_s": float(seconds), "on": seat.name})
         self.time_s += seconds + 2.0
         self.place = np.array(seat.at_m) + 0.32 * ahead
@@ -156,7 +148,8 @@ def cross(stage: Stage, plan: Choreography) -> list[Part]:
 def _walked(stage: Stage, plan: Choreography, ends: list[F64]) -> list[F64]:
     """The ends of a lane in the order in which they are reached, with turns in view where the plan has some."""
     turns = int(stage.rng.integers(1, plan.turns + 1)) if plan.turns else 0
-    inward = TURN_M * (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    # People who turn in view do so at this distance from the end of their lane, with the whole body in the image [m].
+    inward = 0.35 * (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
     inside = [ends[0] + inward, ends[1] - inward]
     return [ends[0], *(inside[k % 2] for k in range(1, turns + 1)), ends[(turns + 1) % 2]]
 

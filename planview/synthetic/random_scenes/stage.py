@@ -17,14 +17,8 @@ _MOVES = [(i, j, float(np.hypot(i, j))) for i in (-1, 0, 1) for j in (-1, 0, 1) 
 CELL_M = 0.15
 CLEARANCE_M = 0.42
 """Distance of ways and places from walls and furniture [m]: half a shoulder width and a hand."""
-MIN_DISPARITY_PX = 4.0
-"""People stay near enough for this disparity; farther away stereo of the paper's image size is too coarse."""
 MIN_RANGE_M = 1.3
 """Horizontal distance that people keep from a camera on the wall [m]."""
-_VIEW_HEIGHTS_M = (0.9, 1.75)
-"""Both these heights of a place must be in the image for the place to count as in view."""
-_BORDER = 0.04
-"""Share of the image's width that does not count as in view."""
 _FLOORS = (
     ("tiles", "#a39a8a"),
     ("wood", "#b98f5f"),
@@ -159,8 +153,10 @@ class Stage:
     def in_view(self, points: F64) -> Bool:
         """(N,) whether people at points (N, 2) are in the left image and near enough for stereo."""
         result = np.ones(len(points), np.bool_)
-        border = _BORDER * self.rig.width
-        for z in _VIEW_HEIGHTS_M:
+        # Share of the image's width that does not count as in view.
+        border = 0.04 * self.rig.width
+        # Both these heights of a place must be in the image for the place to count as in view.
+        for z in (0.9, 1.75):
             room = np.column_stack([points, np.full(len(points), z)])
             camera = self._view.room_SE3_camera.inverse() @ room
             with np.errstate(all="ignore"):
@@ -168,17 +164,14 @@ class Stage:
             size = np.array([self.rig.width, self.rig.height])
             with np.errstate(invalid="ignore"):
                 result &= ((uv > border) & (uv < size - 1 - border)).all(axis=1) & (camera[:, 2] > 0.3)
-            result &= camera[:, 2] < self.rig.focal_px * self.rig.baseline_m / MIN_DISPARITY_PX
+            # People stay near enough for this disparity; farther away stereo of the paper's image size is too coarse.
+            result &= camera[:, 2] < self.rig.focal_px * self.rig.baseline_m / 4.0
         if not self.is_overhead:
             result &= np.linalg.norm(points - self.camera_xy, axis=1) > MIN_RANGE_M
         return result
 
     def spots(self, radius_m: float = 0.0) -> F64:
-        """(N, 2) places in view around which a disc is free and in view.
-
-        Raises:
-            NoPlaceError: there is none.
-        """
+        """(N, 2) places in view around which a disc is free and in view. Raises NoPlaceError: there is none."""
         good, bad = self._points[self._spots], self._points[~self._spots]
         if radius_m > 0 and len(good):
             gap = np.array([np.min(((bad - p) ** 2).sum(axis=1)) for p in good])

@@ -18,21 +18,12 @@ from calib.types import F64
 from planview.synthetic.motion import Obstacles, scripted_motion, wander
 from planview.synthetic.random_scenes import choreography as together
 from planview.synthetic.random_scenes import things
-from planview.synthetic.random_scenes.appearance import clothes, looks, random_light
-from planview.synthetic.random_scenes.challenge import Challenge, Choreography, Kind
+from planview.synthetic.random_scenes.challenge import Challenge, Choreography, Kind, clothes, looks, random_light
 from planview.synthetic.random_scenes.choreography import Part
 from planview.synthetic.random_scenes.stage import NoPlaceError, Stage
 from planview.synthetic.scene import Scene
 
-GAP_M = 0.38
-"""Smallest distance between two body axes: shoulders turned, touching."""
 STEP_S = 0.1
-MIN_IN_VIEW = 0.5
-"""Smallest share of the frames with a person in view."""
-MIN_HIDDEN = 3
-"""People hide each other at least so many times where a challenge covers occlusion by people."""
-HIDDEN_M = 0.25
-"""A person is hidden whose axis is so near to the line of sight to another one's: half a shoulder width [m]."""
 LEAVE_S = 4.0
 """People who carry or push things are on their way out at the end, at most so long from the end of their steps [s]."""
 ATTEMPTS = 60
@@ -94,7 +85,8 @@ def implausible(scene: Scene, stage: Stage) -> str:
         if len(known) and obstacles.distance(known).min() < 0.2:
             return f"person {i + 1} walks through a wall or furniture"
     in_view = np.array([stage.in_view(np.nan_to_num(p, nan=-1e3)) for p in places])
-    if in_view.any(axis=0).mean() < MIN_IN_VIEW:
+    # Smallest share of the frames with a person in view.
+    if in_view.any(axis=0).mean() < 0.5:
         return "no person is in view for half of the time"
     if not in_view.any(axis=1).all():
         return f"person {int(np.argmin(in_view.any(axis=1))) + 1} is never in view"
@@ -106,9 +98,11 @@ def implausible(scene: Scene, stage: Stage) -> str:
         a, b = places[j][both] - stage.camera_xy, places[i][both] - stage.camera_xy
         far = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
         hidden = np.zeros(len(both), np.bool_)
-        hidden[both] = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / far < HIDDEN_M
+        # A person is hidden whose axis is so near to the line of sight to another one's: half a shoulder width [m].
+        hidden[both] = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / far < 0.25
         n += int((hidden[1:] & ~hidden[:-1]).sum()) + int(hidden[0])
-    return "" if n >= MIN_HIDDEN else f"people hide each other {n} times only"
+    # People hide each other at least so many times where a challenge covers occlusion by people.
+    return "" if n >= 3 else f"people hide each other {n} times only"
 
 
 def _gaps(places: list[F64], scene: Scene, *, wandering: bool) -> str:
@@ -117,7 +111,8 @@ def _gaps(places: list[F64], scene: Scene, *, wandering: bool) -> str:
             if wandering and (scene.people[i].wander or scene.people[j].wander):
                 continue
             gap = np.linalg.norm(places[i] - places[j], axis=1)
-            if (gap < GAP_M).any():
+            # Smallest distance between two body axes: shoulders turned, touching.
+            if (gap < 0.38).any():
                 return f"people {j + 1} and {i + 1} walk through each other"
     return ""
 

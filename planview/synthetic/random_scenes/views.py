@@ -17,7 +17,7 @@ from pydantic import Field
 
 from calib.params import Params
 from planview.synthetic.camera import ground_camera
-from planview.synthetic.random_scenes.appearance import clothes, looks
+from planview.synthetic.random_scenes.challenge import clothes, looks
 from planview.synthetic.random_scenes.suite import resolved
 from planview.synthetic.scene import Capture, Pair, Scene
 
@@ -25,8 +25,6 @@ BODY_M, DEPTH_M = 1.7, 0.45
 """A person's height and, from straight above, depth [m]."""
 BEYOND_M = 2.2
 """People come to be, and cease, so far beyond the openings [m]: out of view."""
-BESIDE_M = 0.7
-"""How far from where people stand the line is [m]: no person hesitates on it."""
 STEEP_DEG = 35.0
 """Cameras steeper than this hang over the middle of the room."""
 FLOORS = (("tiles", "#a39a8a"), ("wood", "#b98f5f"), ("carpet", "#5c6a78"), ("concrete", "#8f959a"))
@@ -293,7 +291,8 @@ class _ViewComposer:
         width, height = float(camera.width - 1), float(camera.height - 1)
         assert scene.camera is not None  # composed above
         project = ground_camera(scene.camera).project
-        beside = BESIDE_M if self._view.walks.stop_s[1] > 0 else 0.0
+        # How far from where people stand the line is [m]: no person hesitates on it.
+        beside = 0.7 if self._view.walks.stop_s[1] > 0 else 0.0
         if self._view.walks.across:
             middle = float(project(np.array([[beside, self._ahead_m, 0.0]]))[0, 0])
             far = float(project(np.array([[0.0, self._ahead_m + self._reach() + 1.0, 0.0]]))[0, 1])

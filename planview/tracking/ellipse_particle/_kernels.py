@@ -1,4 +1,9 @@
-"""Compiled kernels of the particle filter; ``tests/reference/particles.py`` and ``ellipses.py`` define them."""
+"""Compiled kernels of ellipses on a grid of cells; ``tests/reference/ellipses.py`` defines them in plain numpy.
+
+Coordinates: cell (row r, column c) has its centre at (x, y) = (c, r) and reaches half a cell to each side.
+An ellipse is (x, y, a, b, angle): centre, half length, half width [cells], and the angle of the length axis
+from the +row direction towards +column [rad].
+"""
 
 import math
 from typing import NamedTuple
@@ -6,234 +11,343 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from calib.types import F32, F64, I64
-from planview.tracking.ellipse_particle.fit._area import between, conic, half_length
-from planview.tracking.ellipse_particle.fit.prior import SizeLaw
+from calib.types import F32, F64, U8
 
+EDGE = 5.0
+"""Widths of the soft edge beyond which nothing is left of an ellipse (0.7 %)."""
 X, Y, VX, VY, LN_A, LN_B, ANGLE = range(7)
 """Columns of an object's state: position and velocity in cells (per second), logarithms of half length and half width
-over the size prior's, angle of the length axis [rad]."""
-COVERED, OUTSIDE = range(2)
-"""Columns of what ``union_overlap`` gives per particle."""
+over the expected ones, angle of the length axis [rad]."""
 
 
-class Transition(NamedTuple):
-    """One step of the motion model.
+class Law(NamedTuple):
+    """Size expected in a row [cells]: half length ``max(least, level + slope * row)``, width over length ``aspect``."""
+
+    level: float
+    slope: float
+    least: float
+    aspect: float
+
+
+class Match(NamedTuple):
+    """How the union of ellipses is compared with the mask, and what is expected of each.
 
     Attributes:
-        dt: time [s].
-        pull, push: (N,) deviations of position and velocity [cells, cells/s].
-        keep: share of the old ellipse parameters.
-        fresh: (3,) deviations of what is new in ``LN_A``, ``LN_B``, ``ANGLE``.
+        deviation: of a cell's residual.
+        background: weight of a background cell against 1 of a foreground cell.
+        soft: width of the logistic edge of an ellipse [cells].
+        size_spread: deviation of ln half length and ln half width from the law.
+        angle_spread: deviation of the angle [rad].
+        limit: largest deviation of size and angle, in these.
     """
 
-    dt: float
-    pull: F64
-    push: F64
-    keep: float
-    fresh: F64
+    deviation: float
+    background: float
+    soft: float
+    size_spread: float
+    angle_spread: float
+    limit: float
+
+
+@njit(cache=True, nogil=True, inline="always")
+def half_length(law, y):  # type: ignore[no-untyped-def]
+    """Half length expected of an ellipse centred in row y."""
+    return max(law.least, law.level + law.slope * y)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def conic(a, b, angle):  # type: ignore[no-untyped-def]
+    """(qxx, qxy, qyy) of qxx dx^2 + 2 qxy dx dy + qyy dy^2 = 1."""
+    s = math.sin(angle)
+    c = math.cos(angle)
+    ia = 1.0 / (a * a)
+    ib = 1.0 / (b * b)
+    return s * s * ia + c * c * ib, s * c * (ia - ib), c * c * ia + s * s * ib
+
+
+@njit(cache=True, nogil=True, inline="always")
+def span(form, dy):  # type: ignore[no-untyped-def]
+    """Offsets (lo, hi) from the centre column that a conic covers in the row dy below the centre; lo > hi for none."""
+    qxx, qxy, qyy = form
+    root = qxy * qxy * dy * dy - qxx * (qyy * dy * dy - 1.0)
+    if root <= 0.0:
+        return 1.0, -1.0
+    root = math.sqrt(root)
+    return (-qxy * dy - root) / qxx, (-qxy * dy + root) / qxx
+
+
+@njit(cache=True, nogil=True, inline="always")
+def reach(a, b, angle):  # type: ignore[no-untyped-def]
+    """How far an ellipse reaches along columns and rows."""
+    s = math.sin(angle)
+    c = math.cos(angle)
+    return math.sqrt(a * a * s * s + b * b * c * c), math.sqrt(a * a * c * c + b * b * s * s)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def between(sums, lo, hi):  # type: ignore[no-untyped-def]
+    """Integral of a row between the columns lo and hi (fractional, within the grid's edges), from its sums."""
+    t0 = lo + 0.5
+    t1 = hi + 0.5
+    last = sums.shape[0] - 2
+    j0 = min(int(t0), last)
+    j1 = min(int(t1), last)
+    low = sums[j0] + (t0 - j0) * (sums[j0 + 1] - sums[j0])
+    return sums[j1] + (t1 - j1) * (sums[j1 + 1] - sums[j1]) - low
 
 
 @njit(cache=True, nogil=True)
-def union_overlap(particles: F64, members: I64, measured: F64, allowed: F64, law: SizeLaw, out: F64) -> None:
-    """Area of the union of the members' ellipses in each particle, inside the measured and outside the allowed cells.
-
-    particles: (P, N, 7), columns ``X`` to ``ANGLE``; members: (K,) columns of N;
-    measured, allowed: (R, C + 1) row sums (``row_prefix``) of the cells to be covered, and of those that may be;
-    law: size expected per row.
-    out: (P, 2), columns ``COVERED`` (measured area covered), ``OUTSIDE`` (object area in the grid that is not allowed).
-    """
-    k_all = members.shape[0]
-    forms = np.empty((k_all, 5))
-    limits = np.empty((k_all, 2), dtype=np.int64)
-    spans = np.empty((k_all, 2))
-    # Every row of a small ellipse, every second or third of a tall one: a dozen rows give its area to 3 %, a quarter
-    # of the likelihood's deviation.
-    smallest = float(measured.shape[0])
-    for k in range(k_all):
-        smallest = min(smallest, half_length(law, particles[0, members[k], Y]))
-    step = max(1, int(smallest / 6.0))
-    same = measured is allowed
-    rows = np.empty((2, measured.shape[0]))
-    for p in range(particles.shape[0]):
-        first = measured.shape[0]
-        last = -1
-        for k in range(k_all):
-            shape_of(particles[p, members[k]], law, measured.shape[0], forms[k], limits[k])
-            first = min(first, limits[k, 0])
-            last = max(last, limits[k, 1])
-        first += (-first) % step
-        if k_all == 1:
-            covered, outside = overlap_of_one(measured, allowed, forms[0], first, last + 1, step, same, rows)
-        else:
-            covered, outside = 0.0, 0.0
-            for r in range(first, last + 1, step):
-                count = spans_in_row(forms, limits, r, measured.shape[1] - 1, spans)
-                inside, beyond = row_union(measured[r], allowed[r], spans, count, same)
-                covered += inside
-                outside += beyond
-        out[p, COVERED] = covered * step
-        out[p, OUTSIDE] = outside * step
+def row_sums(values: F32 | U8) -> F64:
+    """(R, C + 1): sums of the columns left of each cell edge."""
+    out = np.zeros((values.shape[0], values.shape[1] + 1))
+    for r in range(values.shape[0]):
+        for c in range(values.shape[1]):
+            out[r, c + 1] = out[r, c] + values[r, c]
+    return out
 
 
 @njit(cache=True, nogil=True)
-def overlap_of_one(
-    measured: F64, allowed: F64, form: F64, first: int, end: int, step: int, same: bool, rows: F64
-) -> tuple[float, float]:
-    """What one ellipse covers of the measured cells, and of those that are not allowed, in every step-th row."""
-    x, y, lean, wide, thin = form
-    edge = np.float64(measured.shape[1]) - 1.5
-    n = np.uintp(max(0, (end - first + step - 1) // step))
-    lows, highs = rows[0], rows[1]
-    for i in range(n):
-        dy = np.float64(np.int64(i) * step + first) - y
-        half = np.sqrt(max(0.0, wide - thin * dy * dy))
-        middle = x + lean * dy
-        lows[i] = max(middle - half, -0.5)
-        highs[i] = min(middle + half, edge)
-    covered = 0.0
-    outside = 0.0
-    for i in range(n):
-        lo, hi = lows[i], highs[i]
-        if hi > lo:
-            r = np.uintp(np.int64(i) * step + first)
-            part = between(measured[r], lo, hi)
-            covered += part
-            outside += hi - lo - (part if same else between(allowed[r], lo, hi))
-    return covered, outside
+def paint(ellipses: F64, masks: U8) -> None:
+    """Set the cells whose centres lie in each of (N, 5) ellipses, in its own one of the masks (N, R, C)."""
+    _, n_rows, n_cols = masks.shape
+    for k in range(ellipses.shape[0]):
+        x, y, a, b, angle = ellipses[k]
+        form = conic(a, b, angle)
+        _, down = reach(a, b, angle)
+        for r in range(max(0, math.ceil(y - down)), min(n_rows - 1, math.floor(y + down)) + 1):
+            lo, hi = span(form, r - y)
+            for c in range(max(0, math.ceil(lo + x)), min(n_cols - 1, math.floor(hi + x)) + 1):
+                masks[k, r, c] = 1
 
 
-@njit(cache=True, nogil=True, inline="always")
-def shape_of(state, law, n_rows, form, limit):  # type: ignore[no-untyped-def]
-    """The ellipse of an object in a particle.
+@njit(cache=True, nogil=True)
+def cover(score: F32, half: F64, aspect: float, stride: int, accept: float) -> F64:
+    """Greedy cover: place upright ellipses of the expected size where the sum of ``score`` inside is largest.
 
-    form: x, y, lean, wide, thin; in the row dy below y it covers x + lean dy +- sqrt(wide - thin dy^2).
-    limit: its first and last row in the grid.
+    score: (R, C) gain of covering each cell; set to 0 where covered (overwritten).
+    half: (R,) half length expected of an object centred in each row [cells].
+    accept: smallest gain of an ellipse as a share of its area in the grid (at least half its area): what lies outside
+    speaks for nothing.
+    Returns (N, 5), in order of gain share.
     """
-    y = state[Y]
-    base = half_length(law, y)
-    a = base * math.exp(state[LN_A])
-    b = base * law.aspect * math.exp(state[LN_B])
-    qxx, qxy, _ = conic(a, b, state[ANGLE])
-    wide = 1.0 / qxx
-    thin = wide * wide / (a * a * b * b)
-    form[0] = state[X]
-    form[1] = y
-    form[2] = -qxy * wide
-    form[3] = wide
-    form[4] = thin
-    reach = math.sqrt(wide / thin)
-    limit[0] = max(0, math.ceil(y - reach))
-    limit[1] = min(n_rows - 1, math.floor(y + reach))
+    n_rows, n_cols = score.shape
+    sums = row_sums(score)
+    n_i, n_j = (n_rows + stride - 1) // stride, (n_cols + stride - 1) // stride
+    gain = np.empty((n_i, n_j))
+    for i in range(n_i):
+        for j in range(n_j):
+            gain[i, j] = gain_share(sums, j * stride, i * stride, half[i * stride], aspect)
+    found = np.empty((n_i * n_j, 5))
+    most = half.max()
+    n = 0
+    while n < found.shape[0]:
+        best = np.argmax(gain)
+        i, j = best // n_j, best % n_j
+        if not gain[i, j] >= accept:
+            break
+        x, y, a = float(j * stride), float(i * stride), half[i * stride]
+        b = a * aspect
+        found[n] = np.array([x, y, a, b, 0.0])
+        n += 1
+        for r in range(max(0, math.ceil(y - a)), min(n_rows - 1, math.floor(y + a)) + 1):
+            wide = b * math.sqrt(max(0.0, 1.0 - ((r - y) / a) ** 2))
+            for c in range(max(0, math.ceil(x - wide)), min(n_cols - 1, math.floor(x + wide)) + 1):
+                score[r, c] = 0.0
+            for c in range(n_cols):
+                sums[r, c + 1] = sums[r, c] + score[r, c]
+        for i2 in range(max(0, int((y - a - most) / stride)), min(n_i, int((y + a + most) / stride) + 2)):
+            beside = b + half[i2 * stride] * aspect
+            for j2 in range(max(0, int((x - beside) / stride)), min(n_j, int((x + beside) / stride) + 2)):
+                gain[i2, j2] = gain_share(sums, j2 * stride, i2 * stride, half[i2 * stride], aspect)
+        gain[i, j] = -1.0
+    return found[:n]
 
 
-@njit(cache=True, nogil=True, inline="always")
-def spans_in_row(forms, limits, r, n_cols, spans):  # type: ignore[no-untyped-def]
-    """Columns between which each ellipse covers row r in the grid, sorted by their lower end; returns how many."""
-    count = 0
-    for k in range(forms.shape[0]):
-        if r < limits[k, 0] or r > limits[k, 1]:
-            continue
-        dy = r - forms[k, 1]
-        half = math.sqrt(max(0.0, forms[k, 3] - forms[k, 4] * dy * dy))
-        middle = forms[k, 0] + forms[k, 2] * dy
-        lo = max(middle - half, -0.5)
-        hi = min(middle + half, n_cols - 0.5)
-        if hi <= lo:
-            continue
-        i = count
-        while i > 0 and spans[i - 1, 0] > lo:
-            spans[i, 0], spans[i, 1] = spans[i - 1, 0], spans[i - 1, 1]
-            i -= 1
-        spans[i, 0], spans[i, 1] = lo, hi
-        count += 1
-    return count
+@njit(cache=True, nogil=True)
+def gain_share(sums: F64, x: float, y: int, a: float, aspect: float) -> float:
+    """Gain of an upright ellipse over its area in the grid, or half its area where less is inside; -1 for little.
 
-
-@njit(cache=True, nogil=True, inline="always")
-def row_union(measured, allowed, spans, count, same):  # type: ignore[no-untyped-def]
-    """Of the union of sorted spans in a row: the measured part, and what lies outside the allowed cells."""
+    A body fills its own middle: where nothing is to be gained in the middle row, nothing is summed.
+    """
+    b = a * aspect
+    edge = sums.shape[1] - 1.5
+    if between(sums[y], max(x - b, -0.5), min(x + b, edge)) <= 0.0:
+        return -1.0
+    total = 0.0
     inside = 0.0
-    beyond = 0.0
-    i = 0
-    while i < count:
-        lo = spans[i, 0]
-        hi = spans[i, 1]
-        i += 1
-        while i < count and spans[i, 0] <= hi:
-            hi = max(hi, spans[i, 1])
-            i += 1
-        part = between(measured, lo, hi)
-        inside += part
-        beyond += hi - lo - (part if same else between(allowed, lo, hi))
-    return inside, beyond
+    for r in range(max(0, math.ceil(y - a)), min(sums.shape[0] - 1, math.floor(y + a)) + 1):
+        wide = b * math.sqrt(max(0.0, 1.0 - ((r - y) / a) ** 2))
+        lo, hi = max(x - wide, -0.5), min(x + wide, edge)
+        if hi > lo:
+            total += between(sums[r], lo, hi)
+            inside += hi - lo
+    return total / max(inside, 0.5 * math.pi * a * b)
 
 
 @njit(cache=True, nogil=True)
-def propagate(particles: F64, noise: F32, transition: Transition, surprise: F64) -> None:
-    """Constant velocity with Gaussian noise for all particles, in place (equation 6).
+def refine(mask: F32, ellipses: F64, law: Law, match: Match, sweeps: int) -> None:
+    """Levenberg-Marquardt of the union of (N, 5) soft ellipses against the mask, one at a time; in place.
 
-    particles: (P, N, 7); noise: (P, N, 7) standard normal;
-    surprise: (P, N) receives half the squared noise, minus the logarithm of the transition density.
+    Residual of a cell: mask - (1 - prod_k (1 - inside_k)), weight 1 for foreground and ``match.background`` for the
+    rest; inside_k is 1 within ellipse k and falls to 0 by a logistic edge ``match.soft`` cells wide across it.
+    Size and angle are held near what is expected (``match``).
     """
-    dt, pull, push, keep, fresh = transition
-    for p in range(particles.shape[0]):
-        for n in range(particles.shape[1]):
-            state = particles[p, n]
-            draw = noise[p, n]
-            state[X] += state[VX] * dt + pull[n] * draw[X]
-            state[Y] += state[VY] * dt + pull[n] * draw[Y]
-            state[VX] += push[n] * draw[VX]
-            state[VY] += push[n] * draw[VY]
-            total = 0.0
-            for i in range(LN_A):
-                total += draw[i] * draw[i]
-            for i in range(LN_A, ANGLE + 1):
-                state[i] = keep * state[i] + fresh[i - LN_A] * draw[i]
-                total += draw[i] * draw[i]
-            surprise[p, n] = 0.5 * total
+    n_rows, n_cols = mask.shape
+    grad, hess = np.empty(5), np.empty((5, 5))
+    damping = np.full(ellipses.shape[0], 0.01)
+    free = np.empty((n_rows, n_cols))
+    for _ in range(sweeps):
+        for k in range(ellipses.shape[0]):
+            x, y, a, b, angle = ellipses[k]
+            grow = 1.0 + EDGE * match.soft / b
+            across, down = reach(a * grow, b * grow, angle)
+            # A step beyond this window is judged by what is inside it.
+            r0, r1 = max(0, math.ceil(y - down)), min(n_rows - 1, math.floor(y + down))
+            c0, c1 = max(0, math.ceil(x - across)), min(n_cols - 1, math.floor(x + across))
+            if r1 < r0 or c1 < c0:
+                continue
+            window = (r0, r1, c0, c1)
+            free_of_others(ellipses, k, match.soft, window, free)
+            cost = normal_equations(mask, ellipses[k], window, free, law, match, grad, hess, True)
+            for i in range(5):
+                hess[i, i] = hess[i, i] * (1.0 + damping[k]) + 1e-3
+            step = np.linalg.solve(hess, grad)
+            old = ellipses[k].copy()
+            ellipses[k, 0] += min(max(step[0], -3.0), 3.0)
+            ellipses[k, 1] += min(max(step[1], -3.0), 3.0)
+            half = half_length(law, ellipses[k, 1])
+            ratio = math.exp(match.limit * match.size_spread)
+            ellipses[k, 2] = min(max(a * math.exp(step[2]), half / ratio), half * ratio)
+            ellipses[k, 3] = min(max(b * math.exp(step[3]), half * law.aspect / ratio), half * law.aspect * ratio)
+            turn = match.limit * match.angle_spread
+            ellipses[k, 4] = min(max(angle + step[4], -turn), turn)
+            if normal_equations(mask, ellipses[k], window, free, law, match, grad, hess, False) <= cost:
+                damping[k] = max(1e-4, damping[k] * 0.3)
+            else:
+                ellipses[k] = old
+                damping[k] = min(1e4, damping[k] * 10.0)
 
 
 @njit(cache=True, nogil=True)
-def copy_particles(particles: F64, surprise: F64, members: I64, index: I64) -> None:
-    """particles[:, members] = particles[index][:, members], the same for surprise."""
-    states = particles[:, members]
-    costs = surprise[:, members]
-    for p in range(particles.shape[0]):
-        for k in range(members.shape[0]):
-            n = members[k]
-            surprise[p, n] = costs[index[p], k]
-            for i in range(ANGLE + 1):
-                particles[p, n, i] = states[index[p], k, i]
+def free_of_others(ellipses: F64, k: int, soft: float, window: tuple[int, int, int, int], free: F64) -> None:
+    """prod_j (1 - inside_j) over the other ellipses, in the rows r0 to r1 and columns c0 to c1 of the window."""
+    r0, r1, c0, c1 = window
+    free[: r1 - r0 + 1, : c1 - c0 + 1] = 1.0
+    for j in range(ellipses.shape[0]):
+        x, y, a, b, angle = ellipses[j]
+        grow = 1.0 + EDGE * soft / b
+        across, down = reach(a * grow, b * grow, angle)
+        if j == k or x + across < c0 or x - across > c1:
+            continue
+        qxx, qxy, qyy = conic(a, b, angle)
+        end = conic(a * grow, b * grow, angle)
+        for r in range(max(r0, math.ceil(y - down)), min(r1, math.floor(y + down)) + 1):
+            dy = r - y
+            lo, hi = span(end, dy)
+            for c in range(max(c0, math.ceil(lo + x)), min(c1, math.floor(hi + x)) + 1):
+                dx = c - x
+                rho = math.sqrt(max(0.0, qxx * dx * dx + 2.0 * qxy * dx * dy + qyy * dy * dy))
+                free[r - r0, c - c0] *= 1.0 - 1.0 / (1.0 + math.exp((rho - 1.0) * b / soft))
 
 
 @njit(cache=True, nogil=True)
-def draw_systematically(weights: F64, shift: float, index: I64) -> None:
-    """Index (P,) of the particles that systematic resampling draws by (P,) weights; shift of its comb, 0 to 1."""
-    n = len(weights)
-    j, total = 0, weights[0]
-    for i in range(n):
-        while j < n - 1 and total < (i + shift) / n:
-            j += 1
-            total += weights[j]
-        index[i] = j
+def normal_equations(
+    mask: F32,
+    ellipse: F64,
+    window: tuple[int, int, int, int],
+    free: F64,
+    law: Law,
+    match: Match,
+    grad: F64,
+    hess: F64,
+    derive: bool,
+) -> float:
+    """Half the weighted squared residual in a window over its variance, and half the squared deviations of the prior.
 
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def mean_near(particles: F64, members: I64, best: int, weights: F64, radius: F64, states: F64) -> None:
-    """Mean state of each member, over particles weighted by a Gaussian of their distance from particle ``best`` too.
-
-    weights: (P,). radius: (K,) deviations of the Gaussians [cells]. states: (K, 7) is filled.
+    grad (5,) and hess (5, 5) receive the Gauss-Newton terms for (x, y, ln a, ln b, angle) of the ellipse, where
+    ``derive`` asks for them.
     """
-    for k in range(members.shape[0]):
-        n = members[k]
-        x, y = particles[best, n, X], particles[best, n, Y]
-        total = 0.0
-        states[k] = 0.0
-        for p in range(particles.shape[0]):
-            dx, dy = (particles[p, n, X] - x) / radius[k], (particles[p, n, Y] - y) / radius[k]
-            near = weights[p] * math.exp(-0.5 * (dx * dx + dy * dy))
-            total += near
-            for i in range(ANGLE + 1):
-                states[k, i] += near * particles[p, n, i]
-        states[k] /= total
+    x0, y0, a, b, angle = ellipse
+    s, c = math.sin(angle), math.cos(angle)
+    ia, ib = 1.0 / (a * a), 1.0 / (b * b)
+    r0, r1, c0, c1 = window
+    grad[:] = 0.0
+    hess[:, :] = 0.0
+    far = (1.0 + EDGE * match.soft / b) ** 2
+    precision = 1.0 / (match.deviation * match.deviation)
+    cost = 0.0
+    for r in range(r0, r1 + 1):
+        dy = r - y0
+        for col in range(c0, c1 + 1):
+            dx = col - x0
+            u = dx * s + dy * c
+            v = dx * c - dy * s
+            rho = u * u * ia + v * v * ib
+            own = 0.0
+            if rho < far:
+                rho = max(1e-6, math.sqrt(rho))
+                own = 1.0 / (1.0 + math.exp((rho - 1.0) * b / match.soft))
+            others = free[r - r0, col - c0]
+            f = mask[r, col]
+            weight = precision * (f + match.background * (1.0 - f))
+            residual = f - (1.0 - (1.0 - own) * others)
+            cost += 0.5 * weight * residual * residual
+            slope = others * own * (1.0 - own) * b / match.soft
+            if not derive or slope < 1e-4:
+                continue
+            # d union / d p = -slope * d rho / d p; the residual falls as the union grows.
+            slope /= rho
+            row = (
+                slope * (u * s * ia + v * c * ib),
+                slope * (u * c * ia - v * s * ib),
+                slope * u * u * ia,
+                slope * v * v * ib,
+                -slope * u * v * (ia - ib),
+            )
+            for i in range(5):
+                grad[i] += weight * residual * row[i]
+                for j in range(i + 1):
+                    hess[i, j] += weight * row[i] * row[j]
+    for i in range(5):
+        for j in range(i):
+            hess[j, i] = hess[i, j]
+    half = half_length(law, y0)
+    off = (math.log(a / half), math.log(b / (half * law.aspect)), angle)
+    for i in range(3):
+        spread = match.size_spread if i < 2 else match.angle_spread
+        grad[2 + i] -= off[i] / (spread * spread)
+        hess[2 + i, 2 + i] += 1.0 / (spread * spread)
+        cost += 0.5 * (off[i] / spread) ** 2
+    return cost
+
+
+@njit(cache=True, nogil=True)
+def overlaps(states: F64, left: F64, allowed: F64, law: Law, out: F64) -> None:
+    """What the ellipse of each state covers of the cells that are left, and of the grid outside the allowed cells.
+
+    states: (P, 7), columns ``X`` to ``ANGLE``; left, allowed: (R, C + 1) ``row_sums``; out: (P, 2) [cells].
+    """
+    n_rows, edge = left.shape[0], left.shape[1] - 1.5
+    # Every row of a small ellipse, every second or third of a tall one: a dozen rows give its area to 3 %.
+    step = max(1, int(half_length(law, states[0, Y]) / 6.0))
+    for p in range(states.shape[0]):
+        x, y = states[p, X], states[p, Y]
+        half = half_length(law, y)
+        a, b = half * math.exp(states[p, LN_A]), half * law.aspect * math.exp(states[p, LN_B])
+        qxx, qxy, _ = conic(a, b, states[p, ANGLE])
+        # In the row dy below its centre it covers x + lean dy +- sqrt(wide - thin dy^2).
+        wide, lean = 1.0 / qxx, -qxy / qxx
+        thin = wide * wide / (a * a * b * b)
+        down = math.sqrt(wide / thin)
+        first, last = max(0, math.ceil(y - down)), min(n_rows - 1, math.floor(y + down))
+        covered = 0.0
+        outside = 0.0
+        for r in range(first + (-first) % step, last + 1, step):
+            dy = r - y
+            reach_x = math.sqrt(max(0.0, wide - thin * dy * dy))
+            lo, hi = max(x + lean * dy - reach_x, -0.5), min(x + lean * dy + reach_x, edge)
+            if hi > lo:
+                covered += between(left[r], lo, hi)
+                outside += hi - lo - between(allowed[r], lo, hi)
+        out[p, 0] = covered * step
+        out[p, 1] = outside * step

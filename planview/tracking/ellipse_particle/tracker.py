@@ -1,270 +1,409 @@
-"""The tracker: measure, predict, weigh by overlap, judge existence."""
+"""The tracker of section III to V: measure, predict, weigh by overlap, judge existence."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 
+import cv2
 import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.special import gammainc
 
+from calib.ground_camera import GroundCamera
 from calib.types import F32, F64, U8, Bool
-from planview.tracking.base import Decision, Observation, TrackerDebug
-from planview.tracking.ellipse_particle._kernels import VX, VY, X, Y
-from planview.tracking.ellipse_particle.coverage import measured_shares, reachable, uncovered
-from planview.tracking.ellipse_particle.drawing import draw, outline
-from planview.tracking.ellipse_particle.fit import _area as kernels
-from planview.tracking.ellipse_particle.fit.ellipses import SIZE_LIMIT, fit_ellipses
-from planview.tracking.ellipse_particle.fit.prior import SizePrior
-from planview.tracking.ellipse_particle.image_grid import regridded
-from planview.tracking.ellipse_particle.known_size import is_flooded
-from planview.tracking.ellipse_particle.objects import Objects
+from planview.foreground.masks import WALKER
+from planview.tracking.base import Decision, Drawing, Observation, TrackerDebug
+from planview.tracking.ellipse_particle._kernels import VX, VY, Y
+from planview.tracking.ellipse_particle.fit import fit_ellipses, painted
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
-from planview.tracking.ellipse_particle.planes import Estimates, PlaneView, TrackingPlane
-from planview.tracking.ellipse_particle.size_learning import SETTING_OUT_S
+from planview.tracking.ellipse_particle.particles import ParticleFilter, ellipses_of
+from planview.tracking.ellipse_particle.size import ASPECT, BREADTH_M, Size, SizeLearner, size_of_camera
+from planview.tracking.lifecycle import Existence, LifeCycle
 from planview.trajectories.state import TrackState
 
-NO_ELLIPSES: F64 = np.zeros((0, 5))
-STEP_MAX_S = 1.0
-"""A gap in the recording longer than this is predicted over as if it were this long [s]."""
-REPLAYED = 10
-"""Frames before the size was known that are tracked once it is; a bound on the time of that one frame. Our choice."""
-PROTECTED = 1.3
-"""Outlines of people are kept out of the background so much larger: limbs reach out of an ellipse. Our choice."""
+FLOODED = 0.5
+"""Share of foreground above which a frame measures and teaches nothing (a light was switched, the camera moved)."""
+GAMMA_SHAPE = 4.0
+"""Of the Gamma distribution of the time after which an object has left: half the mean is its deviation. Our choice."""
+
+
+@dataclass
+class Tracked:
+    """What is known of the existence of one object (section V).
+
+    Attributes:
+        who: its id and state.
+        log_odds: of being an object rather than a false alarm, while not confirmed.
+        measured: measurements cover its ellipse in this frame.
+        own: enough of that is in no older object; else it shares it (occlusion).
+        waited_s: time without measured area, half of the time without any of its own; it runs back twice as fast, since
+            two ellipses on one person take turns at having some.
+    """
+
+    who: Existence
+    log_odds: float
+    measured: bool = True
+    own: bool = True
+    waited_s: float = 0.0
 
 
 class EllipseParticleTracker:
     """Ellipses fitted to foreground, tracked by a particle filter without explicit association.
 
     Args:
-        plane: the image, where no calibration is needed, or the floor.
         params: all parameters.
+        camera: gives sizes, floor positions and heights; None leaves positions unknown and learns the size.
         seed: of the only random generator; one seed gives one result.
     """
 
-    def __init__(self, plane: TrackingPlane, params: EllipseParticleParams | None = None, seed: int = 0) -> None:
-        self._plane = plane
-        self._params = params or EllipseParticleParams()
-        self._seed = seed
+    def __init__(
+        self, params: EllipseParticleParams | None = None, camera: GroundCamera | None = None, seed: int = 0
+    ) -> None:
+        self._params, self._camera, self._seed = params or EllipseParticleParams(), camera, seed
+        self.foreground_columns: int | None = self._params.size.columns
+        self._studied: tuple[Size, float] | None = None
         self.reset()
 
     def reset(self) -> None:
         """Forget people, sizes learned in tracking and the random state; ids start at 1 again."""
-        rng = np.random.default_rng(self._seed)
-        self._objects = Objects(self._params.filter, self._params.existence, self._plane.model, rng)
-        self._plane.reset()
-        self._time_s: float | None = None
-        self._first_s = 0.0
-        self._view: PlaneView | None = None
-        self._prior: SizePrior | None = None
-        self._judged: tuple[SizePrior, PlaneView] | None = None
-        self._measured = NO_ELLIPSES
-        self._unsized: list[tuple[float, Observation]] = []
+        self._cycle = LifeCycle()
+        self._filter = ParticleFilter(self._params.filter, np.random.default_rng(self._seed))
+        self._objects: list[Tracked] = []
+        self._states: F64 = np.zeros((0, 7))
+        self._learner = SizeLearner(math.sqrt(2) * self._params.fit.size_spread)
+        self._learned = self._studied
+        self._first_s = self._time_s = math.nan
+        self._image_size: tuple[int, int] | None = None
+        self._shape: tuple[int, int] | None = None
+        self._mask: F32 | None = None
+        self._measured: F64 = np.zeros((0, 5))
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
         """Decisions of the last update."""
-        return self._objects.cycle.decisions
-
-    @property
-    def prior(self) -> SizePrior | None:
-        """Size expected of objects [cells], None while it is being learned."""
-        return self._prior
+        return self._cycle.decisions
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was found out about the recording, a sentence each: the size of people."""
-        return self._plane.notes
-
-    @property
-    def foreground_columns(self) -> int | None:
-        """Columns of foreground that are enough; None for all."""
-        return self._plane.foreground_columns
+        """The size of people that was learned, in a sentence."""
+        if self._learned is None or self._given() is not None or self._image_size is None:
+            return ()
+        size, share = self._learned
+        length_px = 2.0 * float(size.half_lengths(np.array(self._image_size[0] / 2)))
+        told = (
+            f"people are taken for {length_px:.0f} px {'high' if size.upright else 'long'} in the middle of the image"
+        )
+        doubt = "" if share >= 0.5 else ": set --person-height if that is wrong"
+        return (f"{told}, learned from what moves; {share:.0%} of it has that size{doubt}",)
 
     def study(self, observations: Iterable[Observation]) -> None:
         """Learn the size of people from a recording's beginning, before its first frame is tracked; kept by ``reset``.
 
-        On the floor it is known.
+        Who comes first, and whether alone, then decides nothing.
         """
-        self._plane.study(observations)
-
-    def feedback(self) -> U8 | None:
-        """(H, W) uint8 for ``Foreground``: PERSON where there are people who have moved; None at first."""
-        return self._plane.feedback()
+        self.reset()
+        if self._given() is not None:
+            return
+        for observation in observations:
+            if observation.timestamp_s > self._params.size.learn_s:
+                break
+            self._foreground(observation)
+        self._learn()
+        self._studied = self._learned
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """Track one frame.
 
         Returns:
-            one state per object, tentative ones included; x, y, velocity and height are NaN in the image plane
-            without a camera, the box is NaN on the floor.
+            one state per object, tentative ones included; x, y, velocity and height are NaN without a camera.
         Raises:
-            ValueError: the observation's arrays are not what they should be.
+            ValueError: the foreground is not (H, W) uint8.
         """
-        self._objects.cycle.begin(observation.timestamp_s)
-        dt = self._step(observation.timestamp_s)
-        view = self._plane(observation)
-        if view is None:
+        now_s = observation.timestamp_s
+        self._cycle.begin(now_s)
+        dt_s = 0.0 if math.isnan(self._time_s) else max(now_s - self._time_s, 0.0)
+        self._time_s = now_s
+        foreground = self._foreground(observation)
+        if foreground is None or self._image_size is None:
             return ()
-        before = self._carried_over(view)
-        self._view = view
-        self._prior = self._plane.prior(view)
-        if self._prior is None:
-            self._unsized = [*self._unsized, (dt, observation)][-REPLAYED:]
+        if self._learner.is_due:
+            self._learn()
+        size = self._size()
+        if size is None:
             return ()
-        self._objects.aim(self._plane.model)
-        if before is None:
-            self._replay(self._prior)
-        self._resize(view, self._prior)
-        self._track(dt, view, self._prior)
-        self._plane.protect(self._moved_people(view, self._prior))
-        return tuple(self._plane.states(view, self._estimates(view, self._prior)))
+        if self._shape is None:
+            self._shape = self._grid(size, foreground)
+        size = size.on(self._scale)
+        self._mask = np.asarray(_averaged(foreground, self._shape), dtype=np.float32) / np.float32(255)
+        flooded = float(self._mask.mean()) > FLOODED
+        moving = None if observation.motion is None else _averaged(observation.motion, self._shape) > 0
 
-    def debug(self) -> TrackerDebug:
-        """Measured ellipses, object ellipses, particles, and the foreground grid as a tile."""
-        if self._view is None or self._prior is None:
-            return TrackerDebug()
-        objects = self._objects
-        ids = [e.who.track_id for e in objects.evidence]
-        shapes = self._measured, objects.ellipses(self._prior), objects.particles
-        return draw(self._plane.name, self._view, *shapes, ids)
+        self._filter.predict(dt_s, size, cells_per_m(size, self._states[:, Y]))
+        self._states = np.asarray(self._filter.particles.mean(axis=0))
+        self._measured = np.zeros((0, 5)) if flooded else fit_ellipses(self._mask, size, self._params.fit)
+        measured = painted(self._measured, self._shape)
+        self._weigh(np.asarray(measured.any(axis=0), dtype=np.uint8), size)
+        self._observe(measured, moving, dt_s, size)
+        self._enter(measured, size)
+        self._leave(size)
+        ellipses = ellipses_of(self._states, size)
+        return tuple(self._state(t.who, e, s) for t, e, s in zip(self._objects, ellipses, self._states, strict=True))
 
-    def _step(self, time_s: float) -> float:
-        if self._time_s is None:
-            self._first_s = self._time_s = time_s
-        dt = min(max(time_s - self._time_s, 0.0), STEP_MAX_S)
-        self._time_s = time_s
-        return dt
+    def _weigh(self, union: U8, size: Size) -> None:
+        """Weigh the objects that were measured in the last frame, one after the other.
 
-    def _carried_over(self, view: PlaneView) -> SizePrior | None:
-        """The size expected so far in cells of the view; objects go over to its grid, too."""
-        before, prior = self._view, self._prior
-        if before is None or prior is None or view.scale == before.scale:
-            return prior
-        ratio = before.scale / view.scale
-        self._objects.rescale(ratio, *(float(v) for v in view.to_cells(before.to_plane(np.zeros(2)))))
-        return regridded(prior, before, view)
-
-    def _resize(self, view: PlaneView, prior: SizePrior) -> None:
-        """Forget doubles once the size has changed much since it was last done, be it little by little."""
-        was, on = self._judged or (prior, view)
-        if self._judged is None or self._objects.resize(regridded(was, on, view), prior, SIZE_LIMIT, view.mask.shape):
-            self._judged = prior, view
-
-    def _fit(self, view: PlaneView, prior: SizePrior) -> F64:
-        """(M, 5) ellipses fitted to the foreground, from nothing and from where known people are expected."""
-        if is_flooded(view):
-            return NO_ELLIPSES
-        objects = self._objects
-        known = objects.ellipses(prior)[objects.confirmed & objects.measured]
-        return fit_ellipses(view.mask, prior, self._params.fit, self._plane.model, known)
-
-    def _replay(self, prior: SizePrior) -> None:
-        """Catch up with the frames that taught the size, so that people in them are confirmed once it is known."""
-        cycle = self._objects.cycle
-        now_s = cycle.now_s
-        for dt, observation in self._unsized:
-            view = self._plane.view(observation)
-            if view is None:
-                continue
-            cycle.now_s = observation.timestamp_s
-            self._track(dt, view, prior)
-        self._unsized, cycle.now_s = [], now_s
-
-    def _track(self, dt: float, view: PlaneView, prior: SizePrior) -> None:
-        self._objects.predict(dt, self._plane.cells_per_m(view, prior, self._objects.states[:, Y]))
-        self._measured = self._fit(view, prior)
-        self._weigh(view, prior)
-        self._observe(dt, view, prior)
-        self._spawn(view, prior)
-        self._objects.prune(view.mask.shape, prior)
-
-    def _weigh(self, view: PlaneView, prior: SizePrior) -> None:
-        """Weigh and resample the objects that were measured in the last frame.
-
-        An object that was not keeps to its prediction here and is reacquired in ``_reacquire``: weighed with others it
+        One that had none of its own keeps to its prediction, and is found again in ``_enter``: weighed with others it
         would slip onto their measurements, where it costs no area outside.
         """
-        objects, apart = self._objects, self._plane.separation(view)
-        for turn in self._plane.turns(objects.measured, objects.confirmed):
-            objects.measure(turn, self._measured, view.mask.shape, prior, apart)
+        ellipses = ellipses_of(self._states, size)
+        inside = painted(ellipses, union.shape)
+        active = [n for n, t in enumerate(self._objects) if t.measured and t.own]
+        for n in active:
+            others = np.zeros_like(union)
+            for k in active:
+                if k != n:
+                    others |= inside[k]
+            area = math.pi * ellipses[n, 2] * ellipses[n, 3]
+            self._states[n] = self._filter.weigh(n, union, others, size, area)
+            inside[n] = painted(ellipses_of(self._states[n : n + 1], size), union.shape)[0]
 
-    def _observe(self, dt: float, view: PlaneView, prior: SizePrior) -> None:
-        """Which objects are measured in this frame, and which of the new ones are people."""
-        objects, min_overlap = self._objects, self._params.existence.min_overlap
-        ellipses = objects.ellipses(prior)
-        shares = measured_shares(self._measured, ellipses, view.mask.shape)
-        long = self._plane.long_enough(view, ellipses, np.arange(len(ellipses)), objects.confirmed, prior)
-        cut = objects.are_cut(view.mask.shape, prior)
-        for n, (covered, own) in enumerate(shares):
-            objects.watch_move(n, prior)
-            alone = bool(own >= min_overlap and long[n])
-            confirmable = objects.evidence[n].who.confirmed or self._confirmable(n, view, bool(cut[n]))
-            objects.observe(n, bool(covered >= min_overlap), alone, dt, confirmable, float(covered))
+    def _observe(self, measured: U8, moving: Bool | None, dt_s: float, size: Size) -> None:
+        """Which objects are measured in this frame, and what that says of their existence.
 
-    def _confirmable(self, n: int, view: PlaneView, cut: bool) -> bool:
-        """Whether nothing but time speaks against confirming an object.
-
-        In an image, two kinds must have moved. People of the first frame leave foreground behind where they stood until
-        the background is known there. And what the border cuts may be a limb of a person who comes or goes.
+        The number k of n frames in which a new object is measured is binomial, B(n, detection) for an object and
+        B(n, repetition) for a false alarm; their ratio updates the odds.
         """
-        if view.observation.motion is not None and not self._objects.evidence[n].moved:
-            setting_out = view.observation.timestamp_s < self._first_s + SETTING_OUT_S
-            if setting_out or cut:
-                return False
-        cell, known = self._objects.states[n, [X, Y]], self._known()
-        if not cut and self._plane.may_be_part(view, cell, known):
-            return False
-        return self._plane.is_person(view, cell, known) and self._plane.is_separate(view, cell, known)
+        p, union = self._params.existence, measured.any(axis=0)
+        ellipses = ellipses_of(self._states, size)
+        older = np.zeros(union.shape, np.bool_)
+        for t, ellipse, inside in zip(self._objects, ellipses, painted(ellipses, union.shape) > 0, strict=True):
+            area = max(float(inside.sum()), p.min_overlap * math.pi * ellipse[2] * ellipse[3])
+            covered, own = float((inside & union).sum()) / area, float((inside & union & ~older).sum()) / area
+            older |= inside
+            t.measured, t.own = covered >= p.min_overlap, own >= p.min_overlap
+            if t.own:
+                t.waited_s = max(0.0, t.waited_s - 2 * dt_s)
+            else:
+                t.waited_s += dt_s / 2 if t.measured else dt_s
+            still = moving is not None and float((inside & moving).sum()) < p.moving * area
+            if not t.who.confirmed and not (t.own and still):
+                hit, miss = p.detection / p.repetition, (1 - p.detection) / (1 - p.repetition)
+                t.log_odds += own * math.log(hit) + (1 - own) * math.log(miss)
+                if t.own and t.log_odds >= math.log(p.probability / (1 - p.probability)):
+                    self._cycle.confirm(t.who, f"log odds {t.log_odds:.2f}", t.log_odds)
+            if t.own and t.waited_s == 0.0:
+                again = f"measurements cover {covered:.2f} of it where it was predicted"
+                self._cycle.observe(t.who, again if t.who.lost else "", covered)
+            else:
+                few = f"measurements cover {covered:.2f} < {p.min_overlap:.2f} of it"
+                self._cycle.miss(t.who, "older objects have what is measured of it" if t.measured else few, covered)
 
-    def _known(self) -> F64:
-        """(N, 2) centres of the confirmed people who are measured [cells]."""
-        objects = self._objects
-        return objects.states[:, [X, Y]][objects.measured & objects.confirmed]
+    def _enter(self, measured: U8, size: Size) -> None:
+        """Measurements that overlap no object are objects that come back, or new ones.
 
-    def _spawn(self, view: PlaneView, prior: SizePrior) -> None:
-        """Measurements that no measured object covers: objects that come back, then new ones."""
-        objects, shape = self._objects, view.mask.shape
-        known = objects.ellipses(prior)[objects.measured]
-        left = uncovered(self._measured, known, shape, self._params.existence.min_overlap)
-        for m in np.flatnonzero(left):
-            left[m] = self._plane.is_person(view, self._measured[m, :2], self._known())
-        left = self._reacquire(left, view, prior)
-        # The others come first: what they cover does not count for those that are left.
-        order, unknown = np.argsort(left, kind="stable"), np.zeros(len(left), dtype=np.bool_)
-        left &= self._plane.long_enough(view, self._measured, order, unknown, prior)
-        candidates, people = int(left.sum()), self._known()
-        for ellipse in self._measured[left]:
-            if self._plane.is_separate(view, ellipse[:2], people):
-                self._spawn_at(ellipse, candidates, view, prior)
+        Each new one is an object with the same probability, so their number is binomial.
+        """
+        p = self._params.existence
+        ellipses = ellipses_of(self._states, size)
+        known = np.array([t.measured for t in self._objects], np.bool_)
+        left = uncovered(measured, painted(ellipses[known], measured.shape[1:]), p.min_overlap)
+        per_m = cells_per_m(size, self._measured[:, 1])
+        if left.any() and len(self._objects):
+            away = np.hypot(*(self._measured[None, :, :2] - self._states[:, None, : Y + 1]).transpose(2, 0, 1)) / per_m
+            spread = np.hypot(*self._filter.particles[..., : Y + 1].std(axis=0).T)[:, None] / per_m
+            near = away <= np.minimum(p.reach_m, BREADTH_M + 3.0 * spread)
+            for n, m in sorted(np.argwhere(near).tolist(), key=lambda pair: float(away[tuple(pair)])):
+                t = self._objects[n]
+                if left[m] and not (t.measured and t.own):
+                    left[m] = False
+                    speed = self._params.filter.speed_mps * float(per_m[m]) / 2
+                    self._filter.place(n, self._measured[m], size, self._states[n, VX : VY + 1], speed)
+                    self._states[n] = self._filter.particles[:, n].mean(axis=0)
+                    reason = f"measured {away[n, m]:.2f} m from its prediction after {t.waited_s:.1f} s"
+                    t.measured, t.own, t.waited_s = True, True, 0.0
+                    self._cycle.observe(t.who, reason, float(away[n, m]))
+        for m in np.flatnonzero(left).tolist():
+            self._filter.add(self._measured[m], size, float(per_m[m]))
+            x, y = self._px(self._measured[m, :2])
+            who = self._cycle.spawn(f"a measurement at ({x:.0f}, {y:.0f}) px overlaps no object")
+            self._objects.append(Tracked(who, -math.log(p.false_alarms)))
+            self._states = np.concatenate([self._states, self._filter.particles[:, -1].mean(axis=0)[None]])
 
-    def _reacquire(self, left: Bool, view: PlaneView, prior: SizePrior) -> Bool:
-        """Give uncovered measurements to objects that were not measured, nearest first; returns what is left."""
-        objects, left = self._objects, left.copy()
-        if not left.any():
-            return left
-        per_m = self._plane.cells_per_m(view, prior, self._measured[:, 1])
-        reach = self._params.existence.reattach_m
-        for away, n, m in reachable(self._measured, objects.states[:, [X, Y]], objects.deviations(), per_m, reach):
-            e = objects.evidence[n]
-            if left[m] and (not e.measured or e.shares):
-                left[m] = False
-                objects.reacquire(n, self._measured[m], prior, float(per_m[m]), away)
-        return left
+    def _leave(self, size: Size) -> None:
+        """Objects that have left: a Gamma distribution of the time without measurement, or their odds as tentative."""
+        p, (rows, cols) = self._params.existence, self._shape or (0, 0)
+        keep = []
+        ellipses = ellipses_of(self._states, size)
+        inside = painted(ellipses, (rows, cols)).sum(axis=(1, 2), dtype=np.int64) / (
+            math.pi * ellipses[:, 2] * ellipses[:, 3]
+        )
+        for n, t in enumerate(self._objects):
+            gone = float(gammainc(GAMMA_SHAPE, GAMMA_SHAPE * t.waited_s / p.patience_s))
+            if not t.who.confirmed:
+                gone = 1.0 / (1.0 + math.exp(min(t.log_odds, 500.0))) if t.waited_s > 0 else 0.0
+            if inside[n] < p.min_overlap:
+                self._cycle.prune(t.who, "it has left the view")
+            elif gone > p.probability:
+                self._cycle.prune(t.who, f"unmeasured for {t.waited_s:.1f} s, left with probability {gone:.2f}", gone)
+            else:
+                keep.append(n)
+        if len(keep) < len(self._objects):
+            index = np.array(keep, dtype=np.int64)
+            self._filter.keep(index)
+            self._states, self._objects = self._states[index], [self._objects[n] for n in keep]
 
-    def _spawn_at(self, ellipse: F64, candidates: int, view: PlaneView, prior: SizePrior) -> None:
-        per_m = float(self._plane.cells_per_m(view, prior, ellipse[1:2])[0])
-        covered, area = kernels.ellipse_sum(kernels.row_prefix(view.mask), *ellipse)
-        x, y = view.to_plane(ellipse[:2])
-        where = f"({x:.2f}, {y:.2f})"
-        self._objects.spawn(ellipse, covered / max(area, 1.0), candidates, prior, per_m, where)
+    def feedback(self) -> U8 | None:
+        """(H, W) uint8, WALKER in the outlines of confirmed people who are measured; None before the first image."""
+        size = self._size()
+        if self._image_size is None:
+            return None
+        mask = np.zeros(self._image_size, dtype=np.uint8)
+        if size is not None and self._shape is not None:
+            for t, e in zip(self._objects, ellipses_of(self._states, size.on(self._scale)), strict=True):
+                if t.who.confirmed and t.measured:
+                    cv2.fillPoly(mask, [np.round(self._outline(e)).astype(np.int32)], WALKER)
+        return mask
 
-    def _moved_people(self, view: PlaneView, prior: SizePrior) -> list[F32]:
-        """Outlines of objects that have proved to move; a ghost of the background never does, and is to be absorbed."""
-        sure = [e.who.confirmed and e.measured and e.moved for e in self._objects.evidence]
-        grown = self._objects.ellipses(prior)[sure]
-        grown[:, 2:4] *= PROTECTED
-        return [outline(e, view) for e in grown]
+    def debug(self) -> TrackerDebug:
+        """Measured ellipses, objects' ellipses with ids, a sample of the particles, the foreground grid as a tile."""
+        size = self._size()
+        if self._mask is None or size is None:
+            return TrackerDebug()
+        ids = tuple(str(t.who.track_id) for t in self._objects)
+        shown = self._filter.particles[:: max(1, len(self._filter.particles) // 60), :, : Y + 1].reshape(-1, 2)
+        objects = tuple(self._outline(e) for e in ellipses_of(self._states, size.on(self._scale)))
+        return TrackerDebug(
+            drawings=(
+                Drawing("measurements", "image", tuple(self._outline(e) for e in self._measured)),
+                Drawing("objects", "image", objects, ids),
+                Drawing("particles", "image", tuple(p[None] for p in self._px(shown).astype(np.float32))),
+            ),
+            tiles={"foreground": self._mask},
+        )
 
-    def _estimates(self, view: PlaneView, prior: SizePrior) -> Estimates:
-        objects = self._objects
-        velocities = objects.states[:, [VX, VY]] * view.scale
-        return Estimates(objects.evidence, objects.ellipses(prior), velocities)
+    def _given(self) -> Size | None:
+        """The size given by hand or by the camera [px]."""
+        p = self._params.size
+        if p.person_height_px is not None:
+            return Size(p.person_height_px / 2, 0.0, 1.0, ASPECT)
+        return None if self._camera is None else size_of_camera(self._camera)
+
+    def _size(self) -> Size | None:
+        """The size known now [px]."""
+        given = self._given()
+        return given if given is not None or self._learned is None else self._learned[0]
+
+    def _foreground(self, observation: Observation) -> U8 | None:
+        """(h, w) uint8 foreground of a frame; what looks like a shadow speaks neither for nor against a person."""
+        given, weight = observation.foreground, self._params.fit.background_weight
+        if given is None:
+            return None
+        if given.ndim != 2 or given.dtype != np.uint8:
+            raise ValueError(f"expected a (H, W) uint8 foreground, got {given.shape} {given.dtype}")
+        height, width = given.shape if observation.image is None else observation.image.shape[:2]
+        self._image_size = height, width
+        if self._given() is None and self._studied is None and given.mean() < 255 * FLOODED:
+            self._learner.add(given, observation.motion)
+        if observation.shadow is None:
+            return given
+        unsure = np.uint8(round(255 * weight / (1 + weight)))
+        return np.asarray(np.where(observation.shadow > 0, unsure, given), dtype=np.uint8)
+
+    def _learn(self) -> None:
+        """The size by all frames so far."""
+        if self._image_size is not None:
+            found = self._learner.size()
+            if found is not None:
+                size, share = found
+                self._learned = size.on(self._learner.n_cols / self._image_size[1]), share
+
+    @property
+    def _scale(self) -> float:
+        """Pixels per cell."""
+        assert self._image_size is not None and self._shape is not None  # there has been a frame
+        return self._image_size[1] / self._shape[1]
+
+    def _grid(self, size: Size, foreground: U8) -> tuple[int, int]:
+        """Rows and columns of the grid on which a person in the middle row is so many cells long as asked for."""
+        assert self._image_size is not None
+        height, width = self._image_size
+        cell_px = 2.0 * float(size.half_lengths(np.array(height / 2))) / self._params.size.cells
+        n_cols = max(8, min(foreground.shape[1], round(width / cell_px)))
+        return max(1, round(height * n_cols / width)), n_cols
+
+    def _px(self, xy: F64) -> F64:
+        """(..., 2) pixels of fractional cells."""
+        return np.asarray(xy * self._scale + (self._scale - 1) / 2)
+
+    def _outline(self, ellipse: F64) -> F32:
+        """(33, 2) float32 closed outline [px]."""
+        x, y, a, b, angle = ellipse
+        turn = np.linspace(0, 2 * math.pi, 33)
+        u, v, s, c = a * np.cos(turn), b * np.sin(turn), math.sin(angle), math.cos(angle)
+        return self._px(np.column_stack([x + u * s + v * c, y + u * c - v * s])).astype(np.float32)
+
+    def _state(self, who: Existence, ellipse: F64, state: F64) -> TrackState:
+        """Box around the whole ellipse, parts hidden and outside the image included; with a camera also a place."""
+        _, _, a, b, angle = ellipse
+        s, c = math.sin(angle), math.cos(angle)
+        half_width, half_height = self._scale * math.hypot(a * s, b * c), self._scale * math.hypot(a * c, b * s)
+        x, y = self._px(ellipse[:2])
+        box = float(x - half_width), float(y - half_height), 2 * half_width, 2 * half_height
+        if self._camera is None:
+            return TrackState(who.track_id, who.state, box_px=box)
+        foot = np.array([x, y + half_height])
+        here = self._camera.back_project(foot)
+        vx, vy = self._camera.back_project(foot + state[VX : VY + 1] * self._scale) - here
+        height = height_of(self._camera, here, float(y - half_height))
+        return TrackState(who.track_id, who.state, float(here[0]), float(here[1]), float(vx), float(vy), height, box)
+
+
+def _averaged(image: U8, shape: tuple[int, int]) -> U8:
+    """(R, C) uint8 means of an image (h, w) over cells."""
+    return np.asarray(cv2.resize(image, shape[::-1], interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def height_of(camera: GroundCamera, floor: F64, top_row: float) -> float:
+    """Height [m] above a floor position at which a vertical line meets an image row; NaN where there is none."""
+    heights = np.linspace(0.3, 2.5, 45)
+    if not np.isfinite(floor).all():
+        return math.nan
+    rows = camera.project(np.column_stack([np.broadcast_to(floor, (len(heights), 2)), heights]))[:, 1]
+    seen = np.isfinite(rows)
+    order = np.argsort(rows[seen])
+    return float(np.interp(top_row, rows[seen][order], heights[seen][order])) if seen.sum() > 1 else math.nan
+
+
+def cells_per_m(size: Size, rows: F64) -> F64:
+    """(N,) cells per metre where an object is centred in rows (N,)."""
+    return np.asarray(2.0 * size.aspect / BREADTH_M * size.half_lengths(rows))
+
+
+def uncovered(measured: U8, objects: U8, share: float) -> Bool:
+    """(M,) measurements that have no object: objects cover less than a share of them, or leave as much beside them.
+
+    One object that lies across two measurements covers enough of both, wherever it is. So each object is given the
+    measurement that it covers most, and one that is left over has none when objects leave as much free of it and of
+    those that they cover with it as they leave of an uncovered one. Our choice; the paper has no association.
+
+    Args:
+        measured, objects: (M, R, C), (N, R, C) uint8, 1 inside each.
+    """
+    if not len(measured):
+        return np.zeros(0, np.bool_)
+    flat, union = measured.reshape(len(measured), -1), objects.any(axis=0).ravel()
+    areas = np.maximum(flat.sum(axis=1), 1)
+    out = np.asarray((flat & union).sum(axis=1) < share * areas)
+    if not 0 < len(objects) < len(measured):
+        return out
+    covers = objects.reshape(len(objects), -1).astype(np.float32) @ flat.T.astype(np.float32)
+    spare = ~out
+    spare[linear_sum_assignment(covers, maximize=True)[1]] = False
+    for m in np.flatnonzero(spare):
+        near = (covers[covers[:, m] > 0] > 0).any(axis=0)
+        if np.count_nonzero(flat[near].any(axis=0) & ~union) >= (1 - share) * areas[m]:
+            out[m] = True
+            union = union | (flat[m] > 0)
+    return out

@@ -118,5 +118,6 @@ def _try(place: F64, frame: Explanation, known: People, now_s: float) -> Walker 
     person = Walker(0, kalman, float(pose[2]), BORN_LOG_ODDS, now_s)
     person.height_var = 1.0 / (1.0 / person.height_var + up)
     person.log_odds += min(evidence, p.evidence_max) * 0.25
-    person.origin_m, person.evidence, person.share = person.at_m, evidence, mine / max(total, 1e-6)
+    person.born_s, person.born_m, person.origin_m = now_s, person.at_m, person.at_m
+    person.evidence, person.share = evidence, mine / max(total, 1e-6)
     return person

@@ -57,7 +57,7 @@ class View:
         self.angle: I32 = np.clip(np.rint(np.nan_to_num(steps)), 0, len(self.table.cover) - 1).astype(np.int32)
         self.seen_rays = PixelRays(
             np.array([0.0, 0.0, camera.height_m]), unit.astype(np.float32), stretch.astype(np.float32),
-            np.zeros((3, 4)), 1.0 / camera.focal_px**2, 0.0, 1.0,
+            np.zeros(stretch.shape, np.float32), np.zeros((3, 4)), 1.0 / camera.focal_px**2, 0.0, 1.0,
         )  # fmt: skip
         p, t = params, self.table
         self.beliefs = kernels.Beliefs(

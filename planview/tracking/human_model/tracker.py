@@ -21,6 +21,7 @@ from planview.tracking.human_model.explanation import STEPS_M, Explanation, Peop
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.walker import Walker, matches
+from planview.tracking.template.explanation import Owned
 from planview.tracking.template.identity import Exchanges, continued
 from planview.tracking.template.params import TemplateParams
 from planview.tracking.template.person import Person, colour_ratios
@@ -38,6 +39,8 @@ LEFT = 0.6
 """Visibility ratio below which a person without evidence has left the view, and whoever comes later is a stranger."""
 NEVER_WALKED = 0.1
 """Part of ``inanimate_s`` for which something that has not walked yet may be without motion."""
+KNOWN_ODDS = 3.0
+"""Log-odds at which a newcomer is somebody known before it is sure to exist: one error in twenty."""
 LIVELY = 0.01
 """Share of a region's pixels in motion from which it is no thing: a head that turns."""
 
@@ -145,8 +148,7 @@ class HumanModelTracker:
             if (pose != before).any():
                 self._recentre(q, pose)
         self._meet(born, frame)
-        for q in self._people:
-            self._confirm(q, dt)
+        self._recognise(dt)
         return tuple(self._state(q) for q in self._people)
 
     def _predict(self, q: Walker, dt: float) -> None:
@@ -283,7 +285,7 @@ class HumanModelTracker:
                 continue
             mine = (shares.owner == i) & (shares.share > 0.8)
             q.learn_colours(shares.height[mine], frame.code[mine])
-        owned = [(shares.owner, shares.share, shares.height)]
+        owned = [Owned(shares.owner, shares.share, shares.height, shares.residual)]
         for a, b, odds in self._exchanges.update(self._people, owned, [shares.seen(frame)], dt):
             a.take_identity(b)
             self._note(a, "identity", f"exchanged with {b.track_id}: colours, log-odds {odds:.1f}", odds)
@@ -325,45 +327,40 @@ class HumanModelTracker:
             q.kalman = q.kalman.slowed(dt, p.slow_down_s).predicted(dt, p.acceleration_mps2)
 
     def _meet(self, born: list[Walker], frame: Explanation) -> None:
-        """Newcomers are the lost or departed whom they continue best, or strangers."""
-        if not born:
-            return
-        lost = [q for q in self._people if q.confirmed and q.share < self.params.visible_min]
-        candidates: Sequence[Walker] = lost + self._departed
-        if frame.coloured and candidates:
-            n, shares = len(self._people), frame.share_out(self._side_by_side(self._people + born))
-            for i, b in enumerate(born):
-                mine = shares.owner == n + i
-                b.learn_colours(shares.height[mine], frame.code[mine])
-        known = continued(born, candidates, self._now_s, self._shared)
+        """Follow newcomers, under ids of their own until it is known who they are."""
         found = matches([self._hull(b.at_m, b.height_m) for b in born], frame.kind == kernels.SURFACE)
-        for i, b in enumerate(born):
-            b.match = found[i]
-            reason = f"M {b.match.score:.2f}, evidence {b.evidence:.1f}, {b.height_m:.2f} m tall"
-            if i not in known:
-                b.track_id = self._next_id
-                self._next_id += 1
-                b.inside = self._visibility(np.array([*b.at_m, b.height_m]))
-                touched = b.match.recall < 0.5
-                self._people.append(b)
-                self._note(b, "split" if touched else "spawned", reason, b.match.score)
-                continue
-            odds = known[i][1]
-            q = next(w for w in candidates if w is known[i][0])
-            self._note(q, "reacquired", f"{reason}, log-odds {odds:.1f} after {self._now_s - q.seen_s:.1f} s", odds)
-            q.kalman, q.height_m, q.height_var, q.share = b.kalman, b.height_m, b.height_var, b.share
-            q.seen_s, q.log_odds, q.observed = self._now_s, max(q.log_odds, b.log_odds), True
-            if q in self._departed:
-                self._departed.remove(q)
-                self._people.append(q)
+        for b, match in zip(born, found, strict=True):
+            b.match, b.track_id = match, self._next_id
+            b.inside = self._visibility(np.array([*b.at_m, b.height_m]))
+            self._next_id += 1
+            self._people.append(b)
+            reason = f"M {match.score:.2f}, evidence {b.evidence:.1f}, {b.height_m:.2f} m tall"
+            self._note(b, "split" if match.recall < 0.5 else "spawned", reason, match.score)
 
-    def _confirm(self, q: Walker, dt: float) -> None:
+    def _recognise(self, dt: float) -> None:
+        """Confirm newcomers, as the lost or departed whom they continue best or as strangers.
+
+        Who somebody is is decided when the odds are, at the latest when the person is reported.
+        """
         p = self.params
-        if q.motion == "stationary" and q.share >= p.visible_min:
-            q.moved -= dt / p.inanimate_s
-        if not q.confirmed and q.existence > p.report and q.walked_m >= p.walked_m and q.share >= p.visible_min:
-            q.confirmed = True
-            self._note(q, "confirmed", f"existence {q.existence:.2f}, walked {q.walked_m:.2f} m", q.existence)
+        for q in self._people:
+            if q.motion == "stationary" and q.share >= p.visible_min:
+                q.moved -= dt / p.inanimate_s
+        new = [q for q in self._people if not q.confirmed]
+        lost = [q for q in self._people if q.confirmed and q.share < p.visible_min]
+        known = continued(new, lost + self._departed, self._shared) if new else {}
+        for i, b in enumerate(new):
+            sure = b.existence > p.report and b.walked_m >= p.walked_m and b.share >= p.visible_min
+            before, odds = known.get(i, (None, 0.0))
+            if before is not None and (sure or odds > KNOWN_ODDS):
+                self._note(before, "reacquired", f"log-odds {odds:.1f} after {b.born_s - before.seen_s:.1f} s", odds)
+                self._departed = [o for o in self._departed if o is not before]
+                self._people = [o for o in self._people if o is not before]
+                b.take_identity(before)
+                b.confirmed = True
+            elif sure:
+                b.confirmed = True
+                self._note(b, "confirmed", f"existence {b.existence:.2f}, walked {b.walked_m:.2f} m", b.existence)
 
     def _note(self, q: Person, kind: DecisionKind, reason: str, value: float) -> None:
         self._log.append(Decision(q.track_id, kind, reason, value))

@@ -13,11 +13,15 @@ from numba import njit
 
 from calib.types import F32, F64, I64, U8
 
-CX, CY, CZ, EX, EY, COS, SIN, RANGE, WEIGHT, STD = range(10)
-SAMPLE_FIELDS = 10
+CX, CY, CZ, EX, EY, COS, SIN, RANGE, WEIGHT, STD, MATCHED = range(11)
+SAMPLE_FIELDS = 11
 LAYERS = 4
 """Other people on one ray, the nearest first."""
 TINY = 1e-12
+TURNS = 3
+"""Most rounds of the ascent with one step."""
+ONE_LOG = 12
+"""Ratios of likelihoods, each within 1e-12 and 1e12, whose product one logarithm is taken of."""
 PARTS = 3
 SPACING = 0.7
 """Distance of samples on a body [patches]."""
@@ -69,13 +73,13 @@ def _look(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, fastmath=True, inline="always")
 def _body_likelihood(  # type: ignore[no-untyped-def]
-    kind: int, seen: float, at: float, std: float, colour: float, b: Beliefs
+    kind: int, seen: float, at: float, std: float, matched: float, colour: float, b: Beliefs
 ):
-    """Of a pixel that shows a body's surface at a range."""
+    """Of a pixel that shows a body's surface at a range; nearer than ``matched`` the right camera cannot see it."""
     if kind == 0:
         return 1.0 - b.body
     if kind == 2:
-        return b.body * b.no_depth
+        return b.body * (1.0 if at < matched else b.no_depth)
     var = b.surface_var + std * std * at * at * at * at
     off = seen - at
     normal = math.exp(-0.5 * off * off / var) / math.sqrt(2.0 * math.pi * var)
@@ -90,8 +94,8 @@ def _part(z: float) -> int:
 @njit(cache=True, nogil=True)
 def gather(
     pose: F64, reach_m: float, spacing_m: float, patch_m: float, centre: F64, direction: F32, stretch: F32,
-    projection: F64, pixel_sr: float, kind: U8, range_m: F32, colour: U8, std_per_m2: float, samples: F32, kinds: U8,
-    codes: U8, angles: I64, n: int, b: Beliefs,
+    matched_m: F32, projection: F64, pixel_sr: float, kind: U8, range_m: F32, colour: U8, std_per_m2: float,
+    samples: F32, kinds: U8, codes: U8, angles: I64, n: int, b: Beliefs,
 ) -> int:  # fmt: skip
     """Append the samples of one camera within ``reach_m`` of a body; the number of samples then."""
     rows, cols = stretch.shape
@@ -115,6 +119,11 @@ def gather(
     step = max(1, int(spacing_m / (middle * math.sqrt(pixel_sr)) + 0.5))
     while ((c1 - c0) // step + 1) * ((r1 - r0) // step + 1) > 3000:
         step += 1
+    depth = (
+        projection[2, 0] * pose[0] + projection[2, 1] * pose[1] + projection[2, 2] * 0.5 * pose[2] + projection[2, 3]
+    )
+    depth = max(depth, 0.15)
+    weight = depth * depth * pixel_sr * step * step / (patch_m * patch_m)
     for r in range(r0 + (-r0) % step, r1 + 1, step):
         for c in range(c0 + (-c0) % step, c1 + 1, step):
             if n >= len(samples):
@@ -132,8 +141,8 @@ def gather(
             s[CX], s[CY], s[CZ] = centre[0], centre[1], centre[2]
             s[EX], s[EY], s[COS], s[SIN] = ex, ey, cos, -dz
             s[RANGE] = range_m[r, c]
-            depth = ahead / stretch[r, c]
-            s[WEIGHT] = depth * depth * pixel_sr * step * step / (patch_m * patch_m)
+            s[WEIGHT] = weight
+            s[MATCHED] = matched_m[r, c]
             s[STD] = std_per_m2 / stretch[r, c]
             kinds[n] = kind[r, c]
             codes[n] = colour[r, c]
@@ -180,7 +189,7 @@ def layer(
             if hidden and s[RANGE] < range_m - 3 * math.sqrt(b.surface_var + (std * range_m * range_m) ** 2):
                 continue
             colour = 1.0 - b.colour + b.colour * ratios[k, _part(z), codes[i]] if kind == 1 else 1.0
-            value = _body_likelihood(kind, s[RANGE], range_m, std, colour, b)
+            value = _body_likelihood(kind, s[RANGE], range_m, std, s[MATCHED], colour, b)
             j = m
             while j > 0 and t[j - 1] > range_m:
                 t[j], p[j], like[j] = t[j - 1], p[j - 1], like[j - 1]
@@ -213,7 +222,7 @@ def evaluate(
     cover: F32, front: F32, b: Beliefs, at: F32, through: F32, before: F32, rest: F32, count: I64,
 ) -> float:  # fmt: skip
     """Lam of all samples with one person at a pose among the others, less Lam without that person."""
-    total = 0.0
+    total, product, factors, weight = 0.0, 1.0, 0, 0.0
     for i in range(n):
         s = samples[i]
         kind = kinds[i]
@@ -225,15 +234,18 @@ def evaluate(
             if s[RANGE] < range_m - behind:
                 continue
         colour = 1.0 - b.colour + b.colour * ratio[_part(z), codes[i]] if kind == 1 else 1.0
-        like = _body_likelihood(kind, s[RANGE], range_m, s[STD], colour, b)
+        like = _body_likelihood(kind, s[RANGE], range_m, s[STD], s[MATCHED], colour, b)
         j = 0
         while j < count[i] and at[i, j] < range_m:
             j += 1
         floor = b.unknown / b.range_m / (1.0 - b.unknown) if kind == 1 else TINY
         without = before[i, j] + through[i, j] * rest[i, j] + floor
-        change = through[i, j] * pi * (like - rest[i, j])
-        total += s[WEIGHT] * math.log1p(change / without)
-    return total
+        if factors == ONE_LOG or s[WEIGHT] != weight:
+            total += weight * math.log(product)
+            product, factors, weight = 1.0, 0, s[WEIGHT]
+        product *= 1.0 + through[i, j] * pi * (like - rest[i, j]) / without
+        factors += 1
+    return total + weight * math.log(product)
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -253,63 +265,92 @@ def believed(x: float, y: float, h: float, tall: float, tall_std: float, apart: 
 
 
 @njit(cache=True, nogil=True, fastmath=True)
+def _posterior(  # type: ignore[no-untyped-def]
+    x: float, y: float, h: float, predicted: F64, information: F64, tall: float, tall_std: float, apart: F64,
+    samples: F32, kinds: U8, codes: U8, angles: I64, n: int, ratio: F32, cover: F32, front: F32, b: Beliefs,
+    at: F32, through: F32, before: F32, rest: F32, count: I64,
+):  # fmt: skip
+    """Lam - Mahalanobis / 2 plus what is believed of a pose; Lam alone."""
+    ox, oy, oh = x - predicted[0], y - predicted[1], h - predicted[2]
+    away = information[0] * ox * ox + 2 * information[1] * ox * oy + information[2] * oy * oy
+    away += information[3] * oh * oh
+    lam = evaluate(
+        x, y, h, samples, kinds, codes, angles, n, ratio, cover, front, b, at, through, before, rest, count
+    )  # fmt: skip
+    return lam - 0.5 * away + believed(x, y, h, tall, tall_std, apart, b), lam
+
+
+@njit(cache=True, nogil=True, fastmath=True)
 def ascend(  # type: ignore[no-untyped-def]
-    pose: F64, predicted: F64, information: F64, tall: float, tall_std: float, apart: F64, steps: F64,
+    pose: F64, bent: F64, predicted: F64, information: F64, tall: float, tall_std: float, apart: F64, steps: F64,
     low: float, high: float, samples: F32, kinds: U8, codes: U8, angles: I64, n: int, ratio: F32,
     cover: F32, front: F32, b: Beliefs, at: F32, through: F32, before: F32, rest: F32, count: I64,
 ):  # fmt: skip
-    """Pattern search on Lam - Mahalanobis / 2 along and across the first camera's ray, in height, and to the upright
-    posture; moves ``pose``.
+    """Ascent on Lam - Mahalanobis / 2 by parabolas along and across the first camera's ray and in height.
 
-    ``information`` (4,): xx, xy, yy of the place's and of the height's inverse covariance. ``apart`` (K, 3): places of
-    other bodies, which cannot be entered, and how surely they exist. Returns Lam at the end plus what is believed of
-    such a pose.
+    Moves ``pose``; fills ``bent`` (3,), how sharply Lam bends there in these directions [1/m^2].
+
+    Args:
+        information: (4,) xx, xy, yy of the place's and of the height's inverse covariance.
+        apart: (K, 3) places of other bodies, which cannot be entered, and how surely they exist.
+
+    Returns:
+        Lam at the end plus what is believed of such a pose.
     """
     ax, ay = 1.0, 0.0
     if n > 0:
         ax, ay = pose[0] - samples[0, CX], pose[1] - samples[0, CY]
         norm = math.sqrt(ax * ax + ay * ay)
         ax, ay = (ax / norm, ay / norm) if norm > 1e-6 else (1.0, 0.0)
-    best, worth = -1e300, 0.0
+    x, y, h = pose[0], pose[1], pose[2]
+    best, lam = _posterior(
+        x, y, h, predicted, information, tall, tall_std, apart, samples, kinds, codes, angles, n, ratio, cover, front,
+        b, at, through, before, rest, count,
+    )  # fmt: skip
+    upright, standing = _posterior(
+        x, y, tall, predicted, information, tall, tall_std, apart, samples, kinds, codes, angles, n, ratio, cover,
+        front, b, at, through, before, rest, count,
+    )  # fmt: skip
+    if upright > best:
+        best, lam, h = upright, standing, tall
     for step in steps:
-        for _ in range(4):
-            x, y, h = pose[0], pose[1], pose[2]
-            moved = False
-            for move in range(8):
-                nx, ny, nh = x, y, h
-                if move == 0:
-                    if best > -1e299:
-                        continue
-                elif move == 1 or move == 2:
-                    f = step if move == 1 else -step
-                    nx, ny = x + f * ax, y + f * ay
-                elif move == 3 or move == 4:
-                    f = step if move == 3 else -step
-                    nx, ny = x - f * ay, y + f * ax
-                elif move == 7:
-                    nh = tall
-                    if step < steps[0] or nh == h:
-                        continue
-                else:
-                    nh = h + (0.5 * step if move == 5 else -0.5 * step)
-                    if nh < low or nh > high:
-                        continue
-                ox, oy, oh = nx - predicted[0], ny - predicted[1], nh - predicted[2]
-                prior = -0.5 * (information[0] * ox * ox + 2 * information[1] * ox * oy + information[2] * oy * oy)
-                prior -= 0.5 * information[3] * oh * oh
-                prior += believed(nx, ny, nh, tall, tall_std, apart, b)
-                lam = evaluate(
-                    nx, ny, nh, samples, kinds, codes, angles, n, ratio, cover, front, b,
-                    at, through, before, rest, count,
-                )  # fmt: skip
-                if lam + prior > best + 1e-6:
-                    best = lam + prior
-                    worth = lam + believed(nx, ny, nh, tall, tall_std, apart, b)
-                    pose[0], pose[1], pose[2] = nx, ny, nh
-                    moved = True
-            if not moved:
+        for _ in range(TURNS):
+            farthest = 0.0
+            for axis in range(3):
+                ux, uy, uh = ax, ay, 0.0
+                if axis == 1:
+                    ux, uy = -ay, ax
+                elif axis == 2:
+                    ux, uy, uh = 0.0, 0.0, 0.5
+                value, at_start = best, lam
+                up, down, f, jump = 0.0, 0.0, 0.0, 0.0
+                for trial in range(3):
+                    f = step if trial == 0 else -step
+                    if trial == 2:
+                        bend, rise = up + down - 2 * value, up - down
+                        if bend < 0:
+                            f = max(-2 * step, min(2 * step, -0.5 * step * rise / bend))
+                        else:
+                            f = 2 * step if rise > 0 else -2 * step
+                        if abs(f) < 0.1 * step:
+                            break
+                    new, lam_new = _posterior(
+                        x + f * ux, y + f * uy, max(low, min(high, h + f * uh)), predicted, information, tall,
+                        tall_std, apart, samples, kinds, codes, angles, n, ratio, cover, front, b, at, through, before,
+                        rest, count,
+                    )  # fmt: skip
+                    if trial == 0:
+                        up, bent[axis] = new, 2 * at_start - lam_new
+                    elif trial == 1:
+                        down, bent[axis] = new, (bent[axis] - lam_new) / (step * (0.5 if axis == 2 else 1.0)) ** 2
+                    if new > best + 1e-6:
+                        best, lam, jump = new, lam_new, f
+                x, y, h = x + jump * ux, y + jump * uy, max(low, min(high, h + jump * uh))
+                farthest = max(farthest, abs(jump))
+            if farthest < 0.5 * step:
                 break
-    return worth
+    pose[0], pose[1], pose[2] = x, y, h
+    return lam + believed(x, y, h, tall, tall_std, apart, b)
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -329,7 +370,7 @@ def visible(  # type: ignore[no-untyped-def]
         total += pi * s[WEIGHT]
         if kinds[i] == 0:
             continue
-        like = _body_likelihood(kinds[i], s[RANGE], range_m, s[STD], 1.0, b)
+        like = _body_likelihood(kinds[i], s[RANGE], range_m, s[STD], s[MATCHED], 1.0, b)
         j = 0
         while j < count[i] and at[i, j] < range_m:
             j += 1
@@ -344,11 +385,12 @@ def visible(  # type: ignore[no-untyped-def]
 def share_out(
     poses: F64, sure: F64, ratios: F32, boxes: I64, centre: F64, direction: F32, stretch: F32, std_per_m2: float,
     kind: U8, range_m: F32, colour: U8,
-    cover: F32, front: F32, b: Beliefs, owner: I64, share: F32, height: F32,
+    cover: F32, front: F32, b: Beliefs, owner: I64, share: F32, height: F32, lack: F32,
 ) -> None:  # fmt: skip
     """Who owns each pixel of surface: -2 no surface, -1 nobody, else a person, with the responsibility.
 
-    ``height``: of the owner's pixels, relative to the owner.
+    ``height``: of the owner's pixels, relative to the owner. ``lack``: how much better a body's surface there would
+    explain the pixel, as an expected logarithm; about 0 for what is explained.
     """
     rows, cols = kind.shape
     t = np.empty(LAYERS)
@@ -358,7 +400,7 @@ def share_out(
     ks = np.empty(LAYERS, np.int64)
     for r in range(rows):
         for c in range(cols):
-            owner[r, c] = -2
+            owner[r, c], lack[r, c] = -2, 0.0
             if kind[r, c] != 1:
                 continue
             dx, dy, dz = direction[r, c, 0], direction[r, c, 1], direction[r, c, 2]
@@ -381,7 +423,7 @@ def share_out(
                 if pi < 0.01:
                     continue
                 ratio = 1.0 - b.colour + b.colour * ratios[k, _part(z), colour[r, c]]
-                value = _body_likelihood(1, range_m[r, c], at, std_per_m2 / stretch[r, c], ratio, b)
+                value = _body_likelihood(1, range_m[r, c], at, std_per_m2 / stretch[r, c], 0.0, ratio, b)
                 j = m
                 while j > 0 and t[j - 1] > at:
                     t[j], p[j], like[j], ks[j], zs[j] = t[j - 1], p[j - 1], like[j - 1], ks[j - 1], zs[j - 1]
@@ -399,4 +441,8 @@ def share_out(
             other += b.unknown / b.range_m
             owner[r, c] = who if best > other else -1
             share[r, c] = best / (total + other)
+            far = range_m[r, c]
+            surface = b.surface_var + (std_per_m2 / stretch[r, c] * far * far) ** 2
+            typical = b.body * (1.0 - b.no_depth) * (1.0 - b.outliers) / math.sqrt(2.0 * math.pi * math.e * surface)
+            lack[r, c] = math.log(typical / (total + other))
             height[r, c] = at_z

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,8 +16,10 @@ from planview.tracking.kalman import PositionNoise
 from planview.tracking.template import _kernels as kernels
 from planview.tracking.template.params import TemplateParams
 
-STEPS_M = np.array([0.12, 0.06, 0.03])
-"""Steps of the pattern search: a walker's error of prediction, down to half a patch's blur [m]."""
+STEPS_M = np.array([0.12, 0.05])
+"""Steps of the ascent: a walker's error of prediction, and half a patch [m]."""
+PLACE_STD_MIN_M = 0.02
+"""A place is never known better [m]: a body leans and swings."""
 MAX_SAMPLES = 4000
 GAP_PX = 6
 """People whose boxes are nearer than this in an image are explained together [px]."""
@@ -43,6 +46,22 @@ def beliefs_of(p: TemplateParams, table: body.BodyTable) -> kernels.Beliefs:
         cell_m=table.cell_m,
         w_min=table.w_min_m,
     )
+
+
+class Owned(NamedTuple):
+    """Who owns the pixels of one camera.
+
+    Attributes:
+        owner: (H, W) int64, index of a person; -1 nobody, -2 no surface.
+        share: (H, W) float32, the owner's responsibility.
+        height: (H, W) float32, relative to the owner.
+        lack: (H, W) float32, expected log-likelihood of a body's surface there less that of the explanation.
+    """
+
+    owner: I64
+    share: F32
+    height: F32
+    lack: F32
 
 
 class People:
@@ -92,8 +111,8 @@ class Explanation:
             std = self.params.disparity_std_px / r.disparity_metre
             samples.n = kernels.gather(
                 pose, reach_m, kernels.SPACING * self.params.patch_m, self.params.patch_m, r.centre_m, r.direction,
-                r.stretch, r.projection, r.pixel_sr, v.kind, v.range_m, colour, std, samples.values, samples.kinds,
-                samples.codes, samples.angles, samples.n, self.beliefs,
+                r.stretch, r.matched_m, r.projection, r.pixel_sr, v.kind, v.range_m, colour, std, samples.values,
+                samples.kinds, samples.codes, samples.angles, samples.n, self.beliefs,
             )  # fmt: skip
         return samples
 
@@ -127,19 +146,19 @@ class Explanation:
             total += 2.0 * float(cover.sum()) * self.table.cell_m**2 * scale / self.params.patch_m**2
         return total / len(self.views)
 
-    def share_out(self, people: People) -> list[tuple[I64, F32, F32]]:
-        """Per view: the owner of every pixel (-2 no surface, -1 nobody), the responsibility, the relative height."""
+    def share_out(self, people: People) -> list[Owned]:
+        """Who owns the pixels of each view."""
         out = []
         for v in self.views:
             owner = np.empty(v.kind.shape, np.int64)
-            share, height = np.zeros(v.kind.shape, np.float32), np.zeros(v.kind.shape, np.float32)
+            share, height, lack = (np.zeros(v.kind.shape, np.float32) for _ in range(3))
             colour = v.colour if v.colour is not None else v.kind
             kernels.share_out(
                 people.poses, people.sure, people.ratios, self.boxes(v, people.poses), v.rays.centre_m,
                 v.rays.direction, v.rays.stretch, self.params.disparity_std_px / v.rays.disparity_metre, v.kind,
-                v.range_m, colour, self.table.cover, self.table.front, self.beliefs, owner, share, height,
+                v.range_m, colour, self.table.cover, self.table.front, self.beliefs, owner, share, height, lack,
             )  # fmt: skip
-            out.append((owner, share, height))
+            out.append(Owned(owner, share, height, lack))
         return out
 
 
@@ -172,10 +191,7 @@ class Samples:
 
     def lam(self, pose: F64, ratio: F32) -> float:
         """Lam with one more person at a pose, less Lam with the others alone."""
-        return self._lam(float(pose[0]), float(pose[1]), float(pose[2]), ratio)
-
-    def _lam(self, x: float, y: float, h: float, ratio: F32) -> float:
-        t = self._of.table
+        t, (x, y, h) = self._of.table, map(float, pose)
         return float(
             kernels.evaluate(
                 x, y, h, self.values, self.kinds, self.codes, self.angles, self.n, ratio, t.cover, t.front,
@@ -185,20 +201,23 @@ class Samples:
 
     def ascend(
         self, pose: F64, predicted: F64, information: F64, tall: F64, apart: F64, ratio: F32, steps: F64 = STEPS_M
-    ) -> float:
-        """Move a pose to where it explains best; Lam there plus what is believed of such a pose.
+    ) -> tuple[float, F64]:
+        """Move a pose to where it explains best.
 
         Args:
             information: (4,) xx, xy, yy of the place's and of the height's inverse covariance.
+
+        Returns:
+            Lam there plus what is believed of such a pose; (3,) how sharply Lam bends there along the ray, across it
+            and in height [1/m^2].
         """
-        t = self._of.table
-        return float(
-            kernels.ascend(
-                pose, predicted, information, float(tall[0]), float(tall[1]), apart, steps, body.HEIGHT_MIN_M,
-                body.HEIGHT_MAX_M, self.values, self.kinds, self.codes, self.angles, self.n, ratio, t.cover, t.front,
-                self._of.beliefs, *self._layers,
-            )
+        t, bent = self._of.table, np.zeros(3)
+        worth = kernels.ascend(
+            pose, bent, predicted, information, float(tall[0]), float(tall[1]), apart, steps, body.HEIGHT_MIN_M,
+            body.HEIGHT_MAX_M, self.values, self.kinds, self.codes, self.angles, self.n, ratio, t.cover, t.front,
+            self._of.beliefs, *self._layers,
         )  # fmt: skip
+        return float(worth), bent
 
     def believed(self, pose: F64, tall: F64, apart: F64) -> float:
         """What is believed of a pose before any pixel is seen."""
@@ -213,20 +232,15 @@ class Samples:
         )
         return float(mine), float(total)
 
-    def noise(self, pose: F64, ratio: F32) -> tuple[PositionNoise, float]:
-        """Covariance of the place and information on the height [1/m^2], from the second differences of Lam."""
-        x, y, h = map(float, pose)
-        d = float(STEPS_M[1])
+    def noise(self, pose: F64, bent: F64) -> tuple[PositionNoise, float]:
+        """Covariance of the place and information on the height [1/m^2], from how Lam bends."""
         ax, ay = (
-            (x - float(self.values[0, kernels.CX]), y - float(self.values[0, kernels.CY])) if self.n else (1.0, 0.0)
+            (pose[0] - float(self.values[0, kernels.CX]), pose[1] - float(self.values[0, kernels.CY]))
+            if self.n
+            else (1.0, 0.0)
         )
         norm = max(math.hypot(ax, ay), 1e-6)
         ax, ay = ax / norm, ay / norm
-        here = 2 * self._lam(x, y, h, ratio)
-        along = here - self._lam(x + d * ax, y + d * ay, h, ratio) - self._lam(x - d * ax, y - d * ay, h, ratio)
-        across = here - self._lam(x - d * ay, y + d * ax, h, ratio) - self._lam(x + d * ay, y - d * ax, h, ratio)
-        up = here - self._lam(x, y, h + d, ratio) - self._lam(x, y, h - d, ratio)
-        least = (d / 3) ** 2
-        va, vc = (max(d * d / max(bent, 0.02), least) for bent in (along, across))
+        va, vc = (max(1.0 / max(b, 5.0), PLACE_STD_MIN_M**2) for b in bent[:2])
         place = PositionNoise(va * ax * ax + vc * ay * ay, (va - vc) * ax * ay, va * ay * ay + vc * ax * ax)
-        return place, max(up, 0.0) / (d * d)
+        return place, max(float(bent[2]), 0.0)

@@ -8,21 +8,23 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from calib.types import F32, F64, I64
+from calib.types import F64
 from planview.maps.colour import CODES
 from planview.maps.pixels import SeenPixels
 from planview.tracking import body
 from planview.tracking.template._kernels import LEGS_TO, PARTS, TORSO_TO
+from planview.tracking.template.explanation import Owned
 from planview.tracking.template.params import TemplateParams
 from planview.tracking.template.person import KNOWN_LOOKS, Person, colour_ratios
 
 CONTACT_M = 0.7
 """People nearer than this may be taken for each other [m]: a body, and an arm's movement."""
+NEW_HEIGHT_STD_M = 0.12
+"""Deviation of the height of somebody who comes into view, at first in part [m]."""
 DECIDED = 6.0
 """Log-odds at which two people exchange identities: one error in 400."""
 PART_MAX = 2.0
 """Largest evidence of the colours of one part of a body, as log-odds: light differs within a room."""
-Owned = Sequence[tuple[I64, F32, F32]]
 
 
 class Exchanges:
@@ -33,7 +35,7 @@ class Exchanges:
         self._evidence: dict[tuple[int, int], float] = {}
 
     def update(
-        self, people: Sequence[Person], owned: Owned, views: Sequence[SeenPixels], dt: float
+        self, people: Sequence[Person], owned: Sequence[Owned], views: Sequence[SeenPixels], dt: float
     ) -> list[tuple[Person, Person, float]]:
         """Pairs that must exchange their identities, with the log-odds.
 
@@ -69,14 +71,14 @@ class Exchanges:
         return decided
 
 
-def owned_colours(k: int, owned: Owned, views: Sequence[SeenPixels], patch_m: float) -> tuple[F64, float]:
+def owned_colours(k: int, owned: Sequence[Owned], views: Sequence[SeenPixels], patch_m: float) -> tuple[F64, float]:
     """(PARTS, CODES) shares of the colours of a person's pixels, and how many patches they are."""
     total, patches = np.zeros((PARTS, CODES)), 0.0
-    for (owner, share, height), v in zip(owned, views, strict=True):
-        mine = (owner == k) & (share > 0.3)
+    for o, v in zip(owned, views, strict=True):
+        mine = (o.owner == k) & (o.share > 0.3)
         if v.colour is None:
             continue
-        part = np.digitize(height[mine], (LEGS_TO, TORSO_TO))
+        part = np.digitize(o.height[mine], (LEGS_TO, TORSO_TO))
         np.add.at(total, (part, v.colour[mine]), 1.0)
         depth = v.range_m[mine] / v.rays.stretch[mine]
         patches += float((depth * depth).sum()) * v.rays.pixel_sr / patch_m**2
@@ -84,23 +86,24 @@ def owned_colours(k: int, owned: Owned, views: Sequence[SeenPixels], patch_m: fl
 
 
 def continued(
-    born: Sequence[Person], known: Sequence[Person], now_s: float, params: TemplateParams
+    born: Sequence[Person], known: Sequence[Person], params: TemplateParams
 ) -> dict[int, tuple[Person, float]]:
     """Newcomers, by index, who are people known before, with the log-odds: the best joint assignment."""
-    odds = np.array([[_log_odds(q, b, known, now_s, params) for q in known] for b in born]).reshape(len(born), -1)
+    odds = np.array([[_log_odds(q, b, known, params) for q in known] for b in born]).reshape(len(born), -1)
     rows, cols = linear_sum_assignment(np.maximum(odds, 0.0), maximize=True)
     return {int(i): (known[j], float(odds[i, j])) for i, j in zip(rows, cols, strict=True) if odds[i, j] > 0}
 
 
-def _log_odds(q: Person, b: Person, known: Sequence[Person], now_s: float, params: TemplateParams) -> float:
+def _log_odds(q: Person, b: Person, known: Sequence[Person], params: TemplateParams) -> float:
     """Of a newcomer being a person known before rather than a stranger: by place, height and colours."""
-    gone_s, away = now_s - q.seen_s, math.dist(q.at_m, b.at_m)
+    gone_s, away = b.born_s - q.seen_s, math.dist(q.at_m, b.born_m)
     if away > body.TORSO.torso_radius_m + body.SPEED_MAX_MPS * gone_s or gone_s <= 0:
         return -1.0
     spread = min(body.TORSO.torso_radius_m + gone_s, math.sqrt(params.floor_m2) / 2)
     place = math.log(params.floor_m2 / (2 * math.pi * spread**2)) - 0.5 * (away / spread) ** 2
-    mine = body.stature(b.height_m, q.tall_m, math.hypot(q.upright[1], math.sqrt(b.height_var)), params.low_share)
-    stranger = body.stature(b.height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, params.low_share)
+    error = max(math.sqrt(b.height_var), NEW_HEIGHT_STD_M)
+    mine = body.stature(b.height_m, q.tall_m, math.hypot(q.upright[1], error), params.low_share)
+    stranger = body.stature(b.height_m, body.HEIGHT_MEAN_M, math.hypot(body.HEIGHT_STD_M, error), params.low_share)
     anything = (1 - body.THINGS) * stranger + body.THINGS / body.HEIGHT_MEAN_M
     return place + math.log(mine / anything) + _alike(q, b, known)
 

@@ -38,6 +38,7 @@ class Person:
         log_odds: of existence.
         seen_s: time of the last look that measured the place.
         tall_m, tall_var: height when upright [m], and its variance.
+        born_s, born_m: when and where it was seen first.
         origin_m: where the track began.
         walked_m: farthest from there [m].
         moved: log-odds of a person against a thing from moving by itself.
@@ -57,6 +58,8 @@ class Person:
     height_var: float = HEIGHT_STD_M**2
     tall_m: float = HEIGHT_MEAN_M
     tall_var: float = HEIGHT_STD_M**2
+    born_s: float = 0.0
+    born_m: tuple[float, float] = (0.0, 0.0)
     origin_m: tuple[float, float] = (0.0, 0.0)
     walked_m: float = 0.0
     moved: float = 0.0

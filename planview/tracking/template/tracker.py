@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib.types import F32, F64, I64
+from calib.types import F64, I64
 from planview.tracking import body
 from planview.tracking.base import Decision, DecisionKind, Observation, TrackerDebug
 from planview.tracking.template.births import Births
 from planview.tracking.template.drawing import draw
-from planview.tracking.template.explanation import STEPS_M, Explanation, People, Samples
+from planview.tracking.template.explanation import STEPS_M, Explanation, Owned, People, Samples
 from planview.tracking.template.identity import Exchanges, continued
 from planview.tracking.template.params import TemplateParams
 from planview.tracking.template.person import Person, colour_ratios
@@ -20,6 +20,8 @@ from planview.trajectories.state import State, TrackState
 
 LOG_ODDS_MAX = 8.0
 """Existence is never surer than this."""
+KNOWN_ODDS = 3.0
+"""Log-odds at which a newcomer is somebody known before it is sure to exist: one error in twenty."""
 INSIDE = 0.3
 """Share of a body in the image below which a person is at the border."""
 
@@ -42,6 +44,7 @@ class TemplateTracker:
         self._next_id = 1
         self._now_s = math.nan
         self._exchanges = Exchanges(self.params)
+        self._births = Births()
         self._log: list[Decision] = []
         self._owners: list[I64] = []
 
@@ -70,13 +73,12 @@ class TemplateTracker:
         if self._people:
             self._explain(frame, dt)
         owned = frame.share_out(self._side_by_side())
-        self._owners = [owner.astype(np.int16) for owner, _, _ in owned]
+        self._owners = [o.owner.astype(np.int16) for o in owned]
         if self._coloured(frame):
             self._learn(frame, owned, dt)
         self._forget_gone()
-        self._meet(Births(frame, self._side_by_side()).find([owner for owner, _, _ in owned], self._now_s))
-        for q in self._people:
-            self._confirm(q)
+        self._meet(self._births.find(frame, self._side_by_side(), owned, self._now_s))
+        self._recognise()
         return tuple(self._state(q) for q in self._people)
 
     def _predict(self, q: Person, dt: float) -> None:
@@ -106,18 +108,19 @@ class TemplateTracker:
         samples = [frame.around(pose, body.TORSO.torso_radius_m + 0.1) for pose in predicted]
         information = [self._information(q) for q in self._people]
         others = [np.flatnonzero(touch[i] & (np.arange(len(touch)) != i)) for i in range(len(touch))]
+        bent = np.zeros((len(predicted), 3))
         for sweep in range(2):
             for i in order:
                 if sweep and not len(others[i]):
                     continue
                 samples[i].layer(people, others[i])
-                samples[i].ascend(
+                _, bent[i] = samples[i].ascend(
                     people.poses[i], predicted[i], information[i], people.tall[i], people.apart(others[i]),
-                    people.ratios[i], STEPS_M[2 * sweep :],
+                    people.ratios[i], STEPS_M[sweep:],
                 )  # fmt: skip
         flooded = all((v.kind > 0).mean() > 0.5 for v in frame.views)
         for i, q in enumerate(self._people):
-            self._measure(i, q, frame, samples, people, predicted[i], others[i])
+            self._measure(i, q, frame, samples, people, predicted[i], others[i], bent[i], dt)
             if not flooded:
                 self._weigh(q, dt)
             self._say(q, [self._people[k] for k in others[i]])
@@ -128,8 +131,9 @@ class TemplateTracker:
         return np.array([k.c_yy / det, -k.c_xy / det, k.c_xx / det, 1 / q.height_var])
 
     def _measure(
-        self, i: int, q: Person, frame: Explanation, samples: list[Samples], people: People, predicted: F64, others: I64
-    ) -> None:
+        self, i: int, q: Person, frame: Explanation, samples: list[Samples], people: People, predicted: F64,
+        others: I64, bent: F64, dt: float,
+    ) -> None:  # fmt: skip
         """Evidence for a person, its visible share, and the place as far as the pixels tell it."""
         s, pose, ratio = samples[i], people.poses[i], people.ratios[i]
         s.layer(people, others)
@@ -142,7 +146,7 @@ class TemplateTracker:
         q.share = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * q.inside)
         if q.share < self.params.visible_min:
             return
-        noise, up = s.noise(pose, ratio)
+        noise, up = s.noise(pose, bent)
         x, y, h = pose
         xx, xy, yy, _ = self._information(q)
         ox, oy = x - predicted[0], y - predicted[1]
@@ -154,7 +158,7 @@ class TemplateTracker:
         speed = math.hypot(kalman.vx_mps, kalman.vy_mps)
         slower = min(1.0, body.SPEED_MAX_MPS / max(speed, 1e-6))
         q.kalman = kalman._replace(vx_mps=slower * kalman.vx_mps, vy_mps=slower * kalman.vy_mps)
-        q.height_m, q.height_var = float(h), 1.0 / (1.0 / q.height_var + up)
+        q.height_m, q.height_var = float(h), 1.0 / (1.0 / q.height_var + up * min(1.0, dt / self.params.errors_s))
         q.seen_s = self._now_s
 
     def _rival(self, i: int, people: People) -> int:
@@ -170,13 +174,11 @@ class TemplateTracker:
         """Evidence for a person in another's place: both, against the other alone who may stand anywhere near."""
         poses, tall, ratios = people.poses, people.tall, people.ratios
         rest = np.array([k for k in range(len(poses)) if k not in (i, j)], dtype=np.int64)
-        near = 1 / body.TORSO.torso_radius_m**2
+        loose = np.array([1.0, 0.0, 1.0, body.TORSO.torso_radius_m**2]) / body.TORSO.torso_radius_m**2
         s.layer(people, rest)
-        first = s.lam(poses[i], ratios[i])
-        alone = max(
-            s.ascend(start.copy(), poses[j], np.array([near, 0.0, near, 1.0]), tall[j], people.apart(rest), ratios[j])
-            for start in (poses[j], np.array([*poses[i, :2], tall[j, 0]]))
-        )
+        first, apart = s.lam(poses[i], ratios[i]), people.apart(rest)
+        starts = poses[j].copy(), np.array([*poses[i, :2], tall[j, 0]])
+        alone = max(s.ascend(start, poses[j], loose, tall[j], apart, ratios[j])[0] for start in starts)
         s.layer(people, np.append(rest, i))
         both = first + s.lam(poses[j], ratios[j])
         both += s.believed(poses[i], tall[i], people.apart(np.array([j])))
@@ -202,15 +204,15 @@ class TemplateTracker:
             q.moved = min(q.moved + farther / body.TORSO.torso_radius_m, p.evidence_max)
 
     # -- who is who, who comes, who goes ----------------------------------------------------------------------------
-    def _learn(self, frame: Explanation, owned: Sequence[tuple[I64, F32, F32]], dt: float) -> None:
+    def _learn(self, frame: Explanation, owned: Sequence[Owned], dt: float) -> None:
         for i, q in enumerate(self._people):
             near = min((math.dist(q.at_m, o.at_m) for o in self._people if o is not q), default=math.inf)
             if q.share < 0.5 or near < body.REACH_M:
                 continue
-            for (owner, share, height), v in zip(owned, frame.views, strict=True):
-                mine = (owner == i) & (share > 0.8)
+            for o, v in zip(owned, frame.views, strict=True):
+                mine = (o.owner == i) & (o.share > 0.8)
                 if v.colour is not None:
-                    q.learn_colours(height[mine], v.colour[mine])
+                    q.learn_colours(o.height[mine], v.colour[mine])
         for a, b, odds in self._exchanges.update(self._people, owned, frame.views, dt):
             a.take_identity(b)
             self._note(a, "identity", f"exchanged with {b.track_id}: colours, log-odds {odds:.1f}", odds)
@@ -230,34 +232,41 @@ class TemplateTracker:
         self._departed = [q for q in self._departed if self._now_s - q.seen_s <= p.remember_s]
 
     def _meet(self, born: list[Person]) -> None:
-        """Newcomers are the lost or departed whom they continue best, or strangers."""
-        if not born:
-            return
-        lost = [q for q in self._people if q.confirmed and q.share < self.params.visible_min]
-        known = continued(born, lost + self._departed, self._now_s, self.params)
-        for i, b in enumerate(born):
-            if i not in known:
-                b.track_id = self._next_id
-                self._next_id += 1
-                self._people.append(b)
-                self._note(b, "spawned", f"evidence {b.evidence:.1f}, {b.height_m:.2f} m tall", b.evidence)
-                continue
-            q, odds = known[i]
-            self._note(q, "reacquired", f"log-odds {odds:.1f} after {self._now_s - q.seen_s:.1f} s", odds)
-            q.kalman, q.height_m, q.height_var, q.share = b.kalman, b.height_m, b.height_var, b.share
-            q.seen_s, q.log_odds = self._now_s, max(q.log_odds, b.log_odds)
-            if q in self._departed:
-                self._departed.remove(q)
-                self._people.append(q)
+        """Follow newcomers, under ids of their own until it is known who they are."""
+        for b in born:
+            b.track_id = self._next_id
+            self._next_id += 1
+            self._people.append(b)
+            self._note(b, "spawned", f"evidence {b.evidence:.1f}, {b.height_m:.2f} m tall", b.evidence)
 
-    def _confirm(self, q: Person) -> None:
-        p = self.params
-        stature = body.stature(q.height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, p.low_share)
-        person = q.moved + math.log((1 - body.THINGS) * stature / (body.THINGS / body.HEIGHT_MEAN_M))
-        sure = q.existence > p.report and person > math.log(p.report / (1 - p.report))
-        if not q.confirmed and sure and q.share >= p.visible_min:
-            q.confirmed = True
-            self._note(q, "confirmed", f"existence {q.existence:.2f}, log-odds of a person {person:.1f}", q.existence)
+    def _recognise(self) -> None:
+        """Confirm newcomers, as the lost or departed whom they continue best or as strangers.
+
+        Who somebody is is decided when the odds are, at the latest when the person is reported.
+        """
+        new = [q for q in self._people if not q.confirmed]
+        lost = [q for q in self._people if q.confirmed and q.share < self.params.visible_min]
+        known = continued(new, lost + self._departed, self.params) if new else {}
+        for i, b in enumerate(new):
+            person = self._personhood(b)
+            sure = b.existence > self.params.report and person > math.log(self.params.report / (1 - self.params.report))
+            sure = sure and b.share >= self.params.visible_min
+            q, odds = known.get(i, (None, 0.0))
+            if q is not None and (sure or odds > KNOWN_ODDS):
+                self._note(q, "reacquired", f"log-odds {odds:.1f} after {b.born_s - q.seen_s:.1f} s", odds)
+                self._departed = [o for o in self._departed if o is not q]
+                self._people = [o for o in self._people if o is not q]
+                b.take_identity(q)
+                b.confirmed = True
+            elif sure:
+                b.confirmed = True
+                reason = f"existence {b.existence:.2f}, log-odds of a person {person:.1f}"
+                self._note(b, "confirmed", reason, b.existence)
+
+    def _personhood(self, q: Person) -> float:
+        """Log-odds of a person against a thing, by height and own movement."""
+        stature = body.stature(q.height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, self.params.low_share)
+        return q.moved + math.log((1 - body.THINGS) * stature / (body.THINGS / body.HEIGHT_MEAN_M))
 
     def _say(self, q: Person, others: Sequence[Person]) -> None:
         """Why a person is where it is, and who may hide it."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Mapping
+from contextlib import nullcontext, suppress
+from dataclasses import replace
 from functools import partial
+from io import BytesIO
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,28 +16,38 @@ import numpy as np
 
 from calib.camera import Camera
 from calib.errors import InputError
-from calib.formats import load_rig
+from calib.formats import load_rig, refuse_strange_camera
 from calib.formats.base import camera as camera_of
 from calib.formats.rgbd import load_rgbd
 from calib.formats.ros import camera_from
 from calib.io import size_text
 from calib.pose import SE3
 from calib.rig import IDENTITY, RgbdRig, StereoRig
-from calib.types import I64, AnyArray
 from stereo.readers.bags.messages import camera_fields, frame_id, transforms
 from stereo.readers.bags.storage import Bag, McapFile, RosBag, error_text
-from stereo.readers.bags.topics import TopicFrames, TopicImages, bits_in, choose_topics, info_topic, stored_at
-from stereo.readers.base import Decoded, DecodedDepth, Layout, OpenOptions, Reader, Stream, both
-from stereo.readers.images import Size, bits_note
+from stereo.readers.bags.topics import TopicDepth, TopicFrames, TopicImages, choose_topics, info_topic
+from stereo.readers.base import (
+    Layout,
+    OpenOptions,
+    Reader,
+    Stream,
+    both,
+    check_paired,
+    clock_of_pairs,
+    own_times,
+    pixel_text,
+    same_size,
+    stereo_layout,
+)
+from stereo.readers.images import Size, bits_note, true_bits
 from stereo.readers.pairing import depth_note, nearest_mates, pair_stamps
-from stereo.readers.rgbd import UNITS_PER_M, RgbdLayout, metres
-from stereo.readers.stereo_layout import StereoLayout, check_paired, own_times, pixel_text, same_size, times_of
+from stereo.readers.rgbd import rgbd_layout
 
 MAX_TRANSFORMS = 2000
 """Messages of tf_static that are read: drivers send some dozens (our choice)."""
 
 
-def rig_of(bag: Bag, topics: tuple[str, str], size: tuple[int, int]) -> StereoRig:
+def rig_of(bag: Bag, topics: tuple[str, str], size: Size) -> StereoRig:
     """The rig from the camera_info of two image topics.
 
     Topics whose names say that their images are rectified take the rectified camera P instead of K and D.
@@ -43,21 +55,26 @@ def rig_of(bag: Bag, topics: tuple[str, str], size: tuple[int, int]) -> StereoRi
     Raises:
         InputError: no camera_info, one that is not calibrated, or no baseline.
     """
-    found = [info_of(bag, topic) for topic in topics]
-    source = f"camera_info of {bag.path.name}"
-    try:
-        if all(is_rectified(topic) for topic in topics):
-            (left, left_shift), (right, right_shift) = (rectified_camera(fields, name) for name, fields, _ in found)
-            pose = SE3(np.eye(3), right_shift - left_shift)
-        else:
-            (left, rect_SE3_left), (right, rect_SE3_right) = (camera_from(fields, name) for name, fields, _ in found)
-            pose = rect_SE3_right.inverse() @ rect_SE3_left
-    except ValueError as error:
-        raise InputError(f"{bag.path}: {error}: --calibration FILE gives another") from error
+    first, second = infos = [info_of(bag, topic) for topic in topics]
+    rectified, source = all(is_rectified(topic) for topic in topics), f"camera_info of {bag.path.name}"
+    (left, rect_SE3_left), (right, rect_SE3_right) = (_camera(bag, info, rectified) for info in infos)
+    pose = rect_SE3_right.inverse() @ rect_SE3_left
     if np.linalg.norm(pose.translation) == 0:
-        pose, source = _from_tf(bag, found[0][2], found[1][2]), source + " and tf_static"
+        found = pose_between(static_poses(bag), second.frame, first.frame)
+        if found is None:
+            raise InputError(
+                f"{bag.path}: expected a baseline, found none in P and no transform from {first.frame} to "
+                f"{second.frame} in /tf_static: --calibration FILE gives one"
+            )
+        pose, source = found, source + " and tf_static"
     rig = StereoRig(left, right, pose, source)
-    return _fitted_pair(rig, bag, size).check(f"{bag.path} (camera_info)")
+    if not left.size == right.size == size:
+        if left.size != right.size or size[0] * left.height != size[1] * left.width:
+            raise InputError(
+                f"{bag.path}: expected camera_info for images of {size_text(size)}, found {size_text(left.size)}"
+            )
+        rig = replace(rig.scaled(*size), source=f"{source} (scaled from {size_text(left.size)})")
+    return rig.check(f"{bag.path} (camera_info)")
 
 
 def is_rectified(topic: str) -> bool:
@@ -65,31 +82,28 @@ def is_rectified(topic: str) -> bool:
     return re.search(r"(?<![a-z])rect", topic) is not None
 
 
-def rectified_camera(fields: Mapping[str, Any], name: str) -> tuple[Camera, Any]:
-    """The camera of rectified images, and where the rectified left frame's origin lies in its frame [m].
-
-    Raises:
-        ValueError: P is no projection.
-    """
-    projection = np.array(fields["P"], dtype=np.float64).reshape(3, 4)
-    one = camera_of(
-        (fields["width"], fields["height"]), projection[:, :3].ravel(), np.empty(0), "brown", f"P of {name}"
-    )
-    return one, np.linalg.solve(projection[:, :3], projection[:, 3])
-
-
 class CameraMessage(NamedTuple):
-    """The first camera_info of an image topic.
-
-    Attributes:
-        topic: its own name.
-        fields: as ``calib.formats.ros.camera_from`` takes them.
-        frame: of reference.
-    """
+    """The first camera_info of an image topic: its own topic, the fields of ROS's YAML files, frame of reference."""
 
     topic: str
     fields: dict[str, Any]
     frame: str
+
+
+def _camera(bag: Bag, info: CameraMessage, rectified: bool) -> tuple[Camera, SE3]:
+    """The camera of a camera_info, or of its rectified images by P, and rect_SE3_camera."""
+    try:
+        if rectified:
+            p = np.array(info.fields["P"], dtype=np.float64).reshape(3, 4)
+            size = info.fields["width"], info.fields["height"]
+            camera = camera_of(size, p[:, :3].ravel(), np.empty(0), "brown", f"P of {info.topic}")
+            pose = SE3(np.eye(3), np.asarray(-np.linalg.solve(p[:, :3], p[:, 3]), dtype=np.float64))
+        else:
+            camera, pose = camera_from(info.fields, info.topic)
+        refuse_strange_camera(camera, info.topic)
+    except ValueError as error:
+        raise InputError(f"{bag.path}: {error}: --calibration FILE gives another") from error
+    return camera, pose
 
 
 def info_of(bag: Bag, topic: str) -> CameraMessage:
@@ -118,18 +132,6 @@ def info_of(bag: Bag, topic: str) -> CameraMessage:
     return CameraMessage(name, fields, frame.lstrip("/"))
 
 
-def _from_tf(bag: Bag, left: str, right: str) -> SE3:
-    """right_SE3_left of two frames, from the static transforms."""
-    poses = static_poses(bag)
-    found = pose_between(poses, right, left)
-    if found is None:
-        raise InputError(
-            f"{bag.path}: expected a baseline, found none in P and no transform from {left} to {right} in /tf_static: "
-            "--calibration FILE gives one"
-        )
-    return found
-
-
 def static_poses(bag: Bag) -> dict[str, tuple[str, SE3]]:
     """Parent frame and parent_SE3_child by child frame."""
     poses: dict[str, tuple[str, SE3]] = {}
@@ -144,121 +146,19 @@ def static_poses(bag: Bag) -> dict[str, tuple[str, SE3]]:
 
 def pose_between(poses: Mapping[str, tuple[str, SE3]], target: str, source: str) -> SE3 | None:
     """target_SE3_source over their common ancestor; None when they have none."""
-    up_source, up_target = _chain(poses, source), _chain(poses, target)
-    common = next((frame for frame in up_source if frame in up_target), None)
-    return None if common is None else up_target[common].inverse() @ up_source[common]
-
-
-def _chain(poses: Mapping[str, tuple[str, SE3]], frame: str) -> dict[str, SE3]:
-    """ancestor_SE3_frame by ancestor, the frame itself first; a loop ends it."""
-    chain = {frame: SE3.identity()}
-    at = frame
-    while at in poses and poses[at][0] not in chain:
-        parent, pose = poses[at]
-        chain[parent] = pose @ chain[at]
-        at = parent
-    return chain
-
-
-def _fitted_pair(rig: StereoRig, bag: Bag, size: tuple[int, int]) -> StereoRig:
-    if rig.left.size == rig.right.size == size:
-        return rig
-    (width, height), (w, h) = size, rig.left.size
-    if rig.left.size != rig.right.size or width * h != height * w:
-        raise InputError(f"{bag.path}: expected camera_info for images of {width}x{height}, found {w}x{h}")
-    scaled = rig.scaled(*size)
-    return StereoRig(scaled.left, scaled.right, rig.right_SE3_left, f"{rig.source} (scaled from {w}x{h})")
+    chains = []
+    for frame in (source, target):
+        chain = {frame: SE3.identity()}  # ancestor_SE3_frame by ancestor; a loop ends it
+        while frame in poses and poses[frame][0] not in chain:
+            parent, pose = poses[frame]
+            chain[parent] = pose @ chain[frame]
+            frame = parent
+        chains.append(chain)
+    common = next((frame for frame in chains[0] if frame in chains[1]), None)
+    return None if common is None else chains[1][common].inverse() @ chains[0][common]
 
 
 _REGISTERED = re.compile(r"registered|aligned|depth_to_(rgb|colou?r)", re.IGNORECASE)
-
-
-class TopicDepth:
-    """The images of a depth topic in the order of the recording: 16UC1 in millimetres, 32FC1 in metres (REP 118).
-
-    Raises:
-        InputError: the topic's images are no depth.
-    """
-
-    def __init__(self, images: TopicImages, places: I64, sample: Sequence[AnyArray], units_per_m: float) -> None:
-        """Args: places in the topic by frame index, -1 where there is none; a few of its images."""
-        if not sample or sample[0].ndim != 2 or sample[0].dtype not in (np.uint16, np.float32, np.float64):
-            raise InputError(
-                f"{images.bag.path}: expected depth in {images.topic.name} (16UC1, 32FC1, compressedDepth), found none"
-            )
-        self._images, self._places, self._sample, self._units = images, places, sample, units_per_m
-        self.size = sample[0].shape[1], sample[0].shape[0]
-
-    def __iter__(self) -> Iterator[DecodedDepth]:
-        return self.at(range(len(self._places)))
-
-    def at(self, indices: Iterable[int]) -> Iterator[DecodedDepth]:
-        """Only these frames."""
-        for index, stored in stored_at(self._images, self._places, indices):
-            if self._places[index] < 0:
-                yield DecodedDepth(index, None, None, "image is missing")
-            elif stored is None or stored.shape != self._sample[0].shape:
-                why = f"a message of {self._images.topic.name} is no depth of {size_text(self.size)}"
-                yield DecodedDepth(index, None, None, why)
-            else:
-                yield DecodedDepth(index, None, metres(stored, self._units))
-
-    def scaled(self, units_per_m: float) -> TopicDepth:
-        """The same topic with another scale."""
-        return TopicDepth(self._images, self._places, self._sample, units_per_m)
-
-
-def rgbd_layout(
-    path: Path, bag: Bag, topics: tuple[TopicImages, TopicImages], stamps: tuple[I64, I64], options: OpenOptions,
-    notes: Sequence[str],
-) -> RgbdLayout:  # fmt: skip
-    """Pair an image topic with a depth topic by their times.
-
-    Args:
-        topics: of the image and of its depth.
-        stamps: (n,) and (m,) int64 [ns], when each was taken.
-    Raises:
-        InputError: no image has a depth image, or the topics hold something else.
-    """
-    names = topics[0].topic.name, topics[1].topic.name
-    frames = pair_stamps(stamps[0], stamps[0], (names[0], names[0]))
-    mates = _mates(*stamps)
-    depth_places = np.where(frames.left >= 0, mates[frames.left], -1)
-    if not (depth_places >= 0).any():
-        raise InputError(f"{path}: expected images and depth of the same times, found none")
-    samples = [topic.sample() for topic in topics]
-    bits = bits_in(samples[:1])
-    images = TopicFrames(topics[0], frames.left, samples[0], bits)
-    depths = TopicDepth(topics[1], depth_places, samples[1], UNITS_PER_M)
-    registered, assumed = _is_registered(bag, names)
-    kinds = pixel_text(images.is_grey, bits), "depth"
-    streams = tuple(
-        Stream(name, size, len(own), own_times(own), kind)
-        for name, size, own, kind in zip(names, (images.size, depths.size), stamps, kinds, strict=True)
-    )
-    times, fps = times_of(frames, options)
-    rig = partial(_rgbd_rig, bag, names, options.calibration, (images.size, depths.size), registered)
-    return RgbdLayout(
-        path, path if path.is_dir() else path.parent, partial(_rgbd_pairs, images, depths), (streams[0], streams[1]),
-        len(frames.left), fps, times, rig,
-        (*notes, *frames.notes, *depth_note(depth_places), *bits_note(bits), *assumed),
-        unpaired=int(np.count_nonzero(depth_places < 0)),
-    )  # fmt: skip
-
-
-def _mates(images: I64, depths: I64) -> I64:
-    """Place of each image's depth, -1 without one, whatever the order of recording."""
-    order, depth_order = np.argsort(images, kind="stable"), np.argsort(depths, kind="stable")
-    found = nearest_mates(images[order], depths[depth_order])
-    mates = np.full(len(images), -1)
-    mates[order] = np.where(found >= 0, depth_order[found], -1)
-    return mates
-
-
-def _rgbd_pairs(
-    images: TopicFrames, depths: TopicDepth, units_per_m: float | None, indices: Sequence[int] | None
-) -> Generator[tuple[Decoded, DecodedDepth], None, None]:
-    return both(images, depths if units_per_m is None else depths.scaled(units_per_m), indices)
 
 
 def _is_registered(bag: Bag, names: tuple[str, str]) -> tuple[bool, tuple[str, ...]]:
@@ -275,103 +175,79 @@ def _is_registered(bag: Bag, names: tuple[str, str]) -> tuple[bool, tuple[str, .
     return False, (f"{note} (--calibration FILE says otherwise)",)
 
 
-def _rgbd_rig(
-    bag: Bag, names: tuple[str, str], calibration: Path | None, sizes: tuple[Size, Size], registered: bool
-) -> RgbdRig:
-    if calibration is not None:
-        return load_rgbd(calibration, *sizes)
+def _rgbd_rig(bag: Bag, names: tuple[str, str], sizes: tuple[Size, Size], registered: bool) -> RgbdRig:
     image, source = info_of(bag, names[0]), f"camera_info of {bag.path.name}"
-    camera = _camera_of_topic(image.fields, names[0])
-    if registered:
-        return _fitted_rgbd(RgbdRig(camera, source=source), bag, sizes)
-    depth = info_of(bag, names[1])
-    pose = IDENTITY if image.frame == depth.frame else pose_between(static_poses(bag), image.frame, depth.frame)
-    depth_camera = _camera_of_topic(depth.fields, names[1])
-    return _fitted_rgbd(RgbdRig(camera, depth_camera, pose or IDENTITY, source=source), bag, sizes)
-
-
-def _fitted_rgbd(rig: RgbdRig, bag: Bag, sizes: tuple[Size, Size]) -> RgbdRig:
-    for one, size in ((rig.camera, sizes[0]), (rig.depth_camera, sizes[1])):
-        if one is not None and one.width * size[1] != one.height * size[0]:
-            found = size_text(one.size)
+    rig = RgbdRig(_camera(bag, image, is_rectified(names[0]))[0], source=source)
+    if not registered:
+        depth = info_of(bag, names[1])
+        same = image.frame == depth.frame
+        pose = None if same else pose_between(static_poses(bag), image.frame, depth.frame)
+        depth_camera = _camera(bag, depth, is_rectified(names[1]))[0]
+        rig = replace(rig, depth_camera=depth_camera, camera_SE3_depth=pose or IDENTITY)
+    cameras = [(rig.camera, sizes[0]), *([(rig.depth_camera, sizes[1])] if rig.depth_camera else [])]
+    for camera, size in cameras:
+        if camera.width * size[1] != camera.height * size[0]:
+            found = size_text(camera.size)
             raise InputError(f"{bag.path}: expected camera_info for images of {size_text(size)}, found {found}")
-    same = rig.camera.size == sizes[0] and (rig.depth_camera is None or rig.depth_camera.size == sizes[1])
-    return rig if same else rig.scaled(*sizes)
-
-
-def _camera_of_topic(fields: dict[str, object], topic: str) -> Camera:
-    try:
-        return rectified_camera(fields, topic)[0] if is_rectified(topic) else camera_from(fields, topic)[0]
-    except ValueError as error:
-        raise InputError(f"{topic}: {error}: --calibration FILE gives another") from error
+    return rig if all(camera.size == size for camera, size in cameras) else rig.scaled(*sizes)
 
 
 _MAGIC = {b"#ROSBAG V2.0": "ros1", b"\x89MCAP0\r\n": "mcap", b"SQLite format 3\0": "sqlite"}
-_SUFFIXES = {".bag": "ros1", ".mcap": "mcap", ".db3": "sqlite"}
-
-
-def _fits(path: Path) -> bool:
-    return _bag_file(path) is not None
 
 
 def _find(path: Path, options: OpenOptions) -> Layout:
     bag = _open(path)
     choice = choose_topics(bag, options.topics)
     named = {topic.name: topic for topic in bag.topics}
-    topics = TopicImages(bag, named[choice.first]), TopicImages(bag, named[choice.second])
+    names = choice.first, choice.second
+    first, second = TopicImages(bag, named[names[0]]), TopicImages(bag, named[names[1]])
+    stamps, said = (first.stamp_ns, second.stamp_ns), first.notes + second.notes
+    if not all(own.any() and (len(own) < 2 or np.ptp(own)) for own in stamps):
+        stamps = first.log_ns, second.log_ns
+        said = ("headers hold no times: the times of recording are taken", *said)
+    samples = first.sample(), second.sample()
     if choice.kind == "rgbd":
-        stamps, note = stamps_of(topics)
-        return rgbd_layout(path, bag, topics, stamps, options, note)
-    return _stereo(path, bag, topics, options)
-
-
-def _stereo(path: Path, bag: Bag, topics: tuple[TopicImages, TopicImages], options: OpenOptions) -> StereoLayout:
-    names = topics[0].topic.name, topics[1].topic.name
-    stamps, clock_note = stamps_of(topics)
-    pairs = pair_stamps(*stamps, names)
-    check_paired(pairs, path)
-    samples = [topic.sample() for topic in topics]
-    bits = bits_in(samples)
-    a, b = (
-        TopicFrames(topic, places, sample, bits)
-        for topic, places, sample in zip(topics, (pairs.left, pairs.right), samples, strict=True)
-    )
-    size = same_size(a, b, Path(names[0]), Path(names[1]))
+        pairs = pair_stamps(stamps[0], stamps[0], (names[0], names[0]))
+        mates = np.where(pairs.left >= 0, nearest_mates(*stamps)[pairs.left], -1)
+        if not (mates >= 0).any():
+            raise InputError(f"{path}: expected images and depth of the same times, found none")
+        bits = true_bits(samples[0])
+        images, depths = TopicFrames(first, pairs.left, samples[0], bits), TopicDepth(second, mates, samples[1])
+        sizes, kinds = (images.size, depths.size), (pixel_text(images.is_grey, bits), "depth")
+        said += (*depth_note(mates), *bits_note(bits))
+    else:
+        pairs = pair_stamps(*stamps, names)
+        check_paired(pairs, path)
+        bits = true_bits([*samples[0], *samples[1]])
+        a, b = TopicFrames(first, pairs.left, samples[0], bits), TopicFrames(second, pairs.right, samples[1], bits)
+        sizes = (same_size(a, b, *names),) * 2
+        kinds = pixel_text(a.is_grey, bits), pixel_text(b.is_grey, bits)
+        said += bits_note(bits)
     streams = tuple(
-        Stream(name, size, len(own), own_times(own), pixel_text(source.is_grey, bits))
-        for name, own, source in zip(names, stamps, (a, b), strict=True)
+        Stream(name, size, len(own), own_times(own), kind)
+        for name, size, own, kind in zip(names, sizes, stamps, kinds, strict=True)
     )
-    times, fps = times_of(pairs, options)
-    return StereoLayout(
-        path, folder_of(path), size, partial(both, a, b), streams, len(pairs.left), fps, times,
-        partial(_stereo_rig, bag, names, options.calibration, size), (*clock_note, *pairs.notes, *bits_note(bits)),
-        unpaired=pairs.unpaired,
+    clock = clock_of_pairs(pairs, options)
+    if choice.kind == "rgbd":
+        registered, assumed = _is_registered(bag, names)
+        rig = partial(_rgbd_rig, bag, names, sizes, registered)
+        if options.calibration:
+            rig = partial(load_rgbd, options.calibration, *sizes)
+        lacking = int(np.count_nonzero(mates < 0))
+        return rgbd_layout(path, images, depths, streams, clock, rig, (*said, *assumed), unpaired=lacking)
+
+    def stereo_rig() -> StereoRig:
+        return load_rig(options.calibration, sizes[0]) if options.calibration else rig_of(bag, names, sizes[0])
+
+    return stereo_layout(
+        path, partial(both, a, b), streams, len(pairs.left), clock, stereo_rig, said, unpaired=pairs.unpaired,
+        folder=path if path.is_dir() else path.parent,
     )  # fmt: skip
-
-
-def _stereo_rig(bag: Bag, topics: tuple[str, str], calibration: Path | None, size: Size) -> StereoRig:
-    return load_rig(calibration, size) if calibration else rig_of(bag, topics, size)
-
-
-def stamps_of(topics: tuple[TopicImages, TopicImages]) -> tuple[tuple[I64, I64], tuple[str, ...]]:
-    """When the images were taken by their headers; when they were recorded, where the headers hold no times."""
-    stamped = all(topic.stamp_ns.any() and (len(topic.stamp_ns) < 2 or np.ptp(topic.stamp_ns)) for topic in topics)
-    if stamped:
-        return (topics[0].stamp_ns, topics[1].stamp_ns), ()
-    note = "headers hold no times: the times of recording are taken"
-    return (topics[0].log_ns, topics[1].log_ns), (note,)
-
-
-def folder_of(path: Path) -> Path:
-    """Where world.toml lies: in the folder of the bag."""
-    return path if path.is_dir() else path.parent
 
 
 def _open(path: Path) -> Bag:
     file = _bag_file(path) or path
-    if file.is_dir():
-        return RosBag(file, ros1=False)
-    kind = _kind(file)
+    kind = None if file.is_dir() else _kind(file)
     return McapFile(file) if kind == "mcap" else RosBag(file, ros1=kind == "ros1")
 
 
@@ -381,28 +257,30 @@ def _bag_file(path: Path) -> Path | None:
         return path if _kind(path) else None
     if not path.is_dir():
         return None
-    if (path / "metadata.yaml").is_file() and _is_ros2(path / "metadata.yaml"):
+    if b"rosbag2_bagfile_information" in _head(path / "metadata.yaml", 4096):
         return path
-    found = [file for file in sorted(path.iterdir()) if file.suffix in _SUFFIXES and file.is_file() and _kind(file)]
+    found = [file for file in sorted(path.iterdir()) if file.suffix in (".bag", ".mcap", ".db3") and _kind(file)]
     return found[0] if len(found) == 1 else None
 
 
 def _kind(file: Path) -> str | None:
-    try:
-        with file.open("rb") as content:
-            head = content.read(16)
-    except OSError:
-        return None
+    head = _head(file, 16)
     found = next((kind for magic, kind in _MAGIC.items() if head.startswith(magic)), None)
     return None if found == "sqlite" and file.suffix != ".db3" else found
 
 
-def _is_ros2(metadata: Path) -> bool:
+def _head(file: Path, length: int) -> bytes:
     try:
-        with metadata.open("rb") as file:
-            return b"rosbag2_bagfile_information" in file.read(4096)
+        with file.open("rb") if file.is_file() else nullcontext(BytesIO()) as content:
+            return content.read(length)
     except OSError:
-        return False
+        return b""
 
 
-READER = Reader("bag", "a bag", "a ROS 1 bag, a ROS 2 bag or an MCAP file with images", _fits, _find)
+READER = Reader(
+    "bag",
+    "a bag",
+    "a ROS 1 bag, a ROS 2 bag or an MCAP file with images",
+    lambda path: _bag_file(path) is not None,
+    _find,
+)

@@ -91,6 +91,8 @@ def camera_fields(message: Any) -> dict[str, Any]:
 
 def transforms(message: Any) -> Iterator[tuple[str, str, SE3]]:
     """Parent frame, child frame and parent_SE3_child of a tf message."""
+    from scipy.spatial.transform import Rotation  # a tenth of a second, and only static transforms need it
+
     listed = field(message, "transforms") if _has(message, "transforms") else [message]
     for one in listed:
         if _has(one, "transform"):
@@ -100,19 +102,8 @@ def transforms(message: Any) -> Iterator[tuple[str, str, SE3]]:
             pose, parent, child = one, str(field(one, "parent_frame_id")), str(field(one, "child_frame_id"))
         translation = np.array([float(field(field(pose, "translation"), axis)) for axis in "xyz"])
         quaternion = np.array([float(field(field(pose, "rotation"), axis)) for axis in "xyzw"])
-        yield parent.lstrip("/"), child.lstrip("/"), transform(_rotation(quaternion), translation, "rotation of tf")
-
-
-def _rotation(q: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """(3, 3) rotation of a quaternion (x, y, z, w), normalised."""
-    x, y, z, w = q / np.linalg.norm(q)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+        rotation = np.asarray(Rotation.from_quat(quaternion).as_matrix(), dtype=np.float64)
+        yield parent.lstrip("/"), child.lstrip("/"), transform(rotation, translation, "rotation of tf")
 
 
 def _has(message: Any, name: str) -> bool:

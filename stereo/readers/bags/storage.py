@@ -7,13 +7,18 @@ import json
 import re
 import struct
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, Literal, Protocol
 
+import yaml
+
 from calib.errors import InputError
+from calib.io import read_text
 from stereo.readers.bags.messages import stamp_ns
 
 Kind = Literal["image", "compressed", "info", "tf", "other"]
@@ -111,10 +116,9 @@ def sorted_topics(topics: Sequence[Topic]) -> tuple[Topic, ...]:
     """By name; several connections of one topic count as one."""
     merged: dict[str, Topic] = {}
     for topic in topics:
-        before = merged.get(topic.name)
-        merged[topic.name] = (
-            topic if before is None else Topic(topic.name, topic.schema, topic.kind, before.count + topic.count)
-        )
+        before = merged.setdefault(topic.name, topic)
+        if before is not topic:
+            merged[topic.name] = replace(before, count=before.count + topic.count)
     return tuple(merged[name] for name in sorted(merged))
 
 
@@ -125,6 +129,7 @@ def error_text(error: Exception) -> str:
 
 MAX_UNPACKED_BYTES = 1 << 28
 """Chunks and messages that unpack to more are damage, or made to fill the memory (recorders write some megabytes)."""
+_ZSTD = b"\x28\xb5\x2f\xfd"
 _TOO_LARGE = f"compressed data of more than {MAX_UNPACKED_BYTES >> 20} MB"
 
 
@@ -140,6 +145,8 @@ class RosBag:
         self._ros1 = ros1
         self._reader = require("rosbags.rosbag1" if ros1 else "rosbags.rosbag2", path).Reader
         try:
+            if not ros1:
+                _refuse_expanding(path)
             with self._reader(path) as reader:
                 self.topics = sorted_topics(
                     [Topic(c.topic, c.msgtype, kind_of(c.msgtype), c.msgcount) for c in reader.connections]
@@ -149,7 +156,11 @@ class RosBag:
                     summary = require("mcap.reader", path).SeekingReader(content).get_summary()
                     _check_chunks(content, summary.chunk_indexes if summary else ())
         except Exception as error:  # libraries raise whatever a damaged file provokes
-            raise InputError(f"{path}: {_damage(error, ros1)}") from error
+            what, repair = ("a ROS 1 bag", "rosbag reindex") if ros1 else ("a ROS 2 bag", "ros2 bag reindex")
+            found = error_text(error).rstrip(".")
+            raise InputError(
+                f"{path}: expected {what}, found one that is damaged or was cut off ({found}): {repair} may mend it"
+            ) from error
 
     def messages(self, topic: str, start_ns: int | None = None) -> Iterator[Message]:
         """See ``Bag``."""
@@ -163,31 +174,55 @@ class RosBag:
                 yield Message(log_ns, unpack(data), stamp, decode)
 
 
-def _as_it_is(data: bytes) -> bytes:
-    return data
+def _refuse_expanding(path: Path) -> None:
+    """Refuse a folder whose metadata or compressed files stand for more than they hold.
+
+    Raises:
+        ValueError: references in the metadata, which can nest without end, or files that unpack to a hundred times
+            their size.
+    """
+    metadata = read_text(path / "metadata.yaml", "the metadata of a bag") if path.is_dir() else ""
+    for token in yaml.scan(metadata, getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
+        text = token.value if isinstance(token, yaml.ScalarToken) else ""  # profiles are YAML in YAML
+        if isinstance(token, yaml.AliasToken) or re.search(r"\*\w|<<", text):
+            raise ValueError("references in its metadata")
+    for file in path.iterdir() if path.is_dir() else ():
+        with file.open("rb") if file.is_file() else nullcontext(BytesIO()) as content:
+            if content.read(4) != _ZSTD:
+                continue
+            content.seek(0)
+            left = 100 * file.stat().st_size + MAX_UNPACKED_BYTES
+            library = import_module("zstandard")
+            with library.ZstdDecompressor().stream_reader(content, read_across_frames=True) as unpacked:
+                while part := len(unpacked.read(1 << 20)):
+                    left -= part
+                    if left < 0:
+                        raise ValueError("compressed data of more than a hundred times its size")
 
 
 def _bound_chunks(reader: Any) -> Callable[[bytes], bytes]:
-    """Have a reader of a ROS 1 bag unpack no more of a chunk than ``MAX_UNPACKED_BYTES``."""
+    """Have a reader of a ROS 1 bag unpack no more of a chunk than ``MAX_UNPACKED_BYTES``; messages stay as they are."""
+    lz4 = import_module("lz4.frame")
 
-    def unpack(data: bytes) -> bytes:
-        stream = bz2.BZ2Decompressor()
-        unpacked = stream.decompress(data, MAX_UNPACKED_BYTES)
+    def unpack(make: Callable[[], Any], data: bytes) -> bytes:
+        stream = make()
+        unpacked: bytes = stream.decompress(data, MAX_UNPACKED_BYTES)
         if not stream.eof:
             raise ValueError(_TOO_LARGE)
         return unpacked
 
     for place, chunk in reader.chunks.items():
-        if chunk.decompressor is bz2.decompress:
-            reader.chunks[place] = chunk._replace(decompressor=unpack)
-    return _as_it_is
+        for whole, make in ((bz2.decompress, bz2.BZ2Decompressor), (lz4.decompress, lz4.LZ4FrameDecompressor)):
+            if chunk.decompressor is whole:
+                reader.chunks[place] = chunk._replace(decompressor=partial(unpack, make))
+    return bytes
 
 
 def _take_message_compression(reader: Any) -> Callable[[bytes], bytes]:
     """Have a reader of a ROS 2 bag give compressed messages as they are; gives what unpacks them."""
     storage = getattr(reader, "storage", reader)
     if getattr(storage.metadata, "compression_mode", None) != "message":
-        return _as_it_is
+        return bytes
     storage.metadata = storage.metadata._replace(compression_mode=None)
     zstandard = import_module("zstandard")
 
@@ -221,13 +256,6 @@ def _store(ros1: bool) -> Any:
     return get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
 
 
-def _damage(error: Exception, ros1: bool) -> str:
-    what = "a ROS 1 bag" if ros1 else "a ROS 2 bag"
-    mend = "rosbag reindex" if ros1 else "ros2 bag reindex"
-    found = error_text(error).rstrip(".")
-    return f"expected {what}, found one that is damaged or was cut off ({found}): {mend} may mend it"
-
-
 MAX_RECORD_BYTES = 1 << 30
 """Larger records are damage (recorders write chunks of some megabytes)."""
 _HEADED = ("sensor_msgs/",)
@@ -251,9 +279,9 @@ class McapFile:
                     raise ValueError("it has no summary section")
                 _check_chunks(file, summary.chunk_indexes)
                 counts = summary.statistics.channel_message_counts
-                self.topics = sorted_topics(
-                    [_topic(channel, summary.schemas, counts) for channel in summary.channels.values()]
-                )
+                schemas = {0: "", **{key: schema.name for key, schema in summary.schemas.items()}}
+                named = [(c.topic, schemas[c.schema_id], counts.get(c.id, 0)) for c in summary.channels.values()]
+                self.topics = sorted_topics([Topic(name, of, kind_of(of), count) for name, of, count in named])
         except Exception as error:  # libraries raise whatever a damaged file provokes
             raise InputError(
                 f"{path}: expected an MCAP file, found one that is damaged or was cut off ({error_text(error)}): "
@@ -282,11 +310,6 @@ def _check_chunks(file: BinaryIO, chunks: Sequence[Any]) -> None:
             size = max(size, import_module("zstandard").frame_content_size(file.read(18)))
         if size > MAX_UNPACKED_BYTES:
             raise ValueError(_TOO_LARGE)
-
-
-def _topic(channel: Any, schemas: Any, counts: Any) -> Topic:
-    schema = schemas[channel.schema_id].name if channel.schema_id else ""
-    return Topic(channel.topic, schema, kind_of(schema), counts.get(channel.id, 0))
 
 
 def _codec(encoding: str, schema: Any, path: Path) -> tuple[Callable[[bytes], int], Callable[[bytes], Any]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing
-from pathlib import Path
+from itertools import takewhile
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -13,12 +13,12 @@ import numpy as np
 from calib.errors import InputError
 from calib.images import as_grey
 from calib.io import size_text
-from calib.types import I64, U8, AnyArray
+from calib.types import I64, AnyArray
 from stereo.readers.bags.messages import image_message, stored_pixels
 from stereo.readers.bags.storage import Bag, Message, Topic, error_text
-from stereo.readers.base import Decoded, is_grey
-from stereo.readers.images import FRAMES, to_8_bits, true_bits
+from stereo.readers.images import FRAMES, UNITS_PER_M, is_grey, metres, to_8_bits
 from stereo.readers.pairing import split_sides
+from stereo.recording import Decoded
 
 _TRANSPORT = re.compile(r"/(compressed|compressedDepth|theora|ffmpeg|zstd)$")
 _DEPTH = re.compile(r"depth|disparity", re.IGNORECASE)
@@ -43,10 +43,21 @@ def choose_topics(bag: Bag, named: Sequence[str]) -> TopicChoice:
     """
     there = [topic for topic in bag.topics if topic.kind in ("image", "compressed") and topic.count]
     if named:
-        return _named(bag.path, there, named)
+        for name in named:
+            if name not in [topic.name for topic in there]:
+                raise InputError(
+                    f"--topics: expected image topics of {bag.path.name} ({_listed(there)}), found {name!r}"
+                )
+        first, second = named
+        if is_depth(first) and not is_depth(second):
+            first, second = second, first
+        return TopicChoice("rgbd" if is_depth(second) else "stereo", first, second)
     if not there:
         raise InputError(f"{bag.path}: expected image topics of two cameras, found {_listed(bag.topics)}")
-    pairs = _stereo(there) or _rgbd(there)
+    by_base: dict[str, Topic] = {}  # each image once: raw before compressed
+    for topic in sorted(there, key=lambda topic: topic.kind == "compressed"):
+        by_base.setdefault(_base(topic.name), topic)
+    pairs = _stereo(list(by_base)) or _rgbd(list(by_base))
     if not pairs and len(there) == 1:
         raise InputError(
             f"{bag.path}: expected image topics of two cameras, or an image and its depth, "
@@ -58,23 +69,26 @@ def choose_topics(bag: Bag, named: Sequence[str]) -> TopicChoice:
             f"{bag.path}: expected one pair of image topics, found {what} among {_listed(there)}: "
             "--topics LEFT,RIGHT or IMAGE,DEPTH names them"
         )
-    return pairs[0]
+    kind, first, second = pairs[0]
+    return TopicChoice(kind, by_base[first].name, by_base[second].name)
 
 
 def info_topic(topics: Iterable[Topic], image: str) -> str | None:
     """The camera_info topic beside an image topic: of the same camera, else the one that shares most of its name."""
     infos = [topic.name for topic in topics if topic.kind == "info" and topic.count]
     base = _base(image)
-    beside = base.rsplit("/", 1)[0]
-    for name in (f"{beside}/camera_info", f"{base}/camera_info"):
+    for name in (f"{base.rsplit('/', 1)[0]}/camera_info", f"{base}/camera_info"):
         if name in infos:
             return name
-    shared = {name: _shared(name, base) for name in infos}
-    best = max(shared.values(), default=0)
-    nearest = [name for name in infos if shared[name] == best]
+
+    def shared(name: str) -> int:
+        parts = zip(name.strip("/").split("/"), base.strip("/").split("/"), strict=False)
+        return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], parts))
+
+    best = max(map(shared, infos), default=0)
     if len(infos) > 1 and not best:
         return None
-    return min(nearest, key=len, default=None)
+    return min((name for name in infos if shared(name) == best), key=len, default=None)
 
 
 def is_depth(topic: str) -> bool:
@@ -82,52 +96,24 @@ def is_depth(topic: str) -> bool:
     return _DEPTH.search(topic) is not None
 
 
-def _named(path: Path, there: Sequence[Topic], named: Sequence[str]) -> TopicChoice:
-    names = [topic.name for topic in there]
-    for name in named:
-        if name not in names:
-            raise InputError(f"--topics: expected image topics of {path.name} ({_listed(there)}), found {name!r}")
-    first, second = named
-    depth = [is_depth(name) for name in (first, second)]
-    return TopicChoice("rgbd", second, first) if depth[0] and not depth[1] else TopicChoice(
-        "rgbd" if depth[1] else "stereo", first, second
-    )  # fmt: skip
-
-
-def _stereo(there: Sequence[Topic]) -> list[TopicChoice]:
+def _stereo(bases: Sequence[str]) -> list[TopicChoice]:
     """Left and right topics whose names differ in the side alone, one pair for each rig."""
-    images = [
-        topic for topic in _one_transport(there) if not is_depth(topic.name) and not _COLOUR.search(_camera(topic))
-    ]
-    sided = split_sides([_base(topic.name) for topic in images])
+    images = [base for base in bases if not is_depth(base) and not _COLOUR.search(base.rsplit("/", 1)[0])]
+    sided = split_sides(images)
     if sided is None:
         return []
-    rights = {sided.rest[i]: images[i].name for i in sided.right}
-    pairs = {sided.rest[i]: TopicChoice("stereo", images[i].name, rights[sided.rest[i]])
+    rights = {sided.rest[i]: images[i] for i in sided.right}
+    pairs = {sided.rest[i]: TopicChoice("stereo", images[i], rights[sided.rest[i]])
              for i in sided.left if sided.rest[i] in rights}  # fmt: skip
     return [pairs[rest] for rest in _preferred(pairs)]
 
 
-def _rgbd(there: Sequence[Topic]) -> list[TopicChoice]:
+def _rgbd(bases: Sequence[str]) -> list[TopicChoice]:
     """Images of colour, or whatever is not depth, with the depth topic of the same camera."""
-    topics = _one_transport(there)
-    depths = {topic.name: topic.name for topic in topics if is_depth(topic.name)}
-    images = [topic.name for topic in topics if topic.name not in depths]
-    images = [name for name in images if _COLOUR.search(name)] or images
-    depths = {name: name for name in _preferred({_base(d): d for d in depths})}
-    images = _preferred({_base(i): i for i in images})
-    names = {_base(topic.name): topic.name for topic in topics}
-    if len(depths) == 1 and len(images) == 1:
-        return [TopicChoice("rgbd", names[images[0]], names[next(iter(depths))])]
-    return [TopicChoice("rgbd", names[i], names[d]) for i in images for d in depths]
-
-
-def _one_transport(there: Sequence[Topic]) -> list[Topic]:
-    """Each image once: raw before compressed."""
-    by_base: dict[str, Topic] = {}
-    for topic in sorted(there, key=lambda topic: topic.kind == "compressed"):
-        by_base.setdefault(_base(topic.name), topic)
-    return list(by_base.values())
+    depths = _preferred([base for base in bases if is_depth(base)])
+    images = [base for base in bases if not is_depth(base)]
+    images = _preferred([base for base in images if _COLOUR.search(base)] or images)
+    return [TopicChoice("rgbd", image, depth) for image in images for depth in depths]
 
 
 def _preferred(names: Iterable[str]) -> list[str]:
@@ -143,22 +129,13 @@ def _base(topic: str) -> str:
     return _TRANSPORT.sub("", topic)
 
 
-def _camera(topic: Topic) -> str:
-    """Name of the camera: all but the last part."""
-    return _base(topic.name).rsplit("/", 1)[0]
-
-
-def _shared(a: str, b: str) -> int:
-    """Leading parts that two names share."""
-    parts = list(zip(a.strip("/").split("/"), b.strip("/").split("/"), strict=False))
-    return next((i for i, (one, other) in enumerate(parts) if one != other), len(parts))
-
-
 def _listed(topics: Sequence[Topic]) -> str:
     names = ", ".join(topic.name for topic in topics[:8]) or "no topics"
     return names + (f" and {len(topics) - 8} more" if len(topics) > 8 else "")
 
 
+MAX_NS = 2**62
+"""Times beyond the year 2116 are no clock's."""
 AHEAD = 64
 """Messages that are read past rather than looked up anew (our choice)."""
 
@@ -168,22 +145,31 @@ class TopicImages:
 
     Attributes:
         log_ns, stamp_ns: (n,) int64 [ns], when each was recorded and when its header says it was taken.
+        notes: of damage that ends the topic.
     Raises:
         InputError: the topic's messages cannot be read.
     """
+
+    notes: tuple[str, ...] = ()
 
     def __init__(self, bag: Bag, topic: Topic) -> None:
         self.bag, self.topic = bag, topic
         log, stamp = [], []
         try:
             for message in bag.messages(topic.name):
+                if not 0 <= message.log_ns <= MAX_NS:
+                    raise ValueError(f"a message recorded at {message.log_ns} ns")
+                try:
+                    taken = message.stamp(message.data)
+                except Exception:  # a damaged header leaves the time of recording
+                    taken = message.log_ns
                 log.append(message.log_ns)
-                stamp.append(message.stamp(message.data))
+                stamp.append(taken if abs(taken) <= MAX_NS else message.log_ns)
         except Exception as error:  # libraries raise whatever a damaged file provokes
             if not log:
                 raise InputError(f"{bag.path}: expected images in {topic.name}, found {error_text(error)}") from error
-        self.log_ns = np.array(log, dtype=np.int64)
-        self.stamp_ns = np.array(stamp[: len(log)] + log[len(stamp) :], dtype=np.int64)
+            self.notes = (f"{topic.name} ends after {len(log)} messages in damage ({error_text(error)})",)
+        self.log_ns, self.stamp_ns = np.array(log, dtype=np.int64), np.array(stamp, dtype=np.int64)
 
     def at(self, places: Iterable[int]) -> Generator[AnyArray | None, None, None]:
         """The stored values at these places, None where they cannot be decoded; places may be in any order."""
@@ -214,60 +200,66 @@ class TopicImages:
 
 
 class TopicFrames:
-    """A ``FrameSource`` of a topic's images in the order of the recording.
+    """The images of a topic in the order of the recording (a ``FrameSource``).
 
     Raises:
         InputError: none of a few images can be decoded.
     """
 
     fps = np.nan
+    _expected = "images in {}, found none that can be decoded"
 
-    def __init__(self, images: TopicImages, places: I64, sample: Sequence[AnyArray], bits: int | None) -> None:
+    def __init__(self, images: TopicImages, places: I64, sample: Sequence[AnyArray], bits: int | None = None) -> None:
         """Args: places in the topic by frame index, -1 where the camera has none; a few of its images."""
-        if not sample:
-            raise InputError(
-                f"{images.bag.path}: expected images in {images.topic.name}, found none that can be decoded"
-            )
-        self._images, self._places, self._bits = images, places, bits
+        if not sample or not self._fits(sample[0]):
+            raise InputError(f"{images.bag.path}: expected {self._expected.format(images.topic.name)}")
+        self._images, self._places, self._sample, self._bits = images, places, sample, bits
         self.n_frames = len(places)
         self.size = sample[0].shape[1], sample[0].shape[0]
-        self.is_grey = is_grey(to_8_bits(sample[0], bits)) if _is_image(sample[0]) else True
+        self.is_grey = sample[0].dtype in (np.uint8, np.uint16) and is_grey(to_8_bits(sample[0], bits))
 
     def __iter__(self) -> Iterator[Decoded]:
         return self.at(range(self.n_frames))
 
     def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
         """See ``FrameSource``."""
-        for index, stored in stored_at(self._images, self._places, indices):
-            yield self._decoded(index, stored)
+        listed, name = list(indices), self._images.topic.name
+        with closing(self._images.at(int(self._places[i]) for i in listed if self._places[i] >= 0)) as found:
+            for index in listed:
+                if self._places[index] < 0:
+                    yield Decoded(index, None, None, "image is missing")
+                    continue
+                stored = next(found)
+                if stored is None or not self._fits(stored):
+                    yield Decoded(index, None, None, f"a message of {name} cannot be decoded")
+                elif (size := (stored.shape[1], stored.shape[0])) != self.size:
+                    why = f"an image of {name} is {size_text(size)}, not {size_text(self.size)}"
+                    yield Decoded(index, None, None, why)
+                else:
+                    yield Decoded(index, None, self._given(stored))
 
-    def _decoded(self, index: int, stored: AnyArray | None) -> Decoded:
-        name = self._images.topic.name
-        if self._places[index] < 0:
-            return Decoded(index, None, None, "image is missing")
-        if stored is None or not _is_image(stored):
-            return Decoded(index, None, None, f"a message of {name} cannot be decoded")
-        if (stored.shape[1], stored.shape[0]) != self.size:
-            found = size_text((stored.shape[1], stored.shape[0]))
-            return Decoded(index, None, None, f"an image of {name} is {found}, not {size_text(self.size)}")
-        image: U8 = to_8_bits(stored, self._bits)
-        return Decoded(index, None, as_grey(image) if self.is_grey else image)
+    def _fits(self, stored: AnyArray) -> bool:
+        return stored.dtype in (np.uint8, np.uint16)
 
-
-def stored_at(
-    images: TopicImages, places: I64, indices: Iterable[int]
-) -> Generator[tuple[int, AnyArray | None], None, None]:
-    """Index and stored values of these frames; None where the camera has none, or none that can be decoded."""
-    listed = list(indices)
-    with closing(images.at(int(places[i]) for i in listed if places[i] >= 0)) as found:
-        for index in listed:
-            yield index, next(found) if places[index] >= 0 else None
+    def _given(self, stored: AnyArray) -> AnyArray:
+        image = to_8_bits(stored, self._bits)
+        return as_grey(image) if self.is_grey else image
 
 
-def bits_in(samples: Sequence[Sequence[AnyArray]]) -> int | None:
-    """Bits that the images of all cameras use; None for 8-bit images."""
-    return true_bits(image for sample in samples for image in sample)
+class TopicDepth(TopicFrames):
+    """The images of a depth topic: 16UC1 in millimetres, 32FC1 in metres (REP 118)."""
 
+    _expected = "depth in {} (16UC1, 32FC1, compressedDepth), found none"
+    _units_per_m = UNITS_PER_M
 
-def _is_image(stored: AnyArray) -> bool:
-    return stored.dtype in (np.uint8, np.uint16)
+    def scaled(self, units_per_m: float) -> TopicDepth:
+        """The same topic with another scale."""
+        other = TopicDepth(self._images, self._places, self._sample)
+        other._units_per_m = units_per_m
+        return other
+
+    def _fits(self, stored: AnyArray) -> bool:
+        return stored.ndim == 2 and stored.dtype in (np.uint16, np.float32, np.float64)
+
+    def _given(self, stored: AnyArray) -> AnyArray:
+        return metres(stored, self._units_per_m)

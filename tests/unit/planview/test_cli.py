@@ -2,6 +2,8 @@
 
 import subprocess
 import sys
+import tempfile
+from pathlib import Path
 
 import pytest
 
@@ -9,7 +11,7 @@ from calib.errors import InputError, WorkError
 from planview import cli
 
 COMMANDS = [
-    *([name] for name in cli.COMMANDS),
+    *([name] for group in cli.COMMANDS.values() for name in group),
     *(["calibrate", name] for name in cli.CALIBRATE),
 ]
 
@@ -79,6 +81,40 @@ def test_errors_become_one_sentence_and_a_status(
     monkeypatch.setattr(cli, "make_app", lambda _: fail)
     assert status_of(["run"]) == status
     assert capsys.readouterr().err == f"planview: {sentence}\n"
+
+
+@pytest.mark.parametrize(("name", "now"), cli.FORMER.items())
+def test_a_former_command_is_answered_with_its_new_name(
+    name: str, now: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert status_of([name, "x"]) == 2
+    assert capsys.readouterr().err == f"planview: {name}: expected its new name, {now}\n"
+
+
+def test_a_former_option_of_run_is_answered_with_what_takes_its_place(capsys: pytest.CaptureFixture[str]) -> None:
+    assert status_of(["run", "x", "--pace", "--out", "y"]) == 2
+    assert "expected --set run.real_time=true in its place" in capsys.readouterr().err
+
+
+def test_an_unexpected_error_becomes_one_sentence_that_names_a_file_with_the_traceback(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("a\nb")
+
+    monkeypatch.setattr(cli, "make_app", lambda _: fail)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    assert status_of(["run"]) == 1
+    (log,) = tmp_path.iterdir()
+    assert capsys.readouterr().err == (f"planview: unexpected ZeroDivisionError: a b (how it came about is in {log})\n")
+    assert "Traceback" in log.read_text() and "in fail" in log.read_text()
+
+
+def test_messages_to_a_full_disk_do_not_end_the_work() -> None:
+    command = "import sys; from planview.cli import main; sys.argv = ['planview', 'nonsense']; main()"
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([sys.executable, "-c", command], stderr=full)
+    assert done.returncode == 2
 
 
 def test_the_listing_imports_nothing_heavy() -> None:

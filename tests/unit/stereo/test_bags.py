@@ -1,11 +1,12 @@
+import re
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from toy_bags import COUNT, FOCAL, START_NS, STEP_NS, H, W, Writer, picture, stereo_bag
 
 from calib.errors import InputError
 from calib.types import AnyArray
@@ -18,85 +19,7 @@ from stereo.readers.bags.topics import choose_topics, info_topic
 rosbag1 = pytest.importorskip("rosbags.rosbag1")
 rosbag2 = pytest.importorskip("rosbags.rosbag2")
 typesys = pytest.importorskip("rosbags.typesys")
-
-W, H, COUNT, STEP_NS, START_NS = 32, 24, 8, 100_000_000, 1_650_000_000_000_000_000
-FOCAL = 30.0
-
-
-class Writer:
-    """Writes a bag of either kind with the same messages."""
-
-    def __init__(self, path: Path, ros1: bool, plugin: str = "sqlite3") -> None:
-        self.ros1 = ros1
-        self.store = typesys.get_typestore(typesys.Stores.ROS1_NOETIC if ros1 else typesys.Stores.ROS2_HUMBLE)
-        storage = {"mcap": rosbag2.StoragePlugin.MCAP, "sqlite3": rosbag2.StoragePlugin.SQLITE3}[plugin]
-        self.bag = rosbag1.Writer(path) if ros1 else rosbag2.Writer(path, version=9, storage_plugin=storage)
-        self.bag.open()
-        self.connections: dict[str, Any] = {}
-
-    def write(self, topic: str, log_ns: int, message: Any) -> None:
-        kind = message.__msgtype__
-        if topic not in self.connections:
-            self.connections[topic] = self.bag.add_connection(topic, kind, typestore=self.store)
-        data = self.store.serialize_ros1(message, kind) if self.ros1 else self.store.serialize_cdr(message, kind)
-        self.bag.write(self.connections[topic], log_ns, data)
-
-    def header(self, stamp_ns: int, frame: str = "cam") -> Any:
-        types = self.store.types
-        time = types["builtin_interfaces/msg/Time"](stamp_ns // 10**9, stamp_ns % 10**9)
-        return types["std_msgs/msg/Header"](0, time, frame) if self.ros1 else types["std_msgs/msg/Header"](time, frame)
-
-    def image(self, stamp_ns: int, pixels: AnyArray, encoding: str = "mono8") -> Any:
-        data = np.frombuffer(pixels.tobytes(), np.uint8)
-        step = pixels.nbytes // pixels.shape[0]
-        kind = self.store.types["sensor_msgs/msg/Image"]
-        return kind(self.header(stamp_ns), pixels.shape[0], pixels.shape[1], encoding, 0, step, data)
-
-    def compressed(self, stamp_ns: int, pixels: AnyArray) -> Any:
-        data = np.asarray(cv2.imencode(".png", pixels)[1]).ravel()
-        return self.store.types["sensor_msgs/msg/CompressedImage"](self.header(stamp_ns), "png", data)
-
-    def info(self, stamp_ns: int, shift_m: float, frame: str = "cam") -> Any:
-        k = np.array([FOCAL, 0, 15.5, 0, FOCAL, 11.5, 0, 0, 1.0])
-        p = np.array([FOCAL, 0, 15.5, FOCAL * shift_m, 0, FOCAL, 11.5, 0, 0, 0, 1, 0.0])
-        roi = self.store.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
-        kind, model = self.store.types["sensor_msgs/msg/CameraInfo"], "plumb_bob"
-        return kind(self.header(stamp_ns, frame), H, W, model, np.zeros(5), k, np.eye(3).ravel(), p, 0, 0, roi)
-
-    def close(self) -> None:
-        self.bag.close()
-
-
-def picture(value: int) -> AnyArray:
-    image = np.add.outer(np.arange(H), np.arange(W)).astype(np.uint8)
-    image[:8, :8] = value
-    return image
-
-
-def stereo_bag(
-    path: Path,
-    ros1: bool = True,
-    plugin: str = "sqlite3",
-    *,
-    compressed: bool = False,
-    baseline_m: float = 0.1,
-    infos: bool = True,
-    stamps: Callable[[int, str], int | None] = lambda i, side: START_NS + i * STEP_NS,
-) -> Path:
-    writer = Writer(path, ros1, plugin)
-    for i in range(COUNT):
-        for side in ("left", "right"):
-            stamp, log = stamps(i, side), START_NS + i * STEP_NS
-            if stamp is None:
-                continue
-            name = f"/stereo/{side}/image_raw" + "/compressed" * compressed
-            make = writer.compressed if compressed else writer.image
-            writer.write(name, log, make(stamp, picture(10 * i)))
-            if infos and i < 2:
-                shift = -baseline_m if side == "right" else 0.0
-                writer.write(f"/stereo/{side}/camera_info", log, writer.info(stamp, shift, f"{side}_optical"))
-    writer.close()
-    return path
+zstandard = pytest.importorskip("zstandard")
 
 
 @pytest.mark.parametrize(
@@ -369,3 +292,58 @@ def test_chunk_of_a_folder_of_mcap_files_that_unpacks_without_end_is_refused(
     monkeypatch.setattr(storage, "MAX_UNPACKED_BYTES", 100)
     with pytest.raises(InputError, match="compressed data of more than"):
         find_layout(path)
+
+
+def nested(levels: int) -> str:
+    """YAML of references whose every level stands for nine of the one before."""
+    rows = [f"b{i}: &b{i} {{<<: [{', '.join([f'*b{i - 1}'] * 9)}]}}" for i in range(1, levels)]
+    return "\n".join(["b0: &b0 {x: 1}", *rows]) + "\n"
+
+
+@pytest.mark.parametrize("inside", [False, True], ids=["metadata", "profiles in it"])
+def test_metadata_with_references_is_refused_at_once(tmp_path: Path, inside: bool) -> None:
+    path = stereo_bag(tmp_path / "a", False)
+    text = (path / "metadata.yaml").read_text()
+    quoted = nested(12).replace("\n", "\\n")
+    text = text.replace(
+        "serialization_format: cdr", f'serialization_format: cdr\n      offered_qos_profiles: "{quoted}"'
+    )
+    (path / "metadata.yaml").write_text(text if inside else text + nested(12))
+    with pytest.raises(InputError, match="references in its metadata"):
+        find_layout(path)
+
+
+def test_metadata_with_a_time_of_text_is_refused(tmp_path: Path) -> None:
+    path = stereo_bag(tmp_path / "a", False)
+    text = (path / "metadata.yaml").read_text()
+    (path / "metadata.yaml").write_text(
+        text.replace(f"nanoseconds_since_epoch: {START_NS}", "nanoseconds_since_epoch: noon")
+    )
+    with pytest.raises(InputError, match="expected a ROS 2 bag, found one that is damaged"):
+        find_layout(path)
+
+
+def test_file_that_unpacks_to_far_more_than_its_size_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = stereo_bag(tmp_path / "a", False)
+    file = next(path.glob("*.db3"))
+    whole = zstandard.ZstdCompressor().compress(file.read_bytes())
+    text = (path / "metadata.yaml").read_text().replace(file.name, f"{file.name}.zstd")
+    text = re.sub("compression_format: .*", "compression_format: zstd", text)
+    (path / "metadata.yaml").write_text(re.sub("compression_mode: .*", "compression_mode: FILE", text))
+    (path / f"{file.name}.zstd").write_bytes(whole)
+    file.unlink()
+    assert find_layout(path)[1].n_frames == COUNT
+    monkeypatch.setattr(storage, "MAX_UNPACKED_BYTES", 100)
+    (path / f"{file.name}.zstd").write_bytes(zstandard.ZstdCompressor().compress(bytes(10**7)))
+    with pytest.raises(InputError, match="more than a hundred times its size"):
+        find_layout(path)
+
+
+def test_header_without_a_time_of_this_world_takes_the_time_of_recording(tmp_path: Path) -> None:
+    def stamps(i: int, side: str) -> int:
+        return -(2**31) * 10**9 if i == 3 else START_NS + i * STEP_NS
+
+    recording = open_recording(stereo_bag(tmp_path / "a", False, stamps=stamps))
+    assert len(list(recording)) == COUNT

@@ -6,16 +6,15 @@ import pytest
 from reference import windows as reference
 
 from stereo._kernels import split
-from stereo.gating import TILE, Gate, MatchingParams, MatchingWork, Window
+from stereo.gating import TILE, Gate, MatchingParams, Window
 
 SIZE = (320, 240)
 SAMPLES = (120, 160)
-WORK = MatchingWork(20, 0, 33, 60_000)
 NOTHING = np.zeros(SAMPLES, np.uint8)
 
 
 def gate(refresh_s: float = 600.0) -> Gate:
-    return Gate(SIZE, 1, MatchingParams(refresh_s=refresh_s), WORK, lambda window: 64)
+    return Gate(SIZE, 1, MatchingParams(refresh_s=refresh_s), lambda window: 64)
 
 
 def changed_at(*places: tuple[int, int]) -> np.ndarray:
@@ -83,8 +82,7 @@ def test_whole_image_is_cut_into_bands_where_far_rows_need_fewer_disparities() -
     def searched(window: Window) -> int:
         return 16 if window.bottom <= 240 else 80
 
-    cheap = MatchingWork(12, 12, 20, 25_000)
-    whole = Gate((640, 480), 2, MatchingParams(), cheap, searched).whole
+    whole = Gate((640, 480), 2, MatchingParams(), searched).whole
     assert len(whole) > 1
     assert [(w.left, w.right) for w in whole] == [(0, 640)] * len(whole)
     assert [w.top for w in whole] == [0, *(w.bottom for w in whole[:-1])]

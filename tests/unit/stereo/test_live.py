@@ -12,9 +12,8 @@ from toy_stereo import toy_rig
 from calib.errors import InputError
 from calib.rig import save_rig
 from stereo.readers import OpenOptions, find_layout, open_recording
-from stereo.readers.background import newest
-from stereo.readers.base import Decoded, LiveRecording
 from stereo.readers.live import READER, Address, with_gaps
+from stereo.recording import Decoded, LiveRecording, newest
 
 COUNT = 9
 

@@ -16,10 +16,12 @@ from stereo.matcher import (
     SUBPIXEL,
     DisparityRange,
     RangeParams,
+    SampledDisparity,
     SgbmMatcher,
     TwoWayMatcher,
     disparity_range,
     farthest_head_m,
+    right_of,
 )
 from stereo.rectify import RectifiedPair, Rectifier
 
@@ -106,6 +108,37 @@ def test_pixels_whose_match_is_masked_have_no_disparity() -> None:
     mask[:, 200:] = 0
     found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32), right_mask=mask)(*shifted(12.0))
     assert np.isnan(found[:, 212:]).all() and np.isfinite(found[20:-20, 60:200]).mean() > 0.9
+
+
+@pytest.mark.parametrize("step", [1, 2, 3])
+def test_a_window_has_the_disparity_of_its_samples(step: int) -> None:
+    searched, window, (left, right) = DisparityRange(5, 32), Window(120, 60, 219, 159), shifted(12.0)
+    matcher = SgbmMatcher(GEOMETRY, step=step)
+    found = matcher.part(left[window.slices], right[right_of(window, searched).slices], window, searched)
+    assert found.shape == (99 // step + 99 % step, 99 // step + 99 % step)
+    inside = found[8 // step : -8 // step, 8 // step : -8 // step] - 12.0
+    assert abs(np.median(inside)) < 0.08
+    assert (np.abs(inside) < 0.4).mean() > 0.95
+
+
+def test_samples_of_a_window_are_those_of_every_pixel() -> None:
+    mask = np.full(SIZE[::-1], 255, np.uint8)
+    mask[:, 150:170] = 0
+    searched, window, (left, right) = DisparityRange(0, 32), Window(0, 60, 220, 160), shifted(12.0)
+    every, second = (
+        SgbmMatcher(GEOMETRY, mask=mask, right_mask=mask, step=step).part(
+            left[window.slices], right[right_of(window, searched).slices], window, searched
+        )
+        for step in (1, 2)
+    )
+    np.testing.assert_array_equal(second, every[::2, ::2])
+    assert np.isnan(second[:, 75:85]).all() and np.isfinite(second[:, 20:70]).mean() > 0.95
+
+
+def test_an_image_of_samples_repeats_them() -> None:
+    samples = np.array([[1.0, 2.0], [3.0, np.nan]], np.float32)
+    image = SampledDisparity(samples, 2, (3, 4)).image
+    np.testing.assert_array_equal(image, [[1, 1, 2, 2], [1, 1, 2, 2], [3, 3, np.nan, np.nan]])
 
 
 def test_matcher_refuses_other_sizes() -> None:

@@ -7,9 +7,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from stereo.readers.base import StereoRecording
-from stereo.readers.multi_rig import Head, HeadsRecording
-from stereo.recording import Skipped, StereoFrame
+from stereo.readers.multi_rig import MultiRigRecording, RigRecording
+from stereo.recording import Skipped, StereoFrame, StereoRecording
 
 BLACK = np.zeros((2, 2), dtype=np.uint8)
 
@@ -27,8 +26,10 @@ class Times:
 
 def moments(*heads: tuple[Times, float]) -> list[tuple[float, list[int | None]]]:
     """Time of every moment, and the frame index of each head."""
-    together = [Head(f"{i}", cast(StereoRecording, cast(Any, times)), start) for i, (times, start) in enumerate(heads)]
-    recording = HeadsRecording(Path("r"), together)
+    together = [
+        RigRecording(f"{i}", cast(StereoRecording, cast(Any, times)), start) for i, (times, start) in enumerate(heads)
+    ]
+    recording = MultiRigRecording(Path("r"), together)
     return [(round(m.timestamp_s, 4), [f.index if f else None for f in m.frames]) for m in recording]
 
 
@@ -62,6 +63,6 @@ def test_times_begin_with_the_earliest_head() -> None:
 def test_skipped_frames_name_their_head() -> None:
     times = Times([0.0])
     times.skipped.append(Skipped(4, "left: file is missing"))
-    recording = HeadsRecording(Path("r"), [Head("north", cast(StereoRecording, cast(Any, times)), 0.0)])
+    recording = MultiRigRecording(Path("r"), [RigRecording("north", cast(StereoRecording, cast(Any, times)), 0.0)])
     assert [(s.index, s.why) for s in recording.skipped] == [(4, "north: left: file is missing")]
     assert recording.fps == pytest.approx(10.0)

@@ -11,9 +11,9 @@ from calib.errors import InputError
 from calib.rig import save_rig
 from calib.types import U8
 from stereo.readers import OpenOptions, open_recording, open_video
-from stereo.readers.background import prefetch
 from stereo.readers.pairing import even_sequence, pair_files
 from stereo.readers.times import load_timestamps
+from stereo.recording import prefetch
 
 W, H = 32, 24
 
@@ -351,7 +351,7 @@ def test_topics_of_a_recording_that_is_no_bag_are_refused(tmp_path: Path) -> Non
 def test_table_of_times_larger_than_any_recordings_is_refused_by_its_size(tmp_path: Path) -> None:
     with (tmp_path / "timestamps.csv").open("wb") as file:
         file.truncate((1 << 26) + 1)
-    with pytest.raises(InputError, match="at most 64 MB, found 67108865 bytes"):
+    with pytest.raises(InputError, match="up to 67108864 bytes, found 67108865"):
         load_timestamps(tmp_path / "timestamps.csv")
 
 

@@ -9,17 +9,17 @@ from calib.rig import StereoRig
 from stereo.gating import Window
 from stereo.recording import StereoFrame
 from stereo.rectify import Rectifier, RectifyParams, aligned_rectifier, common_geometry, fold_radius, source_pixels
-from stereo.row_offset import VerticalModel, VerticalParams, match_corners
+from stereo.rig_correction import MatchParams, match_corners
 
 TURN = (0.5, -0.6, 0.8)
 BROWN = (-0.2, 0.05, 0.001, -0.001, 0.0)
 RATIONAL = (-9.2, 65.3, -5e-05, 0.0005, -87.7, -9.29, 65.5, -87.8)
 
 
-def row_offsets(rig: StereoRig, vertical: VerticalModel | None = None) -> np.ndarray:
+def row_offsets(rig: StereoRig) -> np.ndarray:
     left, right = ToyWorld().pair(rig, walking(10))
-    pair = Rectifier(rig, vertical=vertical)(left, right)
-    return match_corners(pair.left_grey, pair.right_grey, 45.0, VerticalParams())[:, 3]
+    pair = Rectifier(rig)(left, right)
+    return match_corners(pair.left_grey, pair.right_grey, 45.0, MatchParams())[:, 3]
 
 
 def test_rectifying_an_ideal_pair_changes_nothing() -> None:
@@ -126,26 +126,22 @@ def test_source_pixels_lead_back_to_the_recorded_pixel() -> None:
     np.testing.assert_allclose(found[0, 0], [100.0, 80.0], atol=1e-3)
 
 
-def test_vertical_model_shifts_the_right_image() -> None:
-    before = row_offsets(toy_rig(rotation_deg=TURN))
-    after = row_offsets(toy_rig(rotation_deg=TURN), VerticalModel(offset_px=2.0))
-    assert np.median(after) - np.median(before) == pytest.approx(-2.0, abs=0.05)
-
-
-def test_aligned_rectifier_takes_out_a_turn_the_calibration_missed() -> None:
-    true, claimed = toy_rig(rotation_deg=(0.3, 0.0, 0.3)), toy_rig()
+@pytest.mark.parametrize("turn_deg", [(0.3, 0.0, 0.3), (0.0, 0.5, 0.0)])
+def test_aligned_rectifier_takes_out_a_turn_the_calibration_missed(turn_deg: tuple[float, float, float]) -> None:
+    true, claimed = toy_rig(rotation_deg=turn_deg), toy_rig()
     world = ToyWorld()
     frames = [StereoFrame(i, i / 15, *world.pair(true, walking(i), i)) for i in (0, 20)]
-    rectifier, fit = aligned_rectifier(claimed, frames)
-    assert fit.before_px > 1.0 and fit.after_px < 0.1
-    assert rectifier.vertical == fit.model != VerticalModel()
+    rectifier, found = aligned_rectifier(claimed, frames)
+    left = (rectifier.rig.right_SE3_left @ true.right_SE3_left.inverse()).rotvec
+    assert np.degrees(np.abs(left)).max() < 0.03
+    assert found.after_px < 0.1 < found.before_px
 
 
 def test_aligned_rectifier_leaves_a_good_calibration_alone() -> None:
     rig = toy_rig(rotation_deg=TURN)
-    rectifier, fit = aligned_rectifier(rig, [StereoFrame(0, 0.0, *ToyWorld().pair(rig))])
-    assert rectifier.vertical == VerticalModel()
-    assert fit.before_px == fit.after_px < 0.1
+    rectifier, found = aligned_rectifier(rig, [StereoFrame(0, 0.0, *ToyWorld().pair(rig))])
+    assert rectifier.rig is rig
+    assert found.before_px == found.after_px < 0.1
 
 
 def test_rectifier_refuses_other_sizes() -> None:

@@ -11,9 +11,10 @@ import pytest
 from calib.camera import Camera
 from calib.errors import InputError
 from stereo.readers import OpenOptions, find_reader, open_any
+from stereo.readers.images import metres
 from stereo.readers.pairing import nearest_mates
-from stereo.readers.rgbd import RgbdImages, metres, rate_by_movement
-from stereo.recording import RgbdFrame
+from stereo.readers.rgbd import rate_by_movement
+from stereo.recording import RgbdFrame, RgbdRecording
 
 CAMERA = {"fx": 60.0, "fy": 60.0, "cx": 31.5, "cy": 23.5, "width": 64, "height": 48}
 
@@ -32,9 +33,9 @@ def _folders(path: Path, calibration: object, names: tuple[str, str] = ("rgb", "
     return path
 
 
-def _open(path: Path, options: OpenOptions | None = None) -> RgbdImages:
+def _open(path: Path, options: OpenOptions | None = None) -> RgbdRecording:
     recording = open_any(path, options)
-    assert isinstance(recording, RgbdImages)
+    assert isinstance(recording, RgbdRecording)
     return recording
 
 

@@ -1,5 +1,6 @@
 """What load_rig finds, mends and refuses."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -124,6 +125,14 @@ def test_numbers_that_are_not_finite_are_refused(last: str, tx: str, tmp_path: P
     opencv_pair(tmp_path, last=last, tx=tx)
     with pytest.raises(InputError, match=r"intrinsics.yml.*(finite|numbers)"):
         load_rig(tmp_path, (640, 480))
+
+
+@pytest.mark.parametrize("k1", [-1e6, -3.0, 1e6, 1e300])
+def test_lens_that_shows_no_picture_is_refused(k1: float, tmp_path: Path) -> None:
+    camera = replace(CAMERA, distortion=(k1, 0.0, 0.0, 0.0))
+    write_rig(replace(RIG, left=camera), tmp_path / "rig.toml")
+    with pytest.raises(InputError, match=r"rig\.toml .*expected a left lens that shows the middle of its image"):
+        load_rig(tmp_path / "rig.toml")
 
 
 def test_half_of_a_pair_is_refused(tmp_path: Path) -> None:

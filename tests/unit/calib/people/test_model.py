@@ -10,11 +10,7 @@ from hypothesis import strategies as st
 
 from calib.ground_camera import GroundCamera
 from calib.people.model import HULL_POINTS, HumanModel
-from planview.tracking.human_model.model_map import (
-    HumanModelMapParams,
-    build_model_map,
-    visible_fraction,
-)
+from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map, visible_fraction
 
 OBLIQUE = GroundCamera(160, 120, 150.0, 4.0, math.radians(60))
 OVERHEAD = GroundCamera(160, 120, 100.0, 4.0, 0.0)

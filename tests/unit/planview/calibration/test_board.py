@@ -42,9 +42,7 @@ def test_pairs_are_found_in_folders_and_by_name(names: Sequence[str], tmp_path: 
 
 def test_an_image_without_a_mate_is_named(tmp_path: Path) -> None:
     images = BoardImages(save(tmp_path, ["left1.png", "left2.png", "left3.png", "right1.png", "right3.png"]))
-    assert [(p.name, p.why) for p in images if p.left is None] == [
-        ("left2.png", "has no mate from the other camera"),
-    ]
+    assert [(p.name, p.why) for p in images if p.left is None] == [("left2.png", "has no mate from the other camera")]
     assert values(images) == [(5, 35), (25, 45)]
 
 

@@ -7,7 +7,7 @@ import cv2
 import pytest
 
 from benchmarks.__main__ import main_benchmarks
-from benchmarks.options import RenderOptions, rendered, scene_files
+from benchmarks.options import Rendering, rendered, scene_files
 from calib.formats import load_rig
 from calib.ground_camera import load_ground_camera
 from calib.world import load_world
@@ -99,7 +99,7 @@ def test_synth_never_writes_into_a_folder_in_use(scene, tmp_path, capsys):
 
 def test_rendered_recording_is_kept_and_found_again(scene, tmp_path):
     told = []
-    options = RenderOptions(tmp_path / "cache", 1.0, 1)
+    options = Rendering(tmp_path / "cache", 1.0, 1)
     first = rendered(load_scene(scene), "s", options, told.append)
     assert rendered(load_scene(scene), "s", options, told.append) == first
     assert told == ["rendering s"]

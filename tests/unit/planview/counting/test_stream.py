@@ -43,11 +43,47 @@ def crossings(rows: Sequence[Row], **params: float) -> list[tuple[int, str]]:
 
 
 DOWN = np.linspace(1, -1, 21)
+STAYS = [1.0, 0.9, 0.8, 0.7, 0.6, 0.5, -0.8, -0.9, -1.0, -1.0, -1.0, -1.0]
+AROUND = [(i, 1, x, y, "confirmed") for i, (x, y) in enumerate([(3, 1), (3, 0.5), (3, -0.5), (2, -1), (1, -1)])]
+RIGHT, LEFT = "left_to_right", "right_to_left"
+WAYS: dict[str, tuple[list[Row], list[tuple[int, str]]]] = {
+    "over the line": (way(DOWN), [(1, RIGHT)]),
+    "over the line the other way": (way(DOWN[::-1]), [(1, LEFT)]),
+    "flicker on the line": (way([1.0, 0.5] + [0.2, -0.2] * 20 + [0.5, 1.0]), []),
+    "crossing after hesitation": (way([1.0, 0.5] + [0.2, -0.2] * 20 + [-0.5, -1.0]), [(1, RIGHT)]),
+    "put back in a jump": (way([1.0, 0.8, 0.5, 0.1, -0.3, -0.5, 1.0, 0.8, 0.5, 0.1, -0.3, -0.6, -1.0]), [(1, RIGHT)]),
+    "jump, and stayed beyond": (way(STAYS), [(1, RIGHT)]),
+    "jump, not yet stayed": (way(STAYS[:11]), []),
+    "back soon": (way([0.6, 0.3, 0.0, -0.3, -0.5, -0.3, 0.0, 0.3, 0.6]), [(1, RIGHT), (1, LEFT)]),
+    "short-lived track": (way([0.5, 0.1, -0.5]), []),
+    "young track that gets old enough": (way([0.5, 0.1, -0.5, -0.6, -0.7, -0.8]), [(1, RIGHT)]),
+    "never confirmed": (way(DOWN, state="tentative"), []),
+    "confirmed later": ([*way(DOWN[:15], state="tentative"), *way(DOWN[15:], start=15)], [(1, RIGHT)]),
+    "beside the end of the line": (way(DOWN, x=2.1), []),
+    "round the end and back over it": ([*AROUND, *way(DOWN[::-1], start=5)], [(1, LEFT)]),  # type: ignore[list-item]
+    "prediction": ([*way(DOWN[:8]), *way(DOWN[8:], start=8, state="lost")], []),
+    "lost before and found after": (
+        [*way(DOWN[:8]), *way(DOWN[8:14], start=8, state="lost"), *way(DOWN[14:], start=14)], [(1, RIGHT)],
+    ),
+    "new id beyond the line": ([*way(DOWN[:8]), *way(DOWN[14:], track_id=2, start=14)], [(2, RIGHT)]),
+    "new id on the line": (
+        [*way(DOWN[:15]), *way([0.1, -0.1, -0.3, -0.5, -0.7, -0.9], track_id=2, start=17)], [(1, RIGHT)],
+    ),
+    "another person the same way": ([*way(DOWN), *way(DOWN, track_id=2, start=25)], [(1, RIGHT), (2, RIGHT)]),
+    "old id back after a new one took over": (
+        [*way(DOWN[:8]), *way(DOWN[10:], track_id=2, start=10), *way(np.full(8, 1.0), start=14)], [(2, RIGHT)],
+    ),
+}  # fmt: skip
 
 
-def test_walking_over_the_line_counts_once_in_the_direction_seen_along_it() -> None:
-    assert crossings(way(DOWN)) == [(1, "left_to_right")]
-    assert crossings(way(DOWN[::-1])) == [(1, "right_to_left")]
+@pytest.mark.parametrize("name", WAYS)
+def test_crossings_of_a_line(name: str) -> None:
+    rows, expected = WAYS[name]
+    assert crossings(rows) == expected
+
+
+def test_age_from_which_a_track_counts_is_a_parameter() -> None:
+    assert crossings(way([0.5, 0.1, -0.5]), min_age_s=0.2) == [(1, RIGHT)]
 
 
 def test_crossing_is_dated_to_the_line_between_frames() -> None:
@@ -62,88 +98,11 @@ def test_crossing_inside_a_gap_is_interpolated() -> None:
     assert event.timestamp_s == pytest.approx(1.0)
 
 
-def test_flicker_on_the_line_counts_nothing() -> None:
-    assert crossings(way([1.0, 0.5] + [0.2, -0.2] * 20 + [0.5, 1.0])) == []
-
-
-def test_person_put_back_over_the_line_in_a_jump_counts_once() -> None:
-    ys = [1.0, 0.8, 0.5, 0.1, -0.3, -0.5, 1.0, 0.8, 0.5, 0.1, -0.3, -0.6, -1.0]
-    assert crossings(way(ys)) == [(1, "left_to_right")]
-
-
-def test_jump_over_the_line_without_a_crossing_before_counts_once_the_person_has_stayed() -> None:
-    stays = [1.0, 0.9, 0.8, 0.7, 0.6, 0.5, -0.8, -0.9, -1.0, -1.0, -1.0, -1.0]
-    assert crossings(way(stays)) == [(1, "left_to_right")]
-    assert crossings(way(stays[:11])) == []
-
-
 def test_one_frame_beyond_the_line_is_no_crossing_and_does_not_hide_the_one_after_it() -> None:
     """A distance that is wrong in one frame, as when a low camera sees the head only."""
     ways = way([1.0, 0.9, 0.8, -1.5, 0.7, 0.5, 0.1, -0.3, -0.6])
     (event,) = (e for e in feed(analytics(), ways) if e.kind == "crossing")
     assert (event.frame, event.direction) == (7, "left_to_right")
-
-
-def test_person_walking_back_soon_counts_both_ways() -> None:
-    ys = [0.6, 0.3, 0.0, -0.3, -0.5, -0.3, 0.0, 0.3, 0.6]
-    assert crossings(way(ys)) == [(1, "left_to_right"), (1, "right_to_left")]
-
-
-def test_crossing_after_hesitation_on_the_line_counts_once() -> None:
-    assert crossings(way([1.0, 0.5] + [0.2, -0.2] * 20 + [-0.5, -1.0])) == [(1, "left_to_right")]
-
-
-def test_short_lived_track_counts_nothing() -> None:
-    assert crossings(way([0.5, 0.1, -0.5])) == []
-    assert crossings(way([0.5, 0.1, -0.5]), min_age_s=0.2) == [(1, "left_to_right")]
-
-
-def test_crossing_of_a_young_track_counts_once_it_is_old_enough() -> None:
-    assert crossings(way([0.5, 0.1, -0.5, -0.6, -0.7, -0.8])) == [(1, "left_to_right")]
-
-
-def test_track_that_is_never_confirmed_counts_nothing() -> None:
-    assert crossings(way(DOWN, state="tentative")) == []
-    assert crossings([*way(DOWN[:15], state="tentative"), *way(DOWN[15:], start=15)]) == [(1, "left_to_right")]
-
-
-def test_passing_beside_the_end_of_the_line_counts_nothing() -> None:
-    assert crossings(way(DOWN, x=2.1)) == []
-
-
-def test_going_round_the_end_and_back_over_the_line_counts_the_line_only() -> None:
-    around = [(i, 1, x, y, "confirmed") for i, (x, y) in enumerate([(3, 1), (3, 0.5), (3, -0.5), (2, -1), (1, -1)])]
-    assert crossings([*around, *way(DOWN[::-1], start=5)]) == [(1, "right_to_left")]  # type: ignore[list-item]
-
-
-def test_predictions_do_not_cross() -> None:
-    rows = [*way(DOWN[:8]), *way(DOWN[8:], start=8, state="lost")]
-    assert crossings(rows) == []
-
-
-def test_track_lost_before_the_line_and_found_after_it_crosses_once() -> None:
-    rows = [*way(DOWN[:8]), *way(DOWN[8:14], start=8, state="lost"), *way(DOWN[14:], start=14)]
-    assert crossings(rows) == [(1, "left_to_right")]
-
-
-def test_new_id_beyond_the_line_continues_the_old_one() -> None:
-    rows = [*way(DOWN[:8]), *way(DOWN[14:], track_id=2, start=14)]
-    assert crossings(rows) == [(2, "left_to_right")]
-
-
-def test_new_id_on_the_line_does_not_count_a_second_time() -> None:
-    crossed = [*way(DOWN[:15]), *way([0.1, -0.1, -0.3, -0.5, -0.7, -0.9], track_id=2, start=17)]
-    assert crossings(crossed) == [(1, "left_to_right")]
-
-
-def test_person_coming_the_other_way_is_not_stitched_to_the_one_that_left() -> None:
-    rows = [*way(DOWN), *way(DOWN, track_id=2, start=25)]
-    assert crossings(rows) == [(1, "left_to_right"), (2, "left_to_right")]
-
-
-def test_old_id_that_returns_after_a_new_one_took_over_is_a_person_of_its_own() -> None:
-    rows = [*way(DOWN[:8]), *way(DOWN[10:], track_id=2, start=10), *way(np.full(8, 1.0), start=14)]
-    assert crossings(rows) == [(2, "left_to_right")]
 
 
 def test_stay_is_dated_to_the_outline_and_gives_entry_and_exit() -> None:

@@ -7,11 +7,9 @@ import pytest
 
 from calib.ground_camera import GroundCamera
 from calib.types import U8
-from planview.drawing.colours import as_bgr, person_rgb
 from planview.drawing.image import ImagePainter
-from planview.drawing.labels import Labels
-from planview.drawing.moment import Moment, Rule, moment_at, rules_of
-from planview.drawing.plan import PlanBounds, PlanPainter, bounds_of
+from planview.drawing.plan import PlanBounds, PlanPainter, Rule, Snapshot, bounds_of, rules_of, snapshot_at
+from planview.drawing.style import Labels, as_bgr, person_rgb
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import positions_table
 
@@ -31,7 +29,7 @@ def test_colours_of_neighbouring_ids_are_far_apart_and_legible_on_white() -> Non
 
 def test_box_is_drawn_in_the_colour_of_the_id_where_the_track_says() -> None:
     person = TrackState(3, "confirmed", box_px=(100, 50, 60, 200))
-    found = has(ImagePainter(None)(GREY, Moment(0, 0.0, [person])), person_rgb(3))
+    found = has(ImagePainter(None)(GREY, Snapshot(0, 0.0, [person])), person_rgb(3))
     rows, cols = np.nonzero(found)
     assert (cols.min(), rows.max()) == pytest.approx((99, 251), abs=1)
     assert not found[100:240, 110:150].any()
@@ -39,14 +37,14 @@ def test_box_is_drawn_in_the_colour_of_the_id_where_the_track_says() -> None:
 
 def test_small_image_is_enlarged_with_its_boxes() -> None:
     person = TrackState(3, "confirmed", box_px=(50, 25, 30, 100))
-    picture = ImagePainter(None)(GREY[::2, ::2].copy(), Moment(0, 0.0, [person]))
+    picture = ImagePainter(None)(GREY[::2, ::2].copy(), Snapshot(0, 0.0, [person]))
     assert picture.shape == GREY.shape
     assert np.nonzero(has(picture, person_rgb(3)))[1].min() == pytest.approx(99, abs=1)
 
 
 def test_metre_grid_passes_through_the_pixel_of_its_crossing() -> None:
-    plain = ImagePainter(CAMERA)(GREY, Moment(0, 0.0, []))
-    gridded = ImagePainter(CAMERA, bounds=PlanBounds(-2, 3, 2, 8))(GREY, Moment(0, 0.0, []))
+    plain = ImagePainter(CAMERA)(GREY, Snapshot(0, 0.0, []))
+    gridded = ImagePainter(CAMERA, bounds=PlanBounds(-2, 3, 2, 8))(GREY, Snapshot(0, 0.0, []))
     at = np.round(CAMERA.project(np.array([1.0, 5.0, 0.0]))).astype(int)
     assert (plain == 128).all()
     assert gridded[at[1], at[0], 0] > 150
@@ -54,7 +52,7 @@ def test_metre_grid_passes_through_the_pixel_of_its_crossing() -> None:
 
 def test_rule_beyond_the_view_draws_nothing_and_does_not_fail() -> None:
     behind = Rule("gate", True, True, np.array([(-1.0, -50.0), (1.0, -50.0)]))
-    assert (ImagePainter(CAMERA, [behind])(GREY, Moment(0, 0.0, [])) == 128).all()
+    assert (ImagePainter(CAMERA, [behind])(GREY, Snapshot(0, 0.0, [])) == 128).all()
 
 
 def test_labels_do_not_cover_one_another() -> None:
@@ -69,15 +67,15 @@ def test_labels_do_not_cover_one_another() -> None:
 def test_moment_holds_people_their_trails_and_the_truth_of_one_frame() -> None:
     frame, ids = np.array([0, 0, 1, 1, 2]), np.array([1, 2, 1, 2, 1])
     tracks = positions_table(frame, ids, np.arange(10.0).reshape(5, 2), timestamp_s=frame / 10)
-    moment = moment_at(tracks, 1, 5, tracks)
-    assert [person.track_id for person in moment.people] == [1, 2]
-    assert moment.trails[1].tolist() == [[0, 1], [4, 5]]
-    assert (moment.time_s, len(moment.truth)) == (0.1, 2)
+    snapshot = snapshot_at(tracks, 1, 5, tracks)
+    assert [person.track_id for person in snapshot.people] == [1, 2]
+    assert snapshot.trails[1].tolist() == [[0, 1], [4, 5]]
+    assert (snapshot.time_s, len(snapshot.truth)) == (0.1, 2)
 
 
 def test_plan_view_shows_a_person_at_the_place() -> None:
     paint = PlanPainter(PlanBounds(0, 0, 10, 10), (200, 200))
-    found = has(paint(Moment(0, 0.0, [TrackState(4, "confirmed", 7.0, 2.0)])), person_rgb(4))
+    found = has(paint(Snapshot(0, 0.0, [TrackState(4, "confirmed", 7.0, 2.0)])), person_rgb(4))
     assert found[160, 140]
 
 

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from planview.drawing.legend import STRIP_PX, Entry, with_colour_bar, with_legend
+from planview.drawing.style import STRIP_PX, Entry, with_colour_bar, with_legend
 
 
 def test_legend_lies_below_the_picture_and_shows_each_colour() -> None:

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from calib.pose import SE3
-from planview.engine._box_kernels import extent_of_prism
-from planview.engine.boxes import BODY_RADIUS_M, BodyBoxes
+from planview.engine.stereo import BODY_RADIUS_M, BodyBoxes
 from planview.trajectories.state import TrackState
 from stereo.depth import RectifiedGeometry
-from tests.reference import boxes as reference
 
 GEOMETRY = RectifiedGeometry(320, 240, 100.0, 100.0, 160.0, 120.0, 0.1)
 LEVEL = SE3(np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.array([0.0, 0.0, 1.0]))
@@ -48,10 +46,3 @@ def test_somebody_out_of_view_has_no_box(x_m: float, y_m: float) -> None:
 def test_unknown_height_or_place_gives_no_box() -> None:
     for track in (TrackState(1, "lost"), TrackState(1, "confirmed", 0.0, 4.0)):
         assert BodyBoxes(GEOMETRY, LEVEL)(track) is track
-
-
-@pytest.mark.parametrize(("y_m", "height_m"), [(4.0, 1.8), (0.2, 1.7), (-3.0, 1.6)])
-def test_box_kernel_equals_its_reference(y_m: float, height_m: float) -> None:
-    projection = np.ascontiguousarray(GEOMETRY.matrix @ LEVEL.inverse().matrix[:3])
-    ours = extent_of_prism(projection, 0.3, y_m, 0.25, height_m)
-    assert ours == pytest.approx(reference.extent_of_prism(projection, 0.3, y_m, 0.25, height_m))

@@ -37,6 +37,15 @@ def test_an_override_leaves_the_other_defaults_of_its_stage() -> None:
 
 
 @pytest.mark.parametrize(
+    ("override", "meant"),
+    [("maps.cel_m=0.03", "maps.cell_m"), ("cell_m=0.03", "maps.cell_m"), ("foregruond.beta=9", "foreground")],
+)
+def test_an_unknown_name_is_answered_with_the_one_it_resembles(override: str, meant: str) -> None:
+    with pytest.raises(InputError, match=rf"did you mean {meant}\?"):
+        load_config(None, [override])
+
+
+@pytest.mark.parametrize(
     ("override", "named"),
     [
         ("foreground.learning_rat=0.1", "foreground.learning_rat"),

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from planview.engine.feedback import Feedback, FeedbackParams
+from planview.engine.config import FeedbackParams
+from planview.engine.stereo import Feedback
 from planview.foreground.masks import BACKGROUND, NO_FEEDBACK, PERSON
 from planview.maps.builder import FloorPoints
 from planview.trajectories.state import State, TrackState
@@ -72,6 +73,15 @@ def test_reset_forgets_which_tracks_have_walked() -> None:
     mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
     feedback.reset()
     assert PERSON not in mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
+
+
+def test_ground_is_what_no_person_is_near_of_several() -> None:
+    xyz = np.array([[1.0, 0.0, 0.05], [2.5, 0.0, 0.05], [4.0, 0.0, 0.05], [4.0, 0.0, 1.0]], dtype=np.float32)
+    points = FloorPoints(xyz, np.ones(4, dtype=np.float32), np.array([5, 15, 25, 35], dtype=np.int32))
+    feedback = Feedback(FeedbackParams(spread_px=0))
+    mask_after(feedback, points, person(0.0), person(4.0, track_id=2))
+    mask = mask_after(feedback, points, person(1.0), person(4.0, track_id=2))
+    assert [mask[i] for i in (5, 15, 25, 35)] == [PERSON, BACKGROUND, NO_FEEDBACK, NO_FEEDBACK]
 
 
 def test_feedback_that_is_off_gives_no_mask() -> None:

@@ -9,9 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planview.evaluation.clear import clear_scores
-from planview.evaluation.hota import hota_scores
-from planview.evaluation.identity import identity_scores
+from planview.evaluation.metrics import clear_scores, hota_scores, identity_scores
 from planview.evaluation.sequence import Sequence, box_similarity, build_sequence, floor_similarity
 from planview.trajectories.table import Trajectories, positions_table
 

@@ -36,36 +36,43 @@ def kinds(people: list[PersonHistory], tracks: list[TrackHistory] | None = None)
     return [(error.kind, error.frame) for error in found(people, tracks)]
 
 
-def test_person_held_throughout_is_no_error() -> None:
-    assert found([person(1, (5, 100))]) == []
+CASES: dict[str, tuple[list[PersonHistory], list[tuple[str, int]]]] = {
+    "held throughout": ([person(1, (5, 100))], []),
+    "never tracked": ([person(1, (UNMATCHED, 20))], [("missed", 0)]),
+    "never tracked, but too short": ([person(1, (UNMATCHED, 19))], []),
+    "tracked late": ([person(1, (UNMATCHED, 30), (5, 50))], []),
+    "brush with another's track": ([person(1, (UNMATCHED, 20), (9, 4), (UNMATCHED, 20))], [("missed", 0)]),
+    "alone for a second": ([person(1, (5, 30), (UNMATCHED, 10), (5, 30))], []),
+    "lost until the end": ([person(1, (5, 30), (UNMATCHED, 15), (8, 2), (UNMATCHED, 15))], [("lost", 30)]),
+    # 0.4 s without a track, 0.3 s with it, and so on for 3.5 s: never longer than a second at a stretch.
+    "scattered misses": ([person(1, (5, 30), *[(UNMATCHED, 4), (5, 3)] * 5, (5, 30))], []),
+    "prediction near": ([person(1, (5, 30), (PREDICTED, 25), (5, 30))], []),
+    "new id after a long absence": (
+        [PersonHistory(1, np.concatenate([np.arange(30), 80 + np.arange(30)]), np.repeat([5, 6], 30))], [],
+    ),
+    "long loss that ends in a new id": ([person(1, (5, 30), (UNMATCHED, 20), (6, 30))], [("lost", 30)]),
+    "exchange and return": (
+        [person(1, (5, 30), (6, 80), (5, 30)), person(2, (6, 30), (5, 80), (6, 30))],
+        [("swapped", 30), ("swapped", 110)],
+    ),
+    "flicker between close people": (
+        [person(1, (5, 30), (6, 4), (5, 30)), person(2, (6, 30), (5, 4), (6, 30))], [],
+    ),
+    "two people, by frame": (
+        [person(1, (5, 50), (UNMATCHED, 20)), person(2, (UNMATCHED, 30), start=10)], [("missed", 10), ("lost", 50)],
+    ),
+}  # fmt: skip
 
 
-def test_person_never_tracked_is_missed_once_visible_long_enough() -> None:
-    assert kinds([person(1, (UNMATCHED, 20))]) == [("missed", 0)]
-    assert kinds([person(1, (UNMATCHED, 19))]) == []
-
-
-def test_late_detection_is_no_significant_error() -> None:
-    assert kinds([person(1, (UNMATCHED, 30), (5, 50))]) == []
-
-
-def test_brush_with_another_persons_track_does_not_make_a_person_tracked() -> None:
-    assert kinds([person(1, (UNMATCHED, 20), (9, 4), (UNMATCHED, 20))]) == [("missed", 0)]
+@pytest.mark.parametrize("name", CASES)
+def test_errors_of_people(name: str) -> None:
+    people, expected = CASES[name]
+    assert kinds(people) == expected
 
 
 def test_person_alone_for_more_than_a_second_is_lost_where_it_began() -> None:
     (error,) = found([person(1, (5, 30), (UNMATCHED, 11), (5, 30))])
     assert (error.kind, error.frame, error.truth_id, error.track_id) == ("lost", 30, 1, 5)
-    assert kinds([person(1, (5, 30), (UNMATCHED, 10), (5, 30))]) == []
-
-
-def test_loss_until_the_end_counts_once() -> None:
-    assert kinds([person(1, (5, 30), (UNMATCHED, 15), (8, 2), (UNMATCHED, 15))]) == [("lost", 30)]
-
-
-def test_scattered_misses_are_no_loss() -> None:
-    # 0.4 s without a track, 0.3 s with it, and so on for 3.5 s: never longer than a second at a stretch.
-    assert kinds([person(1, (5, 30), *[(UNMATCHED, 4), (5, 3)] * 5, (5, 30))]) == []
 
 
 def test_loss_reports_the_time_at_a_stretch() -> None:
@@ -92,40 +99,16 @@ def test_strict_count_takes_a_new_id_after_coming_back_and_both_sides_of_a_swap(
     assert [strict_identity_changes(p, FRAME_S, params) for p in ([back], swap, [flicker])] == [1, 2, 0]
 
 
-def test_prediction_near_a_person_keeps_hold() -> None:
-    assert kinds([person(1, (5, 30), (PREDICTED, 25), (5, 30))]) == []
-
-
-def test_person_back_after_a_long_absence_may_get_a_new_id() -> None:
-    frames = np.concatenate([np.arange(30), 80 + np.arange(30)])
-    history = PersonHistory(1, frames, np.repeat([5, 6], 30))
-    assert found([history]) == []
-
-
 def test_person_back_after_a_short_absence_with_a_new_id_was_lost() -> None:
     frames = np.concatenate([np.arange(30), 60 + np.arange(30)])
     (error,) = found([PersonHistory(1, frames, np.repeat([5, 6], 30))])
     assert (error.kind, error.frame, error.track_id) == ("lost", 60, 5)
 
 
-def test_long_loss_that_ends_in_a_new_id_is_one_error() -> None:
-    assert kinds([person(1, (5, 30), (UNMATCHED, 20), (6, 30))]) == [("lost", 30)]
-
-
 def test_exchange_of_identities_is_one_swap() -> None:
     people = [person(1, (5, 30), (6, 30)), person(2, (6, 31), (5, 29))]
     (error,) = found(people)
     assert (error.kind, error.frame, error.truth_id, error.track_id) == ("swapped", 30, 1, 6)
-
-
-def test_exchange_and_return_are_two_swaps() -> None:
-    people = [person(1, (5, 30), (6, 80), (5, 30)), person(2, (6, 30), (5, 80), (6, 30))]
-    assert kinds(people) == [("swapped", 30), ("swapped", 110)]
-
-
-def test_flicker_between_close_people_is_no_swap() -> None:
-    people = [person(1, (5, 30), (6, 4), (5, 30)), person(2, (6, 30), (5, 4), (6, 30))]
-    assert found(people) == []
 
 
 def test_taking_over_another_persons_track_is_a_swap() -> None:
@@ -204,11 +187,6 @@ def test_upper_bound_of_a_poisson_count() -> None:
     assert poisson_upper(0) == pytest.approx(np.log(20))
     assert poisson_upper(1) == pytest.approx(4.744, abs=1e-3)
     assert 10 * poisson_upper(1) / 12.8 == pytest.approx(3.7, abs=0.01)
-
-
-def test_errors_come_in_the_order_of_frames() -> None:
-    people = [person(1, (5, 50), (UNMATCHED, 20)), person(2, (UNMATCHED, 30), start=10)]
-    assert kinds(people) == [("missed", 10), ("lost", 50)]
 
 
 def test_visits_split_at_long_gaps_only() -> None:

@@ -1,7 +1,8 @@
 import numpy as np
 
 from calib.types import U8
-from planview.engine.single_camera import SingleCamera, SingleCameraParams
+from planview.engine.config import SingleCameraParams
+from planview.engine.one_camera import OneCamera
 from planview.foreground.blobs import find_blobs
 from planview.foreground.ghosts import GhostParams, find_ghosts, find_still, find_uncovered
 from planview.foreground.mixture import Foreground
@@ -79,7 +80,7 @@ def test_background_luma_is_the_luma_of_the_first_images():
 
 
 def test_person_there_at_the_start_leaves_no_ghost_even_if_a_tracker_protects_it():
-    camera = SingleCamera(SingleCameraParams(), SHAPE[::-1])
+    camera = OneCamera(SingleCameraParams(), SHAPE[::-1])
     protected = np.ones(SHAPE, np.uint8)  # PERSON everywhere: nothing would be learned
     masks = []
     for k in range(60):

@@ -8,7 +8,7 @@ import pytest
 from calib.images import write_image
 from planview.engine.config import Config
 from planview.engine.info import CameraInfo, FloorInfo
-from planview.output.info import RunInfo, write_run_info
+from planview.output.folder import RunInfo, write_run_info
 
 FRAMES = 30
 

@@ -1,5 +1,6 @@
 """Checkpoints: graphs of objects through plain values and back, files that are damaged, and what must fit."""
 
+import io
 import json
 import math
 from collections import deque
@@ -15,11 +16,17 @@ from calib.errors import InputError
 from planview.foreground.gain import Exposure
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
-from planview.output.checkpoint.decode import decode
-from planview.output.checkpoint.encode import Encoded, encode
-from planview.output.checkpoint.file import LATEST, PREVIOUS, Checkpoint, read_checkpoint, write_checkpoint
-from planview.output.checkpoint.identity import difference, digest_of
-from planview.output.resume import checkpoint_of
+from planview.output.memory import Encoded, decode, encode
+from planview.output.resume import (
+    LATEST,
+    PREVIOUS,
+    Checkpoint,
+    checkpoint_of,
+    difference,
+    digest_of,
+    read_checkpoint,
+    write_checkpoint,
+)
 from planview.tracking.lifecycle import Existence
 
 IDENTITY: dict[str, Any] = {"version": {}, "configuration": {"seed": 0}, "recording": {}, "settings": {}}
@@ -98,12 +105,14 @@ def test_what_is_not_the_projects_is_refused_with_its_place(value: object) -> No
     "node",
     [
         ["object", "os:system", {}],
-        ["object", "planview.output.info:Path", {}],
+        ["object", "planview.output.folder:Path", {}],
         ["object", "planview.output.no_such_module:Thing", {}],
         ["name", "planview.cli:sys"],
         ["record", "planview.tracking.lifecycle:Existence", []],
         ["array", "|O", [1], [8], True, 0, 0],
         ["array", "<f8", [9], [8], True, 0, 0],
+        ["array", "<f8", [10**9], [0], True, 0, 0],
+        ["array", "<f8", [1], [10**30], True, 0, 0],
         ["generator", "Generator", 1],
         ["spell", 1],
     ],
@@ -130,14 +139,17 @@ def test_the_last_two_checkpoints_are_kept(tmp_path: Path) -> None:
     assert len(list(tmp_path.iterdir())) == 2
 
 
-@pytest.mark.parametrize("damage", ["cut", "flip", "empty"])
+@pytest.mark.parametrize("damage", ["cut", "flip", "empty", "rewritten"])
 def test_a_damaged_checkpoint_gives_way_to_the_one_before(tmp_path: Path, damage: str) -> None:
     write(tmp_path, 1)
     write(tmp_path, 2)
     data = bytearray((tmp_path / LATEST).read_bytes())
     middle = len(data) // 2
     data[middle] ^= 0x55
-    kept = {"cut": bytes(data[:middle]), "flip": bytes(data), "empty": b""}[damage]
+    rewritten = io.BytesIO()
+    with np.load(tmp_path / LATEST) as file:
+        np.savez(rewritten, **{**file, "block0": np.zeros(8, np.uint8)})
+    kept = {"cut": bytes(data[:middle]), "flip": bytes(data), "empty": b"", "rewritten": rewritten.getvalue()}[damage]
     (tmp_path / LATEST).write_bytes(kept)
     told: list[str] = []
     assert frame_in(checkpoint_of(tmp_path, IDENTITY, told.append)) == 1

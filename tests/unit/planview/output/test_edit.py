@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from planview.cli import main
-from planview.output.edit import read_steps
-from planview.output.info import RunInfo, write_run_info
+from planview.output.finished import read_steps
+from planview.output.folder import RunInfo, write_run_info
 from planview.trajectories.table import positions_table, read_tracks, write_table
 
 
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A finished run of two people; its page, which has tests of its own, is not made."""
-    monkeypatch.setattr("planview.output.edit.write_report", lambda folder: folder)
+    monkeypatch.setattr("planview.output.finished.write_report", lambda folder: folder)
     frame = np.repeat(np.arange(20), 2)
     ids = np.tile([1, 2], 20)
     table = positions_table(frame, ids, np.column_stack([ids, frame / 10]), timestamp_s=frame / 10)
@@ -77,7 +77,7 @@ def test_nothing_to_undo_and_unfinished_runs_are_refused(run: Path, capsys: pyte
 
 def test_refinement_does_not_write_over_edits(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said(capsys, str(run), "--delete", "2")
-    assert run_command("refine", str(run)) == 2
+    assert run_command("edit", str(run), "--refine") == 2
     assert "its tracks were edited" in capsys.readouterr().err
 
 

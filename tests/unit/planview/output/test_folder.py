@@ -1,5 +1,11 @@
-"""The output folder: what is refused, what is left alone, and files that grow by whole frames."""
+"""The output folder of a run: what may be replaced, run.json, and the lock of its writer."""
 
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
@@ -7,9 +13,18 @@ import pytest
 from full_disk import fill_disk_after
 
 from calib.errors import InputError, WorkError
-from planview.output.folder import PRODUCTS, check_folder, finished_run, prepare_folder
-from planview.output.frame_file import FrameFile
-from planview.output.info import RunInfo, read_run_info, write_run_info
+from planview.output.folder import (
+    LOCK_NAME,
+    PRODUCTS,
+    RunInfo,
+    check_folder,
+    finished_run,
+    folder_lock,
+    prepare_folder,
+    read_run_info,
+    write_run_info,
+)
+from planview.output.tables import FrameFile
 
 
 def header(file: IO[str]) -> None:
@@ -68,6 +83,13 @@ def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path: Path) -> None:
         check_folder(tmp_path / "out", overwrite=True)
 
 
+@pytest.mark.parametrize("name", ["run.lock", "tracks.csv", "checkpoint.npz"])
+def test_a_pipe_in_the_place_of_a_file_is_refused_and_not_waited_for(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(InputError, match=rf"{name}: expected a file of a run, found a folder, a pipe or a device"):
+        prepare_folder(tmp_path, overwrite=True)
+
+
 def test_a_folder_that_cannot_be_made_is_a_failure_of_work(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(WorkError, match="cannot be written"):
@@ -121,3 +143,55 @@ def test_run_json_is_kept_when_its_successor_does_not_fit(tmp_path: Path) -> Non
         finish(tmp_path)
     assert not read_run_info(tmp_path / "run.json").finished
     assert [file.name for file in tmp_path.iterdir()] == ["run.json"]
+
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from planview.output.folder import folder_lock
+with folder_lock(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+@contextmanager
+def another_process_holding(folder: Path) -> Iterator["subprocess.Popen[str]"]:
+    process = subprocess.Popen([sys.executable, "-c", HOLD, str(folder)], stdout=subprocess.PIPE, text=True)
+    assert process.stdout
+    assert process.stdout.readline() == "held\n"
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_a_folder_that_another_process_holds_is_refused_with_its_process_and_kept(tmp_path: Path) -> None:
+    (tmp_path / "tracks.csv").write_text("theirs")
+    with another_process_holding(tmp_path) as process:
+        with pytest.raises(InputError, match=f"process {process.pid} on .* is writing into it"):
+            prepare_folder(tmp_path, overwrite=True)
+        assert (tmp_path / "tracks.csv").read_text() == "theirs"
+
+
+def test_the_lock_of_a_killed_process_is_told_and_taken_over(tmp_path: Path) -> None:
+    with another_process_holding(tmp_path) as process:
+        pass
+    with folder_lock(tmp_path) as told:
+        assert f"process {process.pid}" in told
+        assert json.loads((tmp_path / LOCK_NAME).read_text())["pid"] == os.getpid()
+    assert not (tmp_path / LOCK_NAME).exists()
+
+
+def test_a_lock_of_another_host_is_refused_and_says_what_to_delete(tmp_path: Path) -> None:
+    (tmp_path / LOCK_NAME).write_text('{"pid": 1, "host": "elsewhere", "since": "yesterday"}')
+    with pytest.raises(InputError, match=r"process 1 on elsewhere .*delete .*run\.lock"), folder_lock(tmp_path):
+        pass
+
+
+def test_a_process_may_lock_within_its_own_lock(tmp_path: Path) -> None:
+    with folder_lock(tmp_path):
+        with folder_lock(tmp_path) as told:
+            assert told == ""
+        assert (tmp_path / LOCK_NAME).exists()

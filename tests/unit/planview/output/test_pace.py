@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from planview.cli import main
-from planview.engine.factory import open_engine
-from planview.output.info import PaceInfo, read_run_info
+from planview.engine.open import open_engine
+from planview.output.folder import PaceInfo, read_run_info
 from planview.output.pace import Pace
 from planview.output.run import RunOptions, run
 
@@ -23,6 +23,10 @@ class FakeClock:
 
     def sleep(self, seconds: float) -> None:
         self.time_s += seconds
+
+
+def paced(clock: FakeClock) -> Pace:
+    return Pace(clock.now_s, clock.sleep)
 
 
 class Engine:
@@ -43,7 +47,7 @@ def frames_of(times_s: Iterable[float]) -> list[SimpleNamespace]:
 def played(step_s: float, times_s: Iterable[float]) -> tuple[list[int], PaceInfo, float]:
     """Frames tracked, what is told of them, and how long it took [s]."""
     clock = FakeClock()
-    pace = Pace(clock)
+    pace = paced(clock)
     tracked = []
     for result in pace.results(Engine(clock, step_s, frames_of(times_s))):  # type: ignore[arg-type]
         pace.written(result.timestamp_s)
@@ -101,7 +105,7 @@ class Device:
 
 def test_clock_of_a_device_is_set_by_its_least_delayed_frame() -> None:
     clock = FakeClock()
-    pace = Pace(clock)
+    pace = paced(clock)
     list(pace.results(Engine(FakeClock(), 0.0, Device(clock, [0.5, 0.25, 0.75]))))  # type: ignore[arg-type]
     pace.written(2.0)
     assert clock.time_s == 102.75 and pace.info().latency_median_ms == 500.0
@@ -110,7 +114,7 @@ def test_clock_of_a_device_is_set_by_its_least_delayed_frame() -> None:
 def test_run_in_real_time_keeps_its_pace_in_run_json_and_writes_no_checkpoint(street: Path, tmp_path: Path) -> None:
     out = tmp_path / "paced"
     out.mkdir()
-    options = RunOptions("ellipse-particle", max_frames=3, checkpoint_every_s=1e-9, pace=Pace(FakeClock()))
+    options = RunOptions("ellipse-particle", max_frames=3, checkpoint_every_s=1e-9, pace=paced(FakeClock()))
     run(open_engine(tmp_path / "street", "ellipse-particle"), out, options)
     info = read_run_info(out / "run.json")
     assert info.frames_read == 3 and info.pace is not None and info.pace.frames_dropped == 0
@@ -119,8 +123,9 @@ def test_run_in_real_time_keeps_its_pace_in_run_json_and_writes_no_checkpoint(st
 
 
 def test_run_in_real_time_cannot_be_resumed(street: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["run", str(tmp_path / "street"), "--out", str(tmp_path / "paced"), "--pace", "--resume"]
+    words = ["run", str(tmp_path / "street"), "--out", str(tmp_path / "paced"), "--set", "run.real_time=true"]
+    words.append("--resume")
     with pytest.raises(SystemExit) as ended:
         main(words)
     assert ended.value.code == 2
-    assert "expected --resume or --pace, found both" in capsys.readouterr().err
+    assert "expected --resume or run.real_time, found both" in capsys.readouterr().err

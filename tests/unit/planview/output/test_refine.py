@@ -1,4 +1,4 @@
-"""``planview refine`` in the folder of a run."""
+"""``planview edit --refine`` in the folder of a run."""
 
 import csv
 import json
@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from planview.cli import main
-from planview.output.info import RunInfo, read_run_info, write_run_info
+from planview.output.folder import RunInfo, read_run_info, write_run_info
 
 
 @pytest.fixture
@@ -29,44 +29,55 @@ def run(*words: str) -> int:
 
 def test_refine_keeps_the_online_tracks_and_says_so(folder: Path) -> None:
     online = (folder / "tracks.csv").read_text()
-    assert run("refine", str(folder)) == 0
+    assert run("edit", str(folder), "--refine") == 0
     assert (folder / "tracks_online.csv").read_text() == online
-    assert "tentative" not in (folder / "tracks.csv").read_text()
+    assert (folder / "tracks.csv").read_text().count("tentative") == 4
     assert read_run_info(folder / "run.json").refined
     with (folder / "refinement.csv").open() as file:
         changes = list(csv.DictReader(file))
     assert [(row["id"], row["first_frame"], row["last_frame"], row["kind"]) for row in changes] == [
-        ("1", "0", "3", "begin"),
         ("1", "0", "29", "smooth"),
     ]
 
 
 def test_refine_twice_starts_from_the_online_tracks(folder: Path) -> None:
-    run("refine", str(folder))
+    run("edit", str(folder), "--refine")
     once = (folder / "tracks.csv").read_text(), (folder / "tracks_online.csv").read_text()
-    run("refine", str(folder))
+    run("edit", str(folder), "--refine")
     assert ((folder / "tracks.csv").read_text(), (folder / "tracks_online.csv").read_text()) == once
 
 
 def test_evaluate_tells_refined_from_online_tracks(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     truth = folder / "truth.csv"
     truth.write_text("frame,id,x_m,y_m,height_m\n" + "".join(f"{t},1,{0.1 * t:.2f},0,1.7\n" for t in range(30)))
-    run("refine", str(folder))
+    run("edit", str(folder), "--refine")
     capsys.readouterr()
-    for name, refined, misses in (("tracks.csv", True, 0), ("tracks_online.csv", False, 4)):
+    for name, refined in (("tracks.csv", True), ("tracks_online.csv", False)):
         assert run("evaluate", str(folder / name), str(truth), "--json") == 0
-        result = json.loads(capsys.readouterr().out)
-        assert (result["refined"], result["misses"]) == (refined, misses)
+        assert json.loads(capsys.readouterr().out)["refined"] == refined
+
+
+def test_evaluate_takes_the_truth_of_the_runs_recording(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording = folder / "recording"
+    recording.mkdir()
+    assert run("evaluate", str(folder)) == 2
+    write_run_info(RunInfo(finished=True, frames_read=30, input=str(recording)), folder / "run.json")
+    assert run("evaluate", str(folder)) == 2
+    assert "expected the truth of the run's recording, found none" in " ".join(capsys.readouterr().err.split())
+    rows = "".join(f"{t},1,{0.1 * t:.2f},0,1.7\n" for t in range(30))
+    (recording / "truth.csv").write_text("frame,id,x_m,y_m,height_m\n" + rows)
+    assert run("evaluate", str(folder)) == 0
+    assert "strict_identity_changes those that last" in " ".join(capsys.readouterr().out.split())
 
 
 def test_refine_needs_a_finished_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_run_info(RunInfo(finished=False), folder / "run.json")
-    assert run("refine", str(folder)) == 2
+    assert run("edit", str(folder), "--refine") == 2
     assert "expected the folder of a finished run" in " ".join(capsys.readouterr().err.split())
 
 
 def test_refine_needs_the_online_tracks_of_a_refined_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run("refine", str(folder))
+    run("edit", str(folder), "--refine")
     (folder / "tracks_online.csv").unlink()
-    assert run("refine", str(folder)) == 2
+    assert run("edit", str(folder), "--refine") == 2
     assert "expected the online tracks" in " ".join(capsys.readouterr().err.split())

@@ -3,7 +3,7 @@
 import numpy as np
 
 from planview.synthetic.camera import ground_camera
-from planview.synthetic.random_scenes.conference import random_conference
+from planview.synthetic.random_scenes.rooms import random_conference
 
 
 def test_room_of_a_seed_is_always_the_same_and_of_another_seed_another() -> None:

@@ -14,8 +14,7 @@ from pydantic import ValidationError
 from calib.errors import WorkError
 from planview.synthetic.assets import SCENES
 from planview.synthetic.people import Cast
-from planview.synthetic.random_scenes.appearance import EXPOSURE_DELAY_S, automatic_exposure
-from planview.synthetic.random_scenes.challenge import Challenge, Phenomenon
+from planview.synthetic.random_scenes.challenge import EXPOSURE_DELAY_S, Challenge, Phenomenon, automatic_exposure
 from planview.synthetic.random_scenes.stage import FloorGrid
 from planview.synthetic.random_scenes.suite import random_scene, resolved
 from planview.synthetic.texture import Palette

@@ -8,7 +8,7 @@ from planview.synthetic import assets
 from planview.synthetic.motion import scripted_motion, step_length_m
 from planview.synthetic.people import Body, Cast, Pose, pose_at
 from planview.synthetic.random_scenes.suite import varied
-from planview.synthetic.scene import Furniture, Person, load_scene, parse_scene
+from planview.synthetic.scene import Furniture, ScenePerson, load_scene, parse_scene
 from planview.synthetic.texture import Palette
 
 COMMITTED = sorted(assets.SCENES.rglob("*.toml"))
@@ -67,27 +67,27 @@ def test_committed_scene_loads_and_nobody_walks_through_anybody(path):
 
 
 def test_standing_body_is_exactly_as_tall_as_asked_with_its_head_above_its_hips():
-    body = Body(Person(height_m=1.80, start_m=(0, 0)), Palette()).pose(Pose(), 2.0, -1.0, 0.7)
+    body = Body(ScenePerson(height_m=1.80, start_m=(0, 0)), Palette()).pose(Pose(), 2.0, -1.0, 0.7)
     assert body.top_m == pytest.approx(1.80, abs=1e-5)
     assert body.head[:2] == pytest.approx([2.0, -1.0], abs=0.01)
     assert body.mesh.vertices[:, 2].min() == pytest.approx(0.0, abs=1e-5)
 
 
 def test_body_faces_its_heading_and_swings_a_flexed_hip_forward():
-    still = Body(Person(start_m=(0, 0)), Palette())
+    still = Body(ScenePerson(start_m=(0, 0)), Palette())
     raised = still.pose(Pose(hip=(1.4, 0.0), knee=(0.2, 0.0)), 0, 0, np.pi / 2)
     assert raised.mesh.vertices[:, 1].max() > 0.6  # the raised leg points along +y
     assert raised.mesh.vertices[:, 1].min() > -0.25
 
 
 def test_sitting_lowers_the_head_by_the_thigh():
-    body = Body(Person(height_m=1.80, start_m=(0, 0)), Palette())
+    body = Body(ScenePerson(height_m=1.80, start_m=(0, 0)), Palette())
     sitting = body.pose(Pose(hip=(np.pi / 2, np.pi / 2), knee=(np.pi / 2, np.pi / 2)), 0, 0, 0)
     assert 1.80 - sitting.top_m == pytest.approx(0.245 * 1.80, abs=0.03)
 
 
 def walker(*steps, **values):
-    return Person.model_validate({"start_m": (0, 0), "steps": steps, **values})
+    return ScenePerson.model_validate({"start_m": (0, 0), "steps": steps, **values})
 
 
 def test_walk_covers_its_way_at_its_speed_and_turns_along_it():

@@ -9,7 +9,7 @@ import pytest
 from calib.errors import InputError
 from calib.world import load_rigs
 from planview.cli import main
-from planview.synthetic.random_scenes.rigs import random_rigs
+from planview.synthetic.random_scenes.rooms import random_rigs
 from planview.synthetic.render import SceneRenderer
 from planview.synthetic.write import load_rig_scenes, write_rigs
 from planview.trajectories.table import read_truth

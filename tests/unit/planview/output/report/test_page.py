@@ -12,9 +12,9 @@ from calib.errors import InputError, WorkError
 from planview.cli import main
 from planview.engine.config import Config
 from planview.engine.info import CameraInfo, FloorInfo
-from planview.output.info import PaceInfo, RunInfo, SkippedFrame, read_run_info, write_run_info
-from planview.output.report.floor_plots import heat_map
+from planview.output.folder import PaceInfo, RunInfo, SkippedFrame, read_run_info, write_run_info
 from planview.output.report.page import changed_settings, write_report
+from planview.output.report.plots import heat_map
 from planview.output.tables import DECISION_COLUMNS
 
 HEADER = "frame,timestamp_s,id,x_m,y_m,height_m,state\n"

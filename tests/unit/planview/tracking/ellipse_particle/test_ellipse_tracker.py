@@ -10,30 +10,28 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from calib.ground_camera import GroundCamera
-from planview.engine.single_camera import SingleCamera, SingleCameraParams
+from planview.engine.config import SingleCameraParams
+from planview.engine.one_camera import OneCamera
+from planview.foreground.masks import NO_FEEDBACK, WALKER
 from planview.tracking.base import Observation
-from planview.tracking.ellipse_particle import (
-    EllipseParticleParams,
-    EllipseParticleTracker,
-    ImagePlaneParams,
-    ParticleFilterParams,
-    image_ellipse_tracker,
-)
-from planview.tracking.ellipse_particle.fit.ellipses import paint_union
+from planview.tracking.ellipse_particle import EllipseParticleParams, EllipseParticleTracker
+from planview.tracking.ellipse_particle.fit import painted
+from planview.tracking.ellipse_particle.params import EllipseSizeParams, ParticleFilterParams
+from planview.tracking.ellipse_particle.tracker import uncovered
 from planview.trajectories.state import TrackState
 from stereo.recording import VideoFrame
 
 SHAPE = (120, 160)
 GIVEN = EllipseParticleParams(
-    image=ImagePlaneParams(person_height_px=30, aspect=0.4),
+    size=EllipseSizeParams(person_height_px=30),
     filter=ParticleFilterParams(particles=300),
 )
 
 
 def foreground(*people: tuple[float, float]) -> np.ndarray:
-    """People 30 px high and 12 px wide, centred at (x, y)."""
-    ellipses = np.array([[x, y, 15.0, 6.0, 0.0] for x, y in people]).reshape(-1, 5)
-    return paint_union(ellipses, SHAPE) * np.uint8(255)
+    """People 30 px high and 10 px wide, centred at (x, y)."""
+    ellipses = np.array([[x, y, 15.0, 5.0, 0.0] for x, y in people]).reshape(-1, 5)
+    return painted(ellipses, SHAPE).any(axis=0) * np.uint8(255)
 
 
 def follow(tracker: EllipseParticleTracker, masks: list[np.ndarray], fps: float = 10.0) -> list[tuple[TrackState, ...]]:
@@ -45,17 +43,17 @@ def near(states: tuple[TrackState, ...], x: float) -> TrackState:
 
 
 def test_walker_is_confirmed_and_followed_with_one_id():
-    out = follow(image_ellipse_tracker(GIVEN), [foreground((20 + 2 * i, 60)) for i in range(40)])
+    out = follow(EllipseParticleTracker(GIVEN), [foreground((20 + 2 * i, 60)) for i in range(40)])
     assert [s.state for s in out[-1]] == ["confirmed"]
     assert {s.track_id for states in out for s in states} == {1}
     left, top, width, height = out[-1][0].box_px
     assert (left + width / 2, top + height / 2) == pytest.approx((98, 60), abs=2)
-    assert (width, height) == pytest.approx((12, 30), rel=0.25)
+    assert (width, height) == pytest.approx((10, 30), rel=0.25)
 
 
 def test_two_people_keep_their_ids_when_they_cross():
     masks = [foreground((20 + 3 * i, 60), (140 - 3 * i, 66)) for i in range(40)]
-    out = follow(image_ellipse_tracker(GIVEN), masks)
+    out = follow(EllipseParticleTracker(GIVEN), masks)
     first, second = near(out[8], 44).track_id, near(out[8], 116).track_id
     assert first != second
     assert near(out[-1], 137).track_id == first
@@ -66,13 +64,13 @@ def test_id_survives_an_occlusion_by_something_static():
     masks = [foreground((20 + 3 * i, 60)) for i in range(40)]
     for mask in masks:
         mask[:, 66:84] = 0  # a pillar wider than the person
-    out = follow(image_ellipse_tracker(GIVEN), masks)
+    out = follow(EllipseParticleTracker(GIVEN), masks)
     assert {s.track_id for states in out for s in states if s.state == "confirmed"} == {1}
     assert [s.state for s in out[-1]] == ["confirmed"]
 
 
 def test_person_who_leaves_is_removed_with_a_reason():
-    tracker = image_ellipse_tracker(GIVEN)
+    tracker = EllipseParticleTracker(GIVEN)
     reasons = []
     for i in range(80):
         mask = foreground((80, 60)) if i < 20 else foreground()
@@ -83,37 +81,29 @@ def test_person_who_leaves_is_removed_with_a_reason():
 
 
 def test_sizes_are_learned_without_being_given():
-    params = EllipseParticleParams(image=ImagePlaneParams(), filter=ParticleFilterParams(particles=300))
-    out = follow(image_ellipse_tracker(params), [foreground((20 + 2 * i, 50), (140 - 2 * i, 80)) for i in range(30)])
+    params = EllipseParticleParams(filter=ParticleFilterParams(particles=300))
+    out = follow(EllipseParticleTracker(params), [foreground((20 + 2 * i, 50), (140 - 2 * i, 80)) for i in range(30)])
     assert len(out[-1]) == 2
     assert all(s.box_px[3] == pytest.approx(30, rel=0.2) for s in out[-1])
 
 
 def test_same_seed_same_tracks_and_reset_starts_again():
     masks = [foreground((20 + 3 * i, 60), (140 - 3 * i, 66)) for i in range(30)]
-    tracker = image_ellipse_tracker(GIVEN)
+    tracker = EllipseParticleTracker(GIVEN)
     first = follow(tracker, masks)
     tracker.reset()
     assert follow(tracker, masks) == first
-    assert follow(image_ellipse_tracker(GIVEN), masks) == first
-    assert follow(image_ellipse_tracker(GIVEN, seed=5), masks) != first
-
-
-@pytest.mark.parametrize("joint", [True, False])
-def test_joint_and_factored_filters_follow_two_people_apart(joint):
-    params = GIVEN.model_copy(update={"filter": ParticleFilterParams(particles=600, joint=joint)})
-    out = follow(image_ellipse_tracker(params), [foreground((20 + 2 * i, 40), (140 - 2 * i, 90)) for i in range(25)])
-    assert len(out[-1]) == 2
-    assert near(out[-1], 68).box_px[1] == pytest.approx(25, abs=4)
+    assert follow(EllipseParticleTracker(GIVEN), masks) == first
+    assert follow(EllipseParticleTracker(GIVEN, seed=5), masks) != first
 
 
 def test_camera_gives_floor_positions_and_heights():
     camera = GroundCamera(640, 480, 600.0, 3.0, math.radians(70))
     foot, head = camera.project([0.5, 6.0, 0.0]), camera.project([0.5, 6.0, 1.8])
     centre, half = (foot + head) / 2, float(foot[1] - head[1]) / 2
-    mask = paint_union(np.array([[*centre, half, 0.4 * half, 0.0]]), (480, 640)) * np.uint8(255)
-    params = GIVEN.model_copy(update={"image": ImagePlaneParams(person_height_px=2 * half, aspect=0.4)})
-    state = follow(image_ellipse_tracker(params, camera), [mask] * 8)[-1][0]
+    mask = painted(np.array([[*centre, half, 0.35 * half, 0.0]]), (480, 640))[0] * np.uint8(255)
+    params = GIVEN.model_copy(update={"size": EllipseSizeParams(person_height_px=2 * half)})
+    state = follow(EllipseParticleTracker(params, camera), [mask] * 8)[-1][0]
     assert (state.x_m, state.y_m) == pytest.approx((0.5, 6.0), abs=0.25)
     assert state.height_m == pytest.approx(1.8, abs=0.12)
 
@@ -121,12 +111,8 @@ def test_camera_gives_floor_positions_and_heights():
 def test_walker_is_found_in_images():
     rng = np.random.default_rng(0)
     scene = rng.integers(60, 160, (*SHAPE, 3), dtype=np.uint8)
-    tracker = image_ellipse_tracker(
-        EllipseParticleParams(
-            image=ImagePlaneParams(person_height_px=30, aspect=0.4), filter=ParticleFilterParams(particles=300)
-        )
-    )
-    source = SingleCamera(SingleCameraParams(), SHAPE[::-1], tracker.foreground_columns)
+    tracker = EllipseParticleTracker(GIVEN)
+    source = OneCamera(SingleCameraParams(), SHAPE[::-1], tracker.foreground_columns)
     for i in range(60):
         image = scene.copy()
         if i >= 20:
@@ -138,11 +124,8 @@ def test_walker_is_found_in_images():
 
 def test_walker_who_stops_is_not_absorbed_by_the_background():
     scene = np.random.default_rng(0).integers(60, 160, (*SHAPE, 3), dtype=np.uint8)
-    params = EllipseParticleParams(
-        image=ImagePlaneParams(person_height_px=30, aspect=0.4), filter=ParticleFilterParams(particles=300)
-    )
-    tracker = image_ellipse_tracker(params)
-    source = SingleCamera(SingleCameraParams(), SHAPE[::-1], tracker.foreground_columns)
+    tracker = EllipseParticleTracker(GIVEN)
+    source = OneCamera(SingleCameraParams(), SHAPE[::-1], tracker.foreground_columns)
     for i in range(150):
         image = scene.copy()
         if i >= 20:
@@ -152,7 +135,7 @@ def test_walker_who_stops_is_not_absorbed_by_the_background():
 
 
 def test_debug_shows_measurements_objects_and_particles():
-    tracker = image_ellipse_tracker(GIVEN)
+    tracker = EllipseParticleTracker(GIVEN)
     assert tracker.debug().drawings == ()
     follow(tracker, [foreground((80, 60))] * 5)
     drawings = {d.name: d for d in tracker.debug().drawings}
@@ -165,27 +148,98 @@ def test_debug_shows_measurements_objects_and_particles():
 def test_flooded_frames_measure_nothing_and_people_are_found_again():
     people = [foreground((20 + 2 * i, 60)) for i in range(40)]
     people[20:24] = [np.full(SHAPE, 255, dtype=np.uint8)] * 4
-    out = follow(image_ellipse_tracker(GIVEN), people)
+    out = follow(EllipseParticleTracker(GIVEN), people)
     assert [s.state for s in out[22]] == ["lost"]
     assert [(s.track_id, s.state) for s in out[-1]] == [(1, "confirmed")]
 
 
 @pytest.mark.parametrize("value", [0, 255])
 def test_no_foreground_and_foreground_everywhere_give_no_tracks(value):
-    params = EllipseParticleParams(image=ImagePlaneParams())
+    params = EllipseParticleParams()
     masks = [np.full(SHAPE, value, dtype=np.uint8)] * 5
-    assert follow(image_ellipse_tracker(params), masks) == [()] * 5
+    assert follow(EllipseParticleTracker(params), masks) == [()] * 5
 
 
 def test_one_frame_and_missing_images_are_no_trouble():
-    tracker = image_ellipse_tracker()
+    tracker = EllipseParticleTracker()
     assert tracker.update(Observation(0, 0.0)) == ()
     assert tracker.update(Observation(1, 0.1, image=np.zeros((48, 64, 3), dtype=np.uint8))) == ()
 
 
 def test_wrong_arrays_are_refused():
     with pytest.raises(ValueError, match="uint8 foreground"):
-        image_ellipse_tracker(GIVEN).update(Observation(0, 0.0, foreground=np.zeros((5, 5, 3), dtype=np.uint8)))
+        EllipseParticleTracker(GIVEN).update(Observation(0, 0.0, foreground=np.zeros((5, 5, 3), dtype=np.uint8)))
+
+
+@pytest.mark.parametrize(("moves", "state"), [(True, "confirmed"), (False, "tentative")])
+def test_what_never_moves_is_nobody(moves, state):
+    tracker, mask = EllipseParticleTracker(GIVEN), foreground((80, 60))
+    for i in range(10):
+        states = tracker.update(Observation(i, i / 10, foreground=mask, motion=mask if moves else 0 * mask))
+    assert [s.state for s in states] == [state]
+
+
+def test_piece_of_an_older_object_is_not_confirmed_beside_it():
+    tracker = EllipseParticleTracker(GIVEN)
+    whole = [foreground((40 + i, 60)) for i in range(10)]
+    # A bag as large as half a person comes to the side of the walker.
+    follow(tracker, [*whole, *(foreground((50 + i, 60), (55 + i, 60)) for i in range(20))])
+    states = tracker.update(Observation(30, 3.0, foreground=foreground((70, 60), (75, 60))))
+    assert sum(s.state == "confirmed" for s in states) == 1
+
+
+def test_who_is_hidden_behind_another_is_predicted_and_found_again():
+    masks = [foreground((20 + 2 * i, 60), (100, 62)) for i in range(60)]
+    out = follow(EllipseParticleTracker(GIVEN), masks)
+    assert len({s.track_id for states in out for s in states if s.state == "confirmed"}) == 2
+    assert near(out[-1], 138).track_id == near(out[10], 40).track_id
+
+
+def test_measurements_that_no_object_covers_are_new():
+    measured = painted(np.array([[20.0, 30, 15, 5, 0], [60, 30, 15, 5, 0]]), (60, 80))
+    assert uncovered(measured, measured[:0], 0.35).tolist() == [True, True]
+    assert uncovered(measured, measured[:1], 0.35).tolist() == [False, True]
+    assert uncovered(measured[:0], measured, 0.35).tolist() == []
+    # One object across two measurements that are apart has one of them.
+    twins = painted(np.array([[20.0, 30, 15, 5, 0], [29, 30, 15, 5, 0]]), (60, 80))
+    across = painted(np.array([[24.5, 30, 15, 5, 0]]), (60, 80))
+    assert uncovered(twins, across, 0.35).sum() == 1
+
+
+def test_learned_size_is_told_with_the_share_of_what_moves_that_has_it():
+    tracker = EllipseParticleTracker(EllipseParticleParams(filter=ParticleFilterParams(particles=50)))
+    assert tracker.notes == ()
+    follow(tracker, [foreground((20 + 2 * i, 60)) for i in range(30)])
+    (note,) = tracker.notes
+    assert note.startswith(("people are taken for 29", "people are taken for 30"))
+    assert "px high" in note
+    assert note.endswith("100% of it has that size")
+    assert EllipseParticleTracker(GIVEN).notes == ()
+
+
+def test_size_learned_beforehand_is_kept_by_reset():
+    tracker = EllipseParticleTracker(EllipseParticleParams(filter=ParticleFilterParams(particles=50)))
+    tracker.study(Observation(i, i / 10, foreground=foreground((20 + 2 * i, 60))) for i in range(30))
+    tracker.reset()
+    out = follow(tracker, [foreground((20 + 2 * i, 60)) for i in range(8)])
+    assert [s.state for s in out[-1]] == ["confirmed"]
+
+
+def test_shadow_speaks_neither_for_nor_against_a_body():
+    tracker, nothing = EllipseParticleTracker(GIVEN), foreground()
+    for i in range(8):
+        states = tracker.update(Observation(i, i / 10, foreground=nothing, shadow=foreground((80, 60))))
+    assert states == ()
+    assert tracker.debug().tiles["foreground"].max() == pytest.approx(0.4 / 1.4, abs=0.01)
+
+
+def test_feedback_is_where_confirmed_people_are():
+    tracker = EllipseParticleTracker(GIVEN)
+    assert tracker.feedback() is None
+    follow(tracker, [foreground((60 + i, 60)) for i in range(10)])
+    mask = tracker.feedback()
+    assert mask is not None
+    assert (mask[60, 69], mask[60, 20]) == (WALKER, NO_FEEDBACK)
 
 
 @settings(max_examples=15, deadline=None)
@@ -200,8 +254,8 @@ def test_wrong_arrays_are_refused():
 )
 def test_random_masks_and_times_give_finite_states(masks, dt, learn):
     size = {} if learn else {"person_height_px": 10}
-    image = ImagePlaneParams.model_validate(size)
-    tracker = image_ellipse_tracker(EllipseParticleParams(image=image, filter=ParticleFilterParams(particles=20)))
+    sizes = EllipseSizeParams.model_validate(size)
+    tracker = EllipseParticleTracker(EllipseParticleParams(size=sizes, filter=ParticleFilterParams(particles=20)))
     for i, mask in enumerate(masks):
         for state in tracker.update(Observation(i, i * dt, foreground=mask)):
             assert np.isfinite(state.box_px).all()

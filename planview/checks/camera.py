@@ -1,0 +1,256 @@
+"""Whether the camera stood still."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from enum import Enum
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from calib.types import F32, F64, U8, Bool
+from planview.checks.check import Check, at_most
+
+THUMBNAIL = (160, 120)
+"""(width, height) to which every frame is reduced [px]: averages noise, and keeps edges of the scene."""
+BLOCK_PX = 20
+"""Side of the blocks of which each is judged by itself [px of the thumbnail]: 8 x 6 of them, whatever people do in the
+middle of the image the others tell of the camera."""
+INTERVAL_S = 0.2
+"""Time between two looks at the motion of the image [s]."""
+KEPT = 5
+"""Thumbnails kept, one per interval: the oldest tells slow motion."""
+MOVED_PX = 1.0
+"""Motion of a point from which it has moved [px of the thumbnail]: 4 px of 640, beyond what wind does to a mast."""
+MOVED_SHARE = 0.85
+"""Share of the tracked points that move with the camera; the others are reflections and what is mistracked."""
+AGREEING_SHARE = 0.6
+"""Share of the moving points that one shift, turn and zoom of the image takes along, to within MOVED_PX: those of a
+camera that also travels do not all; a crowd that fills the view walks in more than one direction."""
+TEXTURED_SHARE = 0.6
+"""Share of the blocks that must have texture for anything to be said: on a plain wall all texture is people's."""
+BORDER_BLOCKS = 12
+"""Blocks at the image's border, of 24, that must have a tracked point: a person leaves most of it free."""
+CORNER_MIN = 2e-4
+"""Smallest eigenvalue of the structure tensor (of luma in 0 to 1, 5x5 window) of a point that can be tracked."""
+TEXTURE_LEVELS = 4.0
+"""Standard deviation of luma in a block with texture [levels of 255]."""
+ALIKE = 0.8
+"""Correlation from which a block shows what it did before, at any exposure."""
+SAME_LEVELS = 6.0
+"""Mean change of luma below which frames are of one scene, and nothing more is asked [levels of 255]."""
+CUT_SHARE = 0.25
+"""Share of the textured blocks below which a frame has nothing in common with another."""
+SETTLED_S = 1.0
+"""Time without motion after which a camera stands still again [s]."""
+BREAK_MAX_S = 1.0
+"""Time with nothing of the view before after which the scene is cut [s]: who steps in close before the camera hides all
+of it for some tenths of a second, and walks on."""
+MOVING_MAX_S = 0.5
+"""Longest motion of the camera that a run keeps to itself [s]: a knock at the mast."""
+
+
+class Steady(Enum):
+    """What a frame is beside those before it."""
+
+    STILL = "still"
+    """The same view."""
+    MOVING = "moving"
+    """The camera moves, or has until a second ago."""
+    BREAK = "break"
+    """Nothing of the last view shows: a damaged frame, someone close before the camera, or a cut."""
+    CUT = "cut"
+    """Nothing of the view before the break has shown for BREAK_MAX_S."""
+
+
+class _Kept(NamedTuple):
+    """A thumbnail with its time [s] and corners (see ``_corners``)."""
+
+    time_s: float
+    thumbnail: U8
+    corners: F32
+
+
+class _Break(NamedTuple):
+    """The last frame with anything of the view, and the first one without [s]."""
+
+    thumbnail: U8
+    frame: int
+    time_s: float
+
+
+class Steadiness:
+    """Watches the frames of one camera: ``update`` once per frame, in order."""
+
+    def __init__(self) -> None:
+        self._kept: deque[_Kept] = deque(maxlen=KEPT)
+        self._last: U8 | None = None
+        self._before_break: _Break | None = None
+        self._lasting: Bool = np.zeros(_BLOCKS, np.bool_)
+        self._moved_s = -math.inf
+        self._now_s = 0.0
+        self._moving_s = 0.0
+        self._first_moving_s = math.nan
+        self._cuts: list[int] = []
+
+    def update(self, frame: int, timestamp_s: float, grey: U8) -> Steady:
+        """Judge the next frame.
+
+        Args:
+            frame: its index, for the checks.
+            grey: (H, W) uint8.
+        """
+        thumbnail = np.asarray(cv2.resize(grey, THUMBNAIL, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        step_s, self._now_s = max(0.0, timestamp_s - self._now_s), timestamp_s
+        found = self._judge(frame, timestamp_s, thumbnail)
+        self._last = thumbnail
+        if found is Steady.MOVING:
+            self._moving_s += min(step_s, SETTLED_S)
+            if math.isnan(self._first_moving_s):
+                self._first_moving_s = timestamp_s
+        return found
+
+    def checks(self) -> list[Check]:
+        """What is known so far."""
+        at = f", first at {self._first_moving_s:.1f} s" if self._moving_s else ""
+        where = f", first at frame {self._cuts[0]}" if self._cuts else ""
+        return [
+            at_most(
+                "moving camera", round(self._moving_s, 2), MOVING_MAX_S, "s",
+                f"the whole image moves{at}: the camera must stand still, and people are not looked for while it moves",
+            ),
+            at_most(
+                "scene cuts", float(len(self._cuts)), 0.0, "",
+                f"the view changes at once{where}: the background is learned anew, and people begin new tracks",
+            ),
+        ]  # fmt: skip
+
+    def _judge(self, frame: int, now_s: float, thumbnail: U8) -> Steady:
+        last, broken = self._last, self._before_break
+        if broken is not None and unrelated(broken.thumbnail, thumbnail, self._lasting):
+            # Half a millisecond of slack: time stamps are rounded.
+            if now_s - broken.time_s < BREAK_MAX_S - 5e-4:
+                return Steady.BREAK
+            self._cuts.append(broken.frame)
+            self._restart(now_s, thumbnail)
+            return Steady.CUT
+        if broken is not None:
+            self._before_break = None
+        elif (
+            last is not None
+            and unrelated(last, thumbnail, self._lasting)
+            and not moved(last, _corners(last), thumbnail)
+        ):
+            self._before_break = _Break(last, frame, now_s)
+            return Steady.BREAK
+        self._look(now_s, thumbnail)
+        return Steady.MOVING if now_s - self._moved_s < SETTLED_S else Steady.STILL
+
+    def _look(self, now_s: float, thumbnail: U8) -> None:
+        """Compare with the thumbnails of an interval ago and of the oldest kept, every interval."""
+        # Half a millisecond of slack: time stamps are rounded.
+        if self._kept and now_s - self._kept[-1].time_s < INTERVAL_S - 5e-4:
+            return
+        if self._kept:
+            self._lasting = alike(self._kept[-1].thumbnail, thumbnail)
+        kept = list(self._kept)
+        if any(moved(then.thumbnail, then.corners, thumbnail) for then in [*kept[:1], *kept[1:][-1:]]):
+            self._moved_s = now_s
+            self._kept.clear()
+        self._kept.append(_Kept(now_s, thumbnail, _corners(thumbnail)))
+
+    def _restart(self, now_s: float, thumbnail: U8) -> None:
+        self._kept.clear()
+        self._kept.append(_Kept(now_s, thumbnail, _corners(thumbnail)))
+        self._before_break = None
+        self._moved_s = -math.inf
+        self._lasting = np.zeros(_BLOCKS, np.bool_)
+
+
+def unrelated(before: U8, after: U8, lasting: Bool) -> bool:
+    """Whether two thumbnails (120, 160) uint8 have nothing in common, at whatever exposure.
+
+    Only blocks tell whose texture lasts: noise in the dark is texture, too, but another one in every frame.
+
+    Args:
+        lasting: (48,) blocks of the view before that showed the same texture an interval apart.
+    """
+    if lasting.mean() < TEXTURED_SHARE or cv2.norm(before, after, cv2.NORM_L1) < SAME_LEVELS * before.size:
+        return False
+    return float(alike(before, after)[lasting].mean()) < CUT_SHARE
+
+
+def moved(before: U8, points: F32, after: U8) -> bool:
+    """Whether the whole image moves from one thumbnail (120, 160) uint8 to the next.
+
+    One corner per block is tracked there and back (pyramidal Lucas-Kanade, Bouguet 2001); nearly all must move,
+    most of them together, and enough of them be at the border.
+
+    Args:
+        points: (N, 2) corners of the first one.
+    """
+    if len(points) < TEXTURED_SHARE * _BLOCKS:
+        return False
+    there, ok, _ = cv2.calcOpticalFlowPyrLK(before, after, points, np.empty_like(points), winSize=(11, 11))
+    went = np.hypot(*(there - points).T) >= MOVED_PX
+    moving, resting = ((ok[:, 0] > 0) & kind for kind in (went, ~went))
+    # Those that moved decide nearly always: there are too few of them, or too few come back.
+    for group in (moving, moving, resting):
+        if moving.sum() < 0.5 * MOVED_SHARE * len(points):
+            return False
+        group[group] = _returns(before, after, points[group], there[group])
+    tracked = moving | resting
+    if tracked.sum() < 0.5 * len(points) or (tracked & _at_border(points)).sum() < BORDER_BLOCKS:
+        return False
+    return moving.sum() / tracked.sum() >= MOVED_SHARE and _agree(points[moving], there[moving])
+
+
+def _agree(points: F32, there: F32) -> bool:
+    """Whether one motion of the image takes most of (N, 2) points to where they are now."""
+    _, agreeing = cv2.estimateAffinePartial2D(points, there, ransacReprojThreshold=MOVED_PX)
+    return agreeing is not None and float(agreeing.mean()) >= AGREEING_SHARE
+
+
+def _returns(before: U8, after: U8, points: F32, there: F32) -> Bool:
+    """(N,) points that are tracked back from (N, 2) ``there`` to where they were before [px]."""
+    if not len(points):
+        return np.zeros(0, np.bool_)
+    back, ok, _ = cv2.calcOpticalFlowPyrLK(after, before, there, np.empty_like(points), winSize=(11, 11))
+    return np.asarray((ok[:, 0] > 0) & (np.hypot(*(back - points).T) < 0.5 * MOVED_PX))
+
+
+_COLUMNS, _ROWS = THUMBNAIL[0] // BLOCK_PX, THUMBNAIL[1] // BLOCK_PX
+_BLOCKS = _COLUMNS * _ROWS
+
+
+def alike(before: U8, after: U8) -> Bool:
+    """(48,) blocks with texture that are the same in two thumbnails (120, 160) uint8, at whatever exposure."""
+    a, b = (_by_block(image.astype(np.float64)) for image in (before, after))
+    a, b = a - a.mean(axis=1, keepdims=True), b - b.mean(axis=1, keepdims=True)
+    deviations = a.std(axis=1), b.std(axis=1)
+    scale = np.maximum(deviations[0], 1.0) * np.maximum(deviations[1], 1.0)
+    return np.asarray(((a * b).mean(axis=1) >= ALIKE * scale) & (np.maximum(*deviations) >= TEXTURE_LEVELS))
+
+
+def _by_block(image: F64) -> F64:
+    """(blocks, pixels of each) of a thumbnail."""
+    return image.reshape(_ROWS, BLOCK_PX, _COLUMNS, BLOCK_PX).swapaxes(1, 2).reshape(_BLOCKS, -1)
+
+
+def _corners(thumbnail: U8) -> F32:
+    """(N, 2) float32 [px], the strongest corner of every block that has one."""
+    strength = cv2.cornerMinEigenVal(thumbnail.astype(np.float32) / 255.0, 5)
+    blocks = _by_block(np.asarray(strength, dtype=np.float64))
+    best = blocks.argmax(axis=1)
+    block = np.arange(_BLOCKS)
+    x = block % _COLUMNS * BLOCK_PX + best % BLOCK_PX
+    y = block // _COLUMNS * BLOCK_PX + best // BLOCK_PX
+    strong = blocks[block, best] >= CORNER_MIN
+    return np.asarray(np.column_stack([x, y])[strong], dtype=np.float32)
+
+
+def _at_border(points: F32) -> Bool:
+    inside = (points >= BLOCK_PX) & (points < np.array(THUMBNAIL) - BLOCK_PX)
+    return np.asarray(~inside.all(axis=1), dtype=np.bool_)

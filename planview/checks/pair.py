@@ -1,0 +1,151 @@
+"""Checks of a stereo pair: rows, order of the cameras, pose, exposure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.images import as_grey
+from calib.types import F64, U8
+from planview.checks.check import Check, at_least, at_most
+from stereo.recording import StereoFrame
+from stereo.rectify import Rectifier
+from stereo.rig_correction import RigCorrection, fit_correction
+
+MIN_MATCHES = 60
+"""Fewest corners found in both images on which the geometry is judged."""
+MAX_OFFSET = 1.5
+"""Row offset of the calibration as it is [px of 640]: a factory calibration after some years has up to 0.5. A run takes
+out the turn that explains it, but a rig that moved this far is better calibrated again."""
+MAX_RESIDUAL = 0.5
+"""Row offset that is left [px]: block matching loses half of its matches beyond (our choice)."""
+MIN_POSITIVE = 0.8
+"""Share of corners whose right place is to the left of the left one; far corners may err by calibration."""
+MAX_TURN_DEG = 0.5
+"""Rotation of the right camera since calibration: half a degree of pan shifts disparities by 3.5 px of 640, or 15 % of
+the depth at 2 m; a worn factory calibration has up to 0.2."""
+MAX_MIRROR = 1.5
+"""Epipolar error of the pose over that of its mirror images; a good pose has less than its mirror images."""
+MIN_TURN_DEG = 0.3
+"""Poses with less rotation look the same mirrored."""
+
+
+def alignment_checks(plain: Rectifier, matches: F64, correction: RigCorrection) -> list[Check]:
+    """Row offset and what turn of a camera explains it, left-right order and mirrored pose.
+
+    Args:
+        plain: rectifier of the calibration as it is.
+        matches: (N, 4) float64 [px] in its images, as from ``match_corners``; rows far off were searched.
+        correction: that a run makes, from rows less far off.
+    """
+    enough = len(matches) >= MIN_MATCHES
+    offset = float(np.median(np.abs(matches[:, 3]))) * 640.0 / plain.geometry.width if enough else math.nan
+    positive = float(np.mean(matches[:, 0] - matches[:, 2] > -0.5)) if enough else math.nan
+    turn = fit_correction(matches, plain.geometry)
+    turned_deg = math.degrees(float(np.linalg.norm(turn.applied))) if enough else math.nan
+    return [
+        at_least("matched corners", float(len(matches)), MIN_MATCHES, "", "corners that both cameras show"),
+        at_least("left-right order", positive, MIN_POSITIVE, "", "share of corners nearer than infinity"),
+        at_most("row offset", offset, MAX_OFFSET, "px", "median, of 640 px, before the rig is corrected"),
+        at_most("camera turn", turned_deg, MAX_TURN_DEG, "deg", f"right camera since calibration; {correction}"),
+        at_most("row residual", correction.after_px, MAX_RESIDUAL, "px", "median, after the rig is corrected"),
+        at_most(
+            "mirrored pose",
+            mirror_ratio(plain, matches),
+            MAX_MIRROR,
+            "",
+            "row error of the pose over its mirror image",
+        ),
+    ]
+
+
+def mirror_ratio(rectifier: Rectifier, matches: F64) -> float:
+    """Epipolar error of the calibrated pose over that of its mirror images; NaN when the pose hardly turns.
+
+    Planar targets allow two poses, and extrinsics written the wrong way round are the inverse of the right ones: both
+    have the same translation axis and the inverse rotation, and pass for a calibration with a low reprojection error.
+    """
+    pose = rectifier.rig.right_SE3_left
+    turn = math.degrees(pose.angle_rad)
+    if len(matches) < MIN_MATCHES or turn < MIN_TURN_DEG:
+        return math.nan
+    left, right = _recorded_rays(rectifier, matches)
+    own = epipolar_error(left, right, pose.rotation, pose.translation)
+    mirrored = [(pose.rotation.T, -pose.rotation.T @ pose.translation), (pose.rotation.T, pose.translation)]
+    other = min(epipolar_error(left, right, rotation, translation) for rotation, translation in mirrored)
+    return own / max(other, 1e-6)
+
+
+def epipolar_error(left: F64, right: F64, rotation: F64, translation: F64) -> float:
+    """Median angle [rad] between right rays and the planes through the baseline and the left rays.
+
+    Args:
+        left, right: (N, 3) unit rays in the recorded cameras.
+    """
+    normals = np.cross(translation, left @ rotation.T)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return float(np.median(np.abs(np.sum(normals * right, axis=1))))
+
+
+def _recorded_rays(rectifier: Rectifier, matches: F64) -> tuple[F64, F64]:
+    left_rotation, right_rotation = rectifier.rig.rectifying_rotations()
+    u, v, right_u, offset = matches.T
+    rays = []
+    for column, row, rotation in ((u, v, left_rotation), (right_u, v + offset, right_rotation)):
+        ray = rectifier.geometry.rays(np.column_stack([column, row])) @ rotation
+        rays.append(ray / np.linalg.norm(ray, axis=1, keepdims=True))
+    return rays[0], rays[1]
+
+
+SATURATED_LEVEL = 250
+"""Grey levels from here on hold no texture (as in the matcher)."""
+MAX_OVER = 0.35
+"""Share of saturated pixels that leaves enough to see people by; a sunny terrace has up to a quarter (our choice)."""
+MIN_BRIGHT = 40.0
+"""The brightest tenth of a picture must reach this grey level: below, sensor noise is a good part of any texture."""
+MAX_MISMATCH = 2.0
+"""Ratio of the cameras' median brightness; block matching bears small differences only (our choice)."""
+
+
+BLOCK_PX = 8
+"""Side of the blocks that JPEG, MPEG and H.264 transform."""
+MAX_BLOCKING = 2.0
+"""Grey steps at the borders of blocks over those inside, which match at the same place in both cameras and pull
+disparities there. Images as recorded have 0.7 to 1.3, JPEG of quality 10 has 5 and loses the floor (our choice)."""
+
+
+def image_checks(frames: Sequence[StereoFrame]) -> list[Check]:
+    """Over-exposure, under-exposure, brightness of left against right, and compression, of frames as recorded."""
+    sides = [as_grey(f.left) for f in frames], [as_grey(f.right) for f in frames]
+    levels = [float(np.median([np.mean(i[::4, ::4]) for i in side])) + 1.0 for side in sides]
+    ratio = max(levels) / min(levels)
+    blocks = max(float(np.median([blocking(i) for i in side])) for side in sides)
+    return [
+        *light_checks(*sides),
+        at_most("brightness match", ratio, MAX_MISMATCH, "", "mean brightness of one camera over the other"),
+        at_most("compression", blocks, MAX_BLOCKING, "", "grey steps at the borders of 8x8 blocks over those inside"),
+    ]
+
+
+def light_checks(*cameras: Sequence[U8]) -> list[Check]:
+    """Over-exposure and under-exposure.
+
+    Args:
+        cameras: images of each.
+    """
+    sides = [[as_grey(image) for image in images] for images in cameras]
+    over = max(float(np.median([np.mean(i[::2, ::2] >= SATURATED_LEVEL) for i in side])) for side in sides)
+    bright = min(float(np.median([np.percentile(i[::2, ::2], 90) for i in side])) for side in sides)
+    return [
+        at_most("over-exposure", over, MAX_OVER, "", "share of saturated pixels in the worse camera"),
+        at_least("under-exposure", bright, MIN_BRIGHT, "grey", "brightest tenth of the picture, darker camera"),
+    ]
+
+
+def blocking(image: U8) -> float:
+    """Mean grey step along the rows of a (H, W) image across the borders of blocks, over that inside of them."""
+    steps = np.abs(np.diff(image[::4].astype(np.int16), axis=1)).mean(axis=0)
+    border = np.arange(len(steps)) % BLOCK_PX == BLOCK_PX - 1
+    return float(steps[border].mean() / max(float(steps[~border].mean()), 1e-3)) if border.any() else np.nan

@@ -1,0 +1,137 @@
+"""The frames, disparities and floor that the checks look at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from calib.errors import WorkError
+from calib.images import as_grey
+from calib.rig import Floor
+from calib.types import F32, F64, U8
+from stereo.depth import DepthFromDisparity
+from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
+from stereo.matcher import DisparityRange
+from stereo.recording import RgbdRecording, StereoFrame, StereoRecording
+from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
+from stereo.rgbd import RgbdRectifier
+from stereo.rig_correction import MatchParams, RigCorrection, match_corners
+
+MATCHED_FRAMES = 8
+"""Frames in which corners are matched (our choice, for speed)."""
+WIDE_SEARCH = MatchParams(search_px=24, features=200)
+"""Row offsets looked for in a pair that may be badly calibrated: a rig turned by 2 degrees still matches."""
+
+
+class PairEvidence(NamedTuple):
+    """What is known of a stereo pair alone.
+
+    Attributes:
+        plain: rectifier of the calibration as it is.
+        matches: (N, 4) float64 [px] of ``plain``'s images: u, v, u in the right image, row offset; disparities of
+            both signs were searched.
+        correction: of the calibration, as a run makes it.
+        rectified: spread frames, by the corrected rig.
+    """
+
+    plain: Rectifier
+    matches: F64
+    correction: RigCorrection
+    rectified: list[RectifiedPair]
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """A recording under examination.
+
+    Attributes:
+        spread: frames spread over the recording, those that a run measures its floor in.
+        run: consecutive frames where most moves.
+        rectifier: of a pair by the corrected rig.
+        lefts: (H, W) uint8 grey of each spread frame, rectified; the left one of a pair.
+        disparities: (H, W) float32 [px] of each; of images with depth equivalent to it.
+        searched: range of the disparities.
+        floor: found in them, None when ``floor_refused`` says why not.
+        frames_asked: how many frames ``spread`` and ``run`` were meant to have.
+        pair: None of images with depth.
+    """
+
+    recording: StereoRecording | RgbdRecording
+    spread: list[Any]
+    run: list[Any]
+    rectifier: Rectifier | RgbdRectifier
+    lefts: list[U8]
+    disparities: list[F32]
+    searched: DisparityRange
+    floor: Floor | None
+    floor_refused: str
+    frames_asked: int
+    pair: PairEvidence | None
+
+
+def gather(recording: StereoRecording | RgbdRecording, frames: int, search: FloorSearch | None = None) -> Evidence:
+    """Decode, rectify and match what the checks need.
+
+    Args:
+        frames: length of the run of consecutive frames.
+        search: how a run looks for the floor.
+    Raises:
+        WorkError: not one frame can be used.
+    """
+    search = search or FloorSearch()
+    count = max(3, min(frames, recording.n_frames))
+    spread: list[Any] = setup_frames(recording, search.frames)
+    find: Callable[[], Floor]
+    rectifier: Rectifier | RgbdRectifier
+    if isinstance(recording, StereoRecording):
+        plain = Rectifier(recording.rig, search.rectify)
+        rectifier, correction = aligned_rectifier(recording.rig, spread, search.rectify)
+        estimator = FloorEstimator(rectifier, search)
+        pairs = [rectifier(f.left, f.right) for f in spread]
+        lefts, disparities = [p.left_grey for p in pairs], [estimator.disparity(pair) for pair in pairs]
+        searched, to_depth = estimator.disparities, DepthFromDisparity(rectifier.geometry)
+        find = partial(estimator.floor, map(to_depth, disparities))
+        pair = PairEvidence(plain, _matches(plain, spread, searched), correction, pairs)
+    else:
+        rectifier = depth_rectifier = RgbdRectifier(recording.camera, recording.sensor, search.rectify)
+        rectified = [depth_rectifier(frame) for frame in spread]
+        lefts, disparities = [as_grey(r.left) for r in rectified], [depth_rectifier.disparity(r) for r in rectified]
+        searched, depths, pair = depth_rectifier.disparities(), [r.depth_m for r in rectified], None
+        find = partial(floor_in, depths, depth_rectifier.geometry, search.floor, BLIND_SENSOR)
+    floor, refused = None, ""
+    try:
+        floor = find()
+    except WorkError as error:
+        refused = str(error)
+    images = [f.left if isinstance(recording, StereoRecording) else f.image for f in spread]
+    run = recording.at(busiest(images, [f.index for f in spread], recording.n_frames, count))
+    asked = min(search.frames, recording.n_frames) + count
+    return Evidence(recording, spread, run, rectifier, lefts, disparities, searched, floor, refused, asked, pair)
+
+
+def busiest(images: list[U8], indices: list[int], n_frames: int, count: int) -> list[int]:
+    """Indices of ``count`` consecutive frames around the spread frame that differs most from the usual picture.
+
+    Args:
+        images, indices: of the frames spread over the recording.
+    """
+    small = np.stack([image[::8, ::8].reshape(-1) for image in images]).astype(np.float32)
+    change = (np.abs(small - np.median(small, axis=0)) > 25).mean(axis=1)
+    # A change of light changes everything: it is no movement.
+    change[change > 0.5] = 0.0
+    middle = indices[int(np.argmax(change))]
+    first = max(0, min(middle - count // 2, n_frames - count))
+    return list(range(first, min(first + count, n_frames)))
+
+
+def _matches(rectifier: Rectifier, spread: list[StereoFrame], searched: DisparityRange) -> F64:
+    largest = searched.first_px + searched.count
+    found = [np.empty((0, 4))]
+    for frame in spread[:: max(1, len(spread) // MATCHED_FRAMES)]:
+        pair = rectifier(frame.left, frame.right)
+        found.append(match_corners(pair.left_grey, pair.right_grey, largest, WIDE_SEARCH, -largest))
+    return np.concatenate(found)

@@ -1,0 +1,229 @@
+"""``planview check``: what a recording holds, and whether it is to be trusted."""
+
+from __future__ import annotations
+
+import json
+import math
+import shlex
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from calib.errors import InputError, WorkError
+from calib.io import parse_length
+from calib.rig import save_rig
+from planview.checks.examine import Diagnosis, examine, write_pictures
+from planview.commands.options import Flag, JsonFlag, open_options
+from planview.engine.config import load_config
+from planview.engine.setup import floor_search
+from planview.output.progress import PlainConsole
+from stereo.readers import find_layout
+from stereo.readers.base import Layout, Reader, Stream
+from stereo.readers.times import rate_of_times
+from stereo.recording import StereoRecording
+
+
+def check(
+    recording: Path,
+    *,
+    quick: Flag = False,
+    calibration: Path | None = None,
+    topics: str | None = None,
+    fps: float | None = None,
+    person_height: str | None = None,
+    frames: int = 60,
+    out: Path | None = None,
+    corrected_rig: Path | None = None,
+    config: Path | None = None,
+    json_output: JsonFlag = False,
+) -> None:
+    """Check a recording and its calibration before trusting results; exit status 1 when a check fails.
+
+    Example: planview check recording --person-height 1.78m --out pictures
+
+    Example of what it holds only, without looking at its images: planview check recording.bag --quick
+
+    Parameters
+    ----------
+    recording
+        Folder, video, bag or address of a recording.
+    quick
+        Say what it holds: layout, cameras, rates, gaps, calibration, and what is missing. The options below --fps do
+        not concern this.
+    calibration
+        Calibration file or folder, instead of the one beside the recording.
+    topics
+        Topics of a bag, LEFT,RIGHT or IMAGE,DEPTH, where they are not clear from their names.
+    fps
+        Frames per second, in place of the recording's own times.
+    person_height
+        Height of a person who walks through, e.g. 1.78m: checks baseline and units.
+    frames
+        Consecutive frames to look at for movement, besides those in which a run measures its floor.
+    out
+        Folder for pictures: rectified rows, disparity, floor, exposure.
+    corrected_rig
+        File to write the calibration to as the recording corrects it (rig.toml), for other recordings of the rig.
+    config
+        TOML file with the parameters of the run to come: analysis.setup_frames and tables rectify, sgbm, range, floor.
+    json_output
+        Print one JSON object.
+    """
+    opening = open_options(calibration, fps, topics)
+    if quick:
+        reader, layout = find_layout(recording, opening)
+        found = _found(recording, reader, layout)
+        if json_output:
+            print(json.dumps(found, allow_nan=False))
+        else:
+            _show(found, Console(), reader.name)
+        return
+    if not 4 <= frames <= 2000:
+        raise InputError(f"--frames: expected 4 to 2000, found {frames}")
+    known = None if person_height is None else _height(person_height)
+    search = floor_search(load_config(config))
+    diagnosis = examine(recording, opening, frames=frames, person_height_m=known, search=search)
+    if json_output:
+        print(json.dumps(diagnosis.to_json(), allow_nan=False))
+    else:
+        PlainConsole(markup=True).print(table(diagnosis))
+    if out is not None and diagnosis.evidence is not None:
+        for path in write_pictures(diagnosis.evidence, out):
+            PlainConsole(stderr=True).print(f"wrote {path}", highlight=False)
+    pair = diagnosis.evidence.pair if diagnosis.evidence else None
+    corrects = pair is not None and bool(pair.correction.is_applied.any())
+    if corrected_rig is not None and (pair is None or not corrects):
+        raise WorkError(f"{recording}: nothing to write to {corrected_rig}: {pair.correction if pair else 'no pair'}")
+    if pair is not None and corrects:
+        said = f"planview check {shlex.quote(str(recording))} --corrected-rig rig.toml writes the corrected calibration"
+        if corrected_rig is not None:
+            rig = pair.correction(pair.plain.rig)
+            save_rig(replace(rig, source=f"{rig.source}, {pair.correction}"), corrected_rig)
+            said = f"wrote {corrected_rig}"
+        PlainConsole(stderr=True).print(f"{pair.correction}: {said}", highlight=False)
+    failed = [check for check in diagnosis.checks if not check.ok]
+    if failed:
+        raise WorkError(
+            f"{recording}: {len(failed)} of {len(diagnosis.checks)} checks failed: "
+            + "; ".join(f"{c.name} ({c.note})" for c in failed)
+        )
+
+
+def table(diagnosis: Diagnosis) -> Table:
+    """The checks as a table for people."""
+    result = Table(title="planview check: " + ("passed" if diagnosis.ok else "refused"))
+    result.add_column("")
+    result.add_column("check")
+    result.add_column("value", justify="right")
+    result.add_column("limit", justify="right")
+    result.add_column("meaning")
+    for check in diagnosis.checks:
+        mark = "[green]ok[/]" if check.ok else "[bold red]NO[/]"
+        value = f"{check.value:.3g} {check.unit}".strip() if math.isfinite(check.value) else "-"
+        result.add_row(mark, check.name, value, check.limit_text, check.note)
+    return result
+
+
+def _height(text: str) -> float:
+    bare = text.strip().replace(".", "", 1).isdigit()
+    height = parse_length(f"{text}m" if bare else text, "--person-height")
+    if not 0.5 <= height <= 2.5:
+        raise InputError(f"--person-height: expected 0.5 to 2.5 m, found {height:g} m")
+    return height
+
+
+def _found(path: Path, reader: Reader, layout: Layout) -> dict[str, Any]:
+    """The ``--json`` object of what a recording holds."""
+    opened, missing = None, []
+    try:
+        opened = layout.open()
+    except InputError as error:
+        text = str(error)
+        missing = [text if "--calibration" in text else f"{text} (--calibration FILE gives one)"]
+    fps = layout.fps if opened is None else opened.fps  # estimated, where the images have no times
+    cameras = [_camera(stream, fps) for stream in layout.streams]
+    durations = [camera["duration_s"] for camera in cameras if camera["duration_s"] is not None]
+    size, calibration, has_world = layout.streams[0].size, None, False
+    if opened is not None:
+        camera = opened.rig.left if isinstance(opened, StereoRecording) else opened.camera
+        pose = opened.world_SE3_left if isinstance(opened, StereoRecording) else opened.world_SE3_camera
+        size, has_world = camera.size, pose is not None  # squeezed halves are stretched
+        calibration = {
+            "source": opened.rig.source if isinstance(opened, StereoRecording) else opened.source,
+            "focal_px": camera.fx,
+            "fov_deg": [
+                math.degrees(2.0 * math.atan(pixels / (2.0 * focal)))  # of the pinhole without its distortion
+                for pixels, focal in ((camera.width, camera.fx), (camera.height, camera.fy))
+            ],
+            "lens": camera.model if camera.distortion and any(camera.distortion) else "none",
+        } | ({"baseline_m": opened.rig.baseline_m} if isinstance(opened, StereoRecording) else {})
+    return {
+        "path": str(path),
+        "reader": reader.key,
+        "kind": layout.kind,
+        "cameras": cameras,
+        "frames": layout.n_frames,
+        "unpaired": layout.unpaired,
+        "fps": fps,
+        "duration_s": max(durations, default=layout.n_frames / fps),
+        "size": list(size),
+        "calibration": calibration,
+        "floor": "world.toml" if has_world else "to be found in the recording",
+        "missing": missing,
+        "notes": list(getattr(opened, "notes", layout.notes)),
+    }
+
+
+def _camera(stream: Stream, nominal_fps: float) -> dict[str, Any]:
+    rate = None if stream.times_s is None else rate_of_times(stream.times_s)
+    return {
+        "name": stream.name,
+        "size": list(stream.size),
+        "frames": stream.n_frames,
+        "pixels": stream.pixels,
+        "fps": rate.fps if rate else nominal_fps,
+        "jitter_ms": rate.jitter_ms if rate else None,
+        "duration_s": rate.duration_s if rate else None,
+        "gaps": rate.gaps if rate else None,
+        "dropped": rate.dropped if rate else None,
+        "longest_gap_s": rate.longest_gap_s if rate else None,
+    }
+
+
+def _show(found: dict[str, Any], console: Console, name: str) -> None:
+    console.print(f"{escape(found['path'])}: {name}", highlight=False)
+    table = Table()
+    for title in ("camera", "size", "pixels", "frames", "fps", "jitter", "gaps"):
+        table.add_column(title, justify="left" if title in ("camera", "pixels") else "right")
+    for camera in found["cameras"]:
+        jitter, gaps = "-", "-"
+        if camera["jitter_ms"] is not None:
+            jitter = f"{camera['jitter_ms']:.2f} ms"
+            gaps = f"{camera['gaps']} ({camera['dropped']} frames)" if camera["gaps"] else "none"
+        size = "x".join(map(str, camera["size"]))
+        rate = f"{camera['fps']:.3f}"
+        table.add_row(escape(camera["name"]), size, camera["pixels"], str(camera["frames"]), rate, jitter, gaps)
+    console.print(table)
+    alone = f", {found['unpaired']} without a mate" if found["unpaired"] else ""
+    calibration, text = found["calibration"], "missing"
+    if calibration is not None:
+        across, down = calibration["fov_deg"]
+        baseline = f", baseline {calibration['baseline_m'] * 100:.2f} cm" if "baseline_m" in calibration else ""
+        text = (
+            f"focal length {calibration['focal_px']:.1f} px{baseline}, view {across:.0f} x {down:.0f} degrees, "
+            f"lens {calibration['lens']} ({escape(calibration['source'])})"
+        )
+    facts = Table(show_header=False, box=None, pad_edge=False)
+    facts.add_row("frames", f"{found['frames']} at {found['fps']:.3f} per second, {found['duration_s']:.2f} s{alone}")
+    facts.add_row("calibration", text)
+    facts.add_row("floor", found["floor"])
+    for title, key in (("missing", "missing"), ("note", "notes")):
+        for line in found[key]:
+            facts.add_row(title, escape(line))
+    if not found["missing"]:
+        facts.add_row("next", escape(f"planview run {shlex.quote(found['path'])} --out out --rrd"))
+    console.print(facts)

@@ -1,0 +1,177 @@
+"""``planview report``, ``render`` and ``view``: a run shown to people."""
+
+from __future__ import annotations
+
+import subprocess
+import sysconfig
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from cyclopts import Parameter
+from rich.progress import track
+
+from calib.errors import InputError, WorkError
+from calib.io import reason
+from planview.commands.options import Flag, frame_span
+from planview.output.progress import PlainConsole
+from planview.output.render import SceneComposer, VideoWriter, scene_pictures_of, write_still
+from planview.output.report.compare import write_comparison
+from planview.output.report.page import write_report
+from planview.output.rerun.file import quiet_environment
+from planview.output.results import read_results
+
+if TYPE_CHECKING:
+    from planview.output.scene import SceneFrames
+
+
+def report(*folders: Path, out: Path | None = None, truth: Path | None = None) -> None:
+    """Write report.html of a run again, or one page that compares several runs: settings, errors, time.
+
+    Example: planview report out
+
+    Example of a comparison: planview report out/narrow out/wide --out compare.html
+
+    Parameters
+    ----------
+    folders
+        Output folders of runs.
+    out
+        Page that compares them; compare.html here when not given. The page of one run is report.html in its folder.
+    truth
+        True people; truth.csv of each recording when not given.
+    """
+    if not folders:
+        raise InputError("planview report: expected the folder of a run, found none")
+    if len(folders) == 1 and out is not None:
+        raise InputError("--out: expected several runs with it (the page of one is report.html in its folder)")
+    if len(folders) == 1:
+        page = write_report(folders[0], truth=truth)
+    else:
+        page = out or Path("compare.html")
+        page.parent.mkdir(parents=True, exist_ok=True)
+        write_comparison(folders, page, truth)
+    PlainConsole(stderr=True, soft_wrap=True).print(str(page))
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class RenderOptions:
+    """What is drawn, and where it goes."""
+
+    video: Path | None = None
+    """Video to write: .webm (plays in browsers), .mp4, .avi or .mkv. [default: scene.webm in the folder]"""
+    frame: int | None = None
+    """Draw this frame only, as a picture."""
+    png: Path | None = None
+    """Picture to write of --frame. [default: frame-N.png in the folder]"""
+    frames: str | None = None
+    """First and last frame of the video, e.g. 100:300."""
+    every: int = 1
+    """Draw every n-th frame; the video then runs faster."""
+    trail: float = 4.0
+    """Length of the trails behind people, in seconds."""
+    truth: Path | None = None
+    """True people to mark. [default: truth.csv of the recording]"""
+    no_truth: Flag = False
+    """Do not mark the true people."""
+    no_plan: Flag = False
+    """Leave out the floor from above."""
+
+
+def render(folder: Path, *, options: RenderOptions | None = None) -> None:
+    """Draw a run: boxes, ids, trails, a metre grid on the floor, the floor from above, and what was counted.
+
+    The images are read from the recording again; where it is not there any more, the floor alone is drawn.
+
+    Example: planview render out --video out.webm
+
+    Example of a picture: planview render out --frame 120 --png still.png
+
+    Parameters
+    ----------
+    folder
+        Output folder of a run.
+    """
+    options = options or RenderOptions()
+    if options.every < 1 or not 0 <= options.trail <= 3600:
+        raise InputError("--every, --trail: expected a number from 1 and a time of 0 to 3600 s, found others")
+    if options.png is not None and options.frame is None:
+        raise InputError("--png: expected --frame N with it, found none")
+    console = PlainConsole(stderr=True, soft_wrap=True)
+    from planview.output.scene import open_frames  # the engine's parts take half a second
+
+    results = read_results(folder, options.truth)
+    frames: SceneFrames | None = None
+    try:
+        frames = open_frames(results.info)
+    except (InputError, WorkError) as error:
+        console.print(f"the floor alone is drawn: {error}")
+    composer = SceneComposer(results, frames, options.trail, plan=not options.no_plan, truth=not options.no_truth)
+    end = results.n_frames - 1
+    if options.frame is not None:
+        path = options.png or folder / f"frame-{options.frame}.png"
+        if not 0 <= options.frame <= end:
+            raise InputError(f"--frame: expected a frame from 0 to {end}, found {options.frame}")
+        write_still(composer, frames, options.frame, path)
+        console.print(str(path))
+        return
+    path = options.video or folder / "scene.webm"
+    first, last = frame_span(options.frames) if options.frames else (0, end)
+    known = results.tracks.frame
+    if first > end or not len(known):
+        raise InputError(f"{folder}: expected frames from {first} on, found {int(np.max(known, initial=-1)) + 1}")
+    last = min(last, end)
+    writer = VideoWriter(path, min(240.0, 1.0 / results.clock.frame_s))
+    complete = False
+    try:
+        pictures = scene_pictures_of(composer, frames, first, last, options.every)
+        total = len(range(first, last + 1, options.every))
+        for picture in track(pictures, "drawing", total, console=PlainConsole(stderr=True)):
+            writer.add(picture)
+        complete = True
+    finally:
+        writer.close(complete=complete)
+    if not writer.count:
+        raise WorkError(f"{path}: none of the frames {first} to {last} can be read")
+    console.print(str(path))
+
+
+def view(folder: Path, *, port: int = 9876, web: Flag = False, web_port: int = 9090) -> None:
+    """Open a run in the rerun viewer, which listens on this machine only and sends no usage statistics.
+
+    Example: planview view out
+
+    Example on a machine without a display: planview view out --web; then, on yours, ssh -L 9090:127.0.0.1:9090 -L
+    9876:127.0.0.1:9876 MACHINE, and open the address that it prints.
+
+    Parameters
+    ----------
+    folder
+        Output folder of a run made with --rrd, or an .rrd file.
+    port
+        Port of the viewer, or with --web of the data, on 127.0.0.1.
+    web
+        Serve the viewer to a browser instead of opening a window.
+    web_port
+        Port of the page, on 127.0.0.1.
+    """
+    recording = folder if folder.suffix == ".rrd" else folder / "run.rrd"
+    if not recording.is_file():
+        raise InputError(f"{folder / 'run.rrd'}: expected a rerun recording, found none; add --rrd to planview run")
+    viewer = Path(sysconfig.get_path("scripts")) / "rerun"
+    command = [str(viewer), "--bind", "127.0.0.1", "--port", str(port)]
+    if web:
+        command += ["--serve-web", "--web-viewer-port", str(web_port), "--server-memory-limit", "75%"]
+        data = f"rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{port}%2Fproxy"
+        PlainConsole(stderr=True, soft_wrap=True).print(
+            f"open http://127.0.0.1:{web_port}/?url={data}   (Ctrl-C ends it)"
+        )
+    try:
+        status = subprocess.run([*command, str(recording)], check=False, env=quiet_environment()).returncode
+    except OSError as error:
+        raise WorkError(f"the rerun viewer cannot be started ({reason(error)}); is rerun-sdk installed?") from error
+    if status != 0:
+        hint = "is the port free?" if web else "it needs a display and a graphics driver; --web needs none"
+        raise WorkError(f"the rerun viewer ended with status {status} ({hint})")

@@ -1,0 +1,344 @@
+"""``planview evaluate`` and ``count``: tracks against truth, and what they count."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import stat
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cyclopts import Parameter
+from rich.console import Console
+from rich.table import Table
+
+from calib.errors import InputError, WorkError
+from calib.io import reason, require_file, write_whole
+from planview.commands.options import Flag, JsonFlag, checked, frame_span
+from planview.counting.events import read_events, write_event_header, write_event_rows
+from planview.counting.geometry import RulePlane
+from planview.counting.rules import AnalyticsParams, load_rules
+from planview.counting.scoring import score_counts, score_events
+from planview.counting.totals import Clock, count_tracks, count_truth
+from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
+from planview.evaluation.result import KINDS, Evaluation, pooled
+from planview.output.folder import RunInfo, read_run_info, unfinished_beside
+from planview.output.progress import PlainConsole
+from planview.output.results import source_of
+from planview.trajectories.file import limited
+from planview.trajectories.formats import FilePair, file_pairs, load_file, load_tracks, load_truth, tracks_file
+
+_FIGURES = (
+    "mota", "idf1", "hota", "det_a", "ass_a", "switches", "switches_per_minute", "fragmentations", "mostly_tracked",
+    "mostly_lost", "misses", "false_positives", "motp_m", "position_error_mean_m", "position_error_std_m",
+    "height_error_mean_m",
+)  # fmt: skip
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class EvaluateOptions:
+    """What counts, and how it is printed."""
+
+    gate: float = 0.5
+    """Largest distance on the floor of a match, in metres."""
+    boxes: Flag = False
+    """Match image boxes at IoU 0.5 instead of floor positions."""
+    min_visible: float = 0.25
+    """Ignore truth rows less visible than this fraction, and tracks on them."""
+    align: Flag = False
+    """Lay the tracks over the truth first by a rotation and a shift of the floor (another world frame)."""
+    frames: str | None = None
+    """First and last frame to score, e.g. 0:399."""
+    fps: float = 30.0
+    """Frame rate where the tracks have no timestamps."""
+    json_output: JsonFlag = False
+    """Print one JSON object."""
+
+
+def evaluate(tracks: Path, truth: Path | None = None, *, options: EvaluateOptions | None = None) -> None:
+    """Score tracks against truth: CLEAR, IDF1, HOTA, position errors and significant errors.
+
+    Of two folders every recording is scored by name, then all together.
+
+    Example: planview evaluate out
+
+    Example of another truth: planview evaluate out/tracks.csv recording/truth.csv --json
+
+    Example on PETS: planview evaluate out/tracks.csv gt.txt --gate 1 --align --frames 0:399
+
+    Example on MOTChallenge: planview evaluate trackers/mine gt --boxes --fps 25
+
+    Parameters
+    ----------
+    tracks
+        tracks.csv of a run, the folder of the run, trajectories in a format of planview export, or a folder of these.
+    truth
+        truth.csv (frame,id,x_m,y_m,height_m[,visible]), rows of PETS or MOTChallenge (gt.txt), another format of
+        planview export, or a folder of these; truth.csv of the run's recording where not given.
+    """
+    options = options or EvaluateOptions()
+    truth = truth or _truth_of(tracks)
+    params = checked(
+        EvaluationParams,
+        gate_m=options.gate,
+        match_on="boxes" if options.boxes else "floor",
+        min_visible=options.min_visible,
+        align=options.align,
+        fps=options.fps,
+    )
+    span = None if options.frames is None else frame_span(options.frames)
+    pairs = file_pairs(tracks, truth)
+    results = {pair.name: _evaluate_pair(pair, params, span) for pair in pairs}
+    together = pooled(list(results.values())) if len(results) > 1 else next(iter(results.values()))
+    if options.json_output:
+        each = {
+            pair.name: {"tracks": str(pair.tracks), "refined": _refined(pair.tracks), **results[pair.name].to_json()}
+            for pair in pairs
+        }
+        found = next(iter(each.values())) if len(each) == 1 else {**together.to_json(), "recordings": each}
+        print(json.dumps(found, indent=2))
+        return
+    console = PlainConsole()
+    for pair in pairs:
+        kind = {True: " (refined)", False: " (online)", None: ""}[_refined(pair.tracks)]
+        print_evaluation(results[pair.name], console, f"{pair.tracks}{kind}")
+    if len(pairs) > 1:
+        print_evaluation(together, console, f"{len(pairs)} recordings together", listed=False)
+
+
+def _truth_of(tracks: Path) -> Path:
+    """The truth of the recording that a run tracked."""
+    run = (tracks if tracks.is_dir() else tracks.parent) / "run.json"
+    if not run.is_file():
+        raise InputError(f"{tracks}: expected a file of truth after it, since no run.json tells its recording")
+    truth = source_of(read_run_info(run)) / "truth.csv"
+    if not truth.is_file():
+        raise InputError(f"{truth}: expected the truth of the run's recording, found none; name a file of truth")
+    return truth
+
+
+def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, int] | None) -> Evaluation:
+    boxes = params.align or params.match_on == "boxes"
+    found, true = load_tracks(pair.tracks, boxes=boxes), load_truth(pair.truth)
+    if not boxes and not np.isfinite(found.x_m).any():
+        found = load_tracks(pair.tracks)  # with boxes, where they have nothing else
+    console = PlainConsole(stderr=True, soft_wrap=True)
+    if len(found) and len(true):
+        (first, last), (begin, end) = ((int(t.frame.min()), int(t.frame.max())) for t in (found, true))
+        if begin > last or end < first:
+            raise InputError(
+                f"{pair.truth}: expected truth of the frames {first} to {last} of {pair.tracks}, found {begin} to {end}"
+            )
+    if told := unfinished_beside(pair.tracks):
+        console.print(told)
+    last = int(found.frame.max()) if len(found) else -1
+    beyond = int((true.frame > last).sum())
+    if span is None and beyond:
+        console.print(
+            f"{beyond} truth rows lie after the last track (frame {last}) and count as misses; "
+            f"--frames 0:{max(last, 0)} leaves them out"
+        )
+    try:
+        return evaluate_tracks(found, true, params, span)
+    except InputError as error:
+        raise InputError(f"{pair.tracks} and {pair.truth}: {error}") from error
+
+
+def _refined(tracks: Path) -> bool | None:
+    """Whether the tracks of a run are refined; None where no run.json tells."""
+    info = tracks.parent / "run.json"
+    if tracks.name not in ("tracks.csv", "tracks_online.csv") or not info.is_file():
+        return None
+    return tracks.name == "tracks.csv" and read_run_info(info).refined
+
+
+def print_evaluation(result: Evaluation, console: Console, title: str, *, listed: bool = True) -> None:
+    """The figures as a table, the position errors by group, then every significant error in a line of its own."""
+    values = result.to_json()
+    table = Table(title=f"{title}: {values['truth_rows']} truth rows ({values['ignored_rows']} too hidden, ignored)")
+    table.add_column("metric")
+    table.add_column("value", justify="right")
+    for name in _FIGURES:
+        table.add_row(name, _figure(values[name]))
+    counts = values["significant_errors"]
+    table.add_row("significant errors", f"{counts['total']}")
+    for kind in KINDS:
+        table.add_row(f"  {kind}", f"{counts[kind]}")
+    for name in ("significant_errors_per_10_min", "events_per_10_min"):
+        table.add_row(f"{name} (at most, 95 %)", f"{_figure(values[name])} ({_figure(values[f'{name}_upper'])})")
+    for name in ("strict_identity_changes", "strict_per_10_min"):
+        table.add_row(name, _figure(values[name]))
+    console.print(table)
+    console.print(
+        "switches count every change of a person's id, flickers between people in contact included; "
+        "strict_identity_changes those that last, of two people who take each other's ids twice",
+        highlight=False, soft_wrap=True,
+    )  # fmt: skip
+    table = Table("group", "truth rows", "matched [%]", "position error [m]", "deviation [m]")
+    for key, text in (("by_distance", "{} m away"), ("by_visibility", "{} visible"), ("by_people", "{} people")):
+        for row in values[key]:
+            if row["truth_rows"]:
+                errors = (_figure(row[f"position_error_{name}_m"]) for name in ("mean", "std"))
+                matched = f"{100 * row['matches'] / row['truth_rows']:.1f}"
+                table.add_row(text.format(row["group"]), str(row["truth_rows"]), matched, *errors)
+    console.print(table)
+    if result.alignment is not None:
+        console.print("tracks laid over the truth:", values["alignment"])
+    for error in result.significant if listed else []:
+        console.print(f"frame {error.frame}: {error.kind}: {error.who}: {error.note}", highlight=False)
+
+
+def _figure(value: float | int | None) -> str:
+    return "-" if value is None else f"{value}" if isinstance(value, int) else f"{value:.3f}"
+
+
+_DEFAULTS = AnalyticsParams()
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class CountOptions:
+    """What rules refer to, when a person counts, and where results go."""
+
+    camera: Path | None = None
+    """camera.toml that relates the pixels of rules to the floor."""
+    rig: Path | None = None
+    """Calibration of a stereo rig, with world.toml beside it, for the same."""
+    truth: Path | None = None
+    """True positions (truth.csv, gt.txt) or true events (as events.csv) to score the counts against."""
+    window: float = 1.0
+    """Largest time between a true and a found crossing that match, in seconds."""
+    interval: float = _DEFAULTS.interval_s
+    """Length of the intervals of the totals, in seconds."""
+    hysteresis: float = _DEFAULTS.hysteresis_m
+    """How far beyond a line people must be observed on both sides, in metres."""
+    zone_hysteresis: float = _DEFAULTS.zone_hysteresis_m
+    """How deep inside or outside a zone people must be observed to enter or leave it, in metres."""
+    min_age: float = _DEFAULTS.min_age_s
+    """Tracks younger than this count nothing yet, in seconds."""
+    region: str | None = None
+    """Polygon in well-known text [m], or a file with it: rows outside do not count."""
+    ignore: str | None = None
+    """Polygon in well-known text [m], or a file with it: rows inside do not count."""
+    fps: float = 30.0
+    """Frame rate where the tracks have no timestamps."""
+    out: Path | None = None
+    """Folder for events.csv and counts.json; by default beside a file named tracks.csv, else nowhere."""
+    json_output: JsonFlag = False
+    """Print one JSON object."""
+
+
+def count(tracks: Path, *, rules: Path, options: CountOptions | None = None) -> None:
+    """Count line crossings, zone occupancy and queues in tracks; write events.csv and counts.json.
+
+    Example: planview count out/tracks.csv --rules rules.toml --json
+
+    Example of rules.toml: [[tripwire]] name = "door", from_m = [0, 2], to_m = [1, 2]; [[zone]] name = "till",
+    polygon_m = [[0, 0], [2, 0], [2, 1]]; [[queue]] name = "waiting", zone = "till".
+
+    Parameters
+    ----------
+    tracks
+        tracks.csv of a run, the folder of the run, or trajectories in a format of planview export.
+    rules
+        rules.toml with tripwires, zones (in metres or in pixels) and queues.
+    """
+    options = options or CountOptions()
+    params = checked(
+        AnalyticsParams,
+        hysteresis_m=options.hysteresis,
+        zone_hysteresis_m=options.zone_hysteresis,
+        min_age_s=options.min_age,
+        interval_s=options.interval,
+    )
+    path = tracks_file(tracks)
+    found = limited(load_file(path), options.region, options.ignore).table
+    run = path.parent / "run.json"
+    info = read_run_info(run) if run.is_file() else None
+    clock = Clock(found, options.fps)
+    for told in (unfinished_beside(path), clock.jump()):
+        if told:
+            PlainConsole(stderr=True, soft_wrap=True).print(told)
+    rules_in_plane = load_rules(rules, _plane(options.camera, options.rig, info))
+    n_frames = info.frames_read + info.frames_skipped if info else 0
+    counts = count_tracks(found, rules_in_plane, params, clock=clock, n_frames=n_frames)
+    result = counts.to_json()
+    if options.truth is not None:
+        if not options.window > 0:
+            raise InputError(f"--window: expected a time greater than 0 s, found {options.window}")
+        if _is_events(options.truth):
+            scores = score_events(read_events(options.truth), counts, options.window)
+        else:
+            true = count_truth(load_truth(options.truth), counts.rules, clock, params, n_frames)
+            scores = score_counts(true, counts, options.window)
+        result |= {"scores": scores.to_json()}
+    folder = options.out
+    if folder is None:
+        # Beside our own tracks; never into a folder of input data.
+        mine = path.name == "tracks.csv" and path.parent.stat().st_mode & stat.S_IWUSR
+        if mine and os.access(path.parent, os.W_OK):
+            folder = path.parent
+        else:
+            PlainConsole(stderr=True).print("no events.csv and counts.json written: --out names a folder for them")
+    if folder is not None:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            events = io.StringIO()
+            write_event_header(events)
+            write_event_rows(events, counts.events)
+            write_whole(folder / "events.csv", events.getvalue())
+            write_whole(folder / "counts.json", json.dumps(result, indent=2) + "\n")
+        except OSError as error:
+            raise WorkError(f"{folder}: could not write events.csv and counts.json: {reason(error)}") from error
+    if options.json_output:
+        print(json.dumps(result, indent=2))
+    else:
+        print_counts(result, PlainConsole())
+
+
+def _plane(camera: Path | None, rig: Path | None, info: RunInfo | None) -> RulePlane:
+    if camera is not None and rig is not None:
+        raise InputError("expected --camera or --rig, found both")
+    if camera is not None:
+        from calib.ground_camera import load_ground_camera
+
+        return RulePlane(load_ground_camera(camera))
+    if rig is not None:
+        from planview.counting.geometry import stereo_plane
+
+        return stereo_plane(rig)
+    return RulePlane(image_size=(info.rig.width, info.rig.height) if info and info.rig else None)
+
+
+def _is_events(path: Path) -> bool:
+    require_file(path, "truth or events")
+    try:
+        with path.open("rb") as file:
+            return b"rule" in file.readline(10_000).strip().split(b",")
+    except OSError as error:
+        raise InputError(f"{path}: expected truth or events, found {reason(error)}") from error
+
+
+def print_counts(result: dict[str, Any], console: Console) -> None:
+    """A table of the totals, and of the scores where there are any."""
+    table = Table("rule", "kind", "counts", title=f"{result['duration_s']:.1f} s of recording")
+    for name, values in result["rules"].items():
+        table.add_row(name, values["kind"], ", ".join(_figures(values)))
+    console.print(table)
+    for name, values in result.get("scores", {}).get("rules", {}).items():
+        console.print(f"{name} against truth: " + ", ".join(_figures(values)), highlight=False)
+
+
+def _figures(values: dict[str, Any]) -> Sequence[str]:
+    shown = {key: value for key, value in values.items() if isinstance(value, int | float)}
+    figures = [f"{key} {value}" if isinstance(value, int) else f"{key} {value:.2f}" for key, value in shown.items()]
+    groups = [group for group in values.get("groups", []) if group["frames"]]
+    return figures + [
+        f"{group['people']} people: {group['right_percent']:.1f} % right, {group['mean_difference']:+.2f}"
+        for group in groups
+    ]

@@ -1,0 +1,230 @@
+"""``planview edit`` and ``export``: tracks changed, and written for other programs."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from calib.errors import InputError
+from calib.io import read_text
+from planview.commands.options import Flag, JsonFlag, open_options
+from planview.output.finished import edit_run, read_steps, refine_run, undo_edits
+from planview.output.progress import PlainConsole
+from planview.trajectories.file import limited, region_of
+from planview.trajectories.formats import FORMATS, ExportName, load_file, prepared, tracks_file
+from planview.trajectories.text_formats import stream_jsonl, write_petrack
+
+_Many = Annotated[Sequence[str], Parameter(negative="")]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class EditOptions:
+    """What is done, in the order of these options; --list keeps the order of its lines, and comes first."""
+
+    list: Path | None = None
+    """File with an edit per line: "join 3 7", "split 5 120", "delete 9", "delete 9 100 200", "rename 4 12",
+    "shorter 1.0", "join-gaps 2.0 0.6", "region POLYGON ((...))", "ignore POLYGON ((...))"; # begins a comment."""
+    join: _Many = ()
+    """A:B makes track B part of track A."""
+    split: _Many = ()
+    """ID@FRAME gives a track a new id from the frame on."""
+    delete: _Many = ()
+    """ID deletes a track, ID@FIRST:LAST its rows of these frames."""
+    rename: _Many = ()
+    """ID:NEW gives a track another id."""
+    region: str | None = None
+    """Well-known text, or a file with it: rows outside are deleted."""
+    ignore: str | None = None
+    """Well-known text, or a file with it: rows inside are deleted."""
+    join_gaps: str | None = None
+    """SECONDS:METRES joins tracks that begin within this time and distance of another one's end, nearest first."""
+    shorter: float | None = None
+    """Delete tracks that were confirmed for less, in seconds."""
+    undo: Flag = False
+    """Take the last call back."""
+    undo_all: Flag = False
+    """Take all calls back: tracks.csv is what it was."""
+    refine: Flag = False
+    """Improve the tracks instead, since the whole recording is known: fragments of one person are joined, and positions
+    smoothed backwards. tracks_online.csv keeps the online tracks; refinement.csv gives the reason of every change."""
+    json_output: JsonFlag = False
+    """Print one JSON object."""
+
+
+def edit(out: Path, *, options: EditOptions | None = None) -> None:
+    """Join, split, delete and rename tracks of a finished run, one by one or by rule; every edit can be taken back.
+
+    edits.json says what was done, and tracks_before.csv keeps the tracks without any edit. Counts are not made again:
+    planview count does.
+
+    Example: planview edit out --join 3:7 --split 5@120 --delete 9
+
+    Example by rule: planview edit out --join-gaps 2:0.6 --shorter 1 --ignore "POLYGON ((0 0, 2 0, 2 1, 0 1))"
+
+    Example: planview edit out --undo
+
+    Example of refining: planview edit out --refine
+
+    Parameters
+    ----------
+    out
+        Folder of a finished run.
+    """
+    options = options or EditOptions()
+    lines = _lines(options)
+    if options.undo + options.undo_all + options.refine + bool(lines) > 1:
+        raise InputError("expected edits, --undo, --undo-all or --refine, found several of these")
+    if options.refine:
+        refined = refine_run(out).refined
+        counts = dict.fromkeys(("join", "smooth"), 0) | Counter(change.kind for change in refined.changes)
+        if options.json_output:
+            print(json.dumps({"changes": counts, "rows": len(refined.tracks)}))
+        else:
+            text = ", ".join(f"{kind} {number}" for kind, number in counts.items())
+            PlainConsole(stderr=True, soft_wrap=True).print(f"{out / 'tracks.csv'}: {text}")
+        return
+    if options.undo or options.undo_all:
+        result = undo_edits(out, len(read_steps(out)) if options.undo_all else 1)
+    elif lines:
+        result = edit_run(out, lines)
+    else:
+        raise InputError("expected at least one edit (--join, --delete, ...; planview edit --help), found none")
+    figures = {
+        "steps": len(result.steps),
+        "rows_before": len(result.before),
+        "rows": len(result.after),
+        "people_before": len(set(result.before.track_id.tolist())),
+        "people": len(set(result.after.track_id.tolist())),
+    }
+    if options.json_output:
+        print(json.dumps(figures))
+        return
+    PlainConsole(stderr=True, soft_wrap=True, highlight=False).print(
+        f"{out / 'tracks.csv'}: {figures['people_before']} tracks became {figures['people']}, "
+        f"{figures['rows_before']} rows {figures['rows']} ({figures['steps']} calls of edit to undo)"
+    )
+
+
+def _lines(options: EditOptions) -> list[str]:
+    """The options as lines of ``planview.offline.edit``."""
+    lines = [] if options.list is None else _listed(options.list)
+    for kind in ("join", "split", "delete", "rename"):
+        lines += [f"{kind} {edit.replace(':', ' ').replace('@', ' ')}" for edit in getattr(options, kind)]
+    for kind, text in (("region", options.region), ("ignore", options.ignore)):
+        lines += [f"{kind} {region_of(text, f'--{kind}').wkt}"] if text is not None else []
+    lines += [f"join-gaps {options.join_gaps.replace(':', ' ')}"] if options.join_gaps is not None else []
+    return lines + ([f"shorter {options.shorter:g}"] if options.shorter is not None else [])
+
+
+def _listed(path: Path) -> list[str]:
+    lines = (line.partition("#")[0].strip() for line in read_text(path, "a list of edits").splitlines())
+    return [line for line in lines if line]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class ExportOptions:
+    """Where the export goes and what it holds."""
+
+    out: Annotated[Path | None, Parameter(allow_leading_hyphen=True)] = None
+    """File to write; beside the tracks by default, named after the format. - writes JSON lines to standard output."""
+    unit: Literal["m", "cm"] = "m"
+    """Unit of a PedPy text file."""
+    fps: float | None = None
+    """Frame rate written; that of the timestamps by default."""
+    area: str | None = None
+    """Walkable area as well-known text in metres, or a file with it, e.g. "POLYGON ((0 0, 4 0, 4 3, 0 3, 0 0))"; that
+    of the trajectories by default, else the rectangle 1 m around them."""
+    region: str | None = None
+    """Polygon in well-known text [m], or a file with it: rows outside are left out."""
+    ignore: str | None = None
+    """Polygon in well-known text [m], or a file with it: rows inside are left out."""
+    lost: Flag = False
+    """Formats without states also get rows in which a person was hidden and only predicted."""
+    overwrite: Flag = False
+    """Replace a file that is there."""
+    cloud: Path | None = None
+    """Write the static scene as a coloured cloud of points to this file (.ply, .pcd or .xyz), instead of tracks."""
+    calibration: Path | None = None
+    """Calibration of the recording, for --cloud, when it does not lie in it."""
+
+
+def export(tracks: Path, *, to: ExportName | None = None, options: ExportOptions | None = None) -> None:
+    """Write tracks in the format of another program: pedpy (PeTrack text), ped-data-archive (HDF5), jupedsim (sqlite),
+    motchallenge, parquet, csv or jsonl; or the scene they walk in.
+
+    Parquet, CSV and JSON lines hold every row with its state, the other formats confirmed rows only.
+
+    Example: planview export out --to pedpy --out tracks.txt
+
+    Example of one room: planview export out --to csv --region "POLYGON ((0 0, 4 0, 4 3, 0 3, 0 0))"
+
+    Example of a stream: planview export out --to jsonl --out - | head
+
+    Example of the scene, in metres on the axes of the tracks: planview export out --cloud scene.ply
+
+    Parameters
+    ----------
+    tracks
+        Folder of a run, its tracks.csv, or trajectories in any of the formats; with --cloud the folder of a run whose
+        recording is still where it was, or a recording.
+    to
+        Format to write.
+    """
+    options = options or ExportOptions()
+    if (to is None) == (options.cloud is None):
+        raise InputError(f"expected --to with a format ({', '.join(FORMATS)}) or --cloud with a file, one of them")
+    console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
+    if options.cloud is not None:
+        from planview.engine.setup import write_cloud
+        from planview.output.scene import scene_of
+
+        _refuse_existing(options.cloud, tracks, options.overwrite)
+        with console.status("opening the recording, finding the floor, matching"):
+            n_points = write_cloud(options.cloud, scene_of(tracks, open_options(options.calibration)))
+        console.print(f"{options.cloud}: {n_points} points [m], origin on the floor below the camera, z up")
+    elif to is not None:
+        _export_tracks(tracks, to, options, console)
+
+
+def _export_tracks(tracks: Path, to: ExportName, options: ExportOptions, console: PlainConsole) -> None:
+    if options.fps is not None and not 0 < options.fps <= 10_000:
+        raise InputError(f"--fps: expected a rate above 0, found {options.fps:g}")
+    source = tracks_file(tracks)
+    area = region_of(options.area, "--area").wkt if options.area else None
+    try:
+        found = limited(load_file(source), options.region, options.ignore)
+        file = prepared(found, to, fps=options.fps, area=area, lost=options.lost)
+    except InputError as error:
+        raise InputError(str(error) if str(source) in str(error) else f"{source}: {error}") from error
+    if options.out == Path("-"):
+        if to != "jsonl":
+            raise InputError(f"--out -: expected --to jsonl, found {to}")
+        stream_jsonl(sys.stdout, file.table)
+        return
+    out = options.out or source.with_name(f"{source.stem}_{to}{FORMATS[to].suffix}")
+    _refuse_existing(out, source, options.overwrite)
+    if to == "pedpy":
+        write_petrack(out, file, options.unit)
+    else:
+        FORMATS[to].write(out, file)
+    people = len(set(file.table.track_id.tolist()))
+    rate = f", {file.fps:g} frames per second" if file.fps else ""
+    console.print(f"{out}: {len(file.table)} rows of {people} people{rate}")
+
+
+def _refuse_existing(out: Path, source: Path, overwrite: bool) -> None:
+    if out.exists() and out.resolve() == source.resolve():
+        raise InputError(f"{out}: expected another file than the one that is read")
+    if out.is_dir():
+        raise InputError(f"{out}: expected a file to write, found a folder")
+    if out.exists() and not overwrite:
+        raise InputError(f"{out}: exists; choose another file or add --overwrite")

@@ -1,0 +1,179 @@
+"""Colours, labels and legends of all pictures."""
+
+from __future__ import annotations
+
+import colorsys
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple
+
+import cv2
+import numpy as np
+
+from calib.images import as_colour
+from calib.types import F64, U8
+from planview.trajectories.state import State
+
+Rgb = tuple[int, int, int]
+GOLDEN = 0.618034
+"""Step around the colour circle from id to id: neighbouring ids differ most."""
+LUMA_MAX = 150.0
+"""Colours are darkened to this luma, so that they are legible on white paper and on images [levels of 255]."""
+GREY: Rgb = (150, 150, 150)
+"""Of tentative people."""
+TRUTH: Rgb = (20, 20, 20)
+ERRORS: dict[str, Rgb] = {
+    "lost": (214, 39, 40), "missed": (255, 127, 14), "swapped": (148, 103, 189), "false_track": (23, 140, 160),
+}  # fmt: skip
+"""Of the significant errors."""
+TRIPWIRE: Rgb = (176, 0, 32)
+ZONE: Rgb = (160, 127, 0)
+
+
+def person_rgb(track_id: int, state: State | Literal[""] = "confirmed") -> Rgb:
+    """One colour per id; grey while tentative, pale while lost."""
+    if state == "tentative":
+        return GREY
+    red, green, blue = colorsys.hsv_to_rgb(GOLDEN * track_id % 1.0, 0.85, 0.95)
+    darker = min(1.0, LUMA_MAX / max(1.0, 255 * (0.299 * red + 0.587 * green + 0.114 * blue)))
+    rgb = [255 * darker * channel for channel in (red, green, blue)]
+    if state == "lost":
+        rgb = [0.55 * channel + 0.45 * 190 for channel in rgb]
+    return round(rgb[0]), round(rgb[1]), round(rgb[2])
+
+
+def as_bgr(rgb: Rgb) -> Rgb:
+    """For OpenCV."""
+    return rgb[::-1]
+
+
+def as_hex(rgb: Rgb) -> str:
+    """For pages and matplotlib: "#rrggbb"."""
+    return "#{:02x}{:02x}{:02x}".format(*rgb)
+
+
+def person_hex(track_id: int, state: State | Literal[""] = "confirmed") -> str:
+    """``person_rgb`` as "#rrggbb"."""
+    return as_hex(person_rgb(track_id, state))
+
+
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+_PAD_PX = 3
+DARK_LUMA = 140.0
+"""Text is white on backgrounds darker than this [levels of 255]."""
+
+
+class Labels:
+    """Puts labels into a picture, each where no earlier one is.
+
+    Args:
+        picture: (H, W, 3) uint8 BGR, drawn into.
+        size: of the text, 1 for 11 px high capitals.
+    """
+
+    def __init__(self, picture: U8, size: float = 1.0) -> None:
+        self._picture, self._size = picture, 0.45 * size
+        self._taken: list[tuple[int, int, int, int]] = []
+
+    def put(self, text: str, at_px: Sequence[float] | F64, background: Rgb | None) -> None:
+        """Text whose lower left corner is at a pixel or, where that is taken or outside, as near above as possible.
+
+        Args:
+            background: of the box behind the text; None for dark text with a light outline.
+        """
+        (width, height), base = cv2.getTextSize(text, FONT, self._size, 1)
+        width, height = width + 2 * _PAD_PX, height + base + _PAD_PX
+        left = int(np.clip(at_px[0], 0, max(0, self._picture.shape[1] - width)))
+        top = int(np.clip(at_px[1] - height, 0, max(0, self._picture.shape[0] - height)))
+        for place in [*range(top, -1, -2), *range(top, self._picture.shape[0] - height, 2)]:
+            box = left, place, left + width, place + height
+            if not any(_overlap(box, other) for other in self._taken):
+                break
+        else:
+            box = left, top, left + width, top + height
+        self._taken.append(box)
+        self._draw(text, box, box[3] - base, background)
+
+    def _draw(self, text: str, box: tuple[int, int, int, int], baseline: int, background: Rgb | None) -> None:
+        at = box[0] + _PAD_PX, baseline
+        if background is None:
+            cv2.putText(self._picture, text, at, FONT, self._size, (255, 255, 255), 3, cv2.LINE_AA)
+            cv2.putText(self._picture, text, at, FONT, self._size, (30, 30, 30), 1, cv2.LINE_AA)
+            return
+        cv2.rectangle(self._picture, box[:2], box[2:], as_bgr(background), -1)
+        dark = float(np.dot(background, (0.299, 0.587, 0.114))) < DARK_LUMA + 12
+        colour = (255, 255, 255) if dark else (0, 0, 0)
+        cv2.putText(self._picture, text, at, FONT, self._size, colour, 1, cv2.LINE_AA)
+
+
+def _overlap(a: tuple[int, int, int, int], b: tuple[int, int, int, int]) -> bool:
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+
+
+STRIP_PX = 26
+LEGEND_FONT, _SIZE, _INK, _PAPER = cv2.FONT_HERSHEY_SIMPLEX, 0.42, (40, 40, 40), (255, 255, 255)
+
+
+class Entry(NamedTuple):
+    """A colour and its meaning."""
+
+    colour: Rgb
+    text: str
+
+
+def with_legend(picture: U8, entries: Sequence[Entry]) -> U8:
+    """(h, W, 3) uint8 BGR: the picture, and below it squares of colour with their meaning.
+
+    Args:
+        picture: (H, W[, 3]) uint8 BGR.
+    """
+    strip, x = _strip(picture), 8
+    for colour, text in entries:
+        width = _width(text)
+        if x > 8 and x + 20 + width > strip.shape[1]:
+            strip, x = np.vstack([strip, _strip(picture)]), 8
+        top = strip.shape[0] - STRIP_PX
+        cv2.rectangle(strip, (x, top + 6), (x + 13, top + 19), as_bgr(colour), -1)
+        cv2.putText(strip, text, (x + 19, top + 17), LEGEND_FONT, _SIZE, _INK, 1, cv2.LINE_AA)
+        x += 19 + width + 16
+    return np.vstack([as_colour(picture), strip])
+
+
+def with_colour_bar(picture: U8, colormap: int, low: str, high: str, entries: Sequence[Entry] = ()) -> U8:
+    """The picture, and below it the scale of its colours, then other colours' meaning.
+
+    Args:
+        colormap: of OpenCV.
+        low, high: the ends of the scale in words.
+    """
+    strip = _strip(picture)
+    start = 14 + _width(low)
+    stop = max(start + 40, min(strip.shape[1] - 14 - _width(high), start + 256))
+    levels = np.tile(np.linspace(0, 255, stop - start).astype(np.uint8), (13, 1))
+    shown = np.asarray(cv2.applyColorMap(levels, colormap), dtype=np.uint8)[:, : max(0, strip.shape[1] - start)]
+    strip[6:19, start : start + shown.shape[1]] = shown
+    for text, x in ((low, 8), (high, stop + 6)):
+        cv2.putText(strip, text, (x, 17), LEGEND_FONT, _SIZE, _INK, 1, cv2.LINE_AA)
+    whole = np.vstack([as_colour(picture), strip])
+    return with_legend(whole, entries) if entries else whole
+
+
+def _strip(picture: U8) -> U8:
+    return np.full((STRIP_PX, picture.shape[1], 3), _PAPER, dtype=np.uint8)
+
+
+def _width(text: str) -> int:
+    return int(cv2.getTextSize(text, LEGEND_FONT, _SIZE, 1)[0][0])
+
+
+def page_of(package: str, template: str, **values: Any) -> str:
+    """A template filled in; everything is escaped, and a name that is missing is an error.
+
+    Args:
+        package: the room that holds the template, e.g. "planview.output.report".
+        template: its file name; it may include style.css.j2.
+    """
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+
+    loader = ChoiceLoader([PackageLoader(package, "."), PackageLoader("planview.drawing", ".")])
+    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
+    return environment.get_template(template).render(**values)

@@ -1,0 +1,223 @@
+"""One camera without depth to people: separate foreground and motion, track."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Protocol, runtime_checkable
+
+import cv2
+import numpy as np
+
+from calib.errors import InputError
+from calib.ground_camera import GroundCamera
+from calib.images import as_grey
+from calib.types import U8
+from planview.checks.camera import Steadiness, Steady
+from planview.checks.check import Check
+from planview.engine.config import Config, SingleCameraParams
+from planview.engine.engine import Engine, FrameResult, StageClock
+from planview.foreground.blobs import find_blobs
+from planview.foreground.ghosts import find_ghosts, find_still, find_uncovered, moved_lately
+from planview.foreground.masks import BACKGROUND, PERSON, WALKER
+from planview.foreground.mixture import Foreground
+from planview.maps.view import StereoView
+from planview.tracking.base import ImageTracker, Observation
+from stereo.recording import Video, VideoFrame
+
+OVERVIEW_HZ = 10.0
+"""Frames per second of a recording that are looked at before it is tracked: walkers then overlap themselves from frame
+to frame, and a minute of video takes two or three seconds, a third to two thirds of tracking it. Our choice."""
+
+
+class OneCamera:
+    """Separates the foreground and the motion of one camera, and lets a tracker follow people: a ``FrontEnd``.
+
+    Attributes:
+        ahead, camera, size, views: see ``FrontEnd``.
+    """
+
+    ahead = 0
+    views: Mapping[str, StereoView] = {}
+
+    def __init__(
+        self,
+        params: SingleCameraParams,
+        size: tuple[int, int],
+        columns: int | None = None,
+        camera: GroundCamera | None = None,
+    ) -> None:
+        """Start without a background.
+
+        Args:
+            size: (width, height) of all frames [px].
+            columns: foreground and motion of so many columns are enough; wider frames are reduced by the smallest
+                whole factor that does it, and averaged pixels are less noisy. None: those of the frames.
+            camera: calibration above the floor, None where the tracker needs none.
+        """
+        self.params, self.size, self.camera = params, size, camera
+        factor = 1 if columns is None else -(-size[0] // columns)
+        self._reduced = max(1, size[0] // factor), max(1, size[1] // factor)
+        shape = self._reduced[::-1]
+        self._foreground = Foreground(params.foreground, shape)
+        self._past: deque[tuple[float, U8]] = deque()
+        self._ghosts: U8 = np.zeros(shape, np.uint8)
+        self._moved_s = np.zeros(shape, np.float32)
+        self._searched_s, self._first_s = -math.inf, math.nan
+        self._steadiness = Steadiness()
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self._forget_background()
+        self._steadiness = Steadiness()
+
+    def _forget_background(self) -> None:
+        self._foreground.reset()
+        self._past.clear()
+        self._ghosts[:] = 0
+        self._moved_s[:] = 0.0
+        self._searched_s, self._first_s = -math.inf, math.nan
+
+    @property
+    def checks(self) -> list[Check]:
+        """Whether the camera stands still and shows one scene, from the frames so far."""
+        return self._steadiness.checks()
+
+    def memory(self) -> dict[str, object]:
+        """See ``FrontEnd``."""
+        return {"one camera": self}
+
+    def prepare(self, frame: VideoFrame, clock: StageClock) -> None:
+        """See ``FrontEnd``."""
+
+    def track(self, frame: VideoFrame, prepared: None, tracker: ImageTracker, clock: StageClock) -> FrameResult:
+        """See ``FrontEnd``.
+
+        Raises:
+            InputError: a frame of another size.
+        """
+        observation = self.observe(frame, tracker.feedback())
+        clock.record("foreground")
+        tracks = tracker.update(observation)
+        clock.record("track")
+        return FrameResult(frame.index, frame.timestamp_s, tracks, tracker.decisions, observation, clock.stages_ms)
+
+    def observe(self, frame: VideoFrame, feedback: U8 | None = None) -> Observation:
+        """Foreground and motion of one frame; none while the camera moves and when the scene is cut.
+
+        Args:
+            frame: the next frame.
+            feedback: (H, W) uint8, a tracker's labels of the frame's pixels (see ``Foreground``), or None.
+        Raises:
+            InputError: a frame of another size.
+        """
+        height, width = frame.image.shape[:2]
+        if (width, height) != self.size:
+            raise InputError(f"frame {frame.index}: expected {self.size[0]}x{self.size[1]} px, found {width}x{height}")
+        image = self._resized(frame.image, cv2.INTER_AREA)
+        grey = as_grey(image)
+        steady = self._steadiness.update(frame.index, frame.timestamp_s, grey)
+        if steady is Steady.BREAK:
+            nothing = np.zeros(image.shape[:2], np.uint8)
+            return Observation(frame.index, frame.timestamp_s, frame.image, nothing, nothing, shadow=nothing)
+        if steady is not Steady.STILL:
+            # The background begins anew with this frame, whatever a tracker says of the view before.
+            self._forget_background()
+            feedback = None
+        known = self._known(feedback)
+        mask = self._foreground.update(image, None, frame.timestamp_s, known)
+        motion = self._motion(frame.timestamp_s, grey)
+        if math.isnan(self._first_s):
+            self._first_s = frame.timestamp_s
+        self._search_ghosts(frame.timestamp_s, grey, mask, motion, feedback)
+        if cv2.countNonZero(self._ghosts):
+            mask &= ~self._ghosts
+        return Observation(frame.index, frame.timestamp_s, frame.image, mask, motion, shadow=self._foreground.shadow)
+
+    def _search_ghosts(self, now_s: float, grey: U8, mask: U8, motion: U8, feedback: U8 | None) -> None:
+        """Where people of the first frames have left: from time to time, and in every frame while they set out."""
+        params = self.params.ghosts
+        starting = now_s - self._first_s <= params.start_s
+        if not starting and now_s - self._searched_s < params.interval_s - 5e-4:
+            return
+        self._searched_s = now_s
+        background = self._foreground.background_luma()
+        blobs = find_blobs(mask)
+        self._ghosts = find_ghosts(grey, background, blobs, motion, params)
+        if starting:
+            self._ghosts |= find_uncovered(grey, background, mask, params)
+            moved = moved_lately(motion, now_s - self._first_s, params.still_s, self._moved_s)
+            self._ghosts |= find_still(blobs, moved, params)
+        if feedback is not None:
+            np.copyto(self._ghosts, np.uint8(0), where=self._resized(feedback, cv2.INTER_NEAREST) == WALKER)
+
+    def _resized(self, image: U8, interpolation: int) -> U8:
+        if self._reduced == self.size:
+            return image
+        return np.asarray(cv2.resize(image, self._reduced, interpolation=interpolation), dtype=np.uint8)
+
+    def _known(self, feedback: U8 | None) -> U8 | None:
+        """What the tracker and the search for ghosts know of the reduced frame's pixels.
+
+        Ghosts are background even where a person is tracked, unless that person has been seen to walk.
+        """
+        haunted = cv2.countNonZero(self._ghosts) > 0
+        if feedback is None and not haunted:
+            return None
+        known = np.zeros(self._ghosts.shape, np.uint8)
+        if feedback is not None:
+            known[:] = self._resized(feedback, cv2.INTER_NEAREST)
+        if haunted:
+            known[(self._ghosts > 0) & (known != WALKER)] = BACKGROUND
+        np.copyto(known, np.uint8(PERSON), where=known == WALKER)
+        return known
+
+    def _motion(self, now_s: float, grey: U8) -> U8:
+        """(H, W) uint8, 255 where the smoothed luma differs from that of motion_interval_s ago."""
+        smooth = np.asarray(cv2.blur(grey, (3, 3)), dtype=np.uint8)
+        # Half a millisecond of slack: time stamps are rounded.
+        while len(self._past) > 1 and self._past[1][0] <= now_s - self.params.motion_interval_s + 5e-4:
+            self._past.popleft()
+        before = self._past[0][1] if self._past else smooth
+        self._past.append((now_s, smooth))
+        _, motion = cv2.threshold(cv2.absdiff(smooth, before), self.params.motion_level, 255, cv2.THRESH_BINARY)
+        return np.asarray(motion, dtype=np.uint8)
+
+
+@runtime_checkable
+class LearnsFirst(Protocol):
+    """A tracker that learns from a recording before its first frame is tracked."""
+
+    def study(self, observations: Iterable[Observation]) -> None:
+        """Take as many observations as are of use, in order; what is learned survives ``reset``."""
+
+
+def one_camera_engine(
+    recording: Video,
+    tracker: ImageTracker,
+    config: Config | None = None,
+    camera: GroundCamera | None = None,
+    overview: bool = False,
+) -> Engine:
+    """An engine for a video.
+
+    Args:
+        camera: calibration above the floor, None where the tracker needs none.
+        overview: a tracker that can learn from the beginning of the recording sees it first; otherwise it learns
+            everything while it tracks, as from a camera that runs.
+    """
+    config = config or Config()
+    front_end = OneCamera(config.single_camera, recording.size, tracker.foreground_columns, camera)
+    if overview and isinstance(tracker, LearnsFirst):
+        tracker.study(_overview(recording, front_end))
+        front_end.reset()
+    return Engine(recording, front_end, tracker, config)
+
+
+def _overview(recording: Video, front_end: OneCamera) -> Iterator[Observation]:
+    """Observations of the recording at about ``OVERVIEW_HZ``, without anybody tracked."""
+    step = max(1, round(recording.fps / OVERVIEW_HZ))
+    for frame in recording:
+        if frame.index % step == 0:
+            yield front_end.observe(frame)

@@ -1,0 +1,137 @@
+"""A recording opened with the tracker asked for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, cast, get_args
+
+from calib.errors import InputError
+from calib.ground_camera import GroundCamera, load_ground_camera
+from planview.engine.config import Config
+from planview.engine.engine import Engine
+from planview.engine.one_camera import one_camera_engine
+from planview.engine.replay import recorded_config, replay_engine
+from planview.engine.stereo import multi_rig_engine, stereo_engine
+from planview.maps.recording import MapsRecording, is_maps
+from planview.tracking.base import ImageTracker, Tracker
+from planview.tracking.harville import HarvilleTracker
+from planview.tracking.template import TemplateTracker
+from stereo.matcher import Matcher
+from stereo.readers import OpenOptions, holds_pair, open_any, open_video
+from stereo.readers.multi_rig import open_rigs
+from stereo.readers.open import is_multi_rig
+from stereo.recording import Video
+
+TrackerName = Literal["template", "harville", "human-model", "ellipse-particle"]
+FloorTrackerName = Literal["template", "harville"]
+ImageTrackerName = Literal["human-model", "ellipse-particle"]
+AnyTracker = TrackerName | Tracker
+
+
+def open_engine(
+    path: Path | str,
+    tracker: AnyTracker = "template",
+    config: Config | None = None,
+    camera: Path | None = None,
+    options: OpenOptions | None = None,
+    matcher: Matcher | None = None,
+) -> Engine:
+    """Open a recording, or the plan-view maps of one, with the tracker asked for.
+
+    The template and harville trackers need a stereo recording, images with depth, or the maps of either; the
+    human-model tracker a video and its ``camera.toml``; the ellipse-particle tracker a video.
+
+    Args:
+        tracker: a name, or a tracker of your own: an ``ImageTracker`` where the recording is of one camera without
+            depth, else one of plan-view maps.
+        options: calibration, rate and topics of a stereo recording that are not taken from itself.
+        matcher: of stereo pairs; SGBM when None.
+        config: the defaults when None; of plan-view maps the parameters that made them (see ``base_config``).
+    Raises:
+        InputError: a recording, camera or calibration that is missing or does not fit.
+        WorkError: no floor is visible.
+    """
+    path = Path(path)
+    if isinstance(tracker, str) and tracker not in get_args(TrackerName):
+        raise InputError(f"--tracker: expected one of {', '.join(get_args(TrackerName))}, found {tracker!r}")
+    options = options or OpenOptions()
+    if matcher is not None and (is_maps(path) or is_multi_rig(path) or not is_stereo(path, options.calibration)):
+        raise InputError(f"{path}: expected a recording of one stereo pair for a matcher of your own")
+    foreign = camera or options.calibration
+    if is_maps(path):
+        if foreign is not None:
+            raise InputError(f"{foreign}: expected no calibration beside plan-view maps, which hold their own")
+        recording = MapsRecording(path)
+        config = config or recorded_config(recording)
+        return replay_engine(recording, _map_tracker(tracker, config, path), config)
+    config = config or Config()
+    if is_multi_rig(path):
+        if foreign is not None:
+            raise InputError(f"{foreign}: expected the calibration of every head in its own folder")
+        return multi_rig_engine(open_rigs(path), config, _map_tracker(tracker, config, path))
+    takes_images = tracker in get_args(ImageTrackerName) or hasattr(tracker, "foreground_columns")
+    if not takes_images or is_stereo(path, options.calibration):
+        return stereo_engine(open_any(path, options), config, _map_tracker(tracker, config, path), matcher)
+    video = open_video(path, options)
+    ground_camera = _camera_for(video, camera) if camera else None
+    if isinstance(tracker, str):
+        tracker = image_tracker(cast(ImageTrackerName, tracker), config, ground_camera)
+    return one_camera_engine(video, cast(ImageTracker, tracker), config, ground_camera, overview=True)
+
+
+def _map_tracker(tracker: AnyTracker, config: Config, path: Path) -> Tracker:
+    """A tracker of plan-view maps by its name, or one's own."""
+    if tracker in get_args(ImageTrackerName):
+        raise InputError(
+            f"{path}: expected a tracker of stereo recordings and plan-view maps (template, harville), found "
+            f"{tracker}, which tracks one camera without depth"
+        )
+    return floor_tracker(cast(FloorTrackerName, tracker), config) if isinstance(tracker, str) else tracker
+
+
+def is_stereo(path: Path, calibration: Path | None = None) -> bool:
+    """Whether a path holds a pair of cameras, or images with depth, rather than one camera."""
+    return calibration is not None or holds_pair(path)
+
+
+def base_config(path: Path) -> Config:
+    """What parameters are changed from: those that made the plan-view maps, else the defaults.
+
+    Raises:
+        InputError: maps that cannot be read.
+    """
+    if not is_maps(path):
+        return Config()
+    return recorded_config(MapsRecording(path))
+
+
+def floor_tracker(tracker: FloorTrackerName, config: Config) -> Tracker:
+    """A tracker of plan-view maps with its parameters."""
+    if tracker == "template":
+        return TemplateTracker(config.template)
+    return HarvilleTracker(config.harville, config.maps.height_max_m)
+
+
+def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamera | None) -> ImageTracker:
+    """A tracker of one camera's images with its parameters.
+
+    Raises:
+        InputError: the human-model tracker without a camera.
+    """
+    if tracker == "ellipse-particle":
+        from planview.tracking.ellipse_particle.tracker import EllipseParticleTracker
+
+        return EllipseParticleTracker(config.ellipse_particle, camera, config.seed)
+    if camera is None:
+        raise InputError("--calibration: the human-model tracker needs a camera.toml (see planview calibrate human)")
+    from planview.tracking.human_model.tracker import HumanModelTracker
+
+    return HumanModelTracker(config.human_model, camera)
+
+
+def _camera_for(video: Video, path: Path) -> GroundCamera:
+    camera = load_ground_camera(path)
+    if camera.size != video.size:
+        (w, h), (vw, vh) = camera.size, video.size
+        raise InputError(f"{path}: expected a camera for images of {vw}x{vh} px, found one for {w}x{h} px")
+    return camera

@@ -1,0 +1,131 @@
+"""Recorded plan-view maps to people: all that comes after the foreground, from its points."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from calib.errors import InputError
+from planview.checks.check import Check
+from planview.engine.config import Config
+from planview.engine.engine import Engine, FrameResult, StageClock
+from planview.engine.stereo import BodyBoxes
+from planview.maps.builder import MapBuilder
+from planview.maps.pixels import KeptBackground, PixelRays, seen_pixels
+from planview.maps.recording import MapsFrame, MapsRecording
+from planview.tracking.base import Observation, Tracker
+
+FIXED_TABLES = ("analysis", "rectify", "range", "sgbm", "matching", "floor", "foreground", "feedback")
+FIXED_MAP_PARAMETERS = ("height_max_m", "depth_std_max_m")
+"""Parameters that decided which points were recorded."""
+
+
+def recorded_config(recording: MapsRecording) -> Config:
+    """The configuration that made a plan-view recording.
+
+    Raises:
+        InputError: it has parameters that this version does not know.
+    """
+    try:
+        return Config.model_validate_json(recording.config)
+    except ValueError as error:
+        raise InputError(
+            f"{recording.path}: expected the parameters of this version, found others: another version wrote the maps"
+        ) from error
+
+
+class MapsReplay:
+    """Builds maps from recorded points, and lets a tracker follow people in them: a ``FrontEnd``.
+
+    With the parameters of the recording the tracks are the same bit for bit. With others they are an approximation:
+    the feedback that the recording's tracker gave to its foreground stays in the points.
+
+    Attributes:
+        ahead, camera, size, views, checks: see ``FrontEnd``.
+    """
+
+    ahead = 0
+    checks: tuple[Check, ...] = ()
+
+    def __init__(self, recording: MapsRecording, config: Config) -> None:
+        """Compose the stages.
+
+        Raises:
+            InputError: a parameter that decided which points were recorded differs, or maps of another rig.
+        """
+        recorded = recorded_config(recording)
+        _refuse_fixed(recording.path, recorded, config)
+        self._path, view = recording.path, recording.view
+        pose = view.floor.world_SE3_left
+        try:
+            if MapBuilder(view.geometry, pose, recorded.maps, view.reduction).grid != view.grid:
+                raise ValueError("expected the grid of the rig and floor in the file, found one of another rig")
+            self._maps = MapBuilder(view.geometry, pose, config.maps, view.reduction)
+        except ValueError as error:
+            raise InputError(f"{recording.path}: {error}") from error
+        self.views = {"": replace(view, grid=self._maps.grid)}
+        self.camera, self.size = view.camera, view.geometry.size
+        self._boxes = BodyBoxes(view.geometry, pose)
+        self._background = KeptBackground()
+        self._rays = PixelRays.of(view.geometry, pose, self._maps.shape, view.reduction)
+        self._disparity = np.empty(view.shape, dtype=np.float32)
+        self._mask = np.empty(view.shape, dtype=np.uint8)
+
+    def reset(self) -> None:
+        """See ``FrontEnd``."""
+        self._background.reset()
+
+    def memory(self) -> dict[str, object]:
+        """See ``FrontEnd``."""
+        return {"background": self._background}
+
+    def prepare(self, frame: MapsFrame, clock: StageClock) -> None:
+        """See ``FrontEnd``."""
+
+    def track(self, frame: MapsFrame, prepared: None, tracker: Tracker, clock: StageClock) -> FrameResult:
+        """See ``FrontEnd``.
+
+        Raises:
+            InputError: damaged maps.
+        """
+        self._mask[:] = 0
+        self._mask.reshape(-1)[frame.pixels] = 255
+        self._disparity.reshape(-1)[frame.pixels] = frame.disparities
+        maps = self._maps(self._disparity, self._mask)
+        if len(maps.points.pixels) != len(frame.pixels):
+            raise InputError(
+                f"{self._path}: frame {frame.index}: expected {len(frame.pixels)} points in reach of the rig, "
+                f"found {len(maps.points.pixels)}: the maps are damaged or another rig's"
+            )
+        maps = replace(maps, points=replace(maps.points, colours=frame.colours))
+        if frame.background is not None:
+            self._background.renew(frame.background, frame.timestamp_s)
+        lowest_m = self._maps.params.height_min_m
+        seen = seen_pixels(self._rays, maps.points, frame.unmatched, self._background.disparity, lowest_m)
+        clock.record("maps")
+        observation = Observation(frame.index, frame.timestamp_s, maps=maps, views=(seen,))
+        tracks = tuple(self._boxes(track) for track in tracker.update(observation))
+        clock.record("track")
+        return FrameResult(frame.index, frame.timestamp_s, tracks, tracker.decisions, observation, clock.stages_ms)
+
+
+def replay_engine(recording: MapsRecording, tracker: Tracker, config: Config | None = None) -> Engine:
+    """An engine for plan-view maps.
+
+    Args:
+        config: that of the recording when None.
+    Raises:
+        InputError: as of ``MapsReplay``.
+    """
+    config = config or recorded_config(recording)
+    return Engine(recording, MapsReplay(recording, config), tracker, config)
+
+
+def _refuse_fixed(path: Path, recorded: Config, config: Config) -> None:
+    fixed = [(name, getattr(recorded, name), getattr(config, name)) for name in FIXED_TABLES]
+    fixed += [(f"maps.{n}", getattr(recorded.maps, n), getattr(config.maps, n)) for n in FIXED_MAP_PARAMETERS]
+    for name, before, now in fixed:
+        if before != now:
+            raise InputError(f"{path}: expected {name} as recorded, found it changed: the points depend on it")

@@ -1,0 +1,205 @@
+"""CLEAR, identity and HOTA scores of a sequence, each a function of the pairs that are similar."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from calib.types import F64, I64, Bool
+from planview.evaluation.sequence import EPS, THRESHOLD, Sequence, common_pairs
+
+
+def best_pairs(rows: I64, cols: I64, weight: F64, group: I64) -> Bool:
+    """The pairs whose weights have the largest sum, every row and column at most once.
+
+    Args:
+        rows, cols: (P,) each pair once.
+        weight: (P,) above 0.
+        group: (P,) ascending; rows and columns of different groups differ.
+    """
+    chosen = lone_pairs(rows, cols)
+    for pairs in groups_of(group, ~chosen):
+        chosen[pairs] = solved(rows[pairs], cols[pairs], weight[pairs])
+    return chosen
+
+
+def lone_pairs(rows: I64, cols: I64) -> Bool:
+    """(P,) whether a pair is the only one of its row and of its column."""
+    return np.asarray((np.bincount(rows)[rows] == 1) & (np.bincount(cols)[cols] == 1)) if len(rows) else rows > 0
+
+
+def groups_of(group: I64, members: Bool) -> Iterator[I64]:
+    """The indices of the members of each group, of those that have any."""
+    indices = np.flatnonzero(members)
+    cuts = np.flatnonzero(np.diff(group[indices])) + 1
+    bounds = [0, *cuts.tolist(), len(indices)]
+    return (indices[a:b] for a, b in pairwise(bounds) if b > a)
+
+
+def solved(rows: I64, cols: I64, weight: F64) -> Bool:
+    """As ``best_pairs``, of one group."""
+    from scipy.optimize import linear_sum_assignment  # half a second and 60 MB, and only what is ambiguous needs it
+
+    row_values, i = np.unique(rows, return_inverse=True)
+    col_values, j = np.unique(cols, return_inverse=True)
+    matrix = np.zeros((len(row_values), len(col_values)))
+    matrix[i, j] = -weight
+    partner = np.full(len(row_values), -1)
+    a, b = linear_sum_assignment(matrix)
+    partner[a] = b
+    return np.asarray(partner[i] == j)
+
+
+@dataclass(frozen=True)
+class IdentityScores:
+    """Rows matched (idtp) and not (idfn, idfp) by the best assignment of tracks to people.
+
+    ``idf1`` is 2 idtp / (truth rows + track rows); None when there are neither.
+    """
+
+    idtp: int
+    idfn: int
+    idfp: int
+    idf1: float | None
+
+
+def identity_scores(sequence: Sequence, threshold: float = THRESHOLD) -> IdentityScores:
+    """Count common rows of every person and track, then assign one to one for the most rows matched.
+
+    Maximising the common rows minimises idfn + idfp, since their sum is truth rows + track rows - 2 idtp.
+    """
+    from scipy.optimize import linear_sum_assignment  # half a second and 60 MB, and only truth needs it
+
+    common = np.zeros((sequence.n_truth, sequence.n_tracks))
+    near = sequence.similarity >= threshold - EPS
+    pairs = sequence.truth[sequence.pair_truth[near]], sequence.tracks[sequence.pair_track[near]]
+    np.add.at(common, pairs, 1)
+    idtp = int(common[linear_sum_assignment(-common)].sum())
+    rows = sequence.truth_rows + sequence.track_rows
+    return IdentityScores(
+        idtp, sequence.truth_rows - idtp, sequence.track_rows - idtp, 2.0 * idtp / rows if rows else None
+    )
+
+
+ALPHAS: F64 = np.arange(1, 20, dtype=np.float64) * 0.05
+"""Localisation thresholds 0.05 to 0.95; on the floor alpha is a distance of 2 gate (1 - alpha)."""
+
+
+@dataclass(frozen=True)
+class HotaScores:
+    """Means over ALPHAS: hota of sqrt(DetA AssA), deta of detection, assa of association; None without any rows."""
+
+    hota: float | None
+    deta: float | None
+    assa: float | None
+
+
+def hota_scores(sequence: Sequence) -> HotaScores:
+    """HOTA with its two passes: global alignment of people and tracks, then matches that favour aligned pairs."""
+    n_truth, n_tracks = sequence.truth_rows, sequence.track_rows
+    if n_truth + n_tracks == 0:
+        return HotaScores(None, None, None)
+    common = common_pairs(sequence)
+    # (C,) rows of the person and of the track of every common pair together.
+    truth = np.bincount(sequence.truth, minlength=sequence.n_truth)[common.truth]
+    tracks = np.bincount(sequence.tracks, minlength=sequence.n_tracks)[common.track]
+    union = np.asarray(truth + tracks, dtype=np.float64)
+    # (P,) share of each pair in what its two rows are similar to in their frame, as an intersection over union.
+    s = sequence.similarity
+    of_truth = np.bincount(sequence.pair_truth, s, sequence.truth_rows)[sequence.pair_truth]
+    of_track = np.bincount(sequence.pair_track, s, sequence.track_rows)[sequence.pair_track]
+    shares = np.asarray(s / np.maximum(of_track + of_truth - s, EPS))
+    potential = np.bincount(common.of_pair, shares, len(common.truth))
+    score = (potential / (union - potential))[common.of_pair] * sequence.similarity
+    matched = best_pairs(sequence.pair_truth, sequence.pair_track, score, sequence.pair_frame)
+    matches = _count_matches(sequence.similarity[matched], common.of_pair[matched], len(common.truth))
+    tp = matches.sum(axis=1)
+    deta = tp / (n_truth + n_tracks - tp)
+    assa = (matches * (matches / np.maximum(1.0, union - matches))).sum(axis=1) / np.maximum(1.0, tp)
+    return HotaScores(float(np.sqrt(deta * assa).mean()), float(deta.mean()), float(assa.mean()))
+
+
+def _count_matches(similarity: F64, common: I64, n_common: int) -> F64:
+    """(alphas, C) frames in which a common pair is matched at a threshold."""
+    counts = [np.bincount(common[similarity >= alpha - EPS], minlength=n_common) for alpha in ALPHAS]
+    return np.array(counts, dtype=np.float64)
+
+
+MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
+"""Shares of a person's rows (Wu, Nevatia 2006, as MOTChallenge counts them)."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClearScores:
+    """Counts over a sequence.
+
+    Attributes:
+        matches: (K, 2) int64, (truth row, track row) of every match in frame order.
+        misses, false_positives, switches: counts.
+        mota: 1 - (misses + false positives + switches) / truth rows; None without truth rows.
+        mostly_tracked, mostly_lost: people matched in more than 80 % and less than 20 % of their rows, by any tracks.
+        fragmentations: times that a person is matched again after frames without a match.
+    """
+
+    matches: I64
+    misses: int
+    false_positives: int
+    switches: int
+    mota: float | None
+    mostly_tracked: int
+    mostly_lost: int
+    fragmentations: int
+
+
+def clear_scores(sequence: Sequence, threshold: float = THRESHOLD) -> ClearScores:
+    """Match frame by frame: first keep the pairs of the frame before, then maximise the similarity.
+
+    A switch is a match of a person with another track than at that person's last match, however long ago. The frame
+    before is the last one in which there were both people and tracks.
+    """
+    # (n_frames,) number of each frame among those with both people and tracks; -1 for the others.
+    both = np.zeros(sequence.n_frames, dtype=np.bool_)
+    both[np.intersect1d(sequence.truth_frame, sequence.track_frame)] = True
+    turn = np.where(both, np.cumsum(both) - 1, -1)
+    pairs = _matches(sequence, turn, threshold)
+    misses, extra = sequence.truth_rows - len(pairs), sequence.track_rows - len(pairs)
+    rows = pairs[np.argsort(sequence.truth[pairs[:, 0]], kind="stable")]
+    person, track, at = sequence.truth[rows[:, 0]], sequence.tracks[rows[:, 1]], turn[sequence.truth_frame[rows[:, 0]]]
+    again = np.diff(person) == 0
+    switches = int(np.count_nonzero(again & (np.diff(track) != 0)))
+    mota = 1.0 - (misses + extra + switches) / sequence.truth_rows if sequence.truth_rows else None
+    matched, present = (np.bincount(who, minlength=sequence.n_truth) for who in (person, sequence.truth))
+    share = matched / np.maximum(1, present)
+    tracked, lost = np.count_nonzero(share > MOSTLY_TRACKED), np.count_nonzero(share < MOSTLY_LOST)
+    fragmentations = int(np.count_nonzero(again & (np.diff(at) != 1)))
+    return ClearScores(pairs, misses, extra, switches, mota, int(tracked), int(lost), fragmentations)
+
+
+def _matches(sequence: Sequence, turn: I64, threshold: float) -> I64:
+    """(K, 2) truth and track rows matched, in the order of frames."""
+    near = np.flatnonzero(sequence.similarity >= threshold - EPS)
+    rows, cols, similarity = sequence.pair_truth[near], sequence.pair_track[near], sequence.similarity[near]
+    row_before = _row_before(sequence.truth, turn[sequence.truth_frame])[rows]
+    col_before = _row_before(sequence.tracks, turn[sequence.track_frame])[cols]
+    chosen = lone_pairs(rows, cols)
+    partner = np.full(sequence.truth_rows + 1, -2)  # the last one is the partner of no row
+    partner[rows[chosen]] = cols[chosen]
+    for pairs in groups_of(sequence.truth_frame[rows], ~chosen):
+        goes_on = (partner[row_before[pairs]] == col_before[pairs]) & (col_before[pairs] >= 0)
+        # Weight of continuing the last frame's pair: above any sum of similarities in a frame.
+        taken = solved(rows[pairs], cols[pairs], similarity[pairs] + 1000.0 * goes_on)
+        chosen[pairs] = taken
+        partner[rows[pairs[taken]]] = cols[pairs[taken]]
+    return np.column_stack([rows[chosen], cols[chosen]])
+
+
+def _row_before(who: I64, turn: I64) -> I64:
+    """(N,) row of the same person or track in the turn before; -1 without one."""
+    order = np.lexsort((turn, who))
+    goes_on = (np.diff(who[order]) == 0) & (np.diff(turn[order]) == 1) & (turn[order[:-1]] >= 0)
+    before = np.full(len(who), -1)
+    before[order[1:][goes_on]] = order[:-1][goes_on]
+    return before

@@ -1,1 +1,0 @@
-"""A run again with a parameter changed, up to one frame."""

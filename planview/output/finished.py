@@ -1,0 +1,175 @@
+"""Tracks of a finished run changed in its folder: edits that can be taken back, and refinement."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import NamedTuple
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from calib.errors import InputError
+from calib.params import first_problem
+from planview.offline.edit import edited
+from planview.offline.refine import Refined, RefineParams, changes_csv, refine
+from planview.output.folder import RunInfo, finished_run, folder_lock, write_result, write_run_info
+from planview.output.report.page import write_report
+from planview.trajectories.table import Trajectories, read_tracks, write_table
+
+EDITS = "edits.json"
+TRACKS_BEFORE = "tracks_before.csv"
+
+
+class EditStep(BaseModel):
+    """One call of ``planview edit``: when, and its edits as ``planview.offline.edit`` reads them."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    at: str
+    """ISO 8601 time with zone."""
+    edits: list[str] = Field(max_length=100_000)
+
+
+class _EditsFile(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    steps: list[EditStep] = Field(max_length=10_000)
+
+
+class EditedRun(NamedTuple):
+    """The tracks before and after, and the steps that lie between ``tracks_before.csv`` and now."""
+
+    before: Trajectories
+    after: Trajectories
+    steps: list[EditStep]
+
+
+def edit_run(folder: Path, lines: Sequence[str]) -> EditedRun:
+    """Apply edits to ``tracks.csv``; the tracks without any edit are kept in ``tracks_before.csv``.
+
+    All edits so far are applied anew to these, so that the tracks are always those that ``edits.json`` says. Whatever
+    is refused changes nothing.
+
+    Raises:
+        InputError: no finished run in the folder, another process writes there, or an edit that cannot be applied.
+        WorkError: a file cannot be written.
+    """
+    step = EditStep(at=datetime.now(UTC).isoformat(timespec="seconds"), edits=list(lines))
+    with _held(folder):
+        return _rewrite(folder, [*read_steps(folder), step])
+
+
+def undo_edits(folder: Path, steps: int) -> EditedRun:
+    """Take the last so many calls back; without any left, ``tracks.csv`` is what it was, byte for byte.
+
+    Raises:
+        InputError: as ``edit_run``, or fewer steps than that.
+    """
+    with _held(folder):
+        done = read_steps(folder)
+        if not 0 < steps <= len(done):
+            raise InputError(f"{folder}: expected from 1 to {len(done)} edits to undo, found {steps}")
+        return _rewrite(folder, done[:-steps])
+
+
+def read_steps(folder: Path) -> list[EditStep]:
+    """The edits of a folder, oldest first; none where there are none.
+
+    Raises:
+        InputError: an edits.json that is not what its name says, or without the tracks that it refers to.
+    """
+    path = folder / EDITS
+    if not path.is_file():
+        return []
+    try:
+        steps = _EditsFile.model_validate_json(path.read_text(encoding="utf-8")).steps
+    except ValidationError as error:
+        raise InputError(f"{path}: expected the edits of a run: {first_problem(error)}") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: expected the edits of a run, found {error}") from error
+    if steps and not (folder / TRACKS_BEFORE).is_file():
+        raise InputError(f"{folder / TRACKS_BEFORE}: expected the tracks before the edits, found no file")
+    return steps
+
+
+def refuse_edited(folder: Path) -> None:
+    """Refuse to make tracks anew over edits.
+
+    Raises:
+        InputError: the folder holds edits.
+    """
+    if read_steps(folder):
+        raise InputError(f"{folder}: its tracks were edited; planview edit --undo-all takes the edits back first")
+
+
+def _held(folder: Path) -> AbstractContextManager[str]:
+    if not folder.is_dir() or finished_run(folder) is None:
+        raise InputError(f"{folder}: expected the folder of a finished run, found none")
+    return folder_lock(folder)
+
+
+def _rewrite(folder: Path, steps: list[EditStep]) -> EditedRun:
+    tracks, kept = folder / "tracks.csv", folder / TRACKS_BEFORE
+    source = kept if kept.is_file() else tracks
+    original, before = read_tracks(source), read_tracks(tracks)
+    after = edited(original, [line for step in steps for line in step.edits])
+    if source is tracks:
+        write_result(kept, tracks.read_text(encoding="utf-8"))
+    write_result(folder / EDITS, json.dumps({"steps": [step.model_dump() for step in steps]}, indent=2) + "\n")
+    if steps:
+        text = io.StringIO()
+        write_table(text, after)
+        write_result(tracks, text.getvalue())
+    else:
+        write_result(tracks, kept.read_text(encoding="utf-8"))
+        for name in (EDITS, TRACKS_BEFORE):
+            (folder / name).unlink()
+    write_report(folder)
+    return EditedRun(before, after, steps)
+
+
+class RefinedRun(NamedTuple):
+    """What ``refine_run`` wrote: the tracks with their changes, and run.json."""
+
+    refined: Refined
+    info: RunInfo
+
+
+def refine_run(folder: Path, params: RefineParams | None = None) -> RefinedRun:
+    """Write ``tracks.csv`` anew from ``tracks_online.csv``, and ``refinement.csv`` with the reason of every change.
+
+    The first time the online tracks become ``tracks_online.csv``; every time is a refinement of these. ``run.json``
+    says ``refined: true`` before tracks.csv changes, so that refined tracks never pass for online ones.
+
+    Raises:
+        InputError: no finished run in the folder, an edited one, a refined one without its online tracks, or tracks
+            without floor positions.
+        WorkError: a file cannot be written.
+    """
+    info = finished_run(folder) if folder.is_dir() else None
+    if info is None:
+        raise InputError(f"{folder}: expected the folder of a finished run, found none")
+    refuse_edited(folder)
+    tracks, online = folder / "tracks.csv", folder / "tracks_online.csv"
+    if info.refined and not online.is_file():
+        raise InputError(f"{online}: expected the online tracks of a refined run, found no file")
+    source = online if info.refined else tracks
+    found = read_tracks(source)
+    try:
+        refined = refine(found, params)
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from error
+    if source is tracks:
+        write_result(online, tracks.read_text(encoding="utf-8"))
+    info = info.model_copy(update={"refined": True})
+    write_run_info(info, folder / "run.json")
+    write_result(folder / "refinement.csv", changes_csv(refined.changes))
+    text = io.StringIO()
+    write_table(text, refined.tracks)
+    write_result(tracks, text.getvalue())
+    write_report(folder)
+    return RefinedRun(refined, info)

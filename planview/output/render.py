@@ -1,0 +1,222 @@
+"""Pictures and videos of a run."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from calib.errors import InputError, WorkError
+from calib.images import write_image
+from calib.io import PART, reason
+from calib.types import U8
+from planview.counting.events import Event
+from planview.drawing.image import ImagePainter
+from planview.drawing.plan import PlanBounds, PlanPainter, Snapshot, snapshot_at
+from planview.output.results import RunResults
+
+if TYPE_CHECKING:
+    from planview.output.scene import SceneFrames
+
+HEADER_PX, LINE_PX = 30, 22
+PLAN_SHARE = 0.75
+"""Width of the floor as a share of the image's height."""
+ALONE_PX = (960, 720)
+"""Size of the floor where there is no image."""
+_INK, _BACK, _FONT = (40, 40, 40), (255, 255, 255), cv2.FONT_HERSHEY_SIMPLEX
+
+
+class Tally:
+    """What rules have counted up to a frame.
+
+    Args:
+        events: of the run.
+    """
+
+    def __init__(self, events: Sequence[Event]) -> None:
+        self._frames: dict[tuple[str, str], list[int]] = {}
+        self._kinds: dict[str, str] = {}
+        for event in sorted(events, key=lambda e: e.frame):
+            self._frames.setdefault((event.rule, event.direction or event.kind), []).append(event.frame)
+            self._kinds[event.rule] = "tripwire" if event.kind == "crossing" else "zone"
+
+    def __len__(self) -> int:
+        return len(self._kinds)
+
+    def lines(self, frame: int) -> list[str]:
+        """A line per rule."""
+        return [self._line(rule, kind, frame) for rule, kind in self._kinds.items()]
+
+    def _line(self, rule: str, kind: str, frame: int) -> str:
+        def count(what: str) -> int:
+            return bisect_right(self._frames.get((rule, what), []), frame)
+
+        if kind == "tripwire":
+            return f"{rule}: {count('left_to_right')} left to right, {count('right_to_left')} right to left"
+        return f"{rule}: {count('entry') - count('exit')} inside, {count('entry')} entries"
+
+
+class SceneComposer:
+    """Draws frames of a run.
+
+    Args:
+        frames: of the recording; None where it is not there: the floor alone.
+        trail_s: length of the trails [s].
+        plan: show the floor from above beside the image.
+        truth: mark the true people.
+        bounds: of the floor that is shown; where people were when None.
+    Attributes:
+        has_image: whether frames need an image.
+    """
+
+    def __init__(
+        self,
+        results: RunResults,
+        frames: SceneFrames | None,
+        trail_s: float = 4.0,
+        *,
+        plan: bool = True,
+        truth: bool = True,
+        bounds: PlanBounds | None = None,
+    ) -> None:
+        self._results, self.has_image = results, frames is not None
+        self._bounds = bounds or results.bounds()
+        self._trail = round(trail_s / results.clock.frame_s)
+        self._truth = results.truth if truth else None
+        self._tally = Tally(results.events)
+        self._with_plan = plan and results.on_floor
+        self._image = ImagePainter(frames.camera if frames else None, results.rules, self._bounds)
+        self._plan: PlanPainter | None = None
+
+    def __call__(self, frame: int, image: U8 | None) -> U8:
+        """(H, W, 3) uint8 BGR with even H and W, the same for all frames of images of one size.
+
+        Args:
+            image: (h, w[, 3]) uint8 BGR of the frame; None where it cannot be read.
+        """
+        snapshot = snapshot_at(self._results.tracks, frame, self._trail, self._truth)
+        panels = [] if image is None else [self._image(image, snapshot)]
+        if self._with_plan or image is None:
+            height = panels[0].shape[0] if panels else ALONE_PX[1]
+            panels.append(self._floor(snapshot, height, alone=not panels))
+        picture = np.hstack(panels)
+        text = self._header(snapshot, picture.shape[1])
+        whole = np.vstack([text, picture])
+        return np.ascontiguousarray(whole[: whole.shape[0] // 2 * 2, : whole.shape[1] // 2 * 2])
+
+    def _floor(self, snapshot: Snapshot, height: int, *, alone: bool) -> U8:
+        """The floor from above, with the counts below it."""
+        below = LINE_PX * len(self._tally) + (8 if len(self._tally) else 0)
+        size = ALONE_PX[0] if alone else round(PLAN_SHARE * height), height - below
+        if self._plan is None:
+            self._plan = PlanPainter(self._bounds, size, self._results.cameras, self._results.rules)
+        text: U8 = np.full((below, size[0], 3), _BACK, dtype=np.uint8)
+        for n, line in enumerate(self._tally.lines(snapshot.frame)):
+            cv2.putText(text, line, (8, LINE_PX * (n + 1) - 4), _FONT, 0.45, _INK, 1, cv2.LINE_AA)
+        return np.vstack([self._plan(snapshot), text])
+
+    def _header(self, snapshot: Snapshot, width: int) -> U8:
+        strip: U8 = np.full((HEADER_PX, width, 3), _BACK, dtype=np.uint8)
+        time_s = float(self._results.clock.at(np.array([snapshot.frame]))[0])
+        people = sum(person.state == "confirmed" for person in snapshot.people)
+        text = f"frame {snapshot.frame}   {time_s:.2f} s   {people} {'person' if people == 1 else 'people'}"
+        cv2.putText(strip, text, (8, HEADER_PX - 10), _FONT, 0.5, _INK, 1, cv2.LINE_AA)
+        return strip
+
+
+CODECS = {".mp4": "mp4v", ".webm": "VP80", ".avi": "MJPG", ".mkv": "mp4v"}
+"""By ending: what OpenCV writes everywhere. Browsers play VP8 (.webm)."""
+
+
+class VideoWriter:
+    """Writes pictures of one size into a video, which is at its place when all are written.
+
+    Args:
+        path: its ending gives the format.
+        fps: pictures per second.
+    Raises:
+        InputError: no ending of a video.
+    """
+
+    def __init__(self, path: Path, fps: float) -> None:
+        if path.suffix.lower() not in CODECS:
+            raise InputError(f"{path}: expected a video's name ({', '.join(CODECS)}), found {path.name!r}")
+        self._path, self._fps = path, fps
+        self._part = path.with_name(f"{path.stem}{PART}{path.suffix}")
+        self._writer: cv2.VideoWriter | None = None
+        self.count = 0
+
+    def add(self, picture: U8) -> None:
+        """Append a picture.
+
+        Raises:
+            WorkError: the video cannot be written.
+        """
+        if self._writer is None:
+            self._writer = self._open((picture.shape[1], picture.shape[0]))
+        self._writer.write(picture)
+        self.count += 1
+
+    def close(self, *, complete: bool) -> None:
+        """End the video; an incomplete one is removed.
+
+        Raises:
+            WorkError: it cannot be moved to its place.
+        """
+        if self._writer is None:
+            return
+        self._writer.release()
+        try:
+            if complete:
+                self._part.replace(self._path)
+            else:
+                self._part.unlink(missing_ok=True)
+        except OSError as error:
+            raise WorkError(f"{self._path}: cannot be written ({reason(error)})") from error
+
+    def _open(self, size: tuple[int, int]) -> cv2.VideoWriter:
+        codec = cv2.VideoWriter.fourcc(*CODECS[self._path.suffix.lower()])
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise WorkError(f"{self._path.parent}: cannot be made ({reason(error)})") from error
+        writer = cv2.VideoWriter(str(self._part), codec, self._fps, size)
+        if not writer.isOpened():
+            raise WorkError(f"{self._path}: the video cannot be written")
+        return writer
+
+
+def scene_pictures_of(
+    composer: SceneComposer, frames: SceneFrames | None, first: int, last: int, every: int
+) -> Iterator[U8]:
+    """Pictures of every n-th frame; a frame that cannot be read shows the image before it."""
+    wanted = iter(range(first, last + 1, every))
+    frame = next(wanted, None)
+    if frames is None:
+        while frame is not None:
+            yield composer(frame, None)
+            frame = next(wanted, None)
+        return
+    for index, image in frames.through(first, last):
+        while frame is not None and frame <= index:
+            yield composer(frame, image)
+            frame = next(wanted, None)
+
+
+def write_still(composer: SceneComposer, frames: SceneFrames | None, frame: int, path: Path) -> None:
+    """Write a picture of one frame; the floor alone where its image cannot be read.
+
+    Raises:
+        InputError: no picture's name.
+        WorkError: it cannot be written.
+    """
+    image = next((image for _, image in frames.at([frame])), None) if frames is not None else None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_image(path, composer(frame, image))
+    except OSError as error:
+        raise WorkError(f"{path}: cannot be written ({reason(error)})") from error

@@ -1,0 +1,246 @@
+"""``planview replay``: a recording tracked again up to a frame, and how the tracks differ."""
+
+from __future__ import annotations
+
+import csv
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+
+import cv2
+import numpy as np
+
+from calib.errors import InputError, WorkError
+from calib.ground_camera import save_ground_camera
+from calib.params import Params
+from calib.types import U8
+from planview.engine.config import Config, config_of
+from planview.engine.engine import Engine, FrameResult
+from planview.engine.open import TrackerName, open_engine
+from planview.engine.replay import FIXED_TABLES
+from planview.evaluation.metrics import clear_scores
+from planview.evaluation.sequence import build_sequence, floor_similarity
+from planview.maps.recording import is_maps
+from planview.output.folder import RunInfo
+from planview.output.memory import Encoded, decode, name_of
+from planview.output.render import SceneComposer
+from planview.output.results import RunResults, source_of
+from planview.output.resume import checkpoints_in, read_checkpoint
+from planview.output.scene import SceneFrames, ground_camera_of
+from planview.output.totals import RunTotals
+from planview.tracking.base import Decision
+from planview.trajectories.table import Trajectories, TrajectoryCollector
+
+GATE_M = 0.5
+"""People of both within this are the same person [m]."""
+MOVED_M = 0.02
+"""Positions that differ by less count as the same [m]."""
+DECISIONS_MAX = 20
+TITLE_PX = 30
+
+
+def difference_text(results: RunResults, replayed: ReplayedRun, frame: int) -> list[str]:
+    """Lines: when tracks begin to differ, people at the frame in both, and decisions that only one of them made."""
+    before = _between(results.tracks, replayed.first, frame)
+    after = _between(replayed.results.tracks, replayed.first, frame)
+    differing = sorted({frame for frame, *_ in _rows(before) ^ _rows(after)})
+    lines = [f"tracks differ from frame {differing[0]} on" if differing else "tracks are the same up to this frame"]
+    lines += _people(before.where(before.frame == frame), after.where(after.frame == frame))
+    lines += _decisions(results.folder / "decisions.csv", replayed, frame)
+    return lines
+
+
+def difference_picture(
+    results: RunResults, replayed: ReplayedRun, frames: SceneFrames | None, frame: int, title: str
+) -> U8:
+    """(H, W, 3) uint8 BGR: the frame as it was tracked on top, as it is tracked now below."""
+    image = next((image for _, image in frames.at([frame])), None) if frames is not None else None
+    shown = [SceneComposer(each, frames, bounds=results.bounds())(frame, image) for each in (results, replayed.results)]
+    width = max(picture.shape[1] for picture in shown)
+    rows = []
+    for picture, text in zip(shown, ("as it was run", title), strict=True):
+        strip: U8 = np.full((TITLE_PX, width, 3), 235, dtype=np.uint8)
+        cv2.putText(strip, text, (8, TITLE_PX - 10), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (40, 40, 40), 1, cv2.LINE_AA)
+        padded = cv2.copyMakeBorder(picture, 0, 0, 0, width - picture.shape[1], cv2.BORDER_CONSTANT, value=(255,) * 3)
+        rows += [strip, np.asarray(padded, dtype=np.uint8)]
+    return np.vstack(rows)
+
+
+def _between(tracks: Trajectories, first: int, last: int) -> Trajectories:
+    return tracks.where((tracks.frame >= first) & (tracks.frame <= last) & (tracks.state != "tentative"))
+
+
+def _rows(table: Trajectories) -> set[tuple[int, int, str, int, int]]:
+    x, y = (
+        np.round(np.nan_to_num(values, nan=-1e6) / MOVED_M).astype(int).tolist() for values in (table.x_m, table.y_m)
+    )
+    return set(zip(table.frame.tolist(), table.track_id.tolist(), table.state.tolist(), x, y, strict=True))
+
+
+def _people(before: Trajectories, after: Trajectories) -> list[str]:
+    """A line per person at the frame; the same person in both by place, since ids may differ."""
+    known = [table.where(np.isfinite(table.x_m)) for table in (before, after)]
+    matches = clear_scores(build_sequence(known[0], known[1], floor_similarity(GATE_M))).matches.tolist()
+    lines = []
+    for a, b in matches:
+        apart = float(np.hypot(known[0].x_m[a] - known[1].x_m[b], known[0].y_m[a] - known[1].y_m[b]))
+        old, new = _described(known[0], a), _described(known[1], b)
+        lines.append(f"{old} -> {new}, {100 * apart:.0f} cm apart")
+    for table, taken, which in (
+        (known[0], {a for a, _ in matches}, "only before"),
+        (known[1], {b for _, b in matches}, "only now"),
+    ):
+        lines += [f"{which}: {_described(table, row)}" for row in range(len(table)) if row not in taken]
+    return lines
+
+
+def _described(table: Trajectories, row: int) -> str:
+    return f"{table.track_id[row]} ({table.state[row]}, {table.x_m[row]:.2f}, {table.y_m[row]:.2f} m)"
+
+
+def _decisions(path: Path, replayed: ReplayedRun, last: int) -> list[str]:
+    """Decisions that only one of the runs made, the latest ones; none where the run kept no decisions."""
+    if not path.is_file():
+        return ["no decisions.csv to compare decisions with (planview run --debug writes it)"]
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = [
+            (int(row["frame"]), f"{row['id']} {row['kind']}: {row['reason']}")
+            for row in csv.DictReader(file)
+            if row["kind"] != "matched" and replayed.first <= int(row["frame"]) <= last
+        ]
+    now = [(frame, f"{d.track_id} {d.kind}: {d.reason}") for frame, d in replayed.decisions]
+    only = [(frame, f"only before, frame {frame}: {text}") for frame, text in rows if (frame, text) not in set(now)]
+    only += [(frame, f"only now, frame {frame}: {text}") for frame, text in now if (frame, text) not in set(rows)]
+    only.sort(key=lambda item: item[0])
+    more = len(only) - DECISIONS_MAX
+    return ([f"{more} earlier decisions that differ are left out"] if more > 0 else []) + [
+        t for _, t in only[-DECISIONS_MAX:]
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class ReplayedRun:
+    """The same frames tracked again.
+
+    Attributes:
+        results: the run's, with the tracks of the frames tracked again.
+        decisions: (frame, decision) of those frames, matches left out.
+        first: first frame tracked again.
+        begun_from: what it was begun from, in words.
+    """
+
+    results: RunResults
+    decisions: list[tuple[int, Decision]]
+    first: int
+    begun_from: str
+
+
+def replay_run(
+    results: RunResults, config: Config, frame: int, watch: Callable[[FrameResult], None] | None = None
+) -> ReplayedRun:
+    """Track up to a frame with other parameters.
+
+    The frames begin after the nearest checkpoint (which an interrupted run keeps); without one at the first frame, of
+    the plan-view recording where the run left one and the parameters do not concern what comes before it.
+
+    Args:
+        frame: the last one.
+        watch: called after every frame.
+    Raises:
+        InputError: no recording any more, or parameters that its maps exclude.
+        WorkError: the recording ends before the frame.
+    """
+    base = config_of(results.info.config, str(results.folder / "run.json"))
+    path = _source(results, base, config)
+    engine = _engine(path, results.info, config)
+    last, begun_from = (-1, f"the first frame of {path}")
+    if not is_maps(path):
+        last, begun_from = _restored(results.folder, engine, base, config, frame) or (last, begun_from)
+    collector, decisions = TrajectoryCollector(), []
+    reached = last
+    for result in _up_to(engine, last, frame):
+        collector.add(result.frame, result.timestamp_s, result.tracks)
+        decisions += [(result.frame, decision) for decision in result.decisions if decision.kind != "matched"]
+        reached = result.frame
+        if watch:
+            watch(result)
+    if reached < frame:
+        raise WorkError(f"{path}: expected frame {frame}, found the end of the recording after frame {reached}")
+    return ReplayedRun(replace(results, tracks=collector.trajectories()), decisions, last + 1, begun_from)
+
+
+def _up_to(engine: Engine, last: int, frame: int) -> Iterator[FrameResult]:
+    if last < 0:
+        engine.reset()
+    for result in engine.after(last):
+        if result.frame <= frame:
+            yield result
+        if result.frame >= frame:
+            return
+
+
+def _source(results: RunResults, base: Config, config: Config) -> Path:
+    """The run's maps.h5 where the changed parameters leave it valid, else its recording."""
+    maps = results.folder / "maps.h5"
+    fixed = all(getattr(base, table) == getattr(config, table) for table in (*FIXED_TABLES, "maps"))
+    if maps.is_file() and fixed:
+        return maps
+    path = Path(results.info.input) if is_maps(Path(results.info.input)) else source_of(results.info)
+    if not path.exists():
+        raise InputError(f"{path}: expected the recording of the run, found nothing there")
+    return path
+
+
+def _engine(path: Path, info: RunInfo, config: Config) -> Engine:
+    tracker = cast(TrackerName, info.tracker)
+    camera = ground_camera_of(info) if info.floor is not None and info.floor.world_SE3_left is None else None
+    if camera is None:
+        return open_engine(path, tracker, config)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "camera.toml"
+        save_ground_camera(camera, file)
+        return open_engine(path, tracker, config, file)
+
+
+def _restored(folder: Path, engine: Engine, base: Config, config: Config, frame: int) -> tuple[int, str] | None:
+    """The engine at the nearest checkpoint before a frame: the checkpoint's last frame, and words for it."""
+    for path in checkpoints_in(folder):
+        totals = RunTotals()
+        try:
+            memory = changed_memory(read_checkpoint(path).memory, base, config)
+            decode(memory, {"totals": totals, **engine.memory()})
+        except (ValueError, KeyError):
+            engine.reset()
+            continue
+        if totals.last_frame < frame:
+            return totals.last_frame, f"the checkpoint after frame {totals.last_frame}"
+        engine.reset()
+    return None
+
+
+def changed_memory(memory: Encoded, base: Config, config: Config) -> Encoded:
+    """The memory of a checkpoint in which parameters have their changed values."""
+    changes = dict(_changes(base, config))
+    nodes = []
+    for node in memory.nodes:
+        if node[0] == "params" and node[1] in changes:
+            values = {k: changes[node[1]].get(k, v) for k, v in node[2].items()}
+            nodes.append([node[0], node[1], values])
+        else:
+            nodes.append(node)
+    return Encoded(memory.roots, nodes, memory.blocks)
+
+
+def _changes(base: Params, config: Params) -> Iterator[tuple[str, dict[str, Any]]]:
+    """By class of parameters, the plain values that differ."""
+    differing: dict[str, Any] = {}
+    for name in type(base).model_fields:
+        before, after = getattr(base, name), getattr(config, name)
+        if isinstance(before, Params) and isinstance(after, Params):
+            yield from _changes(before, after)
+        elif before != after:
+            differing[name] = after
+    if differing:
+        yield name_of(type(base)), differing

@@ -1,0 +1,314 @@
+"""Errors and decisions of a run, with pictures of their snapshots."""
+
+from __future__ import annotations
+
+import base64
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+import numpy as np
+
+from calib.errors import InputError, WorkError
+from calib.images import encode_image
+from calib.io import reason
+from calib.types import F64, U8
+from planview.drawing.image import ImageCamera, ImagePainter
+from planview.drawing.plan import Snapshot, snapshot_at
+from planview.drawing.style import Labels
+from planview.evaluation.significant import SignificantError
+from planview.output.results import RunResults, source_of
+from planview.tracking.base import ScoreTerms
+
+if TYPE_CHECKING:
+    from planview.output.scene import SceneFrames
+
+
+TERMS = ScoreTerms._fields
+SCORES_MAX = 240
+"""Points of a person's curve of scores."""
+EVENTS_MAX = 80
+"""Decisions listed per person; decisions.csv has them all."""
+
+
+class Decided(NamedTuple):
+    """A row of decisions.csv that is not a plain match."""
+
+    frame: str
+    time_s: str
+    kind: str
+    reason: str
+
+
+class Curve(NamedTuple):
+    """A term of the score over time: points of a polygon on top of the terms before, in a box of 100 x 100."""
+
+    name: str
+    points: str
+
+
+class DecisionLog(NamedTuple):
+    """A person's decisions.
+
+    Attributes:
+        events: everything but matches.
+        more: events left out.
+        scores: the matches in one sentence.
+        curves: the stacked terms of the scores.
+        score_max: top of the curves.
+    """
+
+    events: list[Decided]
+    more: int
+    scores: str
+    curves: list[Curve]
+    score_max: float
+
+
+def read_decision_log(path: Path, people: set[int]) -> dict[int, DecisionLog]:
+    """The decisions of some people; empty where there is no decisions.csv.
+
+    Raises:
+        InputError: not a table of decisions.
+    """
+    if not path.is_file():
+        return {}
+    decided: dict[int, list[Decided]] = {}
+    matches: dict[int, list[list[float]]] = {}
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file)
+            columns = list(reader.fieldnames or ())
+            missing = [name for name in ("frame", "timestamp_s", "id", "kind", "reason") if name not in columns]
+            if missing:
+                raise InputError(f"{path}: expected decisions with the column {missing[0]!r}, found {columns}")
+            for row in reader:
+                if (person := int(row["id"])) not in people:
+                    continue
+                mine, scores = decided.setdefault(person, []), matches.setdefault(person, [])
+                if row["kind"] == "matched":
+                    scores.append([float(row.get(name) or "nan") for name in ("frame", "value", *TERMS)])
+                else:
+                    time_s = f"{float(row['timestamp_s']):.2f}"
+                    mine.append(Decided(row["frame"], time_s, row["kind"], row["reason"]))
+    except (OSError, UnicodeDecodeError, csv.Error, ValueError, TypeError) as error:
+        raise InputError(f"{path}: expected a table of decisions, found {reason(error)}") from error
+    return {person: _log_of(rows, matches[person]) for person, rows in decided.items()}
+
+
+def _log_of(decided: list[Decided], matched: list[list[float]]) -> DecisionLog:
+    matches = np.array(matched, dtype=np.float64).reshape(-1, 2 + len(TERMS))
+    known = matches[np.isfinite(matches[:, 1])]
+    events = [*decided[: EVENTS_MAX - 10], *decided[-10:]] if len(decided) > EVENTS_MAX else decided
+    more = len(decided) - len(events)
+    if not len(known):
+        return DecisionLog(events, more, f"matched in {len(matches)} frames" if len(matches) else "", [], 0.0)
+    top = float(known[:, 1].max())
+    return DecisionLog(events, more, _sentence(known), _curves(known, max(top, 1e-9)), top)
+
+
+def _sentence(matches: F64) -> str:
+    worst = matches[np.argmax(matches[:, 1])]
+    text = (
+        f"matched in {len(matches)} frames, {matches[0, 0]:.0f} to {matches[-1, 0]:.0f}; median score "
+        f"{np.median(matches[:, 1]):.2f}, worst {worst[1]:.2f} in frame {worst[0]:.0f}"
+    )
+    if np.isfinite(worst[2:]).all():
+        text += " (" + ", ".join(f"{name} {value:.2f}" for name, value in zip(TERMS, worst[2:], strict=True)) + ")"
+    return text
+
+
+def _curves(matches: F64, top: float) -> list[Curve]:
+    """Stacked terms; of many matches the worst of every stretch."""
+    if not np.isfinite(matches[:, 2:]).all() or len(matches) < 2:
+        return []
+    bins = np.array_split(np.arange(len(matches)), min(len(matches), SCORES_MAX))
+    picked = matches[[int(part[np.argmax(matches[part, 1])]) for part in bins]]
+    span = max(1.0, picked[-1, 0] - picked[0, 0])
+    x = 100.0 * (picked[:, 0] - picked[0, 0]) / span
+    upper = np.vstack([np.zeros(len(picked)), np.cumsum(picked[:, 2:], axis=1).T])
+    y = 100.0 - 100.0 * np.clip(upper / top, 0.0, 1.0)
+    curves = []
+    for n, name in enumerate(TERMS):
+        around = [*zip(x, y[n + 1], strict=True), *zip(x[::-1], y[n][::-1], strict=True)]
+        curves.append(Curve(name, " ".join(f"{a:.1f},{b:.1f}" for a, b in around)))
+    return curves
+
+
+ERRORS_MAX = 12
+CROSSINGS_MAX = 12
+"""Pictures of each kind at most: a page stays small enough for a phone."""
+STRIP_S = (-1.0, -0.5, 0.0, 0.5, 1.0)
+"""Frames of a strip, around the beginning of an error [s]."""
+TRAIL_S = 4.0
+TILE_PX = 260
+CROP_SHARE = 0.62
+"""Side of a tile as a share of the image's height."""
+JPEG_QUALITY = 78
+SPREAD = 3
+"""Pictures spread over the run besides the busiest frame."""
+
+
+class ScenePicture(NamedTuple):
+    """A JPEG as a data URI; ``is_strip``: several frames side by side."""
+
+    title: str
+    data: str
+    note: str
+    is_strip: bool = False
+
+
+class _Wanted(NamedTuple):
+    """A picture to be made of frames, whose first one may be cropped to a person."""
+
+    title: str
+    note: str
+    frames: tuple[int, ...]
+    focus: tuple[int | None, int | None] | None = None  # ids of truth and track; None: the whole image
+    times_s: tuple[float, ...] = ()
+
+
+class ScenePictures(NamedTuple):
+    """The pictures, or why there are none."""
+
+    overview: list[ScenePicture]
+    errors: list[ScenePicture]
+    crossings: list[ScenePicture]
+    why_none: str = ""
+
+
+def scene_pictures(results: RunResults, errors: Sequence[SignificantError]) -> ScenePictures:
+    """Pictures from the recording, opened again; a recording that is not there any more gives none."""
+    if not len(results.tracks) or not results.has_run:
+        return ScenePictures([], [], [])
+    path = source_of(results.info)
+    if not results.info.input or not path.exists():
+        why = f"No pictures of the scene: {path}: expected the recording of the run, found nothing there."
+        return ScenePictures([], [], [], why)
+    from planview.output.scene import open_frames
+
+    groups = _overview(results), _strips(results, errors), _crossings(results)
+    try:
+        frames = open_frames(results.info)
+        pictures = _paint(results, frames, [wanted for group in groups for wanted in group])
+    except (InputError, WorkError) as error:
+        return ScenePictures([], [], [], f"No pictures of the scene: {error}.")
+    made = iter(pictures)
+    overview, strips, crossings = ([p for p in [next(made) for _ in group] if p is not None] for group in groups)
+    return ScenePictures(overview, strips, crossings)
+
+
+def busiest_frame(results: RunResults) -> int | None:
+    """The frame in the middle of the longest stretch with the most confirmed people; None without people."""
+    frames = results.tracks.frame[results.tracks.state == "confirmed"]
+    if not len(frames):
+        return None
+    found, counts = np.unique(frames, return_counts=True)
+    most = found[counts == counts.max()]
+    stretches = np.split(most, np.flatnonzero(np.diff(most) > 1) + 1)
+    longest = max(stretches, key=len)
+    return int(longest[len(longest) // 2])
+
+
+def _overview(results: RunResults) -> list[_Wanted]:
+    busiest = busiest_frame(results)
+    if busiest is None:
+        return []
+    wanted = [_Wanted("Busiest frame", "", (busiest,))]
+    peopled = np.unique(results.tracks.frame[results.tracks.state == "confirmed"])
+    for share in (np.arange(SPREAD) + 1) / (SPREAD + 1):
+        frame = int(peopled[int(share * len(peopled))])
+        wanted.append(_Wanted("", "", (frame,)))
+    titled = [w._replace(note=_when(results, w.frames[0])) for w in wanted]
+    return sorted(titled, key=lambda w: w.title != "Busiest frame")
+
+
+def _strips(results: RunResults, errors: Sequence[SignificantError]) -> list[_Wanted]:
+    wanted, last = [], max(0, results.n_frames - 1)
+    for error in errors[:ERRORS_MAX]:
+        steps = [round(s / results.clock.frame_s) for s in STRIP_S]
+        frames = tuple(int(np.clip(error.frame + step, 0, last)) for step in steps)
+        title = f"{error.kind.replace('_', ' ')}: {error.who}"
+        note = f"{_when(results, error.frame)}: {error.note}"
+        wanted.append(_Wanted(title, note, frames, (error.truth_id, error.track_id), STRIP_S))
+    return wanted
+
+
+def _crossings(results: RunResults) -> list[_Wanted]:
+    events = [event for event in results.events if event.kind == "crossing"]
+    spread = np.unique(np.linspace(0, len(events) - 1, min(len(events), CROSSINGS_MAX)).round().astype(int))
+    wanted = []
+    for event in (events[i] for i in spread):
+        note = f"{_when(results, event.frame)}: track {event.track_id} {event.direction.replace('_', ' ')}"
+        wanted.append(_Wanted(event.rule, note, (event.frame,)))
+    return wanted
+
+
+def _when(results: RunResults, frame: int) -> str:
+    return f"frame {frame}, {float(results.clock.at(np.array([frame]))[0]):.1f} s"
+
+
+def _paint(results: RunResults, frames: SceneFrames, wanted: Sequence[_Wanted]) -> list[ScenePicture | None]:
+    """Read every frame once, in order; a picture whose frames cannot be read is None."""
+    painter = ImagePainter(frames.camera, results.rules, results.bounds())
+    tiles: dict[tuple[int, int], U8] = {}
+    users: dict[int, list[int]] = {}
+    for n, want in enumerate(wanted):
+        for frame in dict.fromkeys(want.frames):
+            users.setdefault(frame, []).append(n)
+    trail = round(TRAIL_S / results.clock.frame_s)
+    for frame, image in frames.at(sorted(users)):
+        snapshot = snapshot_at(results.tracks, frame, trail, results.truth)
+        picture = painter(image, snapshot)
+        scale = picture.shape[1] / image.shape[1]
+        for n in users[frame]:
+            focus = wanted[n].focus
+            tiles[n, frame] = (
+                picture if focus is None else _crop(picture, _place(snapshot, focus, frames.camera), scale)
+            )
+    return [_picture(want, [tiles.get((n, frame)) for frame in want.frames]) for n, want in enumerate(wanted)]
+
+
+def _picture(want: _Wanted, tiles: Sequence[U8 | None]) -> ScenePicture | None:
+    known = [tile for tile in tiles if tile is not None]
+    if not known:
+        return None
+    if want.focus is None:
+        return ScenePicture(want.title, _jpeg(known[0]), want.note)
+    gap = np.full((TILE_PX, 4, 3), 128, dtype=np.uint8)
+    row = []
+    for tile, time_s in zip(tiles, want.times_s, strict=True):
+        shown = np.full((TILE_PX, TILE_PX, 3), 128, dtype=np.uint8) if tile is None else tile
+        Labels(shown).put(f"{time_s:+.1f} s" if time_s else "0 s", (0, TILE_PX), (30, 30, 30))
+        row += [shown, gap]
+    return ScenePicture(want.title, _jpeg(np.hstack(row[:-1])), want.note, is_strip=True)
+
+
+def _place(snapshot: Snapshot, focus: tuple[int | None, int | None], camera: ImageCamera | None) -> F64 | None:
+    """Where the person concerned is in the image [px]: as the truth says, else as the track does."""
+    for people, wanted in ((snapshot.truth, focus[0]), (snapshot.people, focus[1])):
+        for person in (p for p in people if p.track_id == wanted):
+            left, top, width, height = person.box_px
+            if np.isfinite(left):
+                return np.array([left + width / 2, top + height / 2])
+            if camera is not None and np.isfinite(person.x_m):
+                place = camera.project(np.array([person.x_m, person.y_m, 1.0]))
+                if np.isfinite(place).all():
+                    return place
+    return None
+
+
+def _crop(picture: U8, place: F64 | None, scale: float) -> U8:
+    """A square tile around a place, as far as it is in the image; the middle of the image without a place."""
+    height, width = picture.shape[:2]
+    side = round(CROP_SHARE * min(height, width))
+    x, y = (width / 2, height / 2) if place is None else place * scale
+    left, top = int(np.clip(x - side / 2, 0, width - side)), int(np.clip(y - side / 2, 0, height - side))
+    part = picture[top : top + side, left : left + side]
+    return np.asarray(cv2.resize(part, (TILE_PX, TILE_PX), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _jpeg(picture: U8) -> str:
+    return "data:image/jpeg;base64," + base64.b64encode(encode_image(picture, quality=JPEG_QUALITY)).decode("ascii")

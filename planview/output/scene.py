@@ -1,0 +1,152 @@
+"""The recording of a run, opened again: its images in the pixels of its boxes, and its static scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.ground_camera import GroundCamera
+from calib.pose import SE3
+from calib.types import U8
+from planview.drawing.image import ImageCamera
+from planview.engine.config import Config, config_of
+from planview.engine.info import FloorInfo
+from planview.engine.setup import SceneCloud, scene_cloud, set_up
+from planview.output.folder import RunInfo, read_run_info
+from planview.output.results import source_of
+from stereo.depth import StereoFloorCamera
+from stereo.readers import OpenOptions, holds_pair, open_any, open_video
+from stereo.readers.base import AnyRecording
+from stereo.readers.multi_rig import MultiRigRecording, open_rigs
+from stereo.readers.open import is_multi_rig
+from stereo.recording import RgbdRecording
+from stereo.rectify import Rectifier
+from stereo.rgbd import RgbdRectifier
+
+MULTI_RIG_FRAMES_MAX = 5000
+"""Recordings of several rigs are read from their beginning; pictures are made of so many moments at most."""
+_BATCH = 16
+
+
+class SceneImage(NamedTuple):
+    """A frame's image: (H, W[, 3]) uint8 BGR, in whose pixels the boxes of tracks.csv are."""
+
+    frame: int
+    image: U8
+
+
+class SceneFrames:
+    """Images of a recording; of several rigs those of the first, read from their beginning.
+
+    Args:
+        image_of: makes the image of a frame.
+    Attributes:
+        camera: of the images above the floor; None where it is not calibrated.
+    """
+
+    def __init__(self, recording: Any, camera: ImageCamera | None, image_of: Callable[[Any], U8]) -> None:
+        self.camera = camera
+        self._recording, self._image_of = recording, image_of
+
+    def at(self, frames: Sequence[int]) -> Iterator[SceneImage]:
+        """The images of ascending frames, as far as they can be read."""
+        if isinstance(self._recording, MultiRigRecording):
+            wanted = {frame for frame in frames if frame < MULTI_RIG_FRAMES_MAX}
+            yield from (image for image in self.through(0, max(wanted, default=-1)) if image.frame in wanted)
+            return
+        for start in range(0, len(frames), _BATCH):
+            for frame in self._recording.at(frames[start : start + _BATCH]):
+                yield SceneImage(frame.index, self._image_of(frame))
+
+    def through(self, first: int, last: int) -> Iterator[SceneImage]:
+        """All images from one frame to another, both included."""
+        for moment in self._recording if last >= 0 else ():
+            frame = moment.frames[0] if isinstance(self._recording, MultiRigRecording) else moment
+            if moment.index > last:
+                return
+            if moment.index >= first and frame is not None:
+                yield SceneImage(moment.index, self._image_of(frame))
+
+
+def open_frames(info: RunInfo) -> SceneFrames:
+    """Open the recording of a run again.
+
+    Raises:
+        InputError: it is not there any more, comes from a camera that runs, or another version made the run.
+    """
+    path = source_of(info)
+    if not info.input or not path.exists():
+        raise InputError(f"{path}: expected the recording of the run, found nothing there")
+    config = config_of(info.config, "run.json")
+    if is_multi_rig(path):
+        rigs = open_rigs(path)
+        return SceneFrames(rigs, *_of_recording(rigs.rigs[0].recording, info.floor, config))
+    if info.rig is None or (info.rig.baseline_m is None and info.rig.depth_sensor is None):
+        return SceneFrames(open_video(path), ground_camera_of(info), lambda frame: frame.image)
+    try:
+        recording = open_any(path)
+    except InputError:  # the calibration does not lie in the recording: that which the run was given
+        calibration = info.rig.calibration
+        if calibration is None or not Path(calibration).exists():
+            raise
+        recording = open_any(path, OpenOptions(Path(calibration)))
+    return SceneFrames(recording, *_of_recording(recording, info.floor, config))
+
+
+def _of_recording(
+    recording: AnyRecording, floor: FloorInfo | None, config: Config
+) -> tuple[ImageCamera | None, Callable[[Any], U8]]:
+    """The camera above the floor, and what makes the image of a frame."""
+    image_of: Callable[[Any], U8]
+    if isinstance(recording, RgbdRecording):
+        rgbd = RgbdRectifier(recording.camera, recording.sensor, config.rectify)
+        geometry, image_of = rgbd.geometry, lambda frame: rgbd(frame).left
+    else:
+        pair = Rectifier(recording.rig, config.rectify)
+        geometry, image_of = pair.geometry, lambda frame: pair(frame.left, frame.right).left
+    if floor is None or floor.world_SE3_left is None:
+        return None, image_of
+    pose = np.array(floor.world_SE3_left, dtype=np.float64)
+    return StereoFloorCamera(geometry, SE3(pose[:3, :3], pose[:3, 3])), image_of
+
+
+def ground_camera_of(info: RunInfo) -> GroundCamera | None:
+    """The camera of a run with one camera; None for one that is not calibrated.
+
+    Raises:
+        InputError: values out of their range.
+    """
+    rig, floor = info.rig, info.floor
+    if rig is None or floor is None or rig.focal_px is None:
+        return None
+    tilt, roll = math.radians(floor.tilt_deg), math.radians(floor.roll_deg)
+    try:
+        return GroundCamera(rig.width, rig.height, rig.focal_px, floor.height_m, tilt, rig.lens or "pinhole", roll)
+    except ValueError as error:
+        raise InputError(f"run.json: expected a camera above the floor: {error}") from error
+
+
+def scene_of(path: Path, options: OpenOptions | None = None) -> SceneCloud:
+    """Points of what does not move, in the world frame of the run's tracks.
+
+    Args:
+        path: folder of a run, whose recording and configuration are taken, or a recording of one rig.
+        options: how the recording is opened.
+    Raises:
+        InputError: no recording of a pair or of images with depth.
+        WorkError: no floor is visible.
+    """
+    config, recording = Config(), path
+    if (path / "run.json").is_file():
+        info = read_run_info(path / "run.json")
+        config, recording = config_of(info.config, str(path / "run.json")), source_of(info)
+    calibration = options.calibration if options else None
+    if not recording.exists() or not (calibration or holds_pair(recording)):
+        raise InputError(f"{recording}: expected a recording of a stereo pair or of images with depth, found none")
+    opened = open_any(recording, options)
+    return scene_cloud(opened, set_up(opened, config), config)

@@ -1,1 +1,0 @@
-"""Ellipses fitted to foreground (del-Blanco et al. 2012, section 2)."""

@@ -1,0 +1,282 @@
+"""Correction of an aged calibration: how the right camera is turned by now, as matched corners tell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+from pydantic import Field
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from calib.params import Params
+from calib.pose import SE3
+from calib.rig import StereoRig
+from calib.types import F32, F64, U8, AnyArray, Bool
+from stereo.depth import RectifiedGeometry
+
+THREADS = 2
+"""Frames that are measured at a time."""
+_PATCH = 7
+"""Half side of a matched patch [px]."""
+_SIMILARITY_MIN = 0.9
+"""Smallest normalised correlation of two patches that count as a match (our choice)."""
+_SEARCH = 0.02
+"""Largest row offset looked for, each way, over the image's width: more is not age but a wrong calibration."""
+_CELLS = 12
+"""Square cells across the image, each of which counts once (our choice)."""
+_CELLS_MIN = 20
+"""Fewest cells with matches that tell five angles (our choice)."""
+_MOUNT_DEG = 0.3
+"""Standard deviation of the turn of a camera in its mount since calibration, about each axis (our choice: factory
+calibrations of some years have 0.1 to 0.2)."""
+_LENS = 2e-4
+"""Standard deviation of a lens's decentring coefficients (our choice: what calibrations with boards state)."""
+_NOISE_MIN_PX = 0.1
+"""Least noise of a cell [px]: what interpolation leaves (our choice)."""
+_HUBER = 2.0
+"""Residuals beyond so many standard deviations count linearly (our choice)."""
+_DEVIATIONS = 3.0
+"""An angle is corrected when it is so many standard deviations from its calibration."""
+
+
+@dataclass(frozen=True, eq=False)
+class RigCorrection:
+    """How the right camera is turned against its calibration.
+
+    Attributes:
+        angles: (3,) float64 rotation vector [rad] about the axes of the rectified frame: x, the baseline (pitch), y
+            (yaw) and z (roll), as estimated.
+        deviations: (3,) float64 standard deviation of each; NaN where nothing was estimated.
+        before_px, after_px: median absolute row offset without and with the correction, of the rectified images in
+            which it was measured [px]; NaN without matches.
+    """
+
+    angles: F64 = field(default_factory=lambda: np.zeros(3))
+    deviations: F64 = field(default_factory=lambda: np.full(3, np.nan))
+    before_px: float = math.nan
+    after_px: float = math.nan
+
+    @property
+    def is_applied(self) -> Bool:
+        """(3,) which angles differ from the calibration by more than chance."""
+        return np.asarray(np.abs(self.angles) > _DEVIATIONS * self.deviations, dtype=np.bool_)
+
+    @property
+    def applied(self) -> F64:
+        """(3,) angles [rad], 0 for one that is kept as calibrated."""
+        return np.where(self.is_applied, self.angles, 0.0)
+
+    def __call__(self, rig: StereoRig) -> StereoRig:
+        """The calibration with the right camera turned by the applied angles; the rig itself when there are none."""
+        if not self.is_applied.any():
+            return rig
+        turn = Rotation.from_rotvec(self.applied).as_matrix()
+        left, right = rig.rectifying_rotations()
+        rotation = right.T @ turn.T @ left
+        return replace(rig, right_SE3_left=SE3(rotation, -rotation @ rig.right_SE3_left.inverse().translation))
+
+    def __str__(self) -> str:
+        """One sentence."""
+        if np.isnan(self.deviations).all():
+            return "calibration kept: too little texture to compare it with the images"
+        names = ("pitch", "yaw", "roll")
+        rows = list(zip(names, np.degrees(self.angles), np.degrees(self.deviations), self.is_applied, strict=True))
+        applied = [f"{name} corrected by {a:.3f} +- {d:.3f} degrees" for name, a, d, used in rows if used]
+        kept = [f"{name} {a:.3f} +- {d:.3f}" for name, a, d, used in rows if not used]
+        parts = [", ".join(applied), f"{', '.join(kept)} kept as calibrated" if kept else ""]
+        return "relative " + "; ".join(part for part in parts if part)
+
+
+class MatchParams(Params):
+    """Matching corners of rectified pairs."""
+
+    features: int = Field(default=300, ge=20, le=5000)
+    """Corners tried in each frame (our choice)."""
+    search_px: int = Field(default=8, ge=1, le=256)
+    """Largest row offset looked for, each way [px]."""
+
+
+def measure_correction(
+    pairs: Iterable[tuple[U8, U8]], geometry: RectifiedGeometry, disparity_max_px: float
+) -> RigCorrection:
+    """Correction of a calibration from rectified pairs.
+
+    Corners of the left image are found again in the right one by correlation within the disparities that can occur and
+    refined by Lucas-Kanade; saturated surroundings are left out.
+
+    Args:
+        pairs: left and right (H, W) uint8, rectified by the calibration as it is.
+        disparity_max_px: largest disparity that can occur [px].
+    """
+    params = MatchParams(search_px=math.ceil(_SEARCH * geometry.width))
+    with ThreadPoolExecutor(THREADS) as pool:  # correlation releases Python's lock
+        found = list(pool.map(lambda pair: match_corners(pair[0], pair[1], disparity_max_px, params), pairs))
+    return fit_correction(np.concatenate([np.empty((0, 4)), *found]), geometry)
+
+
+def fit_correction(matches: F64, geometry: RectifiedGeometry) -> RigCorrection:
+    """The most probable turn of the right camera since its calibration, and its deviation.
+
+    Least squares (Huber) on the epipolar error of the essential matrix (Hartley and Zisserman 2004, section 9.6) in
+    normalised coordinates. Prior: either camera turned in its mount by a few tenths of a degree, and the lenses are
+    decentred a little (Brown 1966), which looks like yaw. Matches of a place come again in every frame with the same
+    texture and the same error of the lens model, so each cell of the image counts once, by its median.
+
+    The direction of the baseline is estimated beside the turn and left as it was: where all lies in one depth it cannot
+    be told from pitch, and half a degree of it is 0.2 px of row offset at a disparity of 20 px. An angle that cannot be
+    told from its calibration is kept, the least certain first, and the others are estimated again without it.
+
+    Args:
+        matches: (N, 4) as from ``match_corners``.
+    """
+    if len(matches) == 0:
+        return RigCorrection()
+    left, right = _rays(matches, geometry)
+    before = float(np.median(np.abs(_row_offset(np.zeros(7), left, right)))) * geometry.focal_v_px
+    cells = _cell_medians(matches, geometry.width / _CELLS)
+    if len(cells) < _CELLS_MIN:
+        return RigCorrection(before_px=before, after_px=before)
+    left_cells, right_cells = _rays(cells, geometry)
+    # Turns a, b of the cameras are independent, and so are b - a, the pose, and -(a + b) / 2, the baseline.
+    prior = np.array([math.radians(_MOUNT_DEG)] * 5 + [_LENS] * 2) * np.sqrt([2.0] * 3 + [0.5] * 2 + [2.0] * 2)
+    values, deviations, free = np.zeros(7), np.full(7, np.nan), np.ones(7, dtype=np.bool_)
+    least = scale = _NOISE_MIN_PX / geometry.focal_v_px
+
+    def offsets(some: F64) -> F64:
+        every = np.zeros(7)
+        every[free] = some
+        return _row_offset(every, left_cells, right_cells)
+
+    def huber(squared: F64) -> F64:  # of the cells; the prior is Gaussian
+        far = (squared > _HUBER**2) & (np.arange(len(squared)) < len(cells))
+        root = np.sqrt(np.where(far, squared, _HUBER**2))
+        loss = np.where(far, 2.0 * _HUBER * root - _HUBER**2, squared)
+        return np.stack([loss, _HUBER / root, np.where(far, -0.5 * _HUBER / root**3, 0.0)])
+
+    while True:
+        for _ in range(4):  # the noise of the cells is known from what the fit leaves only
+            fit = least_squares(
+                lambda some: np.concatenate([offsets(some) / scale, some / prior[free]]),  # noqa: B023
+                np.zeros(free.sum()), loss=huber, x_scale=1e-3,
+            )  # fmt: skip
+            scale = max(1.4826 * float(np.median(np.abs(offsets(fit.x)))), least)
+        values[free], deviations[free] = fit.x, np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)))
+        ratio = np.where(free, np.abs(values) / deviations, np.inf)[:3]
+        weakest = int(np.argmin(ratio))
+        if ratio[weakest] > _DEVIATIONS:
+            break
+        free[weakest] = False
+    applied = np.where(free & (np.arange(7) < 3), values, 0.0)
+    after = float(np.median(np.abs(_row_offset(applied, left, right)))) * geometry.focal_v_px
+    return RigCorrection(values[:3], deviations[:3], before, after)
+
+
+def _row_offset(values: F64, left: F64, right: F64) -> F64:
+    """(N,) row offsets at unit depth between left and right rays of unit depth (N, 3) that values leave.
+
+    Args:
+        values: (7,) angles of a ``RigCorrection``, turn of the baseline about y and z [rad], and decentring of the
+            right lens against the left one.
+    """
+    turned = right @ Rotation.from_rotvec(values[:3]).as_matrix().T
+    x, y = left[:, 0], left[:, 1]
+    decentred = values[5] * (x * x + 3.0 * y * y) + values[6] * 2.0 * x * y
+    offset = np.cross(turned, left) @ np.array([1.0, values[4], -values[3]]) / (turned[:, 2] * left[:, 2])
+    return np.asarray(offset + decentred, dtype=np.float64)
+
+
+def _rays(matches: F64, geometry: RectifiedGeometry) -> tuple[F64, F64]:
+    u, v, right_u, offset = matches.T
+    return geometry.rays(np.column_stack([u, v])), geometry.rays(np.column_stack([right_u, v + offset]))
+
+
+def _cell_medians(matches: F64, side_px: float) -> F64:
+    """(M, 4) the match with the median row offset in every square of the left image, of each depth seen there."""
+    cell = np.column_stack([matches[:, :2], 4.0 * (matches[:, 0] - matches[:, 2])])
+    _, index = np.unique(np.floor(cell / side_px), axis=0, return_inverse=True)
+    counts = np.bincount(index.reshape(-1))
+    order = np.lexsort((matches[:, 3], index.reshape(-1)))
+    return np.asarray(matches[order[np.cumsum(counts) - (counts + 2) // 2]], dtype=np.float64)
+
+
+def match_corners(
+    left: U8, right: U8, disparity_max_px: float, params: MatchParams, disparity_min_px: float = -2.0
+) -> F64:
+    """Corners of the left image and where the right one shows them.
+
+    Args:
+        disparity_max_px, disparity_min_px: disparities to search [px]; negative ones show swapped images.
+    Returns:
+        (N, 4) float64 [px]: u and v in the left image, u in the right image, v_right - v_left.
+    """
+    corners = cv2.goodFeaturesToTrack(left, params.features, 0.01, 2.0 * _PATCH, mask=_matchable(left))
+    if corners is None:
+        return np.empty((0, 4))
+    points = np.asarray(corners, dtype=np.float32).reshape(-1, 2)
+    span = math.floor(disparity_min_px), math.ceil(disparity_max_px)
+    guesses = np.array([_search(left, right, point, span, params) for point in points], dtype=np.float32)
+    good = np.isfinite(guesses).all(axis=1)
+    points, guesses = points[good], guesses[good]
+    if len(points) == 0:
+        return np.empty((0, 4))
+    refined, kept = _refine(left, right, points, guesses)
+    u, v = points[kept].T.astype(np.float64)
+    return np.column_stack([u, v, refined[kept, 0], refined[kept, 1] - v])
+
+
+def _matchable(image: U8) -> U8:
+    """255 where a patch around a pixel is inside the picture and not saturated."""
+    kernel = np.ones((2 * _PATCH + 1, 2 * _PATCH + 1), np.uint8)
+    usable = ((image > 0) & (image < 250)).astype(np.uint8) * np.uint8(255)
+    return np.asarray(cv2.erode(usable, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0), dtype=np.uint8)
+
+
+def _search(left: U8, right: U8, point: F32, span: tuple[int, int], params: MatchParams) -> tuple[float, float]:
+    """Best place of a left patch in the right image, NaN when it is at the limit, poor or not unique."""
+    nothing = (math.nan, math.nan)
+    u, v = round(float(point[0])), round(float(point[1]))
+    rows, cols = left.shape
+    top, bottom = max(0, v - _PATCH - params.search_px), min(rows, v + _PATCH + params.search_px + 1)
+    start, end = max(0, u - _PATCH - span[1]), min(cols, u + _PATCH + 1 - span[0])
+    patch = left[v - _PATCH : v + _PATCH + 1, u - _PATCH : u + _PATCH + 1]
+    strip = right[top:bottom, start:end]
+    if strip.shape[0] <= patch.shape[0] + 2 or strip.shape[1] <= patch.shape[1] + 2:
+        return nothing
+    score = cv2.matchTemplate(strip, patch, cv2.TM_CCOEFF_NORMED)
+    row, col = np.unravel_index(int(np.argmax(score)), score.shape)
+    best = float(score[row, col])
+    if best < _SIMILARITY_MIN or row in (0, score.shape[0] - 1) or col in (0, score.shape[1] - 1):
+        return nothing
+    score[max(0, row - 3) : row + 4, max(0, col - 3) : col + 4] = -1.0
+    if float(score.max()) > 0.5 * (1.0 + best) - 0.02:
+        return nothing
+    return float(start + col + _PATCH) + float(point[0]) - u, float(top + row + _PATCH) + float(point[1]) - v
+
+
+def _refine(left: U8, right: U8, points: F32, guesses: F32) -> tuple[F64, Bool]:
+    """Sub-pixel places in the right image, and which of them lead back to where they came from."""
+    a, b = points.reshape(-1, 1, 2), guesses.reshape(-1, 1, 2)
+    there, found, _ = _track(left, right, a, b.copy())
+    back, found_back, _ = _track(right, left, there, a.copy())
+    there, back = there.reshape(-1, 2).astype(np.float64), back.reshape(-1, 2)
+    kept = (found.reshape(-1) == 1) & (found_back.reshape(-1) == 1)
+    kept &= (np.hypot(*(back - points).T) < 0.3) & (np.hypot(*(there - guesses).T) < 2.0)
+    return there, np.asarray(kept, dtype=np.bool_)
+
+
+def _track(source: U8, target: U8, points: F32, guesses: F32) -> tuple[AnyArray, AnyArray, AnyArray]:
+    return cv2.calcOpticalFlowPyrLK(
+        source,
+        target,
+        points,
+        guesses,
+        winSize=(2 * _PATCH + 1, 2 * _PATCH + 1),
+        maxLevel=0,
+        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.003),
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )

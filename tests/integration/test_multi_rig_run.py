@@ -1,0 +1,83 @@
+"""``planview run`` on a recording of several heads."""
+
+import math
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from toy_run import EMPTY, Say, one_sentence, run_few
+
+from calib.world import RigEntry, save_rigs
+from planview.engine.engine import Engine
+from planview.engine.open import open_engine
+from planview.output.folder import read_run_info
+from planview.trajectories.table import read_tracks
+
+
+@pytest.fixture(scope="module")
+def heads(recording: Path, engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two heads at one place that record the same."""
+    folder = tmp_path_factory.mktemp("heads")
+    for name in ("left_one", "right_one"):
+        shutil.copytree(recording, folder / name)
+    pose = engine.stereo.floor.world_SE3_left
+    save_rigs([RigEntry("left_one", pose), RigEntry("right_one", pose)], folder / "rigs.toml")
+    return folder
+
+
+def test_a_person_seen_by_two_heads_is_one_person(say: Say, heads: Path, engine: Engine, tmp_path: Path) -> None:
+    status, told = run_few(say, heads, tmp_path / "out", "--rrd", "--debug")
+    assert status == 0, told
+    tracks = read_tracks(tmp_path / "out" / "tracks.csv")
+    assert set(tracks.track_id[tracks.state == "confirmed"]) == {1}
+    info = read_run_info(tmp_path / "out" / "run.json")
+    assert info.rig is not None and [camera.name for camera in info.rig.heads] == ["left_one", "right_one"]
+    assert (tmp_path / "out" / "run.rrd").stat().st_size > 0
+    assert "right_one" in (tmp_path / "out" / "report.html").read_text()
+    # Two heads weigh against what was predicted as two looks do, so that places differ by a few centimetres.
+    alone = {(r.frame, t.track_id): t for r in engine for t in r.tracks}
+    for frame, track_id, x, y in zip(tracks.frame, tracks.track_id, tracks.x_m, tracks.y_m, strict=True):
+        assert (x, y) == pytest.approx((alone[frame, track_id].x_m, alone[frame, track_id].y_m), abs=0.04)
+
+
+def test_a_rig_without_a_frame_is_left_out_of_that_moment(heads: Path, engine: Engine) -> None:
+    together = open_engine(heads, config=engine.config)
+    frames = [frame for frame, _ in zip(together.recording, range(EMPTY + 6), strict=False)]
+    for frame in frames[:-2]:
+        both = together.step(frame)
+    assert both.tracks and all(rig is not None and rig.tracks == both.tracks for rig in both.rigs)
+    left = together.step(replace(frames[-2], frames=(frames[-2].frames[0], None)))
+    assert left.rigs[1] is None and left.image is not None and len(left.observation.views) == 1
+    right = together.step(replace(frames[-1], frames=(None, frames[-1].frames[1])))
+    assert right.rigs[0] is None and right.image is None and right.sampled is None
+    assert [t.track_id for t in right.tracks] == [t.track_id for t in both.tracks]
+    assert not math.isnan(right.tracks[0].box_px[0])
+
+
+def test_maps_of_several_heads_are_not_saved_and_why(say: Say, heads: Path, tmp_path: Path) -> None:
+    status, told = run_few(say, heads, tmp_path / "out", "--maps")
+    assert status == 2
+    assert "several heads" in one_sentence(told)
+
+
+def test_other_commands_ask_for_one_of_the_heads(say: Say, heads: Path) -> None:
+    status, told = say("calibrate", "floor", heads)
+    assert status == 2
+    assert "left_one" in one_sentence(told)
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (("left_one", "left_one"), "every head once"),
+        (("left_one", "right_one", "--clock", "-1"), "--clock"),
+        (("left_one", "right_one", "--out", "left_one/rigs.toml"), "above all heads"),
+    ],
+)
+def test_heads_that_cannot_be_aligned_are_refused_at_once(
+    say: Say, heads: Path, words: tuple[str, ...], found: str
+) -> None:
+    status, told = say("calibrate", "align", *(heads / w if w[0] in "lr" else w for w in words))
+    assert status == 2
+    assert found in one_sentence(told)

@@ -1,0 +1,47 @@
+"""A small plan-view recording made without images: a block of points that walks over a floor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from toy_stereo import ToyWorld
+
+from calib.rig import Floor
+from planview.engine.config import Config
+from planview.foreground.gain import Exposure
+from planview.maps.builder import MapBuilder
+from planview.maps.pixels import PixelRays, seen_pixels, unmatched_pixels
+from planview.maps.recording import MapsFrame
+from planview.maps.view import StereoView
+from planview.maps.writer import MapsWriter
+from stereo.depth import RectifiedGeometry
+from stereo.matcher import DisparityRange
+from stereo.recording import Skipped
+
+GEOMETRY = RectifiedGeometry(80, 60, 58.0, 58.0, 39.5, 29.5, 0.12)
+
+
+def write_toy_maps(path: Path, n_frames: int = 40) -> Path:
+    """Colours, pixels without depth and one background; frame 7 was skipped."""
+    config, pose = Config(), ToyWorld().world_SE3_left
+    builder = MapBuilder(GEOMETRY, pose, config.maps)
+    rays = PixelRays.of(GEOMETRY, pose, builder.shape, 1)
+    floor = Floor(pose, 0.8, 0.01, extent_m=(-3.0, 0.0, 3.0, 6.0))
+    view = StereoView(GEOMETRY, floor, "found", "toy", 0.1, DisparityRange(0, 16), builder.grid, 1)
+    writer = MapsWriter(path, view, config.model_dump_json(), 15.0)
+    background = np.full(builder.shape, GEOMETRY.disparity_at(4.0), np.float32)
+    rng = np.random.default_rng(4)
+    for index in (i for i in range(n_frames) if i != 7):
+        disparity, mask = background.copy(), np.zeros(builder.shape, np.uint8)
+        left = 5 + index
+        mask[15:45, left : left + 12] = 255
+        disparity[15:45, left : left + 12] = GEOMETRY.disparity_at(3.0) + rng.normal(0, 0.05, (30, 12))
+        disparity[20:23, left : left + 3] = np.nan
+        image = np.full((*builder.shape, 3), (40, 40, 160), np.uint8)
+        points = builder.points(disparity, mask, image, Exposure())
+        unmatched = unmatched_pixels(mask, points)
+        seen = seen_pixels(rays, points, unmatched, background, config.maps.height_min_m, renewed=index == 0)
+        writer.add(MapsFrame.of(index, index / 15.0, points, disparity, seen))
+    writer.close([Skipped(7, "left: file is missing")])
+    return path

@@ -1,0 +1,85 @@
+"""Cameras that move apart in time, from thumbnails alone."""
+
+import numpy as np
+import pytest
+
+from calib.types import U8
+from planview.checks.timing import MotionFindings, MotionWatch, Thumbnails, motion_checks, thumbnails
+
+FRAMES = 60
+
+
+def picture(t: float, shift: int) -> U8:
+    """A square of 20 px that moves along the diagonal, to and fro, with noise; ``shift`` is its disparity."""
+    image = np.random.default_rng((round(1000 * t), shift)).integers(58, 63, (96, 120), dtype=np.uint8)
+    place = round(35 + 25 * np.sin(t / 5.0) + 8 * np.sin(t / 1.7))
+    image[place : place + 20, place + 10 - shift : place + 30 - shift] = 200
+    return image
+
+
+def watched(left: list[U8], right: list[U8]) -> MotionFindings:
+    watch = MotionWatch()
+    for pair in zip(left, right, strict=True):
+        watch.update(Thumbnails(*pair))
+    return watch.findings()
+
+
+@pytest.fixture(scope="module")
+def sides() -> tuple[list[U8], list[U8]]:
+    return [picture(i, 0) for i in range(FRAMES)], [picture(i, 6) for i in range(FRAMES)]
+
+
+def failing(found: MotionFindings) -> set[str]:
+    return {check.name for check in motion_checks(found) if not check.ok}
+
+
+def test_cameras_in_step_pass(sides: tuple[list[U8], list[U8]]) -> None:
+    found = watched(*sides)
+    assert abs(found.lag) < 0.2 and failing(found) == set()
+
+
+@pytest.mark.parametrize("late", [1, 2, 3, 8])
+def test_right_images_that_are_late_are_told_with_their_lag(sides: tuple[list[U8], list[U8]], late: int) -> None:
+    found = watched(sides[0][late:], sides[1][:-late])
+    assert found.lag == pytest.approx(late, abs=0.3)
+    assert "synchronisation" in failing(found)
+
+
+def test_left_images_that_are_late_have_a_negative_lag(sides: tuple[list[U8], list[U8]]) -> None:
+    assert watched(sides[0][:-2], sides[1][2:]).lag == pytest.approx(-2, abs=0.3)
+
+
+def test_frozen_right_camera_is_told(sides: tuple[list[U8], list[U8]]) -> None:
+    found = watched(sides[0], [sides[1][0]] * FRAMES)
+    assert found.frozen == 1.0 and {"frozen camera", "stalled camera"} <= failing(found)
+
+
+def test_camera_that_stalls_once_is_told_by_the_length_of_the_stall(sides: tuple[list[U8], list[U8]]) -> None:
+    left, right = sides
+    found = watched(left * 5, (right[:20] + [right[19]] * 12 + right[32:]) + right * 4)
+    assert found.frozen < 0.1 and 10 <= found.stall <= 12
+    assert failing(found) == {"stalled camera"}
+
+
+def test_second_half_that_is_late_is_told(sides: tuple[list[U8], list[U8]]) -> None:
+    long = [[picture(i * 1.0 + 0.001 * i * i, shift) for i in range(360)] for shift in (0, 6)]
+    found = watched(long[0], long[1][:180] + long[1][165:345])
+    assert found.lag == pytest.approx(15, abs=1.0)
+
+
+def test_every_fifth_pair_a_copy_is_told(sides: tuple[list[U8], list[U8]]) -> None:
+    left, right = ([side[i * 4 // 5] for i in range(FRAMES)] for side in sides)
+    assert watched(left, right).repeated == pytest.approx(0.17, abs=0.05)
+
+
+def test_still_scene_says_nothing() -> None:
+    still = [picture(0, 0)] * FRAMES
+    assert np.isnan(watched(still, still).lag) and failing(watched(still, still)) == set()
+
+
+def test_thumbnails_leave_out_what_one_camera_alone_shows() -> None:
+    left, right = np.zeros((48, 80), np.uint8), np.zeros((48, 80), np.uint8)
+    left[:, :10], right[:, 70:] = 255, 255
+    small = thumbnails(left, right)
+    assert small.left.shape == small.right.shape == (24, 35)
+    assert not small.left.any() and not small.right.any()

@@ -1,0 +1,135 @@
+import numpy as np
+import pytest
+from toy_stereo import ToyWorld, toy_rig
+
+from calib.pose import SE3
+from calib.rig import StereoRig
+from stereo.depth import RectifiedGeometry
+from stereo.rig_correction import MatchParams, RigCorrection, fit_correction, match_corners, measure_correction
+
+GEOMETRY = RectifiedGeometry(640, 480, 500.0, 500.0, 319.5, 239.5, 0.12)
+
+
+def matches_of(
+    turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    baseline_deg: tuple[float, float] = (0.0, 0.0),
+    depths_m: tuple[float, float] = (1.5, 6.0),
+    noise_px: float = 0.1,
+    wrong: float = 0.0,
+    count: int = 2000,
+) -> np.ndarray:
+    """Points all over the view of a pair whose right camera is turned, in pixels of the calibration without it."""
+    rng = np.random.default_rng(1)
+    u, v, depth = rng.uniform(0, 640, count), rng.uniform(0, 480, count), rng.uniform(*depths_m, count)
+    points = GEOMETRY.rays(np.column_stack([u, v])) * depth[:, None]
+    about_y, about_z = np.radians(baseline_deg)
+    centre = 0.12 * np.array([1.0, about_z, -about_y])
+    seen = (points - centre) @ SE3.from_rotvec(np.radians(turn_deg)).rotation  # p_turned = turn^T p
+    right = 500.0 * seen[:, :2] / seen[:, 2:] + (319.5, 239.5)
+    offset = right[:, 1] - v + rng.normal(size=count) * noise_px
+    return np.column_stack(
+        [u, v, right[:, 0], np.where(rng.uniform(size=count) < wrong, rng.uniform(-6, 6, count), offset)]
+    )
+
+
+def test_roll_moves_rows_by_the_column() -> None:
+    matches = matches_of((0.0, 0.0, 0.3), noise_px=0.0)
+    column = matches[:, 2] - 319.5  # a camera turned to the right by 0.3 degrees sees its right half higher
+    np.testing.assert_allclose(matches[:, 3], -column * np.tan(np.radians(0.3)), atol=0.03)
+    found = fit_correction(matches, GEOMETRY)
+    assert np.degrees(found.angles[2]) == pytest.approx(0.3, abs=0.003)
+    assert list(found.is_applied) == [False, False, True]
+
+
+@pytest.mark.parametrize("turn_deg", [(0.2, 0.0, 0.0), (0.0, 0.3, 0.0), (-0.5, 0.5, 0.5), (0.1, -0.2, -0.3)])
+def test_turn_of_the_right_camera_is_found_among_wrong_matches(turn_deg: tuple[float, float, float]) -> None:
+    found = fit_correction(matches_of(turn_deg, wrong=0.2), GEOMETRY)
+    assert np.all(np.abs(found.angles[:3] - np.radians(turn_deg)) < 3.0 * found.deviations[:3])
+    assert np.degrees(found.deviations[:3]).max() < 0.05
+    assert found.after_px < 0.12 < found.before_px
+
+
+@pytest.mark.parametrize("depths_m", [(1.5, 6.0), (3.0, 3.01)])
+def test_turn_of_the_baseline_is_not_taken_for_one_of_the_camera(depths_m: tuple[float, float]) -> None:
+    found = fit_correction(matches_of(baseline_deg=(0.3, 0.3), depths_m=depths_m), GEOMETRY)
+    assert not found.is_applied.any()
+
+
+@pytest.mark.parametrize("noise_px", [0.0, 0.1, 0.5])
+def test_right_calibration_is_kept(noise_px: float) -> None:
+    found = fit_correction(matches_of(noise_px=noise_px), GEOMETRY)
+    rig = toy_rig()
+    assert found(rig) is rig
+    assert found.before_px == found.after_px
+    assert str(found).startswith("relative pitch") and "kept as calibrated" in str(found)
+
+
+def test_corrected_rig_is_the_true_one() -> None:
+    turn_deg = (0.2, -0.3, 0.4)
+    claimed, true = toy_rig(), toy_rig(rotation_deg=turn_deg)
+    turned = SE3.from_rotvec(np.radians(turn_deg)).rotation.T  # toy_rig states the pose, right_SE3_left
+    found = RigCorrection(SE3(turned, np.zeros(3)).rotvec, np.full(3, 1e-6))(claimed)
+    np.testing.assert_allclose(found.right_SE3_left.matrix, true.right_SE3_left.matrix, atol=1e-12)
+
+
+def test_correction_is_in_the_rectified_frame_and_keeps_the_length_of_the_baseline() -> None:
+    upright = toy_rig().left
+    rig = StereoRig(upright, upright, SE3(np.eye(3), np.array([0.0, -0.12, 0.0])))  # one camera below the other
+    corrected = RigCorrection(np.array([0.01, 0.0, 0.0]), np.full(3, 1e-6))(rig)
+    assert corrected.baseline_m == pytest.approx(0.12)
+    pitch = corrected.right_SE3_left.rotvec
+    np.testing.assert_allclose(pitch, [0.0, -0.01, 0.0], atol=1e-12)  # about the baseline, the camera's y axis
+
+
+def test_sentence_names_what_was_corrected_and_what_was_kept() -> None:
+    degrees = np.radians([0.001, 0.03, 0.158]), np.radians([0.003, 0.03, 0.01])
+    text = (
+        "relative roll corrected by 0.158 +- 0.010 degrees; pitch 0.001 +- 0.003, yaw 0.030 +- 0.030 kept as calibrated"
+    )
+    assert str(RigCorrection(*degrees)) == text
+    assert str(RigCorrection()) == "calibration kept: too little texture to compare it with the images"
+
+
+def test_matches_of_a_shifted_image_show_the_shift() -> None:
+    left, _ = ToyWorld().pair(toy_rig())
+    right = np.roll(left, (3, -20), axis=(0, 1))
+    matches = match_corners(left, right, 40.0, MatchParams())
+    assert len(matches) > 60
+    assert np.median(matches[:, 3]) == pytest.approx(3.0, abs=0.02)
+    assert np.median(matches[:, 0] - matches[:, 2]) == pytest.approx(20.0, abs=0.02)
+
+
+def of_images(left: np.ndarray, right: np.ndarray) -> RigCorrection:
+    height, width = left.shape
+    geometry = RectifiedGeometry(width, height, 230.0, 230.0, (width - 1) / 2, (height - 1) / 2, 0.12)
+    return measure_correction([(left, right)], geometry, 40.0)
+
+
+def test_shift_beyond_the_search_gives_no_correction() -> None:
+    left, _ = ToyWorld().pair(toy_rig())
+    assert not of_images(left, np.roll(left, (30, -20), axis=(0, 1))).is_applied.any()
+
+
+def test_unrelated_images_give_no_correction() -> None:
+    left, _ = ToyWorld(seed=1).pair(toy_rig())
+    right, _ = ToyWorld(seed=2).pair(toy_rig())
+    assert not of_images(left, right).is_applied.any()
+
+
+def test_blank_and_saturated_images_give_nothing() -> None:
+    for value in (0, 128, 255):
+        blank = np.full((240, 320), value, np.uint8)
+        found = of_images(blank, blank)
+        assert np.isnan(found.before_px) and np.isnan(found.deviations).all()
+
+
+def test_texture_in_one_place_justifies_no_correction() -> None:
+    left = np.full((240, 320), 100, np.uint8)
+    texture, _ = ToyWorld().pair(toy_rig())
+    left[100:140, 100:140] = texture[100:140, 100:140]
+    found = of_images(left, np.roll(left, (2, -10), axis=(0, 1)))
+    assert not found.is_applied.any() and "too little texture" in str(found)
+
+
+def test_nothing_given_measures_nothing() -> None:
+    assert not measure_correction([], GEOMETRY, 40.0).is_applied.any()
