@@ -342,13 +342,14 @@ def share_out(
 
 
 @njit(cache=True, nogil=True)
-def hull_scores(total: F64, boxes: I32, scores: F32) -> None:
-    """What people at (N,) places of the model map would gain: the residual's sum in their boxes.
+def hull_scores(total: F64, bands: I32, scores: F32) -> None:
+    """What people at (N,) places of the model map would gain: the residual's sum in the bands of their hulls.
 
-    ``total`` (H + 1, W + 1): the residual's integral image; ``boxes`` (N, 4) left, top, right, bottom, clipped.
+    ``total`` (H + 1, W + 1): the residual's integral image; ``bands`` (N, K, 4) left, top, right, bottom, clipped.
     """
-    for i in range(len(boxes)):
-        left, top, right, down = boxes[i]
+    for i in range(len(bands)):
         scores[i] = 0.0
-        if right > left and down > top:
-            scores[i] = total[down, right] - total[top, right] - total[down, left] + total[top, left]
+        for k in range(bands.shape[1]):
+            left, top, right, down = bands[i, k]
+            if right > left and down > top:
+                scores[i] += total[down, right] - total[top, right] - total[down, left] + total[top, left]

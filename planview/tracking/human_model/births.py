@@ -19,6 +19,8 @@ MOST = 4
 """Places that are tried in a frame."""
 CORE = 0.7
 """Part of a hull's width in which the residual is summed: the rest is between arms and beside the head."""
+BANDS = 6
+"""A hull is summed in this many boxes above each other: bodies lean in the images of wide lenses."""
 BORN_LOG_ODDS = -3.9
 """Of a newcomer before its first look: one in fifty."""
 SPEED_STD_MPS = 1.0
@@ -42,13 +44,11 @@ class Places:
         keep &= boxes[:, 2:].max(axis=1) >= min(BIRTH_PX, BIRTH_SHARE * usual)
         boxes = boxes[keep]
         self.floor_m: F32 = model_map.floor_m[keep]
-        side = 0.5 * (1.0 - CORE) * boxes[:, 2]
-        corners = np.stack(
-            [boxes[:, 0] + side, boxes[:, 1], boxes[:, 0] + boxes[:, 2] - side, boxes[:, 1] + boxes[:, 3]], axis=1
-        )
         self.floor_m2 = float(len(np.unique(np.rint(self.floor_m), axis=0)))
         limits = np.array([camera.width, camera.height] * 2)
+        corners = np.concatenate([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]], axis=1)
         self.boxes: I32 = np.clip(np.rint(corners), 0, limits).astype(np.int32)
+        self.bands: I32 = np.clip(np.rint(_bands(model_map.hull_px[keep])), 0, limits).astype(np.int32)
         # Depth along the optical axis of the middle of the body [m].
         drop = camera.height_m - 0.5 * model_map.model.height_m
         depth = self.floor_m[:, 1] * math.sin(camera.tilt_rad) + drop * math.cos(camera.tilt_rad)
@@ -59,8 +59,20 @@ class Places:
         """(N,) what one more person would gain at each place, about [log-odds of pixels]."""
         scores = np.empty(len(self.scale), np.float32)
         total = np.asarray(cv2.integral(residual, sdepth=cv2.CV_64F), dtype=np.float64)
-        kernels.hull_scores(total, self.boxes, scores)
+        kernels.hull_scores(total, self.bands, scores)
         return scores
+
+
+def _bands(hull_px: F32) -> F64:
+    """(N, BANDS, 4) left, top, right, bottom [px] of the cores of (N, K, 2) convex hulls, from the head down."""
+    ends = np.linspace(hull_px[..., 1].min(1), hull_px[..., 1].max(1), BANDS + 1, axis=1)
+    middle = 0.5 * (ends[:, :-1] + ends[:, 1:])[..., None]
+    (x, y), (to_x, to_y) = np.moveaxis(hull_px[:, None], -1, 0), np.moveaxis(np.roll(hull_px, -1, 1)[:, None], -1, 0)
+    crosses = (y <= middle) != (to_y <= middle)
+    at = x + (middle - y) / np.where(crosses, to_y - y, 1.0) * (to_x - x)
+    left, right = np.where(crosses, at, np.inf).min(-1), np.where(crosses, at, -np.inf).max(-1)
+    centre, half = 0.5 * (left + right), 0.5 * CORE * (right - left)
+    return np.stack([centre - half, ends[:, :-1], centre + half, ends[:, 1:]], axis=-1)
 
 
 def births(
