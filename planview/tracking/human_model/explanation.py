@@ -132,11 +132,19 @@ seldom (section 4: merging)."""
 
 
 class Pair(NamedTuple):
-    """Two people against one: the evidence, the (3,) pose of one alone, and how much that gains on the present pose."""
+    """Two people against one.
+
+    Attributes:
+        evidence: for two.
+        alone: (3,) pose of one alone.
+        gain: how much that gains on the second's present pose.
+        first: whether the one alone is where the first is: the second is too many.
+    """
 
     evidence: float
     alone: F64
     gain: float
+    first: bool
 
 
 class Explanation:
@@ -201,13 +209,13 @@ class Explanation:
         other.layer(people, rest, poses[j])
         here = other.lam(poses[j], tall[j], ratios[j]) + other.believed(poses[j], tall[j], apart)
         mine.layer(people, rest, poses[i])
-        alone, pose = -math.inf, poses[j]
+        alone, pose, first_alone = -math.inf, poses[j], False
         for start, s in ((poses[j], other), (np.array([*poses[i, :2], poses[j, 2]]), mine)):
             moved = start.copy()
             # How tall the one is may have been learned without what the other covers.
             value = s.ascend(moved, start, information, ANYBODY, apart, ratios[j])
             if value > alone:
-                alone, pose = value, moved
+                alone, pose, first_alone = value, moved, s is mine
         if refit:
             for a, b, s in ((j, i, other), (i, j, mine)):
                 s.layer(people, np.append(rest, b), poses[a])
@@ -220,7 +228,7 @@ class Explanation:
         both = first + other.lam(poses[j], tall[j], ratios[j])
         both += other.believed(poses[i], tall[i], people.apart(np.append(rest, j)))
         both += other.believed(poses[j], tall[j], apart)
-        return Pair(both - alone - TOGETHER, pose, alone - here)
+        return Pair(both - alone - TOGETHER, pose, alone - here, first_alone)
 
     def share_out(self, people: People) -> Shares:
         """Who owns each pixel of foreground."""

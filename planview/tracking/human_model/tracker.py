@@ -185,8 +185,15 @@ class HumanModelTracker:
         flooded = (frame.kind == kernels.SURFACE).mean() > 0.5
         for i, q in enumerate(self._people):
             self._measure(i, q, frame, samples, people, predicted[i], others[i])
-            if not flooded:
-                self._weigh(q, dt)
+        standing = self._standing()
+        for i, q in enumerate(self._people):
+            rival = frame.rival(i, people, standing) if q.share >= self.params.visible_min else -1
+            if rival >= 0:
+                pair = frame.beside(i, rival, people)
+                superfluous = self._people[rival] if pair.first else q
+                superfluous.evidence = min(superfluous.evidence, pair.evidence)
+        for q in () if flooded else self._people:
+            self._weigh(q, dt)
 
     def _recentre(self, q: Walker, pose: F64) -> None:
         """Go on where the model accounts for more."""
@@ -217,9 +224,6 @@ class HumanModelTracker:
         q.share = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * q.inside)
         if q.share < self.params.visible_min:
             return
-        rival = frame.rival(i, people, self._standing())
-        if rival >= 0:
-            q.evidence = min(q.evidence, frame.beside(i, rival, people).evidence)
         noise, up = s.noise(pose, tall, ratio)
         x, y, h = pose
         xx, xy, yy, _ = self._information(q)
