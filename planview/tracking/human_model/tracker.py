@@ -11,12 +11,12 @@ import numpy as np
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.people.model import HumanModel
-from calib.types import F32, F64, I64, U8
+from calib.types import F32, F64, I64, U8, Bool
 from planview.foreground.masks import BACKGROUND, PERSON, WALKER
 from planview.tracking import body
 from planview.tracking.base import Decision, DecisionKind, Drawing, Observation, TrackerDebug
 from planview.tracking.human_model import _kernels as kernels
-from planview.tracking.human_model.births import Places, births
+from planview.tracking.human_model.births import CORE, Places, births
 from planview.tracking.human_model.explanation import STEPS_M, Explanation, People, Samples, Shares, View
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
@@ -41,6 +41,8 @@ NEVER_WALKED = 0.1
 """Part of ``inanimate_s`` for which something that has not walked yet may be without motion."""
 KNOWN_ODDS = 3.0
 """Log-odds at which a newcomer is somebody known before it is sure to exist: one error in twenty."""
+HIDES = -3.0
+"""Log-odds, before anybody has walked there, that something hides people at a pixel."""
 LIVELY = 0.01
 """Share of a region's pixels in motion from which it is no thing: a head that turns."""
 
@@ -83,6 +85,7 @@ class HumanModelTracker:
         shape = self.camera.size[::-1]
         self._known: U8 = np.zeros(shape, np.uint8)
         self._still_s: F32 = np.zeros(shape, np.float32)
+        self._hides: F32 = np.full(shape, HIDES, np.float32)
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
@@ -132,12 +135,15 @@ class HumanModelTracker:
         dt = 0.0 if math.isnan(self._now_s) else max(0.0, observation.timestamp_s - self._now_s)
         self._now_s, self._log = observation.timestamp_s, []
         frame = Explanation(self._view, observation)
+        seen = frame.kind == kernels.SEEN
+        frame.kind[seen & (self._hides > 0)] = kernels.SHADOW
         for q in self._people:
             self._predict(q, dt)
         if self._people:
             self._explain(frame, dt)
         shares = frame.share_out(self._side_by_side())
         self._judge(frame, shares, motion)
+        self._learn_hiding(frame, seen, dt)
         if frame.coloured:
             self._learn(frame, shares, dt)
         self._watch(frame, shares, motion, dt)
@@ -237,6 +243,21 @@ class HumanModelTracker:
         q.kalman = kalman._replace(vx_mps=slower * kalman.vx_mps, vy_mps=slower * kalman.vy_mps)
         q.height_m, q.height_var = float(h), 1.0 / (1.0 / q.height_var + up)
         q.seen_s = self._now_s
+
+    def _learn_hiding(self, frame: Explanation, seen: Bool, dt: float) -> None:
+        """What hides people, from the bodies of those who walk: background where one is, or foreground."""
+        p, walkers = self.params, np.zeros(seen.shape, np.uint8)
+        for q in self._people:
+            hull = self._hull(q.at_m, q.height_m)
+            if q.confirmed and q.motion == "moving" and q.share >= p.visible_min and hull is not None:
+                core = hull.mean(axis=0) + CORE * (hull - hull.mean(axis=0))
+                cv2.fillConvexPoly(walkers, np.rint(core).astype(np.int32), 1)
+        looks = min(1.0, dt / p.errors_s)
+        hidden = math.log((1 - p.seen_on_background) / (1 - p.seen_on_body))
+        shown = math.log(p.seen_on_background / p.seen_on_body)
+        self._hides[(walkers > 0) & seen] += looks * hidden
+        self._hides[(walkers > 0) & (frame.kind == kernels.SURFACE)] += looks * shown
+        np.clip(self._hides, 2 * HIDES, -HIDES, out=self._hides)
 
     def _visibility(self, pose: F64) -> float:
         """The human visibility ratio of the model map."""
