@@ -85,10 +85,10 @@ def body_table() -> BodyTable:
     front = np.empty_like(cover)
     across, up = np.meshgrid(np.asarray(u, dtype=np.float64), np.asarray(w, dtype=np.float64), indexing="ij")
     for a in range(ANGLES):
-        hit, ahead = _cylinders(np.deg2rad(ANGLE_MIN_DEG + a * ANGLE_STEP_DEG), across, up)
+        hit, ahead = cylinders(np.deg2rad(ANGLE_MIN_DEG + a * ANGLE_STEP_DEG), across, up)
         share = cv2.GaussianBlur(hit.astype(np.float64), (0, 0), BLUR_M / FINE_M)
         ahead = cv2.GaussianBlur(np.where(hit, ahead, 0.0), (0, 0), BLUR_M / FINE_M) / np.maximum(share, 1e-6)
-        held, near = _cylinders(np.deg2rad(ANGLE_MIN_DEG + a * ANGLE_STEP_DEG), across, up, ARMS)
+        held, near = cylinders(np.deg2rad(ANGLE_MIN_DEG + a * ANGLE_STEP_DEG), across, up, ARMS)
         arms = ARMS_SHARE * cv2.GaussianBlur(held.astype(np.float64), (0, 0), BLUR_M / FINE_M)
         near = cv2.GaussianBlur(np.where(held, near, 0.0), (0, 0), BLUR_M / FINE_M) / np.maximum(
             arms / ARMS_SHARE, 1e-6
@@ -102,7 +102,7 @@ def body_table() -> BodyTable:
     return BodyTable(cover, front, float(np.deg2rad(ANGLE_MIN_DEG)), step, CELL_M, -W_CELLS * CELL_M / 2)
 
 
-def _cylinders(
+def cylinders(
     depression: float, u: F64, w: F64, profile: tuple[tuple[float, float, float, float], ...] = PROFILE
 ) -> tuple[Bool, F64]:
     """Which rays hit a cylinder, and how far before the point nearest to the body's centre [m]."""

@@ -6,10 +6,12 @@ import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from calib.ground_camera import GroundCamera
+from calib.people.model import HumanModel
 from calib.types import U8
 from calib.world import RigEntry, save_rigs
 from planview.engine.engine import Engine
@@ -24,14 +26,12 @@ from planview.output.memory import Encoded, decode, encode
 from planview.tracking.ellipse_particle import EllipseParticleTracker
 from planview.tracking.human_model import HumanModelParams
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
-from planview.tracking.human_model.params import NewTargetParams
-from planview.tracking.human_model.scene import ModelScene
 from planview.tracking.human_model.tracker import HumanModelTracker
 from planview.tracking.template import TemplateTracker
 from stereo.recording import Skipped, VideoFrame
 
 CAMERA = GroundCamera(160, 120, 120.0, 4.0, math.radians(62))
-PARAMS = HumanModelParams(map=HumanModelMapParams(min_height_px=12), spawn=NewTargetParams(min_height_px=12))
+PARAMS = HumanModelParams(map=HumanModelMapParams(min_height_px=12))
 MAP = build_model_map(CAMERA, params=PARAMS.map)
 
 
@@ -42,18 +42,17 @@ class CrossingVideo:
     skipped: tuple[Skipped, ...] = ()
 
     def __iter__(self) -> Iterator[VideoFrame]:
-        rng, scene = np.random.default_rng(5), ModelScene(MAP, PARAMS.match)
+        rng = np.random.default_rng(5)
         for i in range(self.n_frames):
             image = np.clip(128 + rng.normal(0, 2, (120, 160, 3)), 0, 255).astype(np.uint8)
             if i >= 10:
-                self._paint(image, scene, (i - 10) / self.fps)
+                self._paint(image, (i - 10) / self.fps)
             yield VideoFrame(i, i / self.fps, image)
 
-    def _paint(self, image: U8, scene: ModelScene, t: float) -> None:
+    def _paint(self, image: U8, t: float) -> None:
         for x, y, colour in ((0.8 * t - 2, 6.0, (20, 20, 200)), (2 - 0.8 * t, 7.0, (200, 40, 20))):
-            one = np.zeros((120, 160), np.uint8)
-            scene.paint(one, CAMERA.project((x, y, 0.0)), 1.0, 1)
-            image[one > 0] = colour
+            hull = HumanModel().hull(CAMERA, x, y)
+            cv2.fillConvexPoly(image, np.rint(hull).astype(np.int32), colour)
 
 
 def through_a_file(encoded: Encoded) -> Encoded:

@@ -1,270 +1,355 @@
-"""Compiled kernels of the human-model tracker; ``tests/reference/human_model.py`` defines them in plain numpy.
+"""Compiled kernels of the joint explanation of a mask; ``tests/reference/human_model.py`` defines them in plain numpy.
 
-A model is rasterised as row spans ``left[y] <= x < right[y]`` for ``top <= y < bottom``.
+A sample is one pixel near a person: its ray, kind, colour and weight. ``pose`` is (x, y, height). The camera is at
+(0, 0, ``camera_m``).
 """
+
+from __future__ import annotations
 
 import math
 from typing import NamedTuple
 
-import numpy as np
 from numba import njit
 
-from calib.types import F32, F64, I32, I64, U8
+from calib.types import F32, F64, I32, I64, U8, Bool
 
-TAKEN_BIT, HIDDEN_BIT = 20, 40
-"""Three running sums share an int64, since they are always read together: their differences along a row do not borrow
-from one another. Rows are shorter than 2^19 pixels."""
-LOW_BITS = (1 << TAKEN_BIT) - 1
-WAIST = 0.5
-"""Share of a model's rows that are below the waist: tables and backs of chairs reach up to there (our choice)."""
-LEGS_COST = 0.8
-"""Price of background below the waist, over that above it (our choice): legs are hidden by furniture, or show the floor
-between them, and heads are not."""
-CLOSEST = 0.25
-"""Least distance of a head from the camera's plane, over that of the average person's head there (our choice): where a
-camera hangs as low as heads are, outlines would have no bounds."""
-ZERO = np.int64(0)
-KIND_TAKEN, KIND_HIDDEN = np.uint8(255), np.uint8(254)
-"""Of pixels; the others are of the kind of their foreground."""
-SUMMANDS: I64 = np.arange(256, dtype=np.int64)
-"""(256,) what a pixel of each kind adds to the running sums."""
-SUMMANDS[KIND_TAKEN], SUMMANDS[KIND_HIDDEN] = 1 << TAKEN_BIT, 1 << HIDDEN_BIT
+EX, EY, COS, SIN, WEIGHT, THROUGH, BEFORE, REST = range(8)
+SAMPLE_FIELDS = 8
+SEEN, SHADOW, SURFACE = 0, 1, 2
+"""Kinds of pixels: background, foreground that looks like a shadow and says nothing, foreground."""
+LEGS_TO, TORSO_TO = 0.45, 0.85
+"""Relative heights at which the hip and the shoulders are (Zhang et al. 2008, table 1)."""
+AROUND_M = 0.25
+"""Margin of samples beside the body's axis and reach [m]."""
 
 
-class MapArrays(NamedTuple):
-    """Columns of a human model map (see ``model_map.HumanModelMap``).
+class Beliefs(NamedTuple):
+    """``HumanModelParams`` and the body's table as kernels take them."""
 
-    Attributes:
-        entries: (rows, cols) entry of a node, -1 where no person is possible.
-        origin_u, origin_v: pixel of node (0, 0); step: distance of nodes [px].
-        foot: (N, 2) foot pixels; hull: (N, K, 2) outlines [px].
-        upright: (N,) not 0 where the head is above the foot in the image.
-        nearer: (N,) how much nearer to the camera's plane the head is than the foot, over the foot's distance.
-    """
-
-    entries: I32
-    origin_u: int
-    origin_v: int
-    step: int
-    foot: F32
-    hull: F32
-    upright: U8
-    nearer: F64
-
-
-class Rows(NamedTuple):
-    """Rows top <= y < bottom of a model; those from ``legs`` on are below the waist."""
-
-    top: int
-    bottom: int
-    legs: int
+    body: float
+    background: float
+    near_people: float
+    hidden: float
+    hidden_sitting: float
+    hidden_to: float
+    sitting_from: float
+    colour: float
+    sits: float
+    sitting: float
+    reach_m: float
+    apart_m: float
+    camera_m: float
+    focal_px: float
+    patch_m: float
+    patch_px: float
+    body_m: float
+    angle_min: float
+    angle_step: float
+    cell_m: float
+    w_min: float
 
 
-class Spans(NamedTuple):
-    """Workspace for one model: (H,) first column and the one after the last of every row, and its edges there."""
-
-    left: I32
-    right: I32
-    low: F64
-    high: F64
-
-    @staticmethod
-    def of(height: int) -> "Spans":
-        """For images of so many rows."""
-        return Spans(np.zeros(height, np.int32), np.zeros(height, np.int32), np.zeros(height), np.zeros(height))
-
-
-class Window(NamedTuple):
-    """Columns x0 <= x < x1 and rows y0 <= y < y1 [px]."""
-
-    x0: int
-    x1: int
-    y0: int
-    y1: int
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
+def _look(  # type: ignore[no-untyped-def]
+    x: float, y: float, h: float, ex: float, ey: float, cos: float, sin: float, angle: int, cover: F32, b: Beliefs
+):
+    """Cover of a body on a ray, and the relative height of the point of its axis that the ray passes."""
+    dz = 0.5 * h - b.camera_m
+    along = x * ex + y * ey
+    scale = b.body_m / h
+    iu = int(abs(y * ex - x * ey) * scale / b.cell_m)
+    iw = int((-(along * sin + dz * cos) * scale - b.w_min) / b.cell_m)
+    if iu >= cover.shape[1] or iw < 0 or iw >= cover.shape[2]:
+        return 0.0, 0.0
+    return cover[angle, iu, iw], (b.camera_m - sin * (along * cos - dz * sin)) / h
 
 
-class MatchCounts(NamedTuple):
-    """What a model covers: its area, twice its free foreground, pixels taken by others, twice the ring's foreground,
-    free pixels hidden by the scene, twice the background below the waist of a model that is upright in the image."""
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
+def _likelihood(kind: int, z: float, hidden: float, colour: float, b: Beliefs):  # type: ignore[no-untyped-def]
+    """Of a pixel on a body; its lower part may be hidden by furniture."""
+    if kind == SHADOW:
+        return 0.5
+    o = hidden if z < b.hidden_to else 0.0
+    if kind == SEEN:
+        return (1.0 - o) * (1.0 - b.body) + o * (1.0 - b.background)
+    return ((1.0 - o) * b.body + o * b.background) * colour
 
-    area: int
-    free: int
-    taken: int
-    ring: int
-    hidden: int
-    legs: int
+
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
+def _ground(kind: int, near: bool, b: Beliefs):  # type: ignore[no-untyped-def]
+    """Likelihood of a pixel on which nobody is."""
+    if kind == SHADOW:
+        return 0.5
+    return 1.0 - b.background if kind == SEEN else (b.near_people if near else b.background)
+
+
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
+def _hidden(h: float, tall: float, b: Beliefs):  # type: ignore[no-untyped-def]
+    """How probably furniture hides a lower pixel of a person as tall as this when standing."""
+    return b.hidden_sitting if h < b.sitting_from * tall else b.hidden
+
+
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
+def _colour(z: float, code: int, ratio: F32, b: Beliefs):  # type: ignore[no-untyped-def]
+    part = 0 if z < LEGS_TO else (1 if z < TORSO_TO else 2)
+    return 1.0 - b.colour + b.colour * ratio[part, code]
 
 
 @njit(cache=True, nogil=True)
-def image_size(nearer: float, scale: float) -> float:
-    """Size in the image of a person of ``scale`` times the average height, over the average person's at that place.
-
-    A foot at depth Z and a head at depth Z - s h cos(tilt) are apart by s / (1 - s nearer), nearer = h cos(tilt) / Z.
-    """
-    return scale * (1.0 - nearer) / max(1.0 - scale * nearer, CLOSEST * (1.0 - nearer))
-
-
-@njit(cache=True, nogil=True)
-def image_sizes(nearer: F64, scale: F64, out: F64) -> None:
-    """``image_size`` of many people, into (N,) ``out``."""
-    for i in range(np.uintp(len(out))):
-        out[i] = image_size(nearer[i], scale[i])
-
-
-@njit(cache=True, nogil=True)
-def fill_spans(people: MapArrays, u: float, v: float, scale: float, width: int, spans: Spans) -> Rows:
-    """Rows of the model with its foot at (u, v): the nearest map entry, moved, and of the person's size about the foot.
-
-    Fills ``spans``; no rows where no person is possible.
-    """
-    left, right = spans.left, spans.right
-    col = math.floor((u - people.origin_u) / people.step + 0.5)
-    row = math.floor((v - people.origin_v) / people.step + 0.5)
-    if (
-        row < 0
-        or col < 0
-        or row >= people.entries.shape[0]
-        or col >= people.entries.shape[1]
-        or people.entries[row, col] < 0
-    ):
-        return Rows(0, 0, 0)
-    entry = people.entries[row, col]
-    shape = people.hull[entry]
-    scale = image_size(people.nearer[entry], scale)
-    du, dv = u - scale * people.foot[entry, 0], v - scale * people.foot[entry, 1]
-    n = shape.shape[0]
-    low, high = shape[0, 1], shape[0, 1]
-    for k in range(n):
-        low = min(low, shape[k, 1])
-        high = max(high, shape[k, 1])
-    top = max(0, math.ceil(scale * low + dv))
-    bottom = min(left.shape[0], math.floor(scale * high + dv) + 1)
-    if top >= bottom:
-        return Rows(0, 0, 0)
-    waist = math.ceil(scale * (high - WAIST * (high - low)) + dv) if people.upright[entry] > 0 else bottom
-    lows, highs = spans.low[: bottom - top], spans.high[: bottom - top]
-    _trace_edges(shape, scale, du, dv - top, lows, highs)
-    lefts, rights = left[top:bottom], right[top:bottom]
-    for i in range(np.uintp(bottom - top)):
-        lefts[i] = np.int32(np.ceil(min(max(lows[i], 0.0), np.float64(width))))
-        rights[i] = np.int32(np.floor(min(max(highs[i], -1.0), width - 1.0))) + np.int32(1)
-    return Rows(top, bottom, waist)
+def gather(
+    pose: F64, half_m: float, spacing_m: float, box: I64, rays: F32, angle: I32, kind: U8, code: U8, samples: F32,
+    kinds: U8, codes: U8, angles: I64, b: Beliefs,
+) -> int:  # fmt: skip
+    """Fill the samples within ``half_m`` of a body in its box; their number."""
+    rows, cols = kind.shape
+    c0, c1 = max(0, box[0]), min(cols - 1, box[2])
+    r0, r1 = max(0, box[1]), min(rows - 1, box[3])
+    if c0 > c1 or r0 > r1:
+        return 0
+    dz = 0.5 * pose[2] - b.camera_m
+    away = math.sqrt(pose[0] ** 2 + pose[1] ** 2 + dz * dz)
+    step = max(1, int(spacing_m * b.focal_px / away + 0.5))
+    while ((c1 - c0) // step + 1) * ((r1 - r0) // step + 1) > len(samples):
+        step += 1
+    n = 0
+    for r in range(r0 + (-r0) % step, r1 + 1, step):
+        for c in range(c0 + (-c0) % step, c1 + 1, step):
+            ray = rays[r, c]
+            across = pose[1] * ray[0] - pose[0] * ray[1]
+            ahead = (pose[0] * ray[0] + pose[1] * ray[1]) * ray[2] - dz * ray[3]
+            if abs(across) > half_m or ahead < 0.15:
+                continue
+            depth = ahead / ray[4]
+            s = samples[n]
+            s[EX], s[EY], s[COS], s[SIN] = ray[0], ray[1], ray[2], ray[3]
+            s[WEIGHT] = (step / max(b.focal_px * b.patch_m / depth, b.patch_px)) ** 2
+            kinds[n], codes[n], angles[n] = kind[r, c], code[r, c], angle[r, c]
+            n += 1
+    return n
 
 
-@njit(cache=True, nogil=True)
-def _trace_edges(shape: F32, scale: float, du: float, dv: float, lows: F64, highs: F64) -> None:
-    """Columns of a scaled and moved outline's left and right edges in rows 0, 1, ...
-
-    An outline is in order of angle, from +u to +v: its edges go down on the right and up on the left.
-    """
-    rows = len(lows)
-    lows[:] = np.inf
-    highs[:] = -1.0
-    x1, y1 = scale * shape[-1, 0] + du, scale * shape[-1, 1] + dv
-    for k in range(shape.shape[0]):
-        x0, y0 = x1, y1
-        x1, y1 = scale * shape[k, 0] + du, scale * shape[k, 1] + dv
-        if y0 == y1:
-            continue
-        slope = (x1 - x0) / (y1 - y0)
-        if y1 > y0:
-            for y in range(max(0, math.ceil(y0)), min(rows - 1, math.floor(y1)) + 1):
-                highs[np.uintp(y)] = x0 + slope * (y - y0)
-        else:
-            for y in range(max(0, math.ceil(y1)), min(rows - 1, math.floor(y0)) + 1):
-                lows[np.uintp(y)] = x0 + slope * (y - y0)
-
-
-@njit(cache=True, nogil=True)
-def paint(image: U8, spans: Spans, top: int, bottom: int, amount: int) -> None:
-    """Add ``amount`` to the pixels of a model."""
-    change = np.uint8(amount)
-    for y in range(top, bottom):
-        row = image[y, spans.left[y] : max(spans.left[y], spans.right[y])]
-        for i in range(np.uintp(len(row))):
-            row[i] += change
-
-
-@njit(cache=True, nogil=True)
-def row_prefix(foreground: U8, cover: U8, hiding: U8, window: Window, sums: I64) -> int:
-    """Running sums along the rows of a window, from its first column; returns how many pixels models cover there.
-
-    ``foreground`` is 2 where salient, 1 where less salient, 0 where background; ``hiding`` is not 0 where the scene
-    hides people. ``sums[y, x]`` (H, W + 1) sums the columns x0 to x - 1: in its low bits the foreground that no model
-    covers, from ``TAKEN_BIT`` pixels that one covers, from ``HIDDEN_BIT`` the others that the scene hides.
-    """
-    n_taken = 0
-    n = np.uintp(max(0, window.x1 - window.x0))
-    kinds = np.empty(n, np.uint8)
-    for y in range(window.y0, window.y1):
-        on = foreground[y, window.x0 : window.x1]
-        models = cover[y, window.x0 : window.x1]
-        scene = hiding[y, window.x0 : window.x1]
-        # Kinds first, since they are found on vector registers and running sums are not.
-        for i in range(n):
-            free = on[i] if on[i] > 0 else (KIND_HIDDEN if scene[i] > 0 else np.uint8(0))
-            kinds[i] = KIND_TAKEN if models[i] > 0 else free
-        row = sums[y, window.x0 : window.x1 + 1]
-        row[0] = 0
-        total = ZERO
-        for i in range(n):
-            total += SUMMANDS[kinds[i]]
-            row[i + np.uintp(1)] = total
-        n_taken += int((total >> TAKEN_BIT) & LOW_BITS)
-    return n_taken
-
-
-@njit(cache=True, nogil=True)
-def span_counts(sums: I64, spans: Spans, rows: Rows, x0: int, x1: int, ring: float) -> MatchCounts:
-    """What a model covers within columns x0 to x1.
-
-    The ring continues each row by ``ring`` times the model's mean width on both sides.
-    """
-    top, bottom, legs_from = rows
-    lefts, rights = spans.left[top:bottom], spans.right[top:bottom]
-    n = np.uintp(bottom - top)
-    area = 0
-    for i in range(n):
-        area += int(max(0, rights[i] - lefts[i]))
-    margin = int(ring * area / max(1, bottom - top) + 0.5)
-    n_free, n_taken, n_wide, n_hidden, n_legs = 0, 0, 0, 0, 0
-    for i in range(n):
-        l, r = max(int(lefts[i]), x0), min(int(rights[i]), x1)  # noqa: E741
-        if l >= r:
-            continue
-        row = sums[top + int(i)]
-        within = row[np.uintp(r)] - row[np.uintp(l)]
-        free, taken, hidden = within & LOW_BITS, (within >> TAKEN_BIT) & LOW_BITS, within >> HIDDEN_BIT
-        n_free += free
-        n_taken += taken
-        n_hidden += hidden
-        if top + int(i) >= legs_from:
-            n_legs += 2 * (r - l - taken - hidden) - free
-        n_wide += (row[np.uintp(min(r + margin, x1))] - row[np.uintp(max(l - margin, x0))]) & LOW_BITS
-    return MatchCounts(area, n_free, n_taken, n_wide - n_free, n_hidden, n_legs)
-
-
-@njit(cache=True, nogil=True)
-def matching_score(counts: MatchCounts, reference: float, overlap: float) -> float:
-    """M of equation 1 for one model, up to constants, in units of a reference area [px^2].
-
-    Free foreground raises recall and precision, background lowers precision, pixels of others are overlap, and
-    foreground in the ring counts half: it is the part of a person that is wider than the cylinders (our addition).
-    Where the scene hides people, nothing is told either way (our addition).
-    """
-    background = counts.area - counts.taken - counts.hidden - 0.5 * counts.free - 0.5 * (1.0 - LEGS_COST) * counts.legs
-    return (0.5 * counts.free + 0.25 * counts.ring - background - overlap * counts.taken) / reference
-
-
-@njit(cache=True, nogil=True)
-def score_candidates(
-    sums: I64, spans: Spans, people: MapArrays, candidates: F64, ring: float, area: I64, free: I64, taken: I64,
-    in_ring: I64, hidden: I64, legs: I64,
+@njit(cache=True, nogil=True, fastmath=True)
+def layer(
+    samples: F32, kinds: U8, codes: U8, angles: I64, n: int, poses: F64, sure: F64, tall: F64, ratios: F32,
+    order: I64, before: int, cover: F32, b: Beliefs,
 ) -> None:  # fmt: skip
-    """``MatchCounts`` of models at (N, 3) foot pixels and scales, filled into six (N,) columns."""
-    width = sums.shape[1] - 1
-    for i in range(len(candidates)):
-        rows = fill_spans(people, candidates[i, 0], candidates[i, 1], candidates[i, 2], width, spans)
-        found = span_counts(sums, spans, rows, 0, width, ring)
-        area[i], free[i], taken[i], in_ring[i] = found.area, found.free, found.taken, found.ring
-        hidden[i], legs[i] = found.hidden, found.legs
+    """Lay other people over the samples, each covering as surely as it exists.
+
+    ``order`` lists them, the nearest first; the first ``before`` of them are nearer than the person in question. Fills
+    the share of the ray that passes these, the likelihood that they explain, and what all behind explain.
+    """
+    for i in range(n):
+        s = samples[i]
+        kind, code = kinds[i], codes[i]
+        near = False
+        for a in range(len(order)):
+            k = order[a]
+            x, y, h = poses[k, 0], poses[k, 1], poses[k, 2]
+            if kind == SURFACE and sure[k] > 0.5 and abs(y * s[EX] - x * s[EY]) < b.reach_m:
+                along = x * s[EX] + y * s[EY]
+                z = b.camera_m - s[SIN] * (along * s[COS] - (0.5 * h - b.camera_m) * s[SIN])
+                near = near or -0.1 < z < h + 0.2
+        rest = _ground(kind, near, b)
+        through, explained = 1.0, 0.0
+        for a in range(before):
+            k = order[a]
+            pi, z = _look(poses[k, 0], poses[k, 1], poses[k, 2], s[EX], s[EY], s[COS], s[SIN], angles[i], cover, b)
+            pi *= sure[k]
+            if pi > 0.01:
+                like = _likelihood(
+                    kind, z, _hidden(poses[k, 2], tall[k, 0], b), _colour(z, code, ratios[k], b), b
+                )  # fmt: skip
+                explained += through * pi * like
+                through *= 1.0 - pi
+        for a in range(len(order) - 1, before - 1, -1):
+            k = order[a]
+            pi, z = _look(poses[k, 0], poses[k, 1], poses[k, 2], s[EX], s[EY], s[COS], s[SIN], angles[i], cover, b)
+            pi *= sure[k]
+            if pi > 0.01:
+                like = _likelihood(
+                    kind, z, _hidden(poses[k, 2], tall[k, 0], b), _colour(z, code, ratios[k], b), b
+                )  # fmt: skip
+                rest = pi * like + (1.0 - pi) * rest
+        s[THROUGH], s[BEFORE], s[REST] = through, explained, rest
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def evaluate(
+    x: float, y: float, h: float, tall: float, samples: F32, kinds: U8, codes: U8, angles: I64, n: int, ratio: F32,
+    cover: F32, b: Beliefs,
+) -> float:  # fmt: skip
+    """Lam of all samples with one person at a pose among the others, less Lam without that person."""
+    total = 0.0
+    hidden = _hidden(h, tall, b)
+    for i in range(n):
+        s = samples[i]
+        pi, z = _look(x, y, h, s[EX], s[EY], s[COS], s[SIN], angles[i], cover, b)
+        if pi < 0.005 or kinds[i] == SHADOW:
+            continue
+        like = _likelihood(kinds[i], z, hidden, _colour(z, codes[i], ratio, b), b)
+        change = s[THROUGH] * pi * (like - s[REST])
+        total += s[WEIGHT] * math.log1p(change / (s[BEFORE] + s[THROUGH] * s[REST]))
+    return total
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def believed(x: float, y: float, h: float, tall: float, tall_std: float, apart: F64, b: Beliefs) -> float:
+    """Logarithm of what is believed of a pose: upright, seldom sitting, and no body inside another.
+
+    ``tall``, ``tall_std``: the person's height when upright. Relative to standing so with nobody near.
+    """
+    upright, low = (h - tall) / tall_std, (h - b.sitting * tall) / (2.0 * tall_std)
+    sits = b.sits / (1.0 - b.sits) * 0.5
+    value = math.log((math.exp(-0.5 * upright * upright) + sits * math.exp(-0.5 * low * low) + 1e-9) / (1.0 + sits))
+    for k in range(len(apart)):
+        gap = math.sqrt((x - apart[k, 0]) ** 2 + (y - apart[k, 1]) ** 2)
+        if gap < b.apart_m:
+            value -= 0.5 * apart[k, 2] * ((b.apart_m - gap) / 0.07) ** 2
+    return value
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def ascend(
+    pose: F64, predicted: F64, information: F64, tall: float, tall_std: float, apart: F64, steps: F64, low: float,
+    high: float, samples: F32, kinds: U8, codes: U8, angles: I64, n: int, ratio: F32, cover: F32, b: Beliefs,
+) -> float:  # fmt: skip
+    """Pattern search on Lam - Mahalanobis / 2; moves ``pose``. Lam at the end plus what is believed of such a pose.
+
+    Moves go along and across the camera's ray, up and down, and along the ray of the head with the height that keeps
+    it; two of these stand up and sit down. ``information`` (4,): xx, xy, yy of the place's and of the height's inverse
+    covariance. ``apart`` (K, 3): places of other bodies and how surely they exist.
+    """
+    best, worth = -1e300, 0.0
+    for step in steps:
+        for _ in range(4):
+            x, y, h = pose[0], pose[1], pose[2]
+            away = max(math.sqrt(x * x + y * y), 1e-3)
+            ax, ay = x / away, y / away
+            # One step in the image, whatever the slope of the ray.
+            slope = math.sqrt(away * away + b.camera_m * b.camera_m) / b.camera_m
+            far = step * min(slope, 4.0)
+            moved = False
+            for move in range(11):
+                nx, ny, nh = x, y, h
+                if move == 0:
+                    if best > -1e299:
+                        continue
+                elif move <= 2:
+                    f = far if move == 1 else -far
+                    nx, ny = x + f * ax, y + f * ay
+                elif move <= 4:
+                    f = step if move == 3 else -step
+                    nx, ny = x - f * ay, y + f * ax
+                elif move <= 6:
+                    nh = h + (0.5 * step if move == 5 else -0.5 * step)
+                else:
+                    if move <= 8:
+                        nh = h + (0.5 * step if move == 7 else -0.5 * step)
+                    elif step < steps[0]:
+                        continue
+                    else:
+                        nh = tall if move == 9 else b.sitting * tall
+                    if nh == h or b.camera_m - max(h, nh) < 0.3:
+                        continue
+                    f = (b.camera_m - nh) / (b.camera_m - h)
+                    nx, ny = x * f, y * f
+                if nh < low or nh > high:
+                    continue
+                ox, oy, oh = nx - predicted[0], ny - predicted[1], nh - predicted[2]
+                prior = -0.5 * (information[0] * ox * ox + 2 * information[1] * ox * oy + information[2] * oy * oy)
+                prior -= 0.5 * information[3] * oh * oh
+                mine = believed(nx, ny, nh, tall, tall_std, apart, b)
+                lam = evaluate(nx, ny, nh, tall, samples, kinds, codes, angles, n, ratio, cover, b)
+                if lam + mine + prior > best + 1e-6:
+                    best, worth = lam + mine + prior, lam + mine
+                    pose[0], pose[1], pose[2] = nx, ny, nh
+                    moved = True
+            if not moved:
+                break
+    return worth
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def visible(  # type: ignore[no-untyped-def]
+    pose: F64, tall: float, samples: F32, kinds: U8, angles: I64, n: int, cover: F32, b: Beliefs
+):
+    """Patches of a body that it explains better than all else, those on foreground, and those in view."""
+    mine = seen = total = 0.0
+    hidden = _hidden(pose[2], tall, b)
+    for i in range(n):
+        s = samples[i]
+        pi, z = _look(pose[0], pose[1], pose[2], s[EX], s[EY], s[COS], s[SIN], angles[i], cover, b)
+        if pi < 0.02:
+            continue
+        total += pi * s[WEIGHT]
+        if kinds[i] != SURFACE:
+            continue
+        seen += pi * s[WEIGHT]
+        own = s[THROUGH] * pi * _likelihood(SURFACE, z, hidden, 1.0, b)
+        if own > s[BEFORE] + s[THROUGH] * (1.0 - pi) * s[REST]:
+            mine += pi * s[WEIGHT]
+    return mine, seen, total
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def share_out(
+    poses: F64, sure: F64, tall: F64, ratios: F32, order: I64, boxes: I64, rays: F32, angle: I32, kind: U8, code: U8,
+    cover: F32, b: Beliefs, owner: I64, share: F32, height: F32, range_m: F32, residual: F32, near: Bool,
+) -> None:  # fmt: skip
+    """Who owns each pixel of foreground: -2 no foreground, -1 nobody, else a person, with the responsibility.
+
+    ``height`` and ``range_m``: of the owner's pixels, relative to the owner and along the ray. ``residual``: what one
+    more person, behind all others, would gain at each pixel. ``near``: whether a person may reach there.
+    """
+    rows, cols = kind.shape
+    for r in range(rows):
+        for c in range(cols):
+            owner[r, c], near[r, c], residual[r, c] = -2, False, 0.0
+            what = kind[r, c]
+            if what == SHADOW:
+                continue
+            ray = rays[r, c]
+            through, explained, best, who, at_z, reached = 1.0, 0.0, 0.0, -1, 0.0, False
+            for a in range(len(order)):
+                k = order[a]
+                if c < boxes[k, 0] or c > boxes[k, 2] or r < boxes[k, 1] or r > boxes[k, 3]:
+                    continue
+                reached = reached or sure[k] > 0.5
+                pi, z = _look(
+                    poses[k, 0], poses[k, 1], poses[k, 2], ray[0], ray[1], ray[2], ray[3], angle[r, c], cover, b
+                )  # fmt: skip
+                pi *= sure[k]
+                if pi < 0.01:
+                    continue
+                hidden = _hidden(poses[k, 2], tall[k, 0], b)
+                value = through * pi * _likelihood(what, z, hidden, _colour(z, code[r, c], ratios[k], b), b)
+                explained += value
+                through *= 1.0 - pi
+                if value > best:
+                    best, who, at_z = value, k, z
+            ground = _ground(what, reached, b)
+            one_more = explained + through * _likelihood(what, 1.0, 0.0, 1.0, b)
+            residual[r, c] = math.log(one_more / (explained + through * ground))
+            if what == SURFACE:
+                other = through * ground
+                near[r, c] = reached
+                owner[r, c] = who if best > other else -1
+                share[r, c] = best / (explained + other)
+                height[r, c] = at_z
+                if who >= 0:
+                    ahead = poses[who, 0] * ray[0] + poses[who, 1] * ray[1]
+                    range_m[r, c] = ahead * ray[2] - (0.5 * poses[who, 2] - b.camera_m) * ray[3]
+
+
+@njit(cache=True, nogil=True)
+def hull_scores(total: F64, bands: I32, scores: F32) -> None:
+    """What people at (N,) places of the model map would gain: the residual's sum in the bands of their hulls.
+
+    ``total`` (H + 1, W + 1): the residual's integral image; ``bands`` (N, K, 4) left, top, right, bottom, clipped.
+    """
+    for i in range(len(bands)):
+        scores[i] = 0.0
+        for k in range(bands.shape[1]):
+            left, top, right, down = bands[i, k]
+            if right > left and down > top:
+                scores[i] += total[down, right] - total[top, right] - total[down, left] + total[top, left]

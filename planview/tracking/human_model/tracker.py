@@ -2,45 +2,56 @@
 
 from __future__ import annotations
 
-import itertools
 import math
+from collections.abc import Sequence
 
+import cv2
 import numpy as np
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.people.model import HumanModel
-from calib.types import F64, U8
-from planview.tracking.appearance_model import Appearance
-from planview.tracking.base import Decision, Observation, TrackerDebug
-from planview.tracking.human_model.candidates import CandidateFinder, ModelCandidate
-from planview.tracking.human_model.doubles import Doubles
-from planview.tracking.human_model.drawing import draw
-from planview.tracking.human_model.fitting import Fitter, foot_pixels
-from planview.tracking.human_model.frame import ModelFrame, frame_of
-from planview.tracking.human_model.missing import Missing
+from calib.types import F32, F64, I64, U8, Bool
+from planview.foreground.masks import BACKGROUND, PERSON, WALKER
+from planview.tracking import body
+from planview.tracking.base import Decision, DecisionKind, Drawing, Observation, TrackerDebug
+from planview.tracking.human_model import _kernels as kernels
+from planview.tracking.human_model.births import CORE, Places, births
+from planview.tracking.human_model.explanation import STEPS_M, Explanation, People, Samples, Shares, View
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
-from planview.tracking.human_model.pruning import has_walked, is_person, prune_reason, reacquirable
-from planview.tracking.human_model.scene import ModelScene
-from planview.tracking.human_model.seating import Seating
-from planview.tracking.human_model.target import FIRST_WIDTH, Build, Target
-from planview.tracking.human_model.unclaimed import Unclaimed
-from planview.tracking.identity import IdentityLayer
-from planview.tracking.kalman import FloorKalman
-from planview.tracking.lifecycle import LifeCycle
-from planview.trajectories.state import TrackState
+from planview.tracking.human_model.walker import Walker, matches
+from planview.tracking.template.explanation import Owned
+from planview.tracking.template.identity import Exchanges, continued
+from planview.tracking.template.params import TemplateParams
+from planview.tracking.template.person import Person, colour_ratios
+from planview.trajectories.state import State, TrackState
 
-Box = tuple[float, float, float, float]
-"""Left, top, width and height [px]."""
-MIN_CONTACT = 0.05
-"""Part of each of two models that is shared when two people are in contact (our choice)."""
+WALKER_M = 2.0
+"""Way after which a person is no ghost of the background [m]."""
+LOG_ODDS_MAX = 8.0
+"""Existence is never surer than this."""
+INSIDE = 0.3
+"""Share of a body in the image below which a person is at the border."""
+BOX_WIDTH = 1.35
+"""Width of a person's box over the hull's: arms and stride."""
+LEFT = 0.6
+"""Visibility ratio below which a person without evidence has left the view, and whoever comes later is a stranger."""
+NEVER_WALKED = 0.1
+"""Part of ``inanimate_s`` for which something that has not walked yet may be without motion."""
+KNOWN_ODDS = 3.0
+"""Log-odds at which a newcomer is somebody known before it is sure to exist: one error in twenty."""
+HIDES = -3.0
+"""Log-odds, before anybody has walked there, that something hides people at a pixel."""
+LIVELY = 0.01
+"""Share of a region's pixels in motion from which it is no thing: a head that turns."""
 
 
 class HumanModelTracker:
-    """People as projected cylinders matched to foreground.
+    """People as projected human models that explain every pixel of the foreground jointly.
 
-    Each update runs the modules of figure 8 in order: predict, match, update, new targets (and splits), merge, clean.
+    Existence by the Bernoulli filter of Vo, Vo and Pham 2010; new targets, split, merge and clean (figure 8) follow
+    from it: a newcomer is born where foreground is left over, and a person without evidence ends.
     """
 
     def __init__(self, params: HumanModelParams, camera: GroundCamera, model_map: HumanModelMap | None = None) -> None:
@@ -53,45 +64,58 @@ class HumanModelTracker:
         """
         if model_map is not None and model_map.camera != camera:
             raise InputError(f"expected a human model map of {camera}, found one of {model_map.camera}")
-        self.params = params
-        self.camera = camera
-        self.model = HumanModel().scaled(params.height_m)
-        self.scene = ModelScene(model_map or build_model_map(camera, self.model, params.map), params.match)
-        self._life = LifeCycle()
-        self._identity = IdentityLayer(params.identity)
-        self._fitter = Fitter(params, camera, self.scene, self._life, self._identity)
-        self._find = CandidateFinder(self.scene, params)
-        self._unclaimed = Unclaimed(self.scene, params)
-        self._missing = Missing(params, self.scene)
-        self._doubles = Doubles(self.scene, params)
-        self._seating = Seating(params, self.scene, self._life, self._fitter, self._missing)
+        self.params, self.camera, self.model = params, camera, HumanModel()
+        self.model_map = model_map or build_model_map(camera, self.model, params.map)
+        self._view = View(camera, params)
+        self._places = Places(self.model_map, params.birth_visible, params.patch_m)
+        self._shared = TemplateParams(
+            patch_m=params.patch_m, low_share=params.sits, floor_m2=self._places.floor_m2, errors_s=params.errors_s,
+            colour_weight=params.colour_weight, remember_s=params.remember_s, lag_s=params.lag_s,
+        )  # fmt: skip
         self.reset()
 
     def reset(self) -> None:
         """Forget all people; ids start again at 1."""
-        self.targets: list[Target] = []
-        # Boxes of this frame, since many pairs are compared.
-        self._boxes: dict[int, Box] = {}
-        self._life.reset()
-        self._identity.reset()
-        self.scene.reset()
-        self._find.reset()
-        self._unclaimed.reset()
-        self._missing.reset()
-        self._doubles.reset()
-        self._seating.reset()
-        self._still_s = np.zeros(self.camera.size[::-1], np.float32)
-        self._evidence: U8 = np.zeros(self.camera.size[::-1], np.uint8)
+        self._people: list[Walker] = []
+        self._departed: list[Walker] = []
+        self._next_id = 1
+        self._now_s = math.nan
+        self._exchanges = Exchanges(self._shared)
+        self._log: list[Decision] = []
+        shape = self.camera.size[::-1]
+        self._known: U8 = np.zeros(shape, np.uint8)
+        self._still_s: F32 = np.zeros(shape, np.float32)
+        self._hides: F32 = np.full(shape, HIDES, np.float32)
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
         """Decisions of the last update."""
-        return self._life.decisions
+        return tuple(self._log)
 
     @property
     def foreground_columns(self) -> int | None:
         """Those of the image."""
         return None
+
+    def feedback(self) -> U8:
+        """(H, W) uint8 for ``Foreground``: people who are tracked, and what has been still and unexplained for long."""
+        return self._known
+
+    def debug(self) -> TrackerDebug:
+        """Hulls with their states in the image, footprints on the floor."""
+        hulls = [(q, self._hull(q.at_m, q.height_m)) for q in self._people]
+        drawn = [(q, np.vstack([hull, hull[:1]]).astype(np.float32)) for q, hull in hulls if hull is not None]
+        labels = tuple(
+            f"{q.track_id} {q.posture} {q.motion} {q.stability} M={q.match.score:.2f}, existence {q.existence:.2f}"
+            for q, _ in drawn
+        )
+        feet = tuple(np.array([q.at_m], np.float32) for q in self._people)
+        return TrackerDebug(
+            (
+                Drawing("models", "image", tuple(hull for _, hull in drawn), labels),
+                Drawing("footprints", "floor", feet, tuple(str(q.track_id) for q in self._people)),
+            )
+        )
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """Track one frame.
@@ -100,200 +124,293 @@ class HumanModelTracker:
             InputError: images of another size than the camera's.
             ValueError: foreground or motion are missing.
         """
-        frame = frame_of(observation, self.camera.size)
-        before_s = self._life.now_s
-        dt = 0.0 if math.isnan(before_s) else max(0.0, frame.now_s - before_s)
-        self._life.begin(frame.now_s)
-        self._fitter.predict(self.targets, dt)
-        self._drop_outside()
-        self._fitter.fit(self.targets, frame)
-        self._boxes.clear()
-        self._confirm(frame)
-        self._mend_identities()
-        self._unclaimed.update(frame, dt)
-        self._add_targets(frame)
-        self._seating.review(self.targets, self._unclaimed, frame)
-        self._boxes.clear()
-        self._merge(frame, dt)
-        self._clean()
-        self.scene.watch_still(frame, dt, self._still_s)
-        self._evidence = frame.evidence
-        return tuple(self._state_of(target) for target in (*self.targets, *self._believed()))
+        foreground, motion = observation.foreground, observation.motion
+        if foreground is None or motion is None:
+            raise ValueError("the human-model tracker needs foreground and motion")
+        if foreground.shape != self.camera.size[::-1]:
+            (width, height), (rows, cols) = self.camera.size, foreground.shape
+            raise InputError(
+                f"expected images of {width}x{height} px, for which the camera was calibrated, found {cols}x{rows}"
+            )
+        dt = 0.0 if math.isnan(self._now_s) else max(0.0, observation.timestamp_s - self._now_s)
+        self._now_s, self._log = observation.timestamp_s, []
+        frame = Explanation(self._view, observation)
+        seen = frame.kind == kernels.SEEN
+        frame.kind[seen & (self._hides > 0)] = kernels.SHADOW
+        for q in self._people:
+            self._predict(q, dt)
+        if self._people:
+            self._explain(frame, dt)
+        shares = frame.share_out(self._side_by_side())
+        self._judge(frame, shares, motion)
+        self._learn_hiding(frame, seen, dt)
+        if frame.coloured:
+            self._learn(frame, shares, dt)
+        self._watch(frame, shares, motion, dt)
+        self._clean(dt)
+        people = self._side_by_side()
+        born, poses = births(self._places, frame, people, shares, self._now_s)
+        for q, pose, before in zip(self._people, poses, self._side_by_side().poses, strict=True):
+            if (pose != before).any():
+                self._recentre(q, pose)
+        self._meet(born, frame)
+        self._recognise(dt)
+        return tuple(self._state(q) for q in self._people)
 
-    def feedback(self) -> U8:
-        """(H, W) uint8 for ``Foreground``: people who are tracked, and what has been still and unclaimed for long.
+    def _predict(self, q: Walker, dt: float) -> None:
+        p = self.params
+        if q.share < 2 * p.visible_min:
+            q.kalman = q.kalman.slowed(dt, p.slow_down_s)
+        q.kalman = q.kalman.predicted(dt, p.acceleration_mps2)
+        q.height_var += p.height_change_mps**2 * dt * min(dt, p.errors_s)
 
-        A person is only where foreground was measured: a model also covers the scene between arms and legs, in front of
-        a person (signs, tables) and where a lost person is predicted, and scenery that must not be learned becomes
-        foreground with the next change of light.
-        """
-        people = [target for target in self.targets if target.existence.confirmed]
-        walkers = [t for t in people if t.existence.observed and is_person(t, self.params)]
-        return self._unclaimed.known(self._still_s, self._evidence, bool(people), walkers)
+    def _side_by_side(self, people: Sequence[Walker] | None = None) -> People:
+        """Everybody, or some."""
+        who = self._people if people is None else people
+        poses = np.array([(*q.at_m, q.height_m) for q in who]).reshape(-1, 3)
+        tall = np.array([q.upright for q in who]).reshape(-1, 2)
+        return People(poses, np.array([q.existence for q in who]), tall, colour_ratios(who))
 
-    def debug(self) -> TrackerDebug:
-        """Models with their states in the image, footprints on the floor."""
-        return draw(self.targets, self.scene)
+    # -- explaining a frame ---------------------------------------------------------------------------------------
+    def _explain(self, frame: Explanation, dt: float) -> None:
+        """Coordinate ascent, nearest first; then what the frame says of each place and existence."""
+        people = self._side_by_side()
+        predicted, touch = people.poses.copy(), frame.touching(people.poses)
+        samples = [frame.around(pose, body.TORSO.torso_radius_m + 0.1) for pose in predicted]
+        information = [self._information(q) for q in self._people]
+        others = [np.flatnonzero(touch[i] & (np.arange(len(touch)) != i)) for i in range(len(touch))]
+        for sweep in range(2):
+            for i in np.argsort(people.away()):
+                if sweep and not len(others[i]):
+                    continue
+                samples[i].layer(people, others[i], people.poses[i])
+                samples[i].ascend(
+                    people.poses[i], predicted[i], information[i], people.tall[i], people.apart(others[i]),
+                    people.ratios[i], STEPS_M[2 * sweep :],
+                )  # fmt: skip
+        flooded = (frame.kind == kernels.SURFACE).mean() > 0.5
+        for i, q in enumerate(self._people):
+            self._measure(i, q, frame, samples, people, predicted[i], others[i])
+        standing = self._standing()
+        for i, q in enumerate(self._people):
+            rival = frame.rival(i, people, standing) if q.share >= self.params.visible_min else -1
+            if rival >= 0:
+                pair = frame.beside(i, rival, people)
+                superfluous = self._people[rival] if pair.first else q
+                superfluous.evidence = min(superfluous.evidence, pair.evidence)
+        for q in () if flooded else self._people:
+            self._weigh(q, dt)
 
-    def _drop_outside(self) -> None:
-        """Targets whose prediction left the places where people are possible are gone."""
-        xy = np.array([t.xy_m for t in self.targets]).reshape(-1, 2)
-        entry = self.scene.model_map.entry_at(foot_pixels(self.camera, xy)[0])
-        for target, e in zip(list(self.targets), entry, strict=True):
-            if e < 0:
-                self.targets.remove(target)
-                self._life.prune(target.existence, "predicted outside the view")
+    def _recentre(self, q: Walker, pose: F64) -> None:
+        """Go on where the model accounts for more."""
+        q.kalman = q.kalman.moved_to(float(pose[0]), float(pose[1]))
+        q.height_m = float(pose[2])
+        self._note(q, "recentred", f"accounts for more at {pose[0]:.2f}, {pose[1]:.2f} m", math.nan)
 
-    def _confirm(self, frame: ModelFrame) -> None:
-        for target in list(self.targets):
-            if not has_walked(target, self.params) or target.existence.confirmed or self._reappears(target, frame):
-                continue
-            travel_m = target.build.travel_m
-            self._life.confirm(target.existence, f"walked {travel_m:.2f} m", travel_m)
-            self._missing.learn(target)
+    def _standing(self) -> F64:
+        """(N,) rank of everybody: who is surer, and who came first."""
+        rank = sorted(range(len(self._people)), key=lambda k: (
+            self._people[k].confirmed, self._people[k].log_odds, -self._people[k].track_id))  # fmt: skip
+        return np.argsort(rank).astype(np.float64)
 
-    def _reappears(self, newcomer: Target, frame: ModelFrame) -> bool:
-        """Whether a new target shows a missing person, who then goes on in its place."""
-        lost = [t for t in self.targets if t.existence.lost]
-        appearance = self._fitter.appearance(newcomer.foot_px, newcomer.model_scale, frame)
-        person = self._missing.who_appears(newcomer, lost, lambda target: self._likeness(target, appearance))
-        if person is None:
-            return False
-        self._missing.remove(person)
-        self.targets = [t for t in self.targets if t is not person]
-        self.targets[self.targets.index(newcomer)] = person
-        person.go_on_as(newcomer)
-        new_id, known_id = newcomer.existence.track_id, person.existence.track_id
-        self._life.prune(newcomer.existence, f"is {known_id}, who was missing", kind="merged")
-        self._life.observe(person.existence, f"appeared as {new_id} where nobody comes in")
-        return True
+    def _information(self, q: Walker) -> F64:
+        k = q.kalman
+        det = k.c_xx * k.c_yy - k.c_xy**2
+        return np.array([k.c_yy / det, -k.c_xy / det, k.c_xx / det, 1 / q.height_var])
 
-    def _likeness(self, target: Target, appearance: Appearance | None) -> float:
-        """Likeness of a target's memory to colours; NaN where they are not known."""
-        if appearance is None:
-            return math.nan
-        return math.exp(-self._identity.unlikelihood(target.existence, appearance))
-
-    def _believed(self) -> tuple[Target, ...]:
-        """Missing people who are reported as lost: where people sit they stay, elsewhere they may be gone."""
-        return self._missing.hidden if self._seating.seats else ()
-
-    def _mend_identities(self) -> None:
-        """After an occlusion, exchange identities where colours say so."""
-        for first, second in itertools.combinations([t for t in self.targets if t.shared > MIN_CONTACT], 2):
-            if self._touch(first, second):
-                self._identity.contact(first.existence, second.existence, self._life.now_s)
-        self._identity.retain([t.existence for t in (*self.targets, *self._missing)])
-        for exchange in self._identity.exchanges([t.existence for t in self.targets], self._life.now_s):
-            known = {id(t.existence): t for t in self.targets}
-            builds = [known[id(who)].build for who in exchange.identities]
-            for who, build in zip(exchange.places, builds, strict=True):
-                known[id(who)].build = build
-            self._life.reassign(exchange.places, exchange.identities, exchange.confidence)
-            self._boxes.clear()
-
-    def _add_targets(self, frame: ModelFrame) -> None:
-        for candidate in self._find(frame, self._unclaimed):
-            self._add(candidate, frame)
-
-    def _add(self, candidate: ModelCandidate, frame: ModelFrame) -> None:
-        """A new target, or a lost one reacquired."""
-        foot, scale, score = candidate.foot_px, candidate.scale, candidate.score
-        kalman = self._fitter.start(foot, scale)
-        if kalman is None or self._is_known(candidate, kalman, frame):
+    def _measure(
+        self, i: int, q: Walker, frame: Explanation, samples: list[Samples], people: People, predicted: F64, others: I64
+    ) -> None:
+        """Evidence for a person, its visible share, and the place as far as the pixels tell it."""
+        s, pose, tall, ratio = samples[i], people.poses[i], people.tall[i], people.ratios[i]
+        s.layer(people, others, pose)
+        q.evidence = s.lam(pose, tall, ratio) + s.believed(pose, tall, people.apart(others))
+        mine, _, total = s.visible(pose, tall)
+        q.inside = self._visibility(pose)
+        q.share = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * q.inside)
+        if q.share < self.params.visible_min:
             return
-        self.scene.paint(self.scene.cover, foot, scale, 1)
-        appearance = self._fitter.appearance(foot, scale, frame)
-        xy = np.array([kalman.x_m, kalman.y_m])
-        lost = reacquirable(
-            self.targets, xy, lambda target: self._likeness(target, appearance), self.params, self._life.now_s
+        noise, up = s.noise(pose, tall, ratio)
+        x, y, h = pose
+        xx, xy, yy, _ = self._information(q)
+        ox, oy = x - predicted[0], y - predicted[1]
+        gx, gy = xx * ox + xy * oy, xy * ox + yy * oy
+        # The measurement that the ascent's place, which has seen the prediction, is the posterior of.
+        kalman = q.kalman.corrected(
+            x + noise.xx * gx + noise.xy * gy, y + noise.xy * gx + noise.yy * gy, noise
+        )  # fmt: skip
+        slower = min(1.0, body.SPEED_MAX_MPS / max(math.hypot(kalman.vx_mps, kalman.vy_mps), 1e-6))
+        q.kalman = kalman._replace(vx_mps=slower * kalman.vx_mps, vy_mps=slower * kalman.vy_mps)
+        q.height_m, q.height_var = float(h), 1.0 / (1.0 / q.height_var + up)
+        q.seen_s = self._now_s
+
+    def _learn_hiding(self, frame: Explanation, seen: Bool, dt: float) -> None:
+        """What hides people, from the bodies of those who walk: background where one is, or foreground."""
+        p, walkers = self.params, np.zeros(seen.shape, np.uint8)
+        for q in self._people:
+            hull = self._hull(q.at_m, q.height_m)
+            if q.confirmed and q.motion == "moving" and q.share >= p.visible_min and hull is not None:
+                core = hull.mean(axis=0) + CORE * (hull - hull.mean(axis=0))
+                cv2.fillConvexPoly(walkers, np.rint(core).astype(np.int32), 1)
+        looks = min(1.0, dt / p.errors_s)
+        hidden = math.log((1 - p.seen_on_background) / (1 - p.seen_on_body))
+        shown = math.log(p.seen_on_background / p.seen_on_body)
+        self._hides[(walkers > 0) & seen] += looks * hidden
+        self._hides[(walkers > 0) & (frame.kind == kernels.SURFACE)] += looks * shown
+        np.clip(self._hides, 2 * HIDES, -HIDES, out=self._hides)
+
+    def _visibility(self, pose: F64) -> float:
+        """The human visibility ratio of the model map."""
+        foot = self.camera.project(np.array([pose[0], pose[1], 0.0]))
+        entry = int(self.model_map.entry_at(foot))
+        return float(self.model_map.visibility[entry]) if entry >= 0 else 0.0
+
+    def _weigh(self, q: Walker, dt: float) -> None:
+        """Existence: survival, then the evidence of this look; and how far the person has walked."""
+        p, looks = self.params, min(1.0, dt / self.params.errors_s)
+        if q.share < p.visible_min:
+            away_s = p.leave_s if q.inside < INSIDE else p.stay_s
+            stays = q.existence * math.exp(-dt / away_s)
+            q.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
+        q.log_odds += looks * float(np.clip(q.evidence, -p.evidence_max, p.evidence_max))
+        q.log_odds = float(np.clip(q.log_odds, -LOG_ODDS_MAX, LOG_ODDS_MAX))
+        if q.share < p.visible_min:
+            return
+        q.learn_height(looks, p.sits)
+        farther = max(0.0, math.dist(q.origin_m, q.at_m) - q.kalman.position_std_m - q.walked_m)
+        q.walked_m += farther
+        q.moved += farther
+
+    def _judge(self, frame: Explanation, shares: Shares, motion: U8) -> None:
+        """Match (equation 1) and the automata of everybody."""
+        found = matches([self._hull(q.at_m, q.height_m) for q in self._people], frame.kind == kernels.SURFACE)
+        area = np.bincount(shares.owner.reshape(-1) + 2, minlength=len(self._people) + 2)[2:]
+        moving = np.bincount(shares.owner[motion > 0] + 2, minlength=len(self._people) + 2)[2:]
+        for i, q in enumerate(self._people):
+            q.match = found[i]
+            before = q.posture, q.motion, q.stability
+            q.judge(self._now_s, moving[i] / max(1, area[i]), self.params)
+            if (q.posture, q.motion, q.stability) != before:
+                self._note(q, "state", f"{q.posture}, {q.motion}, {q.stability}", q.match.score)
+            seen = q.share >= self.params.visible_min
+            kind: DecisionKind = "matched" if seen == q.observed else ("reacquired" if seen else "lost")
+            q.observed = seen
+            if seen or kind == "lost":
+                self._note(
+                    q, kind,
+                    f"M {q.match.score:.2f}, evidence {q.evidence:.1f}, visible {q.share:.2f}, "
+                    f"existence {q.existence:.3f}", q.match.score,
+                )  # fmt: skip
+
+    # -- who is who, who comes, who goes ----------------------------------------------------------------------------
+    def _learn(self, frame: Explanation, shares: Shares, dt: float) -> None:
+        touch = frame.touching(self._side_by_side().poses)
+        for i, q in enumerate(self._people):
+            if q.share < 0.5 or touch[i].sum() > 1:
+                continue
+            mine = (shares.owner == i) & (shares.share > 0.8)
+            q.learn_colours(shares.height[mine], frame.code[mine])
+        owned = [Owned(shares.owner, shares.share, shares.height, shares.residual)]
+        for a, b, odds in self._exchanges.update(self._people, owned, [shares.seen(frame)], dt):
+            a.take_identity(b)
+            self._note(a, "identity", f"exchanged with {b.track_id}: colours, log-odds {odds:.1f}", odds)
+
+    def _watch(self, frame: Explanation, shares: Shares, motion: U8, dt: float) -> None:
+        """What the foreground model is told: people, and what has been still and unexplained for long."""
+        label = np.zeros(len(self._people) + 1, np.uint8)
+        for i, q in enumerate(self._people):
+            if q.confirmed:
+                label[i] = WALKER if q.walked_m > WALKER_M else PERSON
+        known, unexplained = label[shares.owner.clip(-1)], shares.owner == -1
+        known[unexplained & shares.near & label.any()] = PERSON
+        known[shares.owner == -2] = 0
+        left = (shares.owner != -2) & (known == 0)
+        n, labels = cv2.connectedComponents(left.astype(np.uint8), connectivity=8)
+        area = np.bincount(labels.reshape(-1), minlength=n)
+        lively = np.bincount(labels[motion > 0], minlength=n) > LIVELY * area
+        self._still_s[~left | lively[labels]] = 0.0
+        self._still_s[left] += dt
+        known[self._still_s >= self.params.still_s] = BACKGROUND
+        self._known = known
+
+    def _clean(self, dt: float) -> None:
+        """People without evidence end, and things that somebody moved."""
+        p, keep = self.params, []
+        for q in self._people:
+            beyond = q.inside < 0.15 and q.share < p.visible_min and self._now_s - q.seen_s > p.leave_s
+            thing = q.moved < (0.0 if q.confirmed else -NEVER_WALKED)
+            if q.existence >= 0.05 and not beyond and not thing:
+                keep.append(q)
+                continue
+            why = "stationary: a thing" if thing else f"existence {q.existence:.2f}, evidence {q.evidence:.1f}"
+            self._note(q, "pruned", why, q.existence)
+            if q.confirmed and not thing and q.inside >= LEFT:
+                self._departed.append(q)
+        self._people = keep
+        self._departed = [q for q in self._departed if self._now_s - q.seen_s <= p.remember_s]
+        for q in self._departed:
+            q.kalman = q.kalman.slowed(dt, p.slow_down_s).predicted(dt, p.acceleration_mps2)
+
+    def _meet(self, born: list[Walker], frame: Explanation) -> None:
+        """Follow newcomers, under ids of their own until it is known who they are."""
+        found = matches([self._hull(b.at_m, b.height_m) for b in born], frame.kind == kernels.SURFACE)
+        for b, match in zip(born, found, strict=True):
+            b.match, b.track_id = match, self._next_id
+            b.inside = self._visibility(np.array([*b.at_m, b.height_m]))
+            self._next_id += 1
+            self._people.append(b)
+            reason = f"M {match.score:.2f}, evidence {b.evidence:.1f}, {b.height_m:.2f} m tall"
+            self._note(b, "split" if match.recall < 0.5 else "spawned", reason, match.score)
+
+    def _recognise(self, dt: float) -> None:
+        """Confirm newcomers, as the lost or departed whom they continue best or as strangers.
+
+        Who somebody is is decided when the odds are, at the latest when the person is reported.
+        """
+        p = self.params
+        for q in self._people:
+            if q.motion == "stationary" and q.share >= p.visible_min:
+                q.moved -= dt / p.inanimate_s
+        new = [q for q in self._people if not q.confirmed]
+        lost = [q for q in self._people if q.confirmed and q.share < p.visible_min]
+        known = continued(new, lost + self._departed, self._shared) if new else {}
+        for i, b in enumerate(new):
+            sure = b.existence > p.report and b.walked_m >= p.walked_m and b.share >= p.visible_min
+            before, odds = known.get(i, (None, 0.0))
+            if before is not None and (sure or odds > KNOWN_ODDS):
+                self._note(before, "reacquired", f"log-odds {odds:.1f} after {b.born_s - before.seen_s:.1f} s", odds)
+                self._departed = [o for o in self._departed if o is not before]
+                self._people = [o for o in self._people if o is not before]
+                b.take_identity(before)
+                b.confirmed = True
+            elif sure:
+                b.confirmed = True
+                self._note(b, "confirmed", f"existence {b.existence:.2f}, walked {b.walked_m:.2f} m", b.existence)
+
+    def _note(self, q: Person, kind: DecisionKind, reason: str, value: float) -> None:
+        self._log.append(Decision(q.track_id, kind, reason, value))
+
+    def _hull(self, at_m: tuple[float, float], height_m: float) -> F64 | None:
+        """(K, 2) outline [px] of the model map, as large as a person of a height is; None where nobody is expected."""
+        foot = self.camera.project(np.array([*at_m, 0.0]))
+        entry = int(self.model_map.entry_at(foot))
+        if entry < 0:
+            return None
+        tall = height_m / self.model.height_m
+        # Heads are nearer to the camera than feet.
+        tilt, drop = self.camera.tilt_rad, self.camera.height_m
+        near = self.model.height_m * math.cos(tilt) / (at_m[1] * math.sin(tilt) + drop * math.cos(tilt))
+        size = tall * (1.0 - near) / max(1.0 - tall * near, 0.1)
+        return np.asarray(foot + size * (self.model_map.hull_px[entry] - self.model_map.foot_px[entry]), np.float64)
+
+    def _state(self, q: Walker) -> TrackState:
+        visible: State = "confirmed" if q.share >= self.params.visible_min else "lost"
+        k, hull = q.kalman, self._hull(q.at_m, q.height_m)
+        box = (math.nan,) * 4
+        if hull is not None:
+            (left, top), (right, bottom) = hull.min(axis=0), hull.max(axis=0)
+            wide = 0.5 * (BOX_WIDTH - 1.0) * (right - left)
+            box = float(left - wide), float(top), float(right - left + 2 * wide), float(bottom - top)
+        return TrackState(
+            q.track_id, visible if q.confirmed else "tentative", k.x_m, k.y_m, k.vx_mps, k.vy_mps, q.height_m, box
         )
-        if lost is not None:
-            lost.restart(kalman, foot, scale)
-            self._boxes.pop(id(lost), None)
-            self._life.observe(lost.existence, f"reappeared with score {score:.2f}", score)
-            return
-        existence = self._life.spawn(f"score {score:.2f}", score, "split" if candidate.splits else "spawned")
-        target = Target(existence, kalman, Build(scale, xy), foot)
-        target.whole, target.splits = candidate.whole, candidate.splits
-        target.remember(self._life.now_s, 0.0, candidate.precision, self.params.states.window_s)
-        self.targets.append(target)
-        if appearance is not None:
-            self._identity.learn(existence, appearance)
-
-    def _is_known(self, candidate: ModelCandidate, kalman: FloorKalman, frame: ModelFrame) -> bool:
-        """Whether a candidate is a target's arm or double; the target moves there where the double explains more.
-
-        Apart from known people it may be the double of one found in this frame: head and legs, with a shirt like the
-        wall between them, are two blobs, and either tells of the whole body.
-        """
-        foot, scale, splits = candidate.foot_px, candidate.scale, candidate.splits
-        if splits and self._doubles.is_limb(np.array([*foot, scale]), self.targets, frame.evidence):
-            return True
-        beside = [t for t in self.targets if splits or t.existence.spawned_s == self._life.now_s]
-        beside = [t for t in beside if t.seat is None and t.existence.observed]
-        for target in (t for t in beside if _overlap(self._box(t), self._box_at(foot, scale, FIRST_WIDTH))):
-            needless, better = self._doubles.needless(target, np.array([*foot, scale]), self.targets, frame.evidence)
-            if needless and better:
-                target.restart(kalman, foot, scale)
-                self._boxes.pop(id(target), None)
-                self._life.log(target.existence, "recentred", f"fits better with score {candidate.score:.2f}")
-            if needless:
-                return True
-        return False
-
-    def _merge(self, frame: ModelFrame, dt_s: float) -> None:
-        for better, other in self._doubles.find(self.targets, frame.evidence, dt_s, self._touch):
-            older, younger = sorted((better, other), key=lambda t: t.existence.spawned_s)
-            if older is not better:
-                older.go_on_as(younger)
-                self._boxes.pop(id(older), None)
-            self.targets.remove(younger)
-            self._life.prune(younger.existence, f"walks on {older.existence.track_id}", kind="merged")
-
-    def _clean(self) -> None:
-        for target in list(self.targets):
-            reason = prune_reason(target, self.params, self._life)
-            if not reason:
-                continue
-            self.targets.remove(target)
-            if self._missing.keep(target):
-                self._life.log(target.existence, "state", f"missing: {reason}")
-            else:
-                self._life.prune(target.existence, reason)
-        self._missing.watch([t for t in self.targets if t.existence.confirmed and t.existence.observed])
-        for target in self._missing.forgotten(self._life.now_s):
-            self._life.prune(target.existence, f"missing for {self._life.unobserved_s(target.existence):.0f} s")
-
-    def _state_of(self, target: Target) -> TrackState:
-        k, who = target.kalman, target.existence
-        height = self.model.height_m * target.model_scale
-        return TrackState(who.track_id, who.state, k.x_m, k.y_m, k.vx_mps, k.vy_mps, height, self._box(target))
-
-    def _box(self, target: Target) -> Box:
-        """Box of the whole model where the footprint is, as wide as the person was observed; hidden parts are in it."""
-        if id(target) not in self._boxes:
-            others = [t for t in self.targets if id(t) not in self._boxes and t is not target]
-            asked = [target, *others]
-            feet, _ = foot_pixels(self.camera, np.array([(t.kalman.x_m, t.kalman.y_m) for t in asked]))
-            self._boxes |= {
-                id(t): self._box_at(foot, t.model_scale, t.build.width) for t, foot in zip(asked, feet, strict=True)
-            }
-        return self._boxes[id(target)]
-
-    def _box_at(self, foot_px: F64, scale: float, width: float) -> Box:
-        hull = self.scene.hull(foot_px, scale)
-        if hull is None:
-            return (math.nan, math.nan, math.nan, math.nan)
-        (left, top), (right, bottom) = hull.min(axis=0), hull.max(axis=0)
-        middle, half = 0.5 * (left + right), 0.5 * (right - left) * width
-        return float(middle - half), float(top), float(2 * half), float(bottom - top)
-
-    def _touch(self, first: Target, second: Target) -> bool:
-        return _overlap(self._box(first), self._box(second))
-
-
-def _overlap(a: Box, b: Box) -> bool:
-    """Whether two boxes overlap by at least half of the smaller width."""
-    wide = min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0]) > 0.5 * min(a[2], b[2])
-    return wide and min(a[1] + a[3], b[1] + b[3]) > max(a[1], b[1])

@@ -1,0 +1,135 @@
+"""Newcomers: where the foreground that nobody explains would be explained by one more person."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from calib.types import F32, F64, I32
+from planview.tracking import body
+from planview.tracking.human_model import _kernels as kernels
+from planview.tracking.human_model.explanation import PATCH_PX, Explanation, People, Shares
+from planview.tracking.human_model.model_map import HumanModelMap
+from planview.tracking.human_model.walker import Walker
+from planview.tracking.kalman import FloorKalman
+
+MOST = 4
+"""Places that are tried in a frame."""
+CORE = 0.7
+"""Part of a hull's width in which the residual is summed: the rest is between arms and beside the head."""
+BANDS = 6
+"""A hull is summed in this many boxes above each other: bodies lean in the images of wide lenses."""
+BORN_LOG_ODDS = -3.9
+"""Of a newcomer before its first look: one in fifty."""
+SPEED_STD_MPS = 1.0
+"""Of a newcomer's velocity [m/s]."""
+BIRTH_PX, BIRTH_SHARE = 30.0, 0.625
+"""Least height of newcomers [px], and as a share of that of people in the middle of the image, where this is less: a
+head of 3 px tells a person from a bag by nothing, but a camera is pointed at people."""
+PLACE_STD_M = 0.5
+"""How far the place of a newcomer may be from where its residual is strongest [m]."""
+
+
+class Places:
+    """Where newcomers are looked for: entries of the model map with enough of a person in view."""
+
+    def __init__(self, model_map: HumanModelMap, visible: float, patch_m: float) -> None:
+        camera = model_map.camera
+        boxes = model_map.boxes()
+        middle = model_map.entry_at(np.array([0.5 * camera.width, 0.5 * camera.height]))
+        usual = boxes[middle, 2:].max() if middle >= 0 else np.inf
+        keep = model_map.visibility >= visible
+        keep &= boxes[:, 2:].max(axis=1) >= min(BIRTH_PX, BIRTH_SHARE * usual)
+        boxes = boxes[keep]
+        self.floor_m: F32 = model_map.floor_m[keep]
+        self.floor_m2 = float(len(np.unique(np.rint(self.floor_m), axis=0)))
+        limits = np.array([camera.width, camera.height] * 2)
+        corners = np.concatenate([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]], axis=1)
+        self.boxes: I32 = np.clip(np.rint(corners), 0, limits).astype(np.int32)
+        self.bands: I32 = np.clip(np.rint(_bands(model_map.hull_px[keep])), 0, limits).astype(np.int32)
+        # Depth along the optical axis of the middle of the body [m].
+        drop = camera.height_m - 0.5 * model_map.model.height_m
+        depth = self.floor_m[:, 1] * math.sin(camera.tilt_rad) + drop * math.cos(camera.tilt_rad)
+        patch_px = np.maximum(camera.focal_px * patch_m / depth, PATCH_PX)
+        self.scale: F32 = (1.0 / patch_px**2).astype(np.float32)
+
+    def scores(self, residual: F32) -> F32:
+        """(N,) what one more person would gain at each place, about [log-odds of pixels]."""
+        scores = np.empty(len(self.scale), np.float32)
+        total = np.asarray(cv2.integral(residual, sdepth=cv2.CV_64F), dtype=np.float64)
+        kernels.hull_scores(total, self.bands, scores)
+        return scores
+
+
+def _bands(hull_px: F32) -> F64:
+    """(N, BANDS, 4) left, top, right, bottom [px] of the cores of (N, K, 2) convex hulls, from the head down."""
+    ends = np.linspace(hull_px[..., 1].min(1), hull_px[..., 1].max(1), BANDS + 1, axis=1)
+    middle = 0.5 * (ends[:, :-1] + ends[:, 1:])[..., None]
+    (x, y), (to_x, to_y) = np.moveaxis(hull_px[:, None], -1, 0), np.moveaxis(np.roll(hull_px, -1, 1)[:, None], -1, 0)
+    crosses = (y <= middle) != (to_y <= middle)
+    at = x + (middle - y) / np.where(crosses, to_y - y, 1.0) * (to_x - x)
+    left, right = np.where(crosses, at, np.inf).min(-1), np.where(crosses, at, -np.inf).max(-1)
+    centre, half = 0.5 * (left + right), 0.5 * CORE * (right - left)
+    return np.stack([centre - half, ends[:, :-1], centre + half, ends[:, 1:]], axis=-1)
+
+
+def births(
+    places: Places, frame: Explanation, people: People, shares: Shares, now_s: float
+) -> tuple[list[Walker], F64]:
+    """People who are born in this frame, without ids, and (N, 3) poses of those known, who may be better elsewhere.
+
+    Tries one more person wherever the residual is strongest.
+    """
+    p, n_known = frame.view.params, len(people.poses)
+    scores = places.scores(shares.residual)
+    scores[scores * places.scale < 0.5 * p.birth_evidence] = 0.0
+    born = []
+    for _ in range(MOST):
+        best = int(np.argmax(scores)) if len(scores) else -1
+        if best < 0 or scores[best] <= 0.0:
+            break
+        place = places.floor_m[best].astype(np.float64)
+        left, top, right, bottom = places.boxes[best]
+        middle = 0.5 * (places.boxes[:, :2] + places.boxes[:, 2:])
+        own = np.abs(middle - (0.5 * (left + right), 0.5 * (top + bottom)))
+        scores[(own[:, 0] < 0.5 * (right - left)) & (own[:, 1] < 0.5 * (bottom - top))] = 0.0
+        found = _try(place, frame, people, now_s)
+        if found is not None:
+            born.append(found)
+            people = people.with_one(np.array([*found.at_m, found.height_m]))
+    return born, people.poses[:n_known]
+
+
+def _try(place: F64, frame: Explanation, known: People, now_s: float) -> Walker | None:
+    """A newcomer at a place, if the evidence for one is strong enough; a rival who accounts for it is moved there."""
+    p, start = frame.view.params, np.array([*place, body.HEIGHT_MEAN_M])
+    people, n = known.with_one(start), len(known.poses)
+    others = np.flatnonzero(frame.touching(people.poses)[n, :n])
+    samples = frame.around(start, PLACE_STD_M)
+    samples.layer(people, others, start)
+    pose, near = people.poses[n], 1.0 / PLACE_STD_M**2
+    information = np.array([near, 0.0, near, 1.0 / body.HEIGHT_STD_M**2])
+    tall, ratio = people.tall[n], people.ratios[n]
+    evidence = samples.ascend(pose, start, information, tall, people.apart(others), ratio)
+    rival = frame.rival(n, people, np.append(np.ones(n), 0.0)) if evidence > 0.0 else -1
+    if rival >= 0:
+        pair = frame.beside(n, rival, people, refit=True)
+        strong, evidence = evidence >= p.birth_evidence, pair.evidence
+        if evidence >= p.birth_evidence:
+            known.poses[rival] = people.poses[rival]
+            samples.layer(people, others, pose)
+        elif strong and pair.gain > p.birth_evidence:
+            known.poses[rival] = pair.alone
+    mine, _, total = samples.visible(pose, tall)
+    if evidence < p.birth_evidence or mine < 0.25 * total:
+        return None
+    noise, up = samples.noise(pose, tall, ratio)
+    kalman = FloorKalman.measured(float(pose[0]), float(pose[1]), noise, SPEED_STD_MPS)
+    person = Walker(0, kalman, float(pose[2]), BORN_LOG_ODDS, now_s)
+    person.height_var = 1.0 / (1.0 / person.height_var + up)
+    person.log_odds += min(evidence, p.evidence_max) * 0.25
+    person.born_s, person.born_m, person.origin_m = now_s, person.at_m, person.at_m
+    person.evidence, person.share = evidence, mine / max(total, 1e-6)
+    return person

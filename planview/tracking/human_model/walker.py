@@ -1,0 +1,127 @@
+"""One person in the view of one camera: the automata of Zhang et al. 2008, section 4, and the match of equation 1."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import cv2
+import numpy as np
+
+from calib.types import F64, I64, U8
+from planview.tracking.human_model.params import HumanModelParams
+from planview.tracking.template.person import Person
+
+Motion = Literal["moving", "stopped", "stationary"]
+Stability = Literal["appearing", "disappearing", "occlusion", "stable"]
+Posture = Literal["standing", "sitting"]
+OVERLAP = 0.15
+"""R_overlap from which a person is in occlusion."""
+
+
+class Match(NamedTuple):
+    """How a hull matches the blobs that it touches (equation 1)."""
+
+    recall: float = 0.0
+    precision: float = 0.0
+    overlap: float = 0.0
+
+    @property
+    def score(self) -> float:
+        """M = R_recall + R_precision - R_overlap."""
+        return self.recall + self.precision - self.overlap
+
+
+NO_MATCH = Match()
+
+
+class Sample(NamedTuple):
+    """One frame in a person's recent past: time [s], place [m], and how much of the body is visible."""
+
+    time_s: float
+    x_m: float
+    y_m: float
+    visible: float
+
+
+@dataclass(eq=False)
+class Walker(Person):
+    """A person followed by one camera.
+
+    Attributes:
+        motion, stability: the two automata.
+        posture: as the height tells it.
+        match: of the last frame.
+        observed: whether enough of the person was visible in the last frame.
+        trail: the recent past, oldest first.
+    """
+
+    motion: Motion = "moving"
+    stability: Stability = "appearing"
+    posture: Posture = "standing"
+    match: Match = NO_MATCH
+    observed: bool = True
+    trail: deque[Sample] = field(default_factory=lambda: deque(maxlen=256))
+
+    def judge(self, now_s: float, moving: float, params: HumanModelParams) -> None:
+        """Advance the automata.
+
+        Args:
+            moving: share of the body in motion between two frames.
+        """
+        p, trail = params, self.trail
+        trail.append(Sample(now_s, *self.at_m, self.share * self.inside))
+        while len(trail) > 2 and trail[1].time_s <= now_s - p.window_s:
+            trail.popleft()
+        first, last = trail[0], trail[-1]
+        way = float(np.hypot(last.x_m - first.x_m, last.y_m - first.y_m))
+        walks = way > p.moving_mps * max(last.time_s - first.time_s, 0.5 * p.window_s)
+        self.motion = "moving" if walks else ("stopped" if moving >= p.internal_motion else "stationary")
+        change = last.visible - first.visible
+        if self.match.overlap >= OVERLAP:
+            self.stability = "occlusion"
+        elif abs(change) >= p.trend:
+            self.stability = "appearing" if change > 0 else "disappearing"
+        else:
+            self.stability = "stable"
+        self.posture = "sitting" if self.height_m < 0.5 * (1.0 + p.sitting) * self.tall_m else "standing"
+
+
+def matches(hulls: Sequence[F64 | None], surface: U8) -> list[Match]:
+    """Matches of hulls (K, 2) [px] with a (H, W) mask of foreground; None where no hull can be drawn."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats((surface > 0).astype(np.uint8), connectivity=8)
+    cover = np.zeros(surface.shape, np.uint8)
+    drawn: list[tuple[slice, slice, U8] | None] = []
+    for hull in hulls:
+        drawn.append(None)
+        if hull is None or not np.isfinite(hull).all():
+            continue
+        low = np.maximum(np.floor(hull.min(axis=0)).astype(int), 0)
+        high = np.minimum(np.ceil(hull.max(axis=0)).astype(int) + 1, surface.shape[::-1])
+        if (low >= high).any():
+            continue
+        part = np.zeros((high[1] - low[1], high[0] - low[0]), np.uint8)
+        cv2.fillConvexPoly(part, np.rint(hull - low).astype(np.int32), 1)
+        rows, cols = slice(low[1], high[1]), slice(low[0], high[0])
+        cover[rows, cols] += part
+        drawn[-1] = rows, cols, part
+    shared: I64 = np.bincount(labels[cover > 1], minlength=len(stats))
+    found = []
+    for entry in drawn:
+        if entry is None:
+            found.append(Match())
+            continue
+        rows, cols, part = entry
+        inner = np.bincount(labels[rows, cols][part > 0], minlength=len(stats))[1:]
+        touched = np.flatnonzero(inner > 0.1 * inner.sum()) + 1
+        blob = max(1, int(stats[touched, cv2.CC_STAT_AREA].sum()))
+        found.append(
+            Match(
+                float(inner[touched - 1].sum()) / blob,
+                float(inner.sum()) / max(1, int(part.sum())),
+                float(shared[touched].sum()) / blob,
+            )
+        )
+    return found

@@ -1,0 +1,129 @@
+"""The likelihood of masks: against its plain twin, and what it prefers."""
+
+import numpy as np
+import pytest
+
+from planview.tracking import body
+from planview.tracking.base import Observation
+from planview.tracking.human_model.births import Places, births
+from planview.tracking.human_model.explanation import SPACING_M, Explanation, People, View
+from planview.tracking.human_model.silhouette import silhouette
+from planview.tracking.human_model.walker import Match, matches
+from tests.human_model_world import BLUE, CAMERA, MAP, PARAMS, RED, Drawn, World
+from tests.reference import human_model as reference
+
+VIEW = View(CAMERA, PARAMS.model_copy(update={"colour_weight": 0.0}))
+TALL = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
+ANY = np.ones((3, 200), np.float32)
+NOBODY = np.zeros(0, np.int64)
+
+
+def frame_of(*people: Drawn) -> Explanation:
+    return Explanation(VIEW, World().observe(0, people))
+
+
+def people_at(*poses: tuple[float, float, float]) -> People:
+    n = len(poses)
+    return People(np.array(poses).reshape(-1, 3), np.ones(n), np.tile(TALL, (n, 1)), np.ones((n, 3, 200), np.float32))
+
+
+def evidence(frame: Explanation, pose: tuple[float, float, float], *others: tuple[float, float, float]) -> float:
+    at, known = np.array(pose), people_at(*others)
+    samples = frame.around(at, 0.5)
+    samples.layer(known, np.arange(len(others)), at)
+    return samples.lam(at, TALL, ANY)
+
+
+@pytest.mark.parametrize("pose", [(0.0, 6.0, 1.76), (0.3, 5.5, 1.6), (-0.2, 6.3, 1.3)])
+@pytest.mark.parametrize("others", [[], [(0.4, 5.0, 1.8)], [(0.1, 6.6, 1.7), (-0.3, 5.2, 1.7)]])
+def test_evidence_is_that_of_the_plain_twin(
+    pose: tuple[float, float, float], others: list[tuple[float, float, float]]
+) -> None:
+    seen = World().observe(0, [(0.0, 6.0, RED), (0.5, 5.2, BLUE)])
+    shadow = np.zeros_like(seen.foreground)
+    shadow[60:70, 70:90] = 255
+    frame = Explanation(VIEW, Observation(0, 0.0, None, seen.foreground, seen.motion, shadow=shadow))
+    expected = reference.gain(VIEW, frame.kind, pose, TALL[0], [(o, TALL[0]) for o in others], SPACING_M)
+    assert evidence(frame, pose, *others) == pytest.approx(expected, rel=2e-3, abs=1e-3)
+
+
+def test_person_is_likelier_where_it_stands_than_beside() -> None:
+    frame = frame_of((0.0, 6.0, RED))
+    here = evidence(frame, (0.0, 6.0, 1.76))
+    assert here > 20.0
+    assert all(evidence(frame, (x, y, 1.76)) < here for x, y in ((0.3, 6.0), (-0.3, 6.0), (0.0, 7.0), (0.0, 5.2)))
+
+
+def test_person_who_is_hidden_by_another_costs_nothing_and_gains_nothing() -> None:
+    frame = frame_of((0.0, 5.0, RED))
+    assert abs(evidence(frame, (0.0, 5.2, 1.6), (0.0, 5.0, 1.76))) < 0.2 * evidence(frame, (0.0, 5.0, 1.76))
+
+
+def test_person_where_nothing_is_foreground_is_unlikely() -> None:
+    assert evidence(frame_of(), (0.0, 6.0, 1.76)) < -10.0
+
+
+def test_ascent_finds_the_person_from_a_walkers_error_of_prediction() -> None:
+    frame, start = frame_of((0.0, 6.0, RED)), np.array([0.2, 6.3, 1.7])
+    samples = frame.around(start, 0.5)
+    samples.layer(people_at(), NOBODY, start)
+    pose = start.copy()
+    samples.ascend(pose, start, np.array([4.0, 0.0, 4.0, 60.0]), TALL, np.zeros((0, 3)), ANY)
+    assert pose[:2] == pytest.approx([0.0, 6.0], abs=0.15)
+
+
+def test_place_is_known_better_across_the_ray_than_along_it() -> None:
+    frame, pose = frame_of((0.0, 6.0, RED)), np.array([0.0, 6.0, 1.76])
+    samples = frame.around(pose, 0.5)
+    samples.layer(people_at(), NOBODY, pose)
+    noise, _ = samples.noise(pose, TALL, ANY)
+    assert 0.0 < noise.xx < noise.yy
+
+
+def test_two_side_by_side_explain_two_better_than_one_does() -> None:
+    frame = frame_of((-0.35, 6.0, RED), (0.35, 6.0, BLUE))
+    assert frame.beside(0, 1, people_at((-0.35, 6.0, 1.76), (0.35, 6.0, 1.76))).evidence > 8.0
+
+
+def test_second_person_in_the_outline_of_one_has_no_evidence() -> None:
+    frame = frame_of((0.0, 6.0, RED))
+    assert frame.beside(0, 1, people_at((0.0, 6.4, 1.7), (0.0, 5.9, 1.76))).evidence < 0.0
+
+
+def test_owners_are_the_people_in_whose_outline_pixels_are() -> None:
+    frame = frame_of((-0.8, 6.0, RED), (0.8, 6.0, BLUE))
+    shares = frame.share_out(people_at((-0.8, 6.0, 1.76), (2.5, 6.0, 1.76)))
+    columns = [round(float(CAMERA.project((x, 6.0, 1.1))[0])) for x in (-0.8, 0.8)]
+    row = round(float(CAMERA.project((0.0, 6.0, 1.1))[1]))
+    assert [int(shares.owner[row, c]) for c in columns] == [0, -1]
+    assert shares.owner[5, 5] == -2
+    assert shares.residual[row, columns[1]] > 1.0
+
+
+def test_one_is_born_for_each_person_whom_nobody_explains() -> None:
+    frame, places = frame_of((-1.0, 6.0, RED), (1.0, 6.0, BLUE)), Places(MAP, PARAMS.birth_visible, PARAMS.patch_m)
+    known = people_at((-1.0, 6.0, 1.76))
+    born, poses = births(places, frame, known, frame.share_out(known), 0.0)
+    assert [b.at_m for b in born] == [pytest.approx((1.0, 6.0), abs=0.25)]
+    assert poses.tolist() == [[-1.0, 6.0, 1.76]]
+
+
+def test_silhouette_is_widest_at_the_arms_and_round_from_above() -> None:
+    table = silhouette()
+    level, above = table.cover[6], table.cover[24]
+    wide = level.sum(axis=0)
+    assert wide[44:60].mean() > 1.5 * wide[15:30].mean()
+    assert ((table.cover >= 0.0) & (table.cover <= 1.0)).all()
+    assert (above > 0.3).sum() < (level > 0.3).sum() / 2
+
+
+def test_match_is_equation_1() -> None:
+    surface = np.zeros((20, 30), np.uint8)
+    surface[5:15, 5:15] = 255
+    half = np.array([[5.0, 5.0], [9.0, 5.0], [9.0, 14.0], [5.0, 14.0]])
+    (alone,) = matches([half], surface)
+    assert alone == Match(pytest.approx(0.5), pytest.approx(1.0), 0.0)
+    both = matches([half, half], surface)[0]
+    assert both.overlap == pytest.approx(0.5)
+    assert both.score == pytest.approx(1.0)
+    assert matches([None], surface) == [Match()]
