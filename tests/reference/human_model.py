@@ -7,12 +7,12 @@ import math
 import numpy as np
 
 from calib.types import F64, U8
-from planview.tracking.human_model.explanation import View
+from planview.tracking.human_model.explanation import MaskView
 
 Pose = tuple[float, float, float]
 
 
-def cover_of(view: View, pose: Pose) -> tuple[F64, F64]:
+def cover_of(view: MaskView, pose: Pose) -> tuple[F64, F64]:
     """(H, W) how probably a body covers each pixel, and the relative height of its axis there."""
     x, y, h = pose
     t, ray = view.table, view.rays.astype(np.float64)
@@ -27,7 +27,9 @@ def cover_of(view: View, pose: Pose) -> tuple[F64, F64]:
     return np.asarray(cover, np.float64), np.where(inside, height, 0.0)
 
 
-def gain(view: View, kind: U8, pose: Pose, tall_m: float, others: list[tuple[Pose, float]], spacing_m: float) -> float:
+def gain(
+    view: MaskView, kind: U8, pose: Pose, tall_m: float, others: list[tuple[Pose, float]], spacing_m: float
+) -> float:
     """Lam of people who are certain with one more at a pose, less Lam without, without colours.
 
     Args:
@@ -72,7 +74,7 @@ def _of_body(kind: int, z: float, hidden: float, b) -> float:  # type: ignore[no
     return seen if kind == 2 else (1 - o) * (1 - b.body) + o * (1 - b.background)
 
 
-def _near(view: View, pose: Pose, row: int, col: int) -> bool:
+def _near(view: MaskView, pose: Pose, row: int, col: int) -> bool:
     ex, ey, cos, sin, _ = view.rays[row, col].astype(np.float64)
     x, y, h = pose
     z = view.camera.height_m - sin * ((x * ex + y * ey) * cos - (0.5 * h - view.camera.height_m) * sin)

@@ -30,7 +30,7 @@ Place = tuple[float, float]
 
 
 @dataclass(eq=False)
-class Person:
+class MapPerson:
     """The paper's state <x, v, T_H, T_O> of a tracked person.
 
     Attributes:
@@ -116,7 +116,7 @@ class HarvilleTracker:
 
     def reset(self) -> None:
         """Forget all people; ids start again at 1."""
-        self._people: list[Person] = []
+        self._people: list[MapPerson] = []
         self._life.reset()
 
     @property
@@ -160,7 +160,7 @@ class HarvilleTracker:
         self._find_newcomers(free)
         return tuple(_state(person, maps.grid.cell_m, self.params.width_m) for person in self._people)
 
-    def _search(self, person: Person, free: FreeMaps, placed: list[Place]) -> tuple[Place | None, ScoreTerms]:
+    def _search(self, person: MapPerson, free: FreeMaps, placed: list[Place]) -> tuple[Place | None, ScoreTerms]:
         """Where the match score M (eq. 4) is smallest around the prediction; None where it exceeds theta_track."""
         p, grid = self.params, free.maps.grid
         reach = max(1, math.ceil(SEARCH_SIGMA * person.kalman.position_std_m / grid.cell_m))
@@ -186,7 +186,7 @@ class HarvilleTracker:
         person.score, row, col, *terms = best.tolist()
         return grid.centre_of(row, col) if person.score <= p.score_max else None, ScoreTerms(*terms)
 
-    def _measure(self, person: Person, found_m: Place, free: FreeMaps, dt: float) -> None:
+    def _measure(self, person: MapPerson, found_m: Place, free: FreeMaps, dt: float) -> None:
         """Update position, velocity and templates with what lies at the best match.
 
         The velocity is not measured apart: in the filter the change in position carries it.
@@ -196,7 +196,7 @@ class HarvilleTracker:
         person.measured_m = found_m
         self._adapt(person, free, 1.0 - math.exp(-dt / self.params.template_s))
 
-    def _adapt(self, person: Person, free: FreeMaps, gain: float) -> None:
+    def _adapt(self, person: MapPerson, free: FreeMaps, gain: float) -> None:
         """Blend the maps into the templates; a gain of 1 extracts new ones."""
         window = free.window(person.measured_m)
         height, occupancy = free.height[window], free.occupancy[window]
@@ -207,7 +207,7 @@ class HarvilleTracker:
         blended = np.where(both, t_height + np.float32(gain) * (height - t_height), np.maximum(t_height, height))
         t_height[:] = np.where(t_occupancy >= np.float32(free.maps.occupancy_min), blended, 0.0)
 
-    def _recentre(self, person: Person, free: FreeMaps) -> None:
+    def _recentre(self, person: MapPerson, free: FreeMaps) -> None:
         """Move a template that has slipped off its person to the occupancy maximum; velocity and covariance stay.
 
         The paper does so after all people are tracked. Here it is done before the person is cleared, so that people
@@ -228,7 +228,7 @@ class HarvilleTracker:
         self._put(person, peak, person.kalman.moved_to(*peak), free)
         self._life.log(person.existence, "recentred", f"by {moved:.2f} m: {why}", moved)
 
-    def _put(self, person: Person, at_m: Place, kalman: FloorKalman, free: FreeMaps) -> None:
+    def _put(self, person: MapPerson, at_m: Place, kalman: FloorKalman, free: FreeMaps) -> None:
         """Place a person, with new templates extracted there."""
         person.measured_m, person.kalman = at_m, kalman
         person.template_height[:] = person.template_occupancy[:] = 0.0
@@ -276,7 +276,7 @@ class HarvilleTracker:
                 what = f"{tallest[row, col]:.2f} m tall, {area[row, col]:.2f} m2 visible"
                 blank = np.zeros((n, n), np.float32)
                 existence = self._life.spawn(what, float(area[row, col]))
-                person = Person(existence, kalman, blank, blank.copy(), at_m, at_m)
+                person = MapPerson(existence, kalman, blank, blank.copy(), at_m, at_m)
                 self._people.append(person)
             self._put(person, at_m, kalman, free)
             free.clear(at_m)
@@ -296,12 +296,12 @@ class HarvilleTracker:
         return TrackerDebug((zones, Drawing("template", "floor", tuple(outlines), tuple(labels))), dict(tiles))
 
 
-def _apart(person: Person, at_m: Place) -> float:
+def _apart(person: MapPerson, at_m: Place) -> float:
     """Distance of a place from a person's last predicted or measured location, whichever is nearer [m]."""
     return min(math.dist(at_m, person.predicted_m), math.dist(at_m, person.measured_m))
 
 
-def _state(person: Person, cell_m: float, width_m: float) -> TrackState:
+def _state(person: MapPerson, cell_m: float, width_m: float) -> TrackState:
     """The template's centre; the head is the highest of T_H within a torso's width of it."""
     half = len(person.template_height) // 2
     near = slice(half - round(width_m / 2 / cell_m), half + round(width_m / 2 / cell_m) + 1)

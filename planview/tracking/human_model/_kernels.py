@@ -23,7 +23,7 @@ AROUND_M = 0.25
 """Margin of samples beside the body's axis and reach [m]."""
 
 
-class Beliefs(NamedTuple):
+class OutlineBeliefs(NamedTuple):
     """``HumanModelParams`` and the body's table as kernels take them."""
 
     body: float
@@ -51,7 +51,16 @@ class Beliefs(NamedTuple):
 
 @njit(cache=True, nogil=True, fastmath=True, inline="always")
 def _look(  # type: ignore[no-untyped-def]
-    x: float, y: float, h: float, ex: float, ey: float, cos: float, sin: float, angle: int, cover: F32, b: Beliefs
+    x: float,
+    y: float,
+    h: float,
+    ex: float,
+    ey: float,
+    cos: float,
+    sin: float,
+    angle: int,
+    cover: F32,
+    b: OutlineBeliefs,
 ):
     """Cover of a body on a ray, and the relative height of the point of its axis that the ray passes."""
     dz = 0.5 * h - b.camera_m
@@ -65,7 +74,7 @@ def _look(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=True, inline="always")
-def _likelihood(kind: int, z: float, hidden: float, colour: float, b: Beliefs):  # type: ignore[no-untyped-def]
+def _likelihood(kind: int, z: float, hidden: float, colour: float, b: OutlineBeliefs):  # type: ignore[no-untyped-def]
     """Of a pixel on a body; its lower part may be hidden by furniture."""
     if kind == SHADOW:
         return 0.5
@@ -76,7 +85,7 @@ def _likelihood(kind: int, z: float, hidden: float, colour: float, b: Beliefs): 
 
 
 @njit(cache=True, nogil=True, fastmath=True, inline="always")
-def _ground(kind: int, near: bool, b: Beliefs):  # type: ignore[no-untyped-def]
+def _ground(kind: int, near: bool, b: OutlineBeliefs):  # type: ignore[no-untyped-def]
     """Likelihood of a pixel on which nobody is."""
     if kind == SHADOW:
         return 0.5
@@ -84,13 +93,13 @@ def _ground(kind: int, near: bool, b: Beliefs):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=True, inline="always")
-def _hidden(h: float, tall: float, b: Beliefs):  # type: ignore[no-untyped-def]
+def _hidden(h: float, tall: float, b: OutlineBeliefs):  # type: ignore[no-untyped-def]
     """How probably furniture hides a lower pixel of a person as tall as this when standing."""
     return b.hidden_sitting if h < b.sitting_from * tall else b.hidden
 
 
 @njit(cache=True, nogil=True, fastmath=True, inline="always")
-def _colour(z: float, code: int, ratio: F32, b: Beliefs):  # type: ignore[no-untyped-def]
+def _colour(z: float, code: int, ratio: F32, b: OutlineBeliefs):  # type: ignore[no-untyped-def]
     part = 0 if z < LEGS_TO else (1 if z < TORSO_TO else 2)
     return 1.0 - b.colour + b.colour * ratio[part, code]
 
@@ -98,7 +107,7 @@ def _colour(z: float, code: int, ratio: F32, b: Beliefs):  # type: ignore[no-unt
 @njit(cache=True, nogil=True)
 def gather(
     pose: F64, half_m: float, spacing_m: float, box: I64, rays: F32, angle: I32, kind: U8, code: U8, samples: F32,
-    kinds: U8, codes: U8, angles: I64, b: Beliefs,
+    kinds: U8, codes: U8, angles: I64, b: OutlineBeliefs,
 ) -> int:  # fmt: skip
     """Fill the samples within ``half_m`` of a body in its box; their number."""
     rows, cols = kind.shape
@@ -131,7 +140,7 @@ def gather(
 @njit(cache=True, nogil=True, fastmath=True)
 def layer(
     samples: F32, kinds: U8, codes: U8, angles: I64, n: int, poses: F64, sure: F64, tall: F64, ratios: F32,
-    order: I64, before: int, cover: F32, b: Beliefs,
+    order: I64, before: int, cover: F32, b: OutlineBeliefs,
 ) -> None:  # fmt: skip
     """Lay other people over the samples, each covering as surely as it exists.
 
@@ -176,7 +185,7 @@ def layer(
 @njit(cache=True, nogil=True, fastmath=True)
 def evaluate(
     x: float, y: float, h: float, tall: float, samples: F32, kinds: U8, codes: U8, angles: I64, n: int, ratio: F32,
-    cover: F32, b: Beliefs,
+    cover: F32, b: OutlineBeliefs,
 ) -> float:  # fmt: skip
     """Lam of all samples with one person at a pose among the others, less Lam without that person."""
     total = 0.0
@@ -193,7 +202,7 @@ def evaluate(
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def believed(x: float, y: float, h: float, tall: float, tall_std: float, apart: F64, b: Beliefs) -> float:
+def believed(x: float, y: float, h: float, tall: float, tall_std: float, apart: F64, b: OutlineBeliefs) -> float:
     """Logarithm of what is believed of a pose: upright, seldom sitting, and no body inside another.
 
     ``tall``, ``tall_std``: the person's height when upright. Relative to standing so with nobody near.
@@ -211,7 +220,7 @@ def believed(x: float, y: float, h: float, tall: float, tall_std: float, apart: 
 @njit(cache=True, nogil=True, fastmath=True)
 def ascend(
     pose: F64, predicted: F64, information: F64, tall: float, tall_std: float, apart: F64, steps: F64, low: float,
-    high: float, samples: F32, kinds: U8, codes: U8, angles: I64, n: int, ratio: F32, cover: F32, b: Beliefs,
+    high: float, samples: F32, kinds: U8, codes: U8, angles: I64, n: int, ratio: F32, cover: F32, b: OutlineBeliefs,
 ) -> float:  # fmt: skip
     """Pattern search on Lam - Mahalanobis / 2; moves ``pose``. Lam at the end plus what is believed of such a pose.
 
@@ -271,7 +280,7 @@ def ascend(
 
 @njit(cache=True, nogil=True, fastmath=True)
 def visible(  # type: ignore[no-untyped-def]
-    pose: F64, tall: float, samples: F32, kinds: U8, angles: I64, n: int, cover: F32, b: Beliefs
+    pose: F64, tall: float, samples: F32, kinds: U8, angles: I64, n: int, cover: F32, b: OutlineBeliefs
 ):
     """Patches of a body that it explains better than all else, those on foreground, and those in view."""
     mine = seen = total = 0.0
@@ -294,7 +303,7 @@ def visible(  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, fastmath=True)
 def share_out(
     poses: F64, sure: F64, tall: F64, ratios: F32, order: I64, boxes: I64, rays: F32, angle: I32, kind: U8, code: U8,
-    cover: F32, b: Beliefs, owner: I64, share: F32, height: F32, range_m: F32, residual: F32, near: Bool,
+    cover: F32, b: OutlineBeliefs, owner: I64, share: F32, height: F32, range_m: F32, residual: F32, near: Bool,
 ) -> None:  # fmt: skip
     """Who owns each pixel of foreground: -2 no foreground, -1 nobody, else a person, with the responsibility.
 

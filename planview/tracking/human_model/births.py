@@ -10,7 +10,7 @@ import numpy as np
 from calib.types import F32, F64, I32
 from planview.tracking import body
 from planview.tracking.human_model import _kernels as kernels
-from planview.tracking.human_model.explanation import PATCH_PX, Explanation, People, Shares
+from planview.tracking.human_model.explanation import PATCH_PX, MaskExplanation, Outlines, Shares
 from planview.tracking.human_model.model_map import HumanModelMap
 from planview.tracking.human_model.walker import Walker
 from planview.tracking.kalman import FloorKalman
@@ -32,7 +32,7 @@ PLACE_STD_M = 0.5
 """How far the place of a newcomer may be from where its residual is strongest [m]."""
 
 
-class Places:
+class FloorPlaces:
     """Where newcomers are looked for: entries of the model map with enough of a person in view."""
 
     def __init__(self, model_map: HumanModelMap, visible: float, patch_m: float) -> None:
@@ -76,7 +76,7 @@ def _bands(hull_px: F32) -> F64:
 
 
 def births(
-    places: Places, frame: Explanation, people: People, shares: Shares, now_s: float
+    places: FloorPlaces, frame: MaskExplanation, people: Outlines, shares: Shares, now_s: float
 ) -> tuple[list[Walker], F64]:
     """People who are born in this frame, without ids, and (N, 3) poses of those known, who may be better elsewhere.
 
@@ -102,7 +102,7 @@ def births(
     return born, people.poses[:n_known]
 
 
-def _try(place: F64, frame: Explanation, known: People, now_s: float) -> Walker | None:
+def _try(place: F64, frame: MaskExplanation, known: Outlines, now_s: float) -> Walker | None:
     """A newcomer at a place, if the evidence for one is strong enough; a rival who accounts for it is moved there."""
     p, start = frame.view.params, np.array([*place, body.HEIGHT_MEAN_M])
     people, n = known.with_one(start), len(known.poses)

@@ -36,7 +36,7 @@ ANYBODY = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
 """Height of somebody of whom nothing is known, and its deviation [m]."""
 
 
-class View:
+class MaskView:
     """What stays the same in every frame of a camera: the ray of each pixel."""
 
     def __init__(self, camera: GroundCamera, params: HumanModelParams) -> None:
@@ -60,7 +60,7 @@ class View:
             np.zeros(stretch.shape, np.float32), np.zeros((3, 4)), 1.0 / camera.focal_px**2, 0.0, 1.0,
         )  # fmt: skip
         p, t = params, self.table
-        self.beliefs = kernels.Beliefs(
+        self.beliefs = kernels.OutlineBeliefs(
             body=p.seen_on_body,
             background=p.seen_on_background,
             near_people=p.seen_near_people,
@@ -95,7 +95,7 @@ class View:
         return np.asarray(np.clip(np.concatenate([low, high], axis=1), -1e4, 1e4), dtype=np.int64)
 
 
-class People:
+class Outlines:
     """What an explanation knows of people, side by side: all arrays have one row a person.
 
     Attributes:
@@ -108,9 +108,9 @@ class People:
     def __init__(self, poses: F64, sure: F64, tall: F64, ratios: F32) -> None:
         self.poses, self.sure, self.tall, self.ratios = poses, sure, tall, ratios
 
-    def with_one(self, pose: F64) -> People:
+    def with_one(self, pose: F64) -> Outlines:
         """With one more, of whom nothing is known."""
-        return People(
+        return Outlines(
             np.concatenate([self.poses, pose[None]]),
             np.append(self.sure, 1.0),
             np.concatenate([self.tall, ANYBODY[None]]),
@@ -147,7 +147,7 @@ class Pair(NamedTuple):
     first: bool
 
 
-class Explanation:
+class MaskExplanation:
     """One frame.
 
     Args:
@@ -160,7 +160,7 @@ class Explanation:
         coloured: whether clothes tell people apart.
     """
 
-    def __init__(self, view: View, observation: Observation) -> None:
+    def __init__(self, view: MaskView, observation: Observation) -> None:
         assert observation.foreground is not None
         self.view, image = view, observation.image
         self.kind: U8 = np.where(observation.foreground > 0, np.uint8(kernels.SURFACE), np.uint8(kernels.SEEN))
@@ -172,16 +172,16 @@ class Explanation:
             pixels = np.flatnonzero(self.kind == kernels.SURFACE).astype(np.int32)
             self.code.reshape(-1)[pixels] = colour_codes(image, pixels, Exposure())
 
-    def around(self, pose: F64, reach_m: float) -> Samples:
+    def around(self, pose: F64, reach_m: float) -> OutlineSamples:
         """The samples within reach of a body."""
-        return Samples(self, pose, reach_m)
+        return OutlineSamples(self, pose, reach_m)
 
     def touching(self, poses: F64) -> Bool:
         """(N, N) whether two people may be on one ray."""
         low, high = np.split(self.view.boxes(poses, 0.4), 2, axis=1)
         return np.asarray((low[:, None] <= high[None]).all(-1) & (low[None] <= high[:, None]).all(-1))
 
-    def rival(self, i: int, people: People, standing: F64) -> int:
+    def rival(self, i: int, people: Outlines, standing: F64) -> int:
         """The person of better (N,) standing who may account for the foreground of another; -1 for none."""
         boxes = self.view.boxes(people.poses, body.TORSO.torso_radius_m).astype(np.float64)
         sides = np.minimum(boxes[:, 2:], boxes[i, 2:]) - np.maximum(boxes[:, :2], boxes[i, :2])
@@ -191,7 +191,7 @@ class Explanation:
         j = int(np.argmax(common))
         return j if common[j] > RIVAL else -1
 
-    def beside(self, i: int, j: int, people: People, refit: bool = False) -> Pair:
+    def beside(self, i: int, j: int, people: Outlines, refit: bool = False) -> Pair:
         """Evidence for two people against the second alone, who may be anywhere near.
 
         Args:
@@ -230,7 +230,7 @@ class Explanation:
         both += other.believed(poses[j], tall[j], apart)
         return Pair(both - alone - TOGETHER, pose, alone - here, first_alone)
 
-    def share_out(self, people: People) -> Shares:
+    def share_out(self, people: Outlines) -> Shares:
         """Who owns each pixel of foreground."""
         v, shape = self.view, self.kind.shape
         share, height, range_m, residual = np.zeros((4, *shape), np.float32)
@@ -250,15 +250,15 @@ class Shares:
         self.owner, self.share, self.height = owner, share, height
         self.range_m, self.residual, self.near = range_m, residual, near
 
-    def seen(self, of: Explanation) -> SeenPixels:
+    def seen(self, of: MaskExplanation) -> SeenPixels:
         """The frame as if every pixel were as far away as its owner."""
         return SeenPixels(of.view.seen_rays, of.kind, self.range_m, of.code if of.coloured else None)
 
 
-class Samples:
+class OutlineSamples:
     """The samples around one person and the layers of others on their rays."""
 
-    def __init__(self, of: Explanation, pose: F64, reach_m: float) -> None:
+    def __init__(self, of: MaskExplanation, pose: F64, reach_m: float) -> None:
         self._of, v = of, of.view
         self._values = np.empty((MAX_SAMPLES, kernels.SAMPLE_FIELDS), np.float32)
         self._kinds, self._codes = np.empty((2, MAX_SAMPLES), np.uint8)
@@ -269,7 +269,7 @@ class Samples:
             of.code, self._values, self._kinds, self._codes, self._angles, v.beliefs,
         )  # fmt: skip
 
-    def layer(self, people: People, others: I64, pose: F64) -> None:
+    def layer(self, people: Outlines, others: I64, pose: F64) -> None:
         """Take these people for the others on the rays of a person at a pose."""
         v, away = self._of.view, people.away()
         order = others[np.argsort(away[others])]

@@ -16,8 +16,15 @@ from planview.foreground.masks import BACKGROUND, PERSON, WALKER
 from planview.tracking import body
 from planview.tracking.base import Decision, DecisionKind, Drawing, Observation, TrackerDebug
 from planview.tracking.human_model import _kernels as kernels
-from planview.tracking.human_model.births import CORE, Places, births
-from planview.tracking.human_model.explanation import STEPS_M, Explanation, People, Samples, Shares, View
+from planview.tracking.human_model.births import CORE, FloorPlaces, births
+from planview.tracking.human_model.explanation import (
+    STEPS_M,
+    MaskExplanation,
+    MaskView,
+    Outlines,
+    OutlineSamples,
+    Shares,
+)
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.walker import Walker, matches
@@ -66,8 +73,8 @@ class HumanModelTracker:
             raise InputError(f"expected a human model map of {camera}, found one of {model_map.camera}")
         self.params, self.camera, self.model = params, camera, HumanModel()
         self.model_map = model_map or build_model_map(camera, self.model, params.map)
-        self._view = View(camera, params)
-        self._places = Places(self.model_map, params.birth_visible, params.patch_m)
+        self._view = MaskView(camera, params)
+        self._places = FloorPlaces(self.model_map, params.birth_visible, params.patch_m)
         self._shared = TemplateParams(
             patch_m=params.patch_m, low_share=params.sits, floor_m2=self._places.floor_m2, errors_s=params.errors_s,
             colour_weight=params.colour_weight, remember_s=params.remember_s, lag_s=params.lag_s,
@@ -134,7 +141,7 @@ class HumanModelTracker:
             )
         dt = 0.0 if math.isnan(self._now_s) else max(0.0, observation.timestamp_s - self._now_s)
         self._now_s, self._log = observation.timestamp_s, []
-        frame = Explanation(self._view, observation)
+        frame = MaskExplanation(self._view, observation)
         seen = frame.kind == kernels.SEEN
         frame.kind[seen & (self._hides > 0)] = kernels.SHADOW
         for q in self._people:
@@ -164,15 +171,15 @@ class HumanModelTracker:
         q.kalman = q.kalman.predicted(dt, p.acceleration_mps2)
         q.height_var += p.height_change_mps**2 * dt * min(dt, p.errors_s)
 
-    def _side_by_side(self, people: Sequence[Walker] | None = None) -> People:
+    def _side_by_side(self, people: Sequence[Walker] | None = None) -> Outlines:
         """Everybody, or some."""
         who = self._people if people is None else people
         poses = np.array([(*q.at_m, q.height_m) for q in who]).reshape(-1, 3)
         tall = np.array([q.upright for q in who]).reshape(-1, 2)
-        return People(poses, np.array([q.existence for q in who]), tall, colour_ratios(who))
+        return Outlines(poses, np.array([q.existence for q in who]), tall, colour_ratios(who))
 
     # -- explaining a frame ---------------------------------------------------------------------------------------
-    def _explain(self, frame: Explanation, dt: float) -> None:
+    def _explain(self, frame: MaskExplanation, dt: float) -> None:
         """Coordinate ascent, nearest first; then what the frame says of each place and existence."""
         people = self._side_by_side()
         predicted, touch = people.poses.copy(), frame.touching(people.poses)
@@ -219,7 +226,14 @@ class HumanModelTracker:
         return np.array([k.c_yy / det, -k.c_xy / det, k.c_xx / det, 1 / q.height_var])
 
     def _measure(
-        self, i: int, q: Walker, frame: Explanation, samples: list[Samples], people: People, predicted: F64, others: I64
+        self,
+        i: int,
+        q: Walker,
+        frame: MaskExplanation,
+        samples: list[OutlineSamples],
+        people: Outlines,
+        predicted: F64,
+        others: I64,
     ) -> None:
         """Evidence for a person, its visible share, and the place as far as the pixels tell it."""
         s, pose, tall, ratio = samples[i], people.poses[i], people.tall[i], people.ratios[i]
@@ -244,7 +258,7 @@ class HumanModelTracker:
         q.height_m, q.height_var = float(h), 1.0 / (1.0 / q.height_var + up)
         q.seen_s = self._now_s
 
-    def _learn_hiding(self, frame: Explanation, seen: Bool, dt: float) -> None:
+    def _learn_hiding(self, frame: MaskExplanation, seen: Bool, dt: float) -> None:
         """What hides people, from the bodies of those who walk: background where one is, or foreground."""
         p, walkers = self.params, np.zeros(seen.shape, np.uint8)
         for q in self._people:
@@ -281,7 +295,7 @@ class HumanModelTracker:
         q.walked_m += farther
         q.moved += farther
 
-    def _judge(self, frame: Explanation, shares: Shares, motion: U8) -> None:
+    def _judge(self, frame: MaskExplanation, shares: Shares, motion: U8) -> None:
         """Match (equation 1) and the automata of everybody."""
         found = matches([self._hull(q.at_m, q.height_m) for q in self._people], frame.kind == kernels.SURFACE)
         area = np.bincount(shares.owner.reshape(-1) + 2, minlength=len(self._people) + 2)[2:]
@@ -303,7 +317,7 @@ class HumanModelTracker:
                 )  # fmt: skip
 
     # -- who is who, who comes, who goes ----------------------------------------------------------------------------
-    def _learn(self, frame: Explanation, shares: Shares, dt: float) -> None:
+    def _learn(self, frame: MaskExplanation, shares: Shares, dt: float) -> None:
         touch = frame.touching(self._side_by_side().poses)
         for i, q in enumerate(self._people):
             if q.share < 0.5 or touch[i].sum() > 1:
@@ -315,7 +329,7 @@ class HumanModelTracker:
             a.take_identity(b)
             self._note(a, "identity", f"exchanged with {b.track_id}: colours, log-odds {odds:.1f}", odds)
 
-    def _watch(self, frame: Explanation, shares: Shares, motion: U8, dt: float) -> None:
+    def _watch(self, frame: MaskExplanation, shares: Shares, motion: U8, dt: float) -> None:
         """What the foreground model is told: people, and what has been still and unexplained for long."""
         label = np.zeros(len(self._people) + 1, np.uint8)
         for i, q in enumerate(self._people):
@@ -351,7 +365,7 @@ class HumanModelTracker:
         for q in self._departed:
             q.kalman = q.kalman.slowed(dt, p.slow_down_s).predicted(dt, p.acceleration_mps2)
 
-    def _meet(self, born: list[Walker], frame: Explanation) -> None:
+    def _meet(self, born: list[Walker], frame: MaskExplanation) -> None:
         """Follow newcomers, under ids of their own until it is known who they are."""
         found = matches([self._hull(b.at_m, b.height_m) for b in born], frame.kind == kernels.SURFACE)
         for b, match in zip(born, found, strict=True):

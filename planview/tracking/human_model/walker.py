@@ -21,7 +21,7 @@ OVERLAP = 0.15
 """R_overlap from which a person is in occlusion."""
 
 
-class Match(NamedTuple):
+class ModelMatch(NamedTuple):
     """How a hull matches the blobs that it touches (equation 1)."""
 
     recall: float = 0.0
@@ -34,7 +34,7 @@ class Match(NamedTuple):
         return self.recall + self.precision - self.overlap
 
 
-NO_MATCH = Match()
+NO_MATCH = ModelMatch()
 
 
 class Sample(NamedTuple):
@@ -61,7 +61,7 @@ class Walker(Person):
     motion: Motion = "moving"
     stability: Stability = "appearing"
     posture: Posture = "standing"
-    match: Match = NO_MATCH
+    match: ModelMatch = NO_MATCH
     observed: bool = True
     trail: deque[Sample] = field(default_factory=lambda: deque(maxlen=256))
 
@@ -89,7 +89,7 @@ class Walker(Person):
         self.posture = "sitting" if self.height_m < 0.5 * (1.0 + p.sitting) * self.tall_m else "standing"
 
 
-def matches(hulls: Sequence[F64 | None], surface: U8) -> list[Match]:
+def matches(hulls: Sequence[F64 | None], surface: U8) -> list[ModelMatch]:
     """Matches of hulls (K, 2) [px] with a (H, W) mask of foreground; None where no hull can be drawn."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats((surface > 0).astype(np.uint8), connectivity=8)
     cover = np.zeros(surface.shape, np.uint8)
@@ -111,14 +111,14 @@ def matches(hulls: Sequence[F64 | None], surface: U8) -> list[Match]:
     found = []
     for entry in drawn:
         if entry is None:
-            found.append(Match())
+            found.append(ModelMatch())
             continue
         rows, cols, part = entry
         inner = np.bincount(labels[rows, cols][part > 0], minlength=len(stats))[1:]
         touched = np.flatnonzero(inner > 0.1 * inner.sum()) + 1
         blob = max(1, int(stats[touched, cv2.CC_STAT_AREA].sum()))
         found.append(
-            Match(
+            ModelMatch(
                 float(inner[touched - 1].sum()) / blob,
                 float(inner.sum()) / max(1, int(part.sum())),
                 float(shared[touched].sum()) / blob,

@@ -5,29 +5,29 @@ import pytest
 
 from planview.tracking import body
 from planview.tracking.base import Observation
-from planview.tracking.human_model.births import Places, births
-from planview.tracking.human_model.explanation import SPACING_M, Explanation, People, View
+from planview.tracking.human_model.births import FloorPlaces, births
+from planview.tracking.human_model.explanation import SPACING_M, MaskExplanation, MaskView, Outlines
 from planview.tracking.human_model.silhouette import silhouette
-from planview.tracking.human_model.walker import Match, matches
+from planview.tracking.human_model.walker import ModelMatch, matches
 from tests.human_model_world import BLUE, CAMERA, MAP, PARAMS, RED, Drawn, World
 from tests.reference import human_model as reference
 
-VIEW = View(CAMERA, PARAMS.model_copy(update={"colour_weight": 0.0}))
+VIEW = MaskView(CAMERA, PARAMS.model_copy(update={"colour_weight": 0.0}))
 TALL = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
 ANY = np.ones((3, 200), np.float32)
 NOBODY = np.zeros(0, np.int64)
 
 
-def frame_of(*people: Drawn) -> Explanation:
-    return Explanation(VIEW, World().observe(0, people))
+def frame_of(*people: Drawn) -> MaskExplanation:
+    return MaskExplanation(VIEW, World().observe(0, people))
 
 
-def people_at(*poses: tuple[float, float, float]) -> People:
+def people_at(*poses: tuple[float, float, float]) -> Outlines:
     n = len(poses)
-    return People(np.array(poses).reshape(-1, 3), np.ones(n), np.tile(TALL, (n, 1)), np.ones((n, 3, 200), np.float32))
+    return Outlines(np.array(poses).reshape(-1, 3), np.ones(n), np.tile(TALL, (n, 1)), np.ones((n, 3, 200), np.float32))
 
 
-def evidence(frame: Explanation, pose: tuple[float, float, float], *others: tuple[float, float, float]) -> float:
+def evidence(frame: MaskExplanation, pose: tuple[float, float, float], *others: tuple[float, float, float]) -> float:
     at, known = np.array(pose), people_at(*others)
     samples = frame.around(at, 0.5)
     samples.layer(known, np.arange(len(others)), at)
@@ -42,7 +42,7 @@ def test_evidence_is_that_of_the_plain_twin(
     seen = World().observe(0, [(0.0, 6.0, RED), (0.5, 5.2, BLUE)])
     shadow = np.zeros_like(seen.foreground)
     shadow[60:70, 70:90] = 255
-    frame = Explanation(VIEW, Observation(0, 0.0, None, seen.foreground, seen.motion, shadow=shadow))
+    frame = MaskExplanation(VIEW, Observation(0, 0.0, None, seen.foreground, seen.motion, shadow=shadow))
     expected = reference.gain(VIEW, frame.kind, pose, TALL[0], [(o, TALL[0]) for o in others], SPACING_M)
     assert evidence(frame, pose, *others) == pytest.approx(expected, rel=2e-3, abs=1e-3)
 
@@ -101,7 +101,7 @@ def test_owners_are_the_people_in_whose_outline_pixels_are() -> None:
 
 
 def test_one_is_born_for_each_person_whom_nobody_explains() -> None:
-    frame, places = frame_of((-1.0, 6.0, RED), (1.0, 6.0, BLUE)), Places(MAP, PARAMS.birth_visible, PARAMS.patch_m)
+    frame, places = frame_of((-1.0, 6.0, RED), (1.0, 6.0, BLUE)), FloorPlaces(MAP, PARAMS.birth_visible, PARAMS.patch_m)
     known = people_at((-1.0, 6.0, 1.76))
     born, poses = births(places, frame, known, frame.share_out(known), 0.0)
     assert [b.at_m for b in born] == [pytest.approx((1.0, 6.0), abs=0.25)]
@@ -122,8 +122,8 @@ def test_match_is_equation_1() -> None:
     surface[5:15, 5:15] = 255
     half = np.array([[5.0, 5.0], [9.0, 5.0], [9.0, 14.0], [5.0, 14.0]])
     (alone,) = matches([half], surface)
-    assert alone == Match(pytest.approx(0.5), pytest.approx(1.0), 0.0)
+    assert alone == ModelMatch(pytest.approx(0.5), pytest.approx(1.0), 0.0)
     both = matches([half, half], surface)[0]
     assert both.overlap == pytest.approx(0.5)
     assert both.score == pytest.approx(1.0)
-    assert matches([None], surface) == [Match()]
+    assert matches([None], surface) == [ModelMatch()]
