@@ -36,6 +36,8 @@ _MOUNT_DEG = 0.3
 calibrations of some years have 0.1 to 0.2)."""
 _LENS = 2e-4
 """Standard deviation of a lens's decentring coefficients (our choice: what calibrations with boards state)."""
+_YAW_DEG = 0.15
+"""Error of yaw that matches cannot tell of: lenses and the matcher's lag look like it (rendered right rigs: 0.23)."""
 _NOISE_MIN_PX = 0.1
 """Least noise of a cell [px]: what interpolation leaves (our choice)."""
 _HUBER = 2.0
@@ -166,6 +168,8 @@ def fit_correction(matches: F64, geometry: RectifiedGeometry) -> RigCorrection:
             )  # fmt: skip
             scale = max(1.4826 * float(np.median(np.abs(offsets(fit.x)))), least)
         values[free], deviations[free] = fit.x, np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)))
+        if free[1]:
+            deviations[1] = math.hypot(deviations[1], math.radians(_YAW_DEG))
         ratio = np.where(free, np.abs(values) / deviations, np.inf)[:3]
         weakest = int(np.argmin(ratio))
         if ratio[weakest] > _DEVIATIONS:
