@@ -41,7 +41,7 @@ def test_roll_moves_rows_by_the_column() -> None:
     assert list(found.is_applied) == [False, False, True]
 
 
-@pytest.mark.parametrize("turn_deg", [(0.2, 0.0, 0.0), (0.0, 0.3, 0.0), (-0.5, 0.5, 0.5), (0.1, -0.2, -0.3)])
+@pytest.mark.parametrize("turn_deg", [(0.2, 0.0, 0.0), (0.0, 0.6, 0.0), (-0.5, 0.5, 0.5), (0.1, -0.6, -0.3)])
 def test_turn_of_the_right_camera_is_found_among_wrong_matches(turn_deg: tuple[float, float, float]) -> None:
     found = fit_correction(matches_of(turn_deg, wrong=0.2), GEOMETRY)
     assert np.all(np.abs(found.angles[:3] - np.radians(turn_deg)) < 3.0 * found.deviations[:3])
