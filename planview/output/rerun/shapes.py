@@ -47,7 +47,7 @@ def disparity_photo(sampled: SampledDisparity, stereo: StereoView) -> rr.Encoded
 
 
 def outlines(foreground: U8, size: tuple[int, int]) -> rr.LineStrips2D:
-    """Outlines of the foreground in an image of (width, height) pixels; its mask takes fifty times their room."""
+    """People of the foreground in an image of (width, height) pixels; its mask takes fifty times their room."""
     found, _ = cv2.findContours((foreground > 0).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_TC89_L1)
     scale = size[0] / foreground.shape[1]
     strips = [np.vstack([c, c[:1]]).reshape(-1, 2).astype(np.float32) * scale for c in found if len(c) > 2]

@@ -10,10 +10,11 @@ import numpy as np
 from calib.types import F32, F64, I32
 from planview.tracking import body
 from planview.tracking.human_model import _kernels as kernels
-from planview.tracking.human_model.explanation import PATCH_PX, MaskExplanation, Outlines, Shares
+from planview.tracking.human_model.explanation import PATCH_PX, MaskExplanation, Shares
 from planview.tracking.human_model.model_map import HumanModelMap
 from planview.tracking.human_model.walker import Walker
 from planview.tracking.kalman import FloorKalman
+from planview.tracking.template.explanation import People
 
 MOST = 4
 """Places that are tried in a frame."""
@@ -76,7 +77,7 @@ def _bands(hull_px: F32) -> F64:
 
 
 def births(
-    places: FloorPlaces, frame: MaskExplanation, people: Outlines, shares: Shares, now_s: float
+    places: FloorPlaces, frame: MaskExplanation, people: People, shares: Shares, now_s: float
 ) -> tuple[list[Walker], F64]:
     """People who are born in this frame, without ids, and (N, 3) poses of those known, who may be better elsewhere.
 
@@ -102,7 +103,7 @@ def births(
     return born, people.poses[:n_known]
 
 
-def _try(place: F64, frame: MaskExplanation, known: Outlines, now_s: float) -> Walker | None:
+def _try(place: F64, frame: MaskExplanation, known: People, now_s: float) -> Walker | None:
     """A newcomer at a place, if the evidence for one is strong enough; a rival who accounts for it is moved there."""
     p, start = frame.view.params, np.array([*place, body.HEIGHT_MEAN_M])
     people, n = known.with_one(start), len(known.poses)

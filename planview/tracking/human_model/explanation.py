@@ -18,6 +18,7 @@ from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.silhouette import silhouette
 from planview.tracking.kalman import PositionNoise
+from planview.tracking.template.explanation import People
 
 STEPS_M = np.array([0.12, 0.06, 0.03])
 """Steps of the pattern search: a walker's error of prediction, down to half of a patch's blur [m]."""
@@ -95,42 +96,6 @@ class MaskView:
         return np.asarray(np.clip(np.concatenate([low, high], axis=1), -1e4, 1e4), dtype=np.int64)
 
 
-class Outlines:
-    """What an explanation knows of people, side by side: all arrays have one row a person.
-
-    Attributes:
-        poses: (N, 3) float64 x, y, height [m].
-        sure: (N,) float64 probabilities of existence.
-        tall: (N, 2) float64 height when upright and its deviation [m].
-        ratios: (N, PARTS, CODES) float32 colours over those of anybody.
-    """
-
-    def __init__(self, poses: F64, sure: F64, tall: F64, ratios: F32) -> None:
-        self.poses, self.sure, self.tall, self.ratios = poses, sure, tall, ratios
-
-    def with_one(self, pose: F64) -> Outlines:
-        """With one more, of whom nothing is known."""
-        return Outlines(
-            np.concatenate([self.poses, pose[None]]),
-            np.append(self.sure, 1.0),
-            np.concatenate([self.tall, ANYBODY[None]]),
-            np.concatenate([self.ratios, np.ones((1, *self.ratios.shape[1:]), np.float32)]),
-        )
-
-    def apart(self, others: I64) -> F64:
-        """(K, 3) float64: places of some, and how surely they exist."""
-        return np.column_stack([self.poses[others, :2], self.sure[others]]).reshape(-1, 3)
-
-    def away(self) -> F64:
-        """(N,) distances from below the camera [m]: who is nearer is in front."""
-        return np.asarray(np.hypot(self.poses[:, 0], self.poses[:, 1]), dtype=np.float64)
-
-
-TOGETHER = 4.0
-"""Price of a second person in a first one's outline [log-odds]: that one walks half hidden by another all the time is
-seldom (section 4: merging)."""
-
-
 class Pair(NamedTuple):
     """Two people against one.
 
@@ -145,6 +110,11 @@ class Pair(NamedTuple):
     alone: F64
     gain: float
     first: bool
+
+
+TOGETHER = 4.0
+"""Price of a second person in a first one's outline [log-odds]: that one walks half hidden by another all the time is
+seldom (section 4: merging)."""
 
 
 class MaskExplanation:
@@ -181,7 +151,7 @@ class MaskExplanation:
         low, high = np.split(self.view.boxes(poses, 0.4), 2, axis=1)
         return np.asarray((low[:, None] <= high[None]).all(-1) & (low[None] <= high[:, None]).all(-1))
 
-    def rival(self, i: int, people: Outlines, standing: F64) -> int:
+    def rival(self, i: int, people: People, standing: F64) -> int:
         """The person of better (N,) standing who may account for the foreground of another; -1 for none."""
         boxes = self.view.boxes(people.poses, body.TORSO.torso_radius_m).astype(np.float64)
         sides = np.minimum(boxes[:, 2:], boxes[i, 2:]) - np.maximum(boxes[:, :2], boxes[i, :2])
@@ -191,7 +161,7 @@ class MaskExplanation:
         j = int(np.argmax(common))
         return j if common[j] > RIVAL else -1
 
-    def beside(self, i: int, j: int, people: Outlines, refit: bool = False) -> Pair:
+    def beside(self, i: int, j: int, people: People, refit: bool = False) -> Pair:
         """Evidence for two people against the second alone, who may be anywhere near.
 
         Args:
@@ -230,7 +200,7 @@ class MaskExplanation:
         both += other.believed(poses[j], tall[j], apart)
         return Pair(both - alone - TOGETHER, pose, alone - here, first_alone)
 
-    def share_out(self, people: Outlines) -> Shares:
+    def share_out(self, people: People) -> Shares:
         """Who owns each pixel of foreground."""
         v, shape = self.view, self.kind.shape
         share, height, range_m, residual = np.zeros((4, *shape), np.float32)
@@ -269,7 +239,7 @@ class OutlineSamples:
             of.code, self._values, self._kinds, self._codes, self._angles, v.beliefs,
         )  # fmt: skip
 
-    def layer(self, people: Outlines, others: I64, pose: F64) -> None:
+    def layer(self, people: People, others: I64, pose: F64) -> None:
         """Take these people for the others on the rays of a person at a pose."""
         v, away = self._of.view, people.away()
         order = others[np.argsort(away[others])]

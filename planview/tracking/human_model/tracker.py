@@ -21,14 +21,13 @@ from planview.tracking.human_model.explanation import (
     STEPS_M,
     MaskExplanation,
     MaskView,
-    Outlines,
     OutlineSamples,
     Shares,
 )
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.walker import Walker, matches
-from planview.tracking.template.explanation import Owned
+from planview.tracking.template.explanation import Owned, People
 from planview.tracking.template.identity import Exchanges, continued
 from planview.tracking.template.params import TemplateParams
 from planview.tracking.template.person import Person, colour_ratios
@@ -171,12 +170,12 @@ class HumanModelTracker:
         q.kalman = q.kalman.predicted(dt, p.acceleration_mps2)
         q.height_var += p.height_change_mps**2 * dt * min(dt, p.errors_s)
 
-    def _side_by_side(self, people: Sequence[Walker] | None = None) -> Outlines:
+    def _side_by_side(self, people: Sequence[Walker] | None = None) -> People:
         """Everybody, or some."""
         who = self._people if people is None else people
         poses = np.array([(*q.at_m, q.height_m) for q in who]).reshape(-1, 3)
         tall = np.array([q.upright for q in who]).reshape(-1, 2)
-        return Outlines(poses, np.array([q.existence for q in who]), tall, colour_ratios(who))
+        return People(poses, np.array([q.existence for q in who]), tall, colour_ratios(who))
 
     # -- explaining a frame ---------------------------------------------------------------------------------------
     def _explain(self, frame: MaskExplanation, dt: float) -> None:
@@ -231,7 +230,7 @@ class HumanModelTracker:
         q: Walker,
         frame: MaskExplanation,
         samples: list[OutlineSamples],
-        people: Outlines,
+        people: People,
         predicted: F64,
         others: I64,
     ) -> None:

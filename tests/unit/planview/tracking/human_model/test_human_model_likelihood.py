@@ -6,9 +6,10 @@ import pytest
 from planview.tracking import body
 from planview.tracking.base import Observation
 from planview.tracking.human_model.births import FloorPlaces, births
-from planview.tracking.human_model.explanation import SPACING_M, MaskExplanation, MaskView, Outlines
+from planview.tracking.human_model.explanation import SPACING_M, MaskExplanation, MaskView
 from planview.tracking.human_model.silhouette import silhouette
 from planview.tracking.human_model.walker import ModelMatch, matches
+from planview.tracking.template.explanation import People
 from tests.human_model_world import BLUE, CAMERA, MAP, PARAMS, RED, Drawn, World
 from tests.reference import human_model as reference
 
@@ -22,9 +23,9 @@ def frame_of(*people: Drawn) -> MaskExplanation:
     return MaskExplanation(VIEW, World().observe(0, people))
 
 
-def people_at(*poses: tuple[float, float, float]) -> Outlines:
+def people_at(*poses: tuple[float, float, float]) -> People:
     n = len(poses)
-    return Outlines(np.array(poses).reshape(-1, 3), np.ones(n), np.tile(TALL, (n, 1)), np.ones((n, 3, 200), np.float32))
+    return People(np.array(poses).reshape(-1, 3), np.ones(n), np.tile(TALL, (n, 1)), np.ones((n, 3, 200), np.float32))
 
 
 def evidence(frame: MaskExplanation, pose: tuple[float, float, float], *others: tuple[float, float, float]) -> float:
