@@ -13,7 +13,7 @@ from pydantic import Field
 
 from calib.params import Params
 from calib.pose import SE3
-from calib.types import F32, F64
+from calib.types import F32, F64, AnyArray
 
 DISPARITY_STD_PX = 0.25
 """Standard deviation of an SGBM disparity [px]: its parabola fit is biased towards whole pixels by up to about 0.15 px,
@@ -157,11 +157,11 @@ def back_project(depth: F32, geometry: RectifiedGeometry) -> F32:
     return points
 
 
-def median_image(images: Sequence[F32]) -> F32:
+def median_image(images: Sequence[AnyArray]) -> F32:
     """The background of some frames' disparities or depths, which people who move do not change.
 
     Args:
-        images: (H, W) float32, NaN invalid.
+        images: (H, W), NaN invalid.
     Returns:
         (H, W) float32 median of the valid values of each pixel; NaN where there is none.
     """

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +28,7 @@ def find_floor(
     baseline_m: float | None = None,
     sigma_z: Sequence[F32] | None = None,
     moved: F64 | None = None,
+    align: Callable[[Plane], Plane] | None = None,
     params: FloorParams | None = None,
 ) -> Floor:
     """The floor plane common to many frames.
@@ -41,6 +42,7 @@ def find_floor(
         focal_px, baseline_m: of the rectified pair, for the depth noise; without them 1.5 % of the median.
         sigma_z: one (N,) array of depth deviations [m] per cloud; replaces the noise model.
         moved: (M, 3) points of what moves between the frames, mostly people [m]; None where that is not known.
+        align: improves the plane that was chosen, e.g. by the images (see ``stereo.floor``).
         params: what counts as a floor.
     Returns:
         Floor with inlier fraction, residual, covariance and extent.
@@ -61,6 +63,8 @@ def find_floor(
     best = choose_floor(candidates, params)
     if best is None:
         raise WorkError(nothing_found(candidates, len(clouds), params))
+    if align is not None:
+        best = replace(best, plane=align(best.plane))
     return _floor(best, points, params)
 
 
@@ -166,7 +170,10 @@ def _rays(cloud: AnyArray, sigma_z: AnyArray | None) -> Rays:
 
 
 def _ransac(points: Rays, params: FloorParams) -> F64:
-    """(3,) q of the plane with most points, in (x/z, y/z, 1/z), where planes stay planes.
+    """(3,) q of the likeliest plane, in (x/z, y/z, 1/z), where planes stay planes.
+
+    A point counts by how near it is (MSAC, Torr and Zisserman 2000): a plane that cuts through a floor and what stands
+    on it is near to more points, but not as near.
 
     Ours, since open3d's tries its triples on several threads: which it tries, and so the floor, differed from run to
     run.
@@ -174,15 +181,16 @@ def _ransac(points: Rays, params: FloorParams) -> F64:
     rng = np.random.default_rng(0)
     few = np.linspace(0, len(points) - 1, min(len(points), SCORED)).astype(np.int64)
     rays, inverse, sigma = points.rays[few], points.inverse[few], points.sigma[few]
-    best, most = np.zeros(3), -1
+    best, most = np.zeros(3), -1.0
     for _ in range(-(-params.ransac_iterations // TRIPLES)):
         three = rng.integers(0, len(points), (TRIPLES, 3))
         corners = points.rays[three]
         sound = np.abs(np.linalg.det(corners)) > 1e-9
         planes = np.linalg.solve(corners[sound], points.inverse[three][sound][..., None])[..., 0]
-        held = (np.abs(planes @ rays.T - inverse) < params.inlier_sigmas * sigma).sum(axis=1)
+        off = (planes @ rays.T - inverse) / (params.inlier_sigmas * sigma)
+        held = np.maximum(1.0 - off * off, 0.0).sum(axis=1)
         if len(held) and held.max() > most:
-            best, most = planes[int(np.argmax(held))], int(held.max())
+            best, most = planes[int(np.argmax(held))], float(held.max())
     return np.asarray(best, dtype=np.float64)
 
 

@@ -236,18 +236,28 @@ def _cluster_covariance(points: Rays, weights: F64, q: F64, parts: int = 6) -> F
     Neighbouring disparities share a matching window and sub-pixel bias, so counting them as independent would
     promise far too much; clusters large against the window do not share them (Liang and Zeger 1986).
     """
-    w = weights / points.sigma**2
-    bread = np.linalg.pinv((points.rays * w[:, None]).T @ points.rays)
     used = weights > 0
-    cells = np.zeros(len(points), dtype=np.int64)
-    for axis in (0, 1):
-        low, high = np.quantile(points.rays[used, axis], (0.0, 1.0))
-        step = max(high - low, 1e-9) / parts
-        cells = cells * parts + np.clip((points.rays[:, axis] - low) / step, 0, parts - 1).astype(np.int64)
-    scores = points.rays * (w * (points.inverse - points.rays @ q))[:, None]
-    sums = np.stack([np.bincount(cells, scores[:, k], parts * parts) for k in range(3)], axis=1)
-    n = max(int((np.bincount(cells[used], minlength=parts * parts) > 0).sum()), 2)
-    return np.asarray(bread @ (sums.T @ sums) @ bread * n / (n - 1))
+    w = weights[used] / points.sigma[used] ** 2
+    rays = points.rays[used]
+    scores = rays * (w * (points.inverse[used] - rays @ q))[:, None]
+    return sandwich(np.asarray(np.linalg.pinv((rays * w[:, None]).T @ rays)), scores, rays[:, :2], parts)
+
+
+def sandwich(inverse_information: F64, scores: F64, places: F64, parts: int = 6) -> F64:
+    """(k, k) covariance of an estimate whose errors are alike within parts of the view.
+
+    Args:
+        inverse_information: (k, k) of the least squares as if all points were independent.
+        scores: (N, k) gradient of each point's squared residual, halved.
+        places: (N, 2) of the points in the view, any unit.
+        parts: of the view, along each axis.
+    """
+    low, high = places.min(axis=0), places.max(axis=0)
+    cell = np.clip((places - low) * (parts / np.maximum(high - low, 1e-9)), 0, parts - 1).astype(np.int64)
+    index = cell[:, 0] * parts + cell[:, 1]
+    sums = np.stack([np.bincount(index, column, parts * parts) for column in scores.T], axis=1)
+    n = max(len(np.unique(index)), 2)
+    return np.asarray(inverse_information @ (sums.T @ sums) @ inverse_information * n / (n - 1))
 
 
 PARALLEL_DEG = 10.0

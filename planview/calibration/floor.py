@@ -20,7 +20,7 @@ from planview.trajectories.table import Trajectories
 from stereo.depth import RectifiedGeometry, StereoFloorCamera, median_image
 from stereo.floor import FloorEstimator, FloorSearch, setup_frames
 from stereo.recording import StereoRecording
-from stereo.rectify import aligned_rectifier
+from stereo.rectify import RectifiedPair, aligned_rectifier
 
 PATCH_PX = 4
 """A given pixel's depth is the median of a square of this half side."""
@@ -34,18 +34,23 @@ class FloorDepths:
 
     Attributes:
         estimator: of the floor, for the recording's rig.
-        image: (H, W[, 3]) uint8, rectified left image of the middle frame.
+        pairs: rectified frames.
         depths: one (H, W) float32 [m] per frame, NaN without depth.
     """
 
     estimator: FloorEstimator
-    image: U8
+    pairs: tuple[RectifiedPair, ...]
     depths: tuple[F32, ...]
 
     @property
     def geometry(self) -> RectifiedGeometry:
         """Geometry of the rectified pair."""
         return self.estimator.rectifier.geometry
+
+    @property
+    def image(self) -> U8:
+        """(H, W[, 3]) uint8, rectified left image of the middle frame."""
+        return self.pairs[len(self.pairs) // 2].left
 
     @cached_property
     def background(self) -> F32:
@@ -54,7 +59,7 @@ class FloorDepths:
 
     def find(self) -> Floor:
         """The floor that a run on the recording finds (see ``stereo.floor.FloorEstimator``)."""
-        return self.estimator.floor(self.depths)
+        return self.estimator.floor(self.pairs, self.depths)
 
     def points_at(self, pixels: ArrayLike) -> F64:
         """(N, 3) points [m] in the rectified left camera frame, by the background's depth around (N, 2) pixels. Raises
@@ -83,8 +88,8 @@ def view_floor(recording: StereoRecording, search: FloorSearch) -> FloorDepths:
     frames = setup_frames(recording, search.frames)
     rectifier, _ = aligned_rectifier(recording.rig, frames, search.rectify)
     estimator = FloorEstimator(rectifier, search)
-    pairs = [rectifier(frame.left, frame.right) for frame in frames]
-    return FloorDepths(estimator, pairs[len(pairs) // 2].left, tuple(estimator.depth(pair) for pair in pairs))
+    pairs = tuple(rectifier(frame.left, frame.right) for frame in frames)
+    return FloorDepths(estimator, pairs, tuple(estimator.depth(pair) for pair in pairs))
 
 
 def given_floor(view: FloorDepths, points: F64, pixels: bool) -> Floor:

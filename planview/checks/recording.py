@@ -94,7 +94,7 @@ def gather(recording: StereoRecording | RgbdRecording, frames: int, search: Floo
         pairs = [rectifier(f.left, f.right) for f in spread]
         lefts, disparities = [p.left_grey for p in pairs], [estimator.disparity(pair) for pair in pairs]
         searched, to_depth = estimator.disparities, DepthFromDisparity(rectifier.geometry)
-        find = partial(estimator.floor, map(to_depth, disparities))
+        find = partial(estimator.floor, pairs, [to_depth(d) for d in disparities])
         pair = PairEvidence(plain, _matches(plain, spread, searched), correction, pairs)
     else:
         rectifier = depth_rectifier = RgbdRectifier(recording.camera, recording.sensor, search.rectify)
