@@ -174,7 +174,6 @@ def folds_back(camera: Camera) -> bool:
 
 MIN_PAIRS = 5
 """Fewer pairs leave focal length and distortion to chance (three orientations are the bare minimum; our choice)."""
-MAX_TURN_DEG = 45.0
 
 
 @dataclass(frozen=True)
@@ -369,9 +368,6 @@ def _checked_rig(fit: RigFit, std: dict[str, float], size: tuple[int, int], sour
     for side in SIDES:
         _refuse_deviation(side, getattr(fit.rig, side).fx, std[f"{side} fx"], source)
     rig = replace(fit.rig, source=source)
-    turn = math.degrees(rig.right_SE3_left.angle_rad)
-    if turn > MAX_TURN_DEG:
-        raise InputError(f"{source}: expected cameras that look the same way, found {turn:.0f} degrees between them")
     if not MIN_BASELINE_M <= rig.baseline_m <= MAX_BASELINE_M:
         raise InputError(
             f"{source}: expected a baseline of {MIN_BASELINE_M}-{MAX_BASELINE_M:g} m, found {rig.baseline_m:g} m: "

@@ -31,13 +31,9 @@ from calib.formats.base import (
     transform,
     whole,
 )
-from calib.io import write_whole
+from calib.io import UNITS_M
 from calib.pose import SE3
 from calib.rig import StereoRig
-
-_CENTIMETRE_M = 0.01
-_FISHEYE = 1
-_PERSPECTIVE = 0
 
 
 def _depthai_part(source: Source) -> str | None:
@@ -58,7 +54,7 @@ def _depthai_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     for socket in (left, right):
         if socket not in cameras:
             raise ValueError(f"expected a camera at socket {socket}, found sockets {sorted(cameras)}")
-    pose = _between(cameras, left, right, choice.unit(_CENTIMETRE_M))
+    pose = _between(cameras, left, right, choice.unit(UNITS_M["cm"]))
     return StereoRig(
         _depthai_camera(cameras[left], left), _depthai_camera(cameras[right], right), pose, sources[0].path.name
     )
@@ -79,11 +75,11 @@ def _sockets(data: Mapping[str, Any], cameras: Mapping[int, Any], choice: Choice
 def _depthai_camera(values: Mapping[str, Any], socket: int) -> Camera:
     size = (whole(entry(values, "width"), "width"), whole(entry(values, "height"), "height"))
     coefficients = numbers(entry(values, "distortionCoeff"), "distortionCoeff", (0, 4, 5, 8, 12, 14))
-    kind = int(number(values.get("cameraType", _PERSPECTIVE), "cameraType"))
-    if kind not in {_PERSPECTIVE, _FISHEYE}:
+    kind = int(number(values.get("cameraType", 0), "cameraType"))  # 0 perspective, 1 fisheye
+    if kind not in {0, 1}:
         raise ValueError(f"expected a perspective or fisheye camera at socket {socket}, found cameraType {kind}")
     matrix = numbers(entry(values, "intrinsicMatrix"), "intrinsicMatrix", 9)
-    if kind == _FISHEYE:
+    if kind == 1:
         if np.any(coefficients[4:]):
             raise ValueError(f"expected 4 fisheye coefficients at socket {socket}, found more")
         return camera(size, matrix, coefficients[:4], "fisheye", f"socket {socket}")
@@ -120,20 +116,19 @@ def _link(socket: int, values: Mapping[str, Any], unit_m: float) -> tuple[int, i
     return socket, to, transform(rotation, translation, f"rotationMatrix of socket {socket}")
 
 
-def _depthai_write(rig: StereoRig, path: Path) -> list[Path]:
+def _depthai_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
     link = rig.right_SE3_left
     entries = [[1, _entry(rig.left, link, 2)], [2, _entry(rig.right, SE3.identity(), -1)]]
     stereo = {"leftCameraSocket": 1, "rightCameraSocket": 2}
     data = {"boardName": "", "cameraData": entries, "stereoRectificationData": stereo, "version": 7}
-    write_whole(path, json.dumps(data, indent=1))
-    return [path]
+    return {path: json.dumps(data, indent=1)}
 
 
 def _entry(one: Camera, pose: SE3, to: int) -> dict[str, Any]:
     model, coefficients = held("DepthAI", one, {"rational": 14, "brown": 14, "fisheye": 4})
-    translation = dict(zip("xyz", (pose.translation / _CENTIMETRE_M).tolist(), strict=True))
+    translation = dict(zip("xyz", (pose.translation / UNITS_M["cm"]).tolist(), strict=True))
     return {
-        "cameraType": _FISHEYE if model == "fisheye" else _PERSPECTIVE,
+        "cameraType": 1 if model == "fisheye" else 0,
         "distortionCoeff": [*coefficients, *[0.0] * (14 - len(coefficients))],
         "extrinsics": {
             "rotationMatrix": pose.rotation.tolist(),
@@ -147,7 +142,7 @@ def _entry(one: Camera, pose: SE3, to: int) -> dict[str, Any]:
     }
 
 
-DEPTHAI = Format("depthai", "DepthAI EEPROM JSON", _depthai_part, _depthai_read, _depthai_write, ".json")
+DEPTHAI = Format("depthai", "DepthAI EEPROM JSON", _depthai_part, _depthai_read, _depthai_texts, ".json")
 
 
 RESOLUTIONS: dict[str, Size] = {
@@ -157,7 +152,6 @@ RESOLUTIONS: dict[str, Size] = {
 """Image size of one camera by the name of the section [px] (Stereolabs' video modes)."""
 
 _SECTION = re.compile(r"^\s*\[(LEFT|RIGHT)_CAM_(\w+)\]", re.MULTILINE)
-_MILLIMETRE_M = 0.001
 _COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 
 
@@ -170,7 +164,7 @@ def _zed_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     sections = _sections(source.text)
     name, remark = _resolution(sections, choice.size)
     left, right = (_zed_camera(sections, f"{side}_CAM_{name}", RESOLUTIONS[name]) for side in ("LEFT", "RIGHT"))
-    pose = _pose(entry(sections, "STEREO"), name, choice.unit(_MILLIMETRE_M))
+    pose = _pose(entry(sections, "STEREO"), name, choice.unit(UNITS_M["mm"]))
     return StereoRig(left, right, pose, f"{source.path.name} [{name}]{remark}")
 
 
@@ -222,19 +216,18 @@ def _pose(stereo: Mapping[str, str], resolution: str, unit_m: float) -> SE3:
     return SE3.from_rotvec([value("RX"), value("CV", "RY"), value("RZ")], translation)
 
 
-def _zed_write(rig: StereoRig, path: Path) -> list[Path]:
+def _zed_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
     names = [name for name, size in RESOLUTIONS.items() if size == rig.left.size]
     if not names:
         held = ", ".join(f"{w}x{h}" for w, h in RESOLUTIONS.values())
         raise ValueError(f"the ZED format holds images of {held}, not {rig.left.width}x{rig.left.height}")
     name = names[0]
     lines = [*_camera_lines(f"LEFT_CAM_{name}", rig.left), *_camera_lines(f"RIGHT_CAM_{name}", rig.right)]
-    x, y, z = (float(v) / _MILLIMETRE_M for v in rig.right_SE3_left.translation)
+    x, y, z = (float(v) / UNITS_M["mm"] for v in rig.right_SE3_left.translation)
     rx, ry, rz = (float(v) for v in rig.right_SE3_left.rotvec)
     lines += ["[STEREO]", f"Baseline={-x!r}", f"TY={y!r}", f"TZ={z!r}"]
     lines += [f"RX_{name}={rx!r}", f"CV_{name}={ry!r}", f"RZ_{name}={rz!r}", ""]
-    write_whole(path, "\n".join(lines))
-    return [path]
+    return {path: "\n".join(lines)}
 
 
 def _camera_lines(section: str, one: Camera) -> list[str]:
@@ -243,4 +236,4 @@ def _camera_lines(section: str, one: Camera) -> list[str]:
     return [f"[{section}]", *intrinsics, *(f"{k}={v!r}" for k, v in zip(_COEFFICIENTS, coefficients, strict=False)), ""]
 
 
-ZED = Format("zed", "ZED factory conf", _zed_part, _zed_read, _zed_write, ".conf")
+ZED = Format("zed", "ZED factory conf", _zed_part, _zed_read, _zed_texts, ".conf")

@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike
 
 from calib.errors import InputError
 from calib.formats.base import Size, Source, entry, number, parse_xml, read_source, whole
+from calib.io import UNITS_M
 from calib.pose import SE3
 from calib.types import F64
-
-_MILLIMETRE_M = 0.001
 
 
 @dataclass(frozen=True)
@@ -132,7 +131,7 @@ def is_tsai(source: Source) -> bool:
     return "<Geometry" in source.text and "<Extrinsic" in source.text
 
 
-def load_tsai(path: Path, size: Size | None = None, unit_m: float = _MILLIMETRE_M) -> TsaiCamera:
+def load_tsai(path: Path, size: Size | None = None, unit_m: float = UNITS_M["mm"]) -> TsaiCamera:
     """Read a Tsai camera.
 
     Args:
@@ -146,15 +145,13 @@ def load_tsai(path: Path, size: Size | None = None, unit_m: float = _MILLIMETRE_
         raise InputError(f"{path}: expected a Tsai camera (XML with Geometry, Intrinsic, Extrinsic), found none")
     try:
         camera = _from_xml(source.text, unit_m)
-        return camera if size is None else _scaled(camera, size)
+        if size is None:
+            return camera
+        if size[0] * camera.height != size[1] * camera.width:
+            raise ValueError(f"expected images of the aspect {camera.width}:{camera.height}, found {size[0]}x{size[1]}")
+        return camera.scaled(*size)
     except (ValueError, OverflowError) as error:
         raise InputError(f"{path}: expected a Tsai camera, but {error}") from error
-
-
-def _scaled(camera: TsaiCamera, size: Size) -> TsaiCamera:
-    if size[0] * camera.height != size[1] * camera.width:
-        raise ValueError(f"expected images of the aspect {camera.width}:{camera.height}, found {size[0]}x{size[1]}")
-    return camera.scaled(*size)
 
 
 def _from_xml(text: str, unit_m: float) -> TsaiCamera:
