@@ -73,6 +73,12 @@ class Format:
     suffix: str
 
 
+def whole_with(*patterns: str) -> Callable[[Source], str | None]:
+    """``Format.part`` of a format of one file, whose lines hold all of these patterns."""
+    compiled = [re.compile(pattern, re.MULTILINE) for pattern in patterns]
+    return lambda source: "whole" if all(one.search(source.text) for one in compiled) else None
+
+
 def read_source(path: Path) -> Source:
     """Read a text file. Raises InputError: unreadable, too large, or not text."""
     return Source(path, read_text(path, "a calibration file"))
@@ -293,9 +299,6 @@ def parse_yaml(text: str) -> Mapping[str, Any]:
     return data
 
 
-_TABLE = re.compile(r"^\s*\[right_SE3_left\]", re.MULTILINE)
-
-
 def _native_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     return parse_rig(sources[0].text, sources[0].path.name)
 
@@ -303,7 +306,7 @@ def _native_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
 NATIVE = Format(
     "rig",
     "planview rig.toml",
-    lambda source: "whole" if _TABLE.search(source.text) else None,
+    whole_with(r"^\s*\[right_SE3_left\]"),
     _native_read,
     lambda rig, path: {path: rig_text(rig)},
     ".toml",

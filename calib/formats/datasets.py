@@ -32,6 +32,7 @@ from calib.formats.base import (
     size_of,
     transform,
     whole,
+    whole_with,
 )
 from calib.io import UNITS_M
 from calib.pose import SE3
@@ -184,18 +185,14 @@ def _kitti_text(values: F64) -> str:
 KITTI = Format("kitti", "KITTI calib_cam_to_cam", _kitti_part, _kitti_read, _kitti_texts, ".txt")
 
 
-_CAMERA = re.compile(r"^\s*cam0\s*=\s*\[", re.MULTILINE)
-
-
-def _middlebury_part(source: Source) -> str | None:
-    return "whole" if _CAMERA.search(source.text) else None
-
-
 def _middlebury_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     lines = (line.split("=", 1) for line in sources[0].text.splitlines() if "=" in line)
     data = {key.strip(): value.strip() for key, value in lines}
     size = whole(entry(data, "width"), "width"), whole(entry(data, "height"), "height")
-    left, right = (_middlebury_camera(data, name, size) for name in ("cam0", "cam1"))
+    left, right = (
+        camera(size, numbers(entry(data, name).strip("[] "), name, 9), np.empty(0), "brown", name)
+        for name in ("cam0", "cam1")
+    )
     offset = number(data.get("doffs", right.cx - left.cx), "doffs")
     if abs(offset - (right.cx - left.cx)) > 0.5:
         raise ValueError(
@@ -203,11 +200,6 @@ def _middlebury_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
         )
     baseline = number(entry(data, "baseline"), "baseline") * choice.unit(UNITS_M["mm"])
     return StereoRig(left, right, SE3(np.eye(3), np.array([-baseline, 0.0, 0.0])), sources[0].path.name)
-
-
-def _middlebury_camera(data: dict[str, str], name: str, size: tuple[int, int]) -> Camera:
-    text = entry(data, name).strip().removeprefix("[").removesuffix("]")
-    return camera(size, numbers(text, name, 9), np.empty(0), "brown", name)
 
 
 def _middlebury_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
@@ -229,4 +221,11 @@ def _middlebury_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
     return {path: "\n".join(lines) + "\n"}
 
 
-MIDDLEBURY = Format("middlebury", "Middlebury calib.txt", _middlebury_part, _middlebury_read, _middlebury_texts, ".txt")
+MIDDLEBURY = Format(
+    "middlebury",
+    "Middlebury calib.txt",
+    whole_with(r"^\s*cam0\s*=\s*\["),
+    _middlebury_read,
+    _middlebury_texts,
+    ".txt",
+)

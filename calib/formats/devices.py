@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import configparser
 import json
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -30,14 +29,11 @@ from calib.formats.base import (
     table,
     transform,
     whole,
+    whole_with,
 )
-from calib.io import UNITS_M
+from calib.io import UNITS_M, size_text
 from calib.pose import SE3
 from calib.rig import StereoRig
-
-
-def _depthai_part(source: Source) -> str | None:
-    return "whole" if '"cameraData"' in source.text and source.text.lstrip().startswith("{") else None
 
 
 def _depthai_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
@@ -142,7 +138,9 @@ def _entry(one: Camera, pose: SE3, to: int) -> dict[str, Any]:
     }
 
 
-DEPTHAI = Format("depthai", "DepthAI EEPROM JSON", _depthai_part, _depthai_read, _depthai_texts, ".json")
+DEPTHAI = Format(
+    "depthai", "DepthAI EEPROM JSON", whole_with(r"\A\s*\{", '"cameraData"'), _depthai_read, _depthai_texts, ".json"
+)
 
 
 RESOLUTIONS: dict[str, Size] = {
@@ -151,12 +149,7 @@ RESOLUTIONS: dict[str, Size] = {
 }  # fmt: skip
 """Image size of one camera by the name of the section [px] (Stereolabs' video modes)."""
 
-_SECTION = re.compile(r"^\s*\[(LEFT|RIGHT)_CAM_(\w+)\]", re.MULTILINE)
 _COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-
-
-def _zed_part(source: Source) -> str | None:
-    return "whole" if _SECTION.search(source.text) else None
 
 
 def _zed_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
@@ -184,13 +177,11 @@ def _resolution(sections: Mapping[str, Mapping[str, str]], size: Size | None) ->
     if not names:
         raise ValueError(f"expected LEFT_CAM and RIGHT_CAM sections of {', '.join(RESOLUTIONS)}, found none")
     if size is None:
-        held = ", ".join(f"{RESOLUTIONS[n][0]}x{RESOLUTIONS[n][1]}" for n in names)
+        held = ", ".join(size_text(RESOLUTIONS[n]) for n in names)
         return names[0], "" if len(names) == 1 else f" (the largest of {held}; another image size selects another)"
-    for name in names:
-        if RESOLUTIONS[name] == size:
-            return name, ""
+    same = [n for n in names if RESOLUTIONS[n] == size]
     shaped = [n for n in names if RESOLUTIONS[n][0] * size[1] == RESOLUTIONS[n][1] * size[0]]
-    return (shaped or names)[0], ""
+    return (same or shaped or names)[0], ""
 
 
 def _zed_camera(sections: Mapping[str, Mapping[str, str]], name: str, size: Size) -> Camera:
@@ -219,8 +210,8 @@ def _pose(stereo: Mapping[str, str], resolution: str, unit_m: float) -> SE3:
 def _zed_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
     names = [name for name, size in RESOLUTIONS.items() if size == rig.left.size]
     if not names:
-        held = ", ".join(f"{w}x{h}" for w, h in RESOLUTIONS.values())
-        raise ValueError(f"the ZED format holds images of {held}, not {rig.left.width}x{rig.left.height}")
+        held = ", ".join(map(size_text, RESOLUTIONS.values()))
+        raise ValueError(f"the ZED format holds images of {held}, not {size_text(rig.left.size)}")
     name = names[0]
     lines = [*_camera_lines(f"LEFT_CAM_{name}", rig.left), *_camera_lines(f"RIGHT_CAM_{name}", rig.right)]
     x, y, z = (float(v) / UNITS_M["mm"] for v in rig.right_SE3_left.translation)
@@ -236,4 +227,4 @@ def _camera_lines(section: str, one: Camera) -> list[str]:
     return [f"[{section}]", *intrinsics, *(f"{k}={v!r}" for k, v in zip(_COEFFICIENTS, coefficients, strict=False)), ""]
 
 
-ZED = Format("zed", "ZED factory conf", _zed_part, _zed_read, _zed_texts, ".conf")
+ZED = Format("zed", "ZED factory conf", whole_with(r"^\s*\[(LEFT|RIGHT)_CAM_\w+\]"), _zed_read, _zed_texts, ".conf")

@@ -31,6 +31,7 @@ from calib.formats.base import (
     table,
     transform,
     whole,
+    whole_with,
 )
 from calib.pose import SE3
 from calib.rig import StereoRig
@@ -53,13 +54,11 @@ def _ros_part(source: Source) -> str | None:
 
 
 def _ros_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
-    (left, rectified_SE3_left), (right, rectified_SE3_right) = (_half(source, choice) for source in sources)
+    (left, rectified_SE3_left), (right, rectified_SE3_right) = (
+        camera_from(parse_yaml(source.text), source.path.name, choice.unit()) for source in sources
+    )
     pose = rectified_SE3_right.inverse() @ rectified_SE3_left
     return StereoRig(left, right, pose, "+".join(source.path.name for source in sources))
-
-
-def _half(source: Source, choice: Choice) -> tuple[Camera, SE3]:
-    return camera_from(parse_yaml(source.text), source.path.name, choice.unit())
 
 
 def camera_from(data: Mapping[str, Any], name: str, unit_m: float = 1.0) -> tuple[Camera, SE3]:
@@ -126,15 +125,9 @@ def _block(name: str, matrix: F64) -> str:
 ROS = Format("ros", "ROS camera_info pair", _ros_part, _ros_read, _ros_texts, "")
 
 
-_CAMERA = re.compile(r"^\s*[\"']?cam\d+[\"']?\s*:", re.MULTILINE)
-_KEYS = re.compile(r"^\s*(camera_model|distortion_coeffs)\s*:", re.MULTILINE)
 _KALIBR_MODELS: dict[str, tuple[LensModel, int]] = {
     "radtan": ("brown", 4), "equidistant": ("fisheye", 4), "none": ("brown", 0),
 }  # fmt: skip
-
-
-def _kalibr_part(source: Source) -> str | None:
-    return "whole" if _CAMERA.search(source.text) and _KEYS.search(source.text) else None
 
 
 def _kalibr_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
@@ -204,4 +197,11 @@ def _camera_lines(name: str, one: Camera) -> list[str]:
     ]
 
 
-KALIBR = Format("kalibr", "Kalibr camchain", _kalibr_part, _kalibr_read, _kalibr_texts, ".yaml")
+KALIBR = Format(
+    "kalibr",
+    "Kalibr camchain",
+    whole_with(r"^\s*[\"']?cam\d+[\"']?\s*:", r"^\s*(camera_model|distortion_coeffs)\s*:"),
+    _kalibr_read,
+    _kalibr_texts,
+    ".yaml",
+)
