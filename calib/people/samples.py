@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.cluster.vq import kmeans2
 
 from calib.errors import InputError
 from calib.io import read_text, write_whole
@@ -292,9 +293,4 @@ def _areas(feet: F64, count: int) -> I64:
     for _ in range(count - 1):
         distance = np.min([np.hypot(*(feet - c).T) for c in centres], axis=0)
         centres.append(feet[int(np.argmax(distance))])
-    means = np.array(centres)
-    area = np.zeros(len(feet), dtype=np.int64)
-    for _ in range(20):
-        area = np.argmin(np.linalg.norm(feet[:, None] - means[None], axis=2), axis=1)
-        means = np.array([feet[area == k].mean(axis=0) if (area == k).any() else means[k] for k in range(count)])
-    return np.asarray(area, dtype=np.int64)
+    return np.asarray(kmeans2(feet, np.array(centres), 20, minit="matrix")[1], dtype=np.int64)
