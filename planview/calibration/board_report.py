@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_ARROW_SCALE = 60.0
-"""Error arrows are drawn this many times their length."""
-
 
 def write_report(result: BoardCalibration, images: Path, path: Path) -> Path:
     """Write the page.
@@ -125,11 +122,11 @@ def _error_figure(result: BoardCalibration) -> Figure:
     for column, side in zip((slice(0, 3), slice(3, 6)), SIDES, strict=True):
         axes = figure.add_subplot(grid[1, column])
         p = np.concatenate([view.image_points(side) for view in result.views])
-        e = -_ARROW_SCALE * np.concatenate(result.fit.side_errors(side))
+        e = -60.0 * np.concatenate(result.fit.side_errors(side))
         axes.quiver(
             *p.T, *e.T, np.linalg.norm(e, axis=1), angles="xy", scale_units="xy", scale=1, cmap="viridis", width=0.002
         )
-        _as_image(axes, result, f"{side}: errors x {_ARROW_SCALE:.0f}")
+        _as_image(axes, result, f"{side}: errors x 60")
     return figure
 
 
