@@ -116,10 +116,6 @@ def _field(camera: Camera, rotation: F64, quantile: float) -> tuple[float, float
     return bounds[0], bounds[1], bounds[2], bounds[3]
 
 
-_OUTSIDE_PX = -1e4
-"""Where nothing was recorded, the source lies outside."""
-
-
 class Warp:
     """Recorded images to those of a pinhole, averaged down first where they are much larger.
 
@@ -147,7 +143,7 @@ class Warp:
         self._columns, self._rows = nearest[..., 0], nearest[..., 1]
         shrink = np.array(self._reduced) / np.array(camera.size)
         reduced = np.clip((pixels + 0.5) * shrink - 0.5, 0.0, np.array(self._reduced) - 1.0)
-        reduced = np.where(inside[..., None], reduced, _OUTSIDE_PX).astype(np.float32)
+        reduced = np.where(inside[..., None], reduced, -1e4).astype(np.float32)  # else outside, where nothing is
         # OpenCV's fixed-point maps: whole pixels (H, W, 2) int16 and fractions (H, W) uint16.
         fixed, fraction = cv2.convertMaps(reduced[..., 0], reduced[..., 1], cv2.CV_16SC2)
         self._maps: tuple[AnyArray, AnyArray] = np.asarray(fixed), np.asarray(fraction)
@@ -318,10 +314,6 @@ class Rectifier:
             raise ValueError(f"expected images of shape {size}, got {left.shape} and {right.shape}")
 
 
-MEASURED_PX = 1280
-"""Longest side of the rectified images in which a calibration is corrected [px]: more cost time (our choice)."""
-
-
 def aligned_rectifier(
     rig: StereoRig, frames: Iterable[StereoFrame], params: RectifyParams | None = None
 ) -> tuple[Rectifier, RigCorrection]:
@@ -334,7 +326,8 @@ def aligned_rectifier(
         The rectifier, whose rig is the corrected one, and what was measured, in pixels of its images.
     """
     params = params or RectifyParams()
-    plain = Rectifier(rig, params.model_copy(update={"working_px": MEASURED_PX}))
+    # Longest side of the images in which the calibration is corrected [px]: more cost time (our choice).
+    plain = Rectifier(rig, params.model_copy(update={"working_px": 1280}))
     searched = disparity_range(plain.geometry)
     pairs = ((pair.left_grey, pair.right_grey) for pair in (plain(frame.left, frame.right) for frame in frames))
     correction = measure_correction(pairs, plain.geometry, searched.first_px + searched.count)
