@@ -111,15 +111,20 @@ class Listed:
         self.topics = tuple(Topic(name, "", "info" if "info" in name else "image", 5) for name in names)
 
 
-def test_topics_of_a_realsense_bag_are_its_infrared_pair() -> None:
-    bag = Listed("/camera/color/image_raw", "/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw",
-                 "/camera/depth/image_rect_raw")  # fmt: skip
-    assert choose_topics(bag, ()) == ("stereo", "/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw")  # type: ignore[arg-type]
-
-
-def test_topics_of_colour_and_depth_are_an_rgbd_pair() -> None:
-    bag = Listed("/camera/color/image_raw", "/camera/depth/image_rect_raw", "/camera/color/image_rect")
-    assert choose_topics(bag, ()) == ("rgbd", "/camera/color/image_raw", "/camera/depth/image_rect_raw")  # type: ignore[arg-type]
+@pytest.mark.parametrize(
+    ("kind", "chosen", "others"),
+    [
+        (
+            "stereo",
+            ("/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw"),
+            ("/camera/color/image_raw", "/camera/depth/image_rect_raw"),
+        ),
+        ("rgbd", ("/camera/color/image_raw", "/camera/depth/image_rect_raw"), ("/camera/color/image_rect",)),
+    ],
+    ids=["infrared pair of a RealSense", "colour and depth"],
+)
+def test_topics_of_a_pair_are_chosen(kind: str, chosen: tuple[str, str], others: tuple[str, ...]) -> None:
+    assert choose_topics(Listed(*others, *chosen), ()) == (kind, *chosen)  # type: ignore[arg-type]
 
 
 def test_two_rigs_in_a_bag_are_asked_for() -> None:

@@ -25,14 +25,10 @@ def test_folder_recording_yields_pairs_in_order(tmp_path: Path) -> None:
     assert recording.n_frames == 6 and recording.skipped == []
 
 
-def test_folder_recording_keeps_colour(tmp_path: Path) -> None:
-    frame = next(iter(open_recording(folder_recording(tmp_path / "r", colour=True))))
-    assert frame.left.shape == (H, W, 3)
-
-
-def test_recording_can_be_iterated_twice(tmp_path: Path) -> None:
-    recording = open_recording(folder_recording(tmp_path / "r"))
+def test_folder_recording_keeps_colour_and_can_be_iterated_twice(tmp_path: Path) -> None:
+    recording = open_recording(folder_recording(tmp_path / "r", colour=True))
     assert len(list(recording)) == len(list(recording)) == 6
+    assert next(iter(recording)).left.shape == (H, W, 3)
 
 
 @pytest.mark.parametrize(
@@ -168,16 +164,12 @@ def test_sides_of_different_size_are_refused(tmp_path: Path) -> None:
         open_recording(folder)
 
 
-def test_calibration_of_another_aspect_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="32x24, found one for 64x40"):
-        open_recording(folder_recording(tmp_path / "r", size=(64, 40)))
-
-
-def test_calibration_of_the_whole_sensor_is_scaled_and_noted(tmp_path: Path) -> None:
+def test_calibration_of_the_whole_sensor_is_scaled_and_of_another_aspect_refused(tmp_path: Path) -> None:
     recording = open_recording(folder_recording(tmp_path / "r", size=(64, 48)))
-    assert recording.rig.left.size == (W, H)
-    assert recording.rig.left.fx == pytest.approx(15.0)
+    assert (recording.rig.left.size, recording.rig.left.fx) == ((W, H), pytest.approx(15.0))
     assert "scaled from 64x48 to 32x24" in recording.rig.source
+    with pytest.raises(InputError, match="32x24, found one for 64x40"):
+        open_recording(folder_recording(tmp_path / "s", size=(64, 40)))
 
 
 def test_recording_without_images_names_what_it_found(tmp_path: Path) -> None:
