@@ -82,15 +82,13 @@ def border_rays(camera: Camera, samples: int = 33) -> F64:
     return rays.reshape(4, samples, 3)
 
 
-def common_geometry(rig: StereoRig, rotation: F64, working_px: int, field_quantile: float) -> RectifiedGeometry:
-    """The rectified pinhole that shows the left camera's field of view at the working size."""
-    return ideal_pinhole(rig.left, rotation, working_px, field_quantile, rig.baseline_m)
-
-
 def ideal_pinhole(
     camera: Camera, rotation: F64, working_px: int, field_quantile: float, baseline_m: float
 ) -> RectifiedGeometry:
-    """The pinhole without distortion that shows a turned camera's field of view at the working size."""
+    """The pinhole without distortion that shows a turned camera's field of view at the working size.
+
+    Of a pair: of the left camera, turned into the rectified frame.
+    """
     left, right, top, bottom = _field(camera, rotation, field_quantile)
     width, height = camera.size
     if (right - left) * height < (bottom - top) * width and abs(rotation[0, 1]) > abs(rotation[0, 0]):
@@ -266,7 +264,8 @@ class Rectifier:
         self.params = params or RectifyParams()
         left_rotation, right_rotation = rig.rectifying_rotations()
         self.rect_SE3_left = SE3(left_rotation, np.zeros(3))
-        self.geometry = common_geometry(rig, left_rotation, self.params.working_px, self.params.field_quantile)
+        size_px, quantile = self.params.working_px, self.params.field_quantile
+        self.geometry = ideal_pinhole(rig.left, left_rotation, size_px, quantile, rig.baseline_m)
         to_ray: F64 = np.asarray(np.linalg.inv(self.geometry.matrix), dtype=np.float64)
         size, working_px = self.geometry.size, self.params.working_px
         self._left = Warp(rig.left, left_rotation, to_ray, size, working_px)

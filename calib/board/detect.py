@@ -179,7 +179,15 @@ class Detector:
     def __init__(self, board: Board, *, thorough: bool = True) -> None:
         self.board = board
         self.thorough = thorough
-        self._charuco = _charuco_detector(board) if board.dictionary else None
+        self._charuco = None
+        if board.dictionary:
+            dictionary = cv2.aruco.getPredefinedDictionary(dictionaries()[board.dictionary])
+            cols, rows = board.cols + 1, board.rows + 1
+            if len(dictionary.bytesList) < cols * rows // 2:
+                raise ValueError(f"expected a dictionary with {cols * rows // 2} markers, found {board.dictionary}")
+            made = cv2.aruco.CharucoBoard((cols, rows), board.square_m, board.marker_m, dictionary)
+            made.setLegacyPattern(board.legacy)
+            self._charuco = cv2.aruco.CharucoDetector(made)
 
     def __call__(self, image: U8) -> Corners | None:
         """Corners of the board with sub-pixel accuracy.
@@ -272,16 +280,6 @@ def same_order(board: Board, left: Corners, right: Corners) -> Corners:
     centred = left.pixels - left.pixels.mean(axis=0)
     away = [np.linalg.norm(t.reshape(-1, 2) - grid.mean(axis=(0, 1)) - centred) for t in turns]
     return Corners(right.ids, np.ascontiguousarray(turns[int(np.argmin(away))].reshape(-1, 2)))
-
-
-def _charuco_detector(board: Board) -> cv2.aruco.CharucoDetector:
-    dictionary = cv2.aruco.getPredefinedDictionary(dictionaries()[board.dictionary])
-    squares = (board.cols + 1, board.rows + 1)
-    if len(dictionary.bytesList) < squares[0] * squares[1] // 2:
-        raise ValueError(f"expected a dictionary with {squares[0] * squares[1] // 2} markers, found {board.dictionary}")
-    made = cv2.aruco.CharucoBoard(squares, board.square_m, board.marker_m, dictionary)
-    made.setLegacyPattern(board.legacy)
-    return cv2.aruco.CharucoDetector(made)
 
 
 def find_counts(images: Iterable[U8]) -> tuple[int, int] | None:

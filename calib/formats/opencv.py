@@ -53,8 +53,7 @@ def _part(source: Source) -> str | None:
         return "whole" if _JSON_MATRIX.search(source.text) and _JSON_TRANSLATION.search(source.text) else None
     if "opencv-matrix" not in source.text:
         return None
-    intrinsics = _MATRIX.search(source.text) is not None
-    extrinsics = _TRANSLATION.search(source.text) is not None
+    intrinsics, extrinsics = (one.search(source.text) is not None for one in (_MATRIX, _TRANSLATION))
     if intrinsics and extrinsics:
         return "whole"
     return "left" if intrinsics else "right" if extrinsics else None
@@ -68,7 +67,11 @@ def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     size, remark = _size(data, choice, [(float(k[2]), float(k[5])) for k in matrices])
     name = "+".join(source.path.name for source in sources) + remark
     if choice.rectified and any(key in data for key in _P1):
-        return _rectified(data, size, choice.unit(), name)
+        # The cameras of images that P1 and P2 rectified: P = K [I | t].
+        (left, left_SE3_zero), (right, right_SE3_zero) = (
+            projected(size, entry(data, *names), names[0], choice.unit()) for names in (_P1, _P2)
+        )
+        return StereoRig(left, right, right_SE3_zero @ left_SE3_zero.inverse(), f"{name} [rectified images]")
     model = _model(data)
     left, right = (
         camera(size, k, numbers(entry(data, *names), names[0], (4, 5, 8, 12, 14)), model, names[0])
@@ -84,14 +87,6 @@ def _translation(data: Mapping[str, Any], choice: Choice) -> F64:
         if key in data:
             return np.asarray(numbers(data[key], key, 3) * choice.unit(unit_m), dtype=np.float64)
     return np.asarray(numbers(entry(data, "T"), "T", 3) * choice.unit(), dtype=np.float64)
-
-
-def _rectified(data: Mapping[str, Any], size: Size, unit_m: float, name: str) -> StereoRig:
-    """The cameras of images that P1 and P2 rectified: P = K [I | t]."""
-    (left, left_SE3_zero), (right, right_SE3_zero) = (
-        projected(size, entry(data, *names), names[0], unit_m) for names in (_P1, _P2)
-    )
-    return StereoRig(left, right, right_SE3_zero @ left_SE3_zero.inverse(), f"{name} [rectified images]")
 
 
 def _parse(text: str) -> Mapping[str, Any]:

@@ -169,6 +169,13 @@ def _from_xml(text: str, unit_m: float) -> TsaiCamera:
         raise ValueError(f"expected a positive sx, found {sx:g}")
     focal, kappa1, cx, cy = (number(entry(intrinsic, key), key) for key in ("focal", "kappa1", "cx", "cy"))
     rx, ry, rz, *translation = (number(entry(extrinsic, key), key) for key in ("rx", "ry", "rz", "tx", "ty", "tz"))
+    if "dpx" in geometry:
+        pitch = number(geometry["dpx"], "dpx")
+    else:  # the sensor's dx, stretched by ncx sensor elements over nfx pixels
+        dx, ncx, nfx = (number(entry(geometry, key), key) for key in ("dx", "ncx", "nfx"))
+        if nfx <= 0:
+            raise ValueError(f"expected a positive nfx, found {nfx:g}")
+        pitch = dx * ncx / nfx
     # R = Rz Ry Rx (Tsai's order).
     return TsaiCamera(
         whole(entry(geometry, "width"), "width"),
@@ -177,7 +184,7 @@ def _from_xml(text: str, unit_m: float) -> TsaiCamera:
         kappa1,
         cx,
         cy,
-        _pitch(geometry) / sx,
+        pitch / sx,
         number(entry(geometry, "dpy", "dy"), "dpy"),
         SE3(
             np.asarray(
@@ -188,13 +195,3 @@ def _from_xml(text: str, unit_m: float) -> TsaiCamera:
             np.array(translation) * unit_m,
         ),
     )
-
-
-def _pitch(geometry: Mapping[str, str]) -> float:
-    """Tsai's dpx: given, or the sensor's dx stretched by ncx sensor elements over nfx pixels."""
-    if "dpx" in geometry:
-        return number(geometry["dpx"], "dpx")
-    dx, ncx, nfx = (number(entry(geometry, key), key) for key in ("dx", "ncx", "nfx"))
-    if nfx <= 0:
-        raise ValueError(f"expected a positive nfx, found {nfx:g}")
-    return dx * ncx / nfx

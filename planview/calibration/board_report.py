@@ -69,19 +69,15 @@ def write_report(result: BoardCalibration, images: Path, path: Path) -> Path:
 def _parameters(result: BoardCalibration) -> list[tuple[str, str, str]]:
     rows = []
     for name, value in result.parameters.items():
-        scale, unit, digits = _shown_as(name)
+        if name.startswith("rotation"):
+            scale, unit, digits = math.degrees(1), "°", 4
+        elif name.startswith("translation") or name == "baseline":
+            scale, unit, digits = 1000.0, " mm", 3
+        else:
+            scale, unit, digits = (1.0, " px", 3) if name.split()[1] in {"fx", "fy", "cx", "cy"} else (1.0, "", 6)
         shown, deviation = (f"{scale * one:.{digits}f}{unit}" for one in (value, result.std[name]))
         rows.append((name, shown, deviation))
     return rows
-
-
-def _shown_as(name: str) -> tuple[float, str, int]:
-    """Factor, unit and digits with which a parameter is shown."""
-    if name.startswith("rotation"):
-        return math.degrees(1), "°", 4
-    if name.startswith("translation") or name == "baseline":
-        return 1000.0, " mm", 3
-    return (1.0, " px", 3) if name.split()[1] in {"fx", "fy", "cx", "cy"} else (1.0, "", 6)
 
 
 def _rectified_pair(result: BoardCalibration, images: Path) -> tuple[str, U8]:
