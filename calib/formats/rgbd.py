@@ -86,7 +86,8 @@ def find_rgbd(path: Path) -> tuple[Path, Mapping[str, Any]] | None:
             continue
         try:
             text = read_source(file).text
-            data = _lower(PARSERS.get(file.suffix.lower(), parse_yaml)(text))
+            parse: Callable[[str], Any] = PARSERS.get(file.suffix.lower(), parse_yaml)
+            data = _lower(parse(text))
         except (InputError, ValueError, RecursionError):
             continue
         if _tables(data):

@@ -24,7 +24,6 @@ COLUMNS = (
 left out."""
 MIN_SAMPLES = 3
 """The paper asks for a person at 3 or more positions."""
-MAX_BYTES = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -201,7 +200,7 @@ def write_samples(samples: Sequence[HumanSample], path: Path, image_size: tuple[
 
 
 def _text(path: Path) -> str:
-    return read_text(path, "a CSV or JSON file of samples", MAX_BYTES)
+    return read_text(path, "a CSV or JSON file of samples", 10_000_000)
 
 
 def _rows(text: str, path: Path) -> list[dict[str, Any]]:

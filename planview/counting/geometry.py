@@ -175,7 +175,6 @@ def stereo_plane(rig_path: Path, world_path: Path | None = None) -> RulePlane:
     world = world_path or folder / "world.toml"
     if not world.is_file():
         raise InputError(f"{world}: expected the pose of the rig (planview calibrate floor writes it), found no file")
-    params = RectifyParams()
-    rotation, _ = rig.rectifying_rotations()
+    rotation, params = rig.rectifying_rotations()[0], RectifyParams()
     geometry = ideal_pinhole(rig.left, rotation, params.working_px, params.field_quantile, rig.baseline_m)
     return RulePlane(StereoFloorCamera(geometry, load_world(world).world_SE3_left))
