@@ -18,9 +18,11 @@ from stereo.readers.images import frame_number
 from stereo.recording import DEFAULT_FPS
 
 _WORD = re.compile(r"left|right|(?<![a-z])[lr](?![a-z])", re.IGNORECASE)
-_NUMBER = re.compile(
-    r"(?<![a-z])(cam|camera|im|img|image|view|infra|ir|i|c|eye|sensor|lens|device)([_-]?)(\d{1,2})(?!\d)", re.IGNORECASE
-)
+_NUMBERS = [
+    re.compile(rf"(?<![a-z])({words})([_-]?)(\d{{1,2}})(?!\d)", re.IGNORECASE)
+    for words in ("cam|camera|view|infra|ir|c|eye|sensor|lens|device", "im|img|image|i")
+]
+"""A number of what can only be a camera, and of what can be a frame too."""
 
 
 class Sided(NamedTuple):
@@ -47,9 +49,12 @@ def split_sides(names: Sequence[str]) -> Sided | None:
     by_word = [_by_word(name) for name in names]
     sides = [found[0] if found else "" for found in by_word]
     if not {"l", "r"} <= set(sides):
-        by_word = [_by_number(name) for name in names]
-        numbers = sorted({found[0] for found in by_word if found}, key=int)
-        if len(numbers) != 2:
+        for pattern in _NUMBERS:
+            by_word = [_by_number(name, pattern) for name in names]
+            numbers = sorted({found[0] for found in by_word if found}, key=int)
+            if len(numbers) == 2:
+                break
+        else:
             return None
         sides = ["" if not found else "l" if found[0] == numbers[0] else "r" for found in by_word]
     left, right = ([i for i, side in enumerate(sides) if side == one] for one in ("l", "r"))
@@ -61,9 +66,9 @@ def _by_word(name: str) -> tuple[str, str] | None:
     return (found.pop(), _WORD.sub("*", name)) if len(found) == 1 else None
 
 
-def _by_number(name: str) -> tuple[str, str] | None:
-    found = {number for _, _, number in _NUMBER.findall(name)}
-    return (found.pop(), _NUMBER.sub(r"\1\2*", name)) if len(found) == 1 else None
+def _by_number(name: str, pattern: re.Pattern[str]) -> tuple[str, str] | None:
+    found = {number for _, _, number in pattern.findall(name)}
+    return (found.pop(), pattern.sub(r"\1\2*", name)) if len(found) == 1 else None
 
 
 Pair = tuple[Path | None, Path | None]

@@ -108,7 +108,7 @@ def test_middlebury_pair_is_one_frame(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "names",
     [("left{:03d}", "right{:03d}"), ("{:03d}_L", "{:03d}_R"), ("cam0_{}", "cam1_{}"), ("I1_{:06d}", "I2_{:06d}"),
-     ("{}-imageLeft", "{}-imageRight")],
+     ("cam0_img{:02d}", "cam1_img{:02d}"), ("{}-imageLeft", "{}-imageRight")],
 )  # fmt: skip
 def test_images_in_one_folder_pair_by_any_naming_of_the_sides(tmp_path: Path, names: tuple[str, str]) -> None:
     for i in range(COUNT):
