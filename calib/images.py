@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 
@@ -37,13 +38,11 @@ def encode_image(image: U8, suffix: str = ".jpg", quality: int = 90) -> bytes:
     settings = [cv2.IMWRITE_JPEG_QUALITY, quality] if suffix.lower() in {".jpg", ".jpeg"} else []
     if suffix.lower() == ".png":
         settings = [cv2.IMWRITE_PNG_COMPRESSION, 1]
-    try:
+    with suppress(cv2.error):
         done, data = cv2.imencode(suffix, image, settings)
-    except cv2.error as error:
-        raise ValueError(f"expected an image that can be encoded as {suffix!r}, found shape {image.shape}") from error
-    if not done:
-        raise ValueError(f"expected an image that can be encoded as {suffix!r}, found shape {image.shape}")
-    return data.tobytes()
+        if done:
+            return data.tobytes()
+    raise ValueError(f"expected an image that can be encoded as {suffix!r}, found shape {image.shape}")
 
 
 def write_image(path: Path, image: U8, quality: int = 90) -> None:
@@ -56,8 +55,6 @@ def write_image(path: Path, image: U8, quality: int = 90) -> None:
     write_whole(path, content)
 
 
-FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
-"""Of the film that "focal length in 35 mm film" refers to (Exif 2.32, tag 41989: the same diagonal angle)."""
 EXIF = 0x8769
 
 
@@ -77,4 +74,5 @@ def focal_share(photo: Path | bytes) -> float:
             f"{name}: expected EXIF with the focal length in 35 mm film, found "
             f"{f'{millimetres:g} mm' if millimetres else 'none'}"
         )
-    return millimetres / FILM_DIAGONAL_MM
+    # Of film, by whose diagonal angle it is told (Exif 2.32, tag 41989).
+    return millimetres / math.hypot(36.0, 24.0)

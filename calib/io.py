@@ -74,7 +74,9 @@ def read_text(path: Path, what: str, max_bytes: int = MAX_BYTES) -> str:
         raise InputError(f"{path}: expected {what} of up to {max_bytes} bytes, found {size}")
     try:
         return path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: expected {what} as text, found binary data at byte {error.start}") from error
+    except OSError as error:
         raise InputError(f"{path}: expected {what}, found {reason(error)}") from error
 
 

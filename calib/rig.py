@@ -98,11 +98,17 @@ class StereoRig:
 
     def check(self, source: str) -> StereoRig:
         """Return self, or refuse a geometry that cannot be a stereo rig. Raises InputError: baseline out of range
-        (wrong units), or a right camera that lies to the left."""
+        (wrong units), cameras that look apart, or a right camera that lies to the left."""
         if not MIN_BASELINE_M <= self.baseline_m <= MAX_BASELINE_M:
             raise InputError(
                 f"{source}: expected a baseline of {MIN_BASELINE_M}-{MAX_BASELINE_M:g} m, "
                 f"found {self.baseline_m:g} m ({_likely_cause(self.baseline_m)})"
+            )
+        turn = math.degrees(self.right_SE3_left.angle_rad)
+        # Cameras turned further against each other share no view worth matching (our choice).
+        if turn > 45.0:
+            raise InputError(
+                f"{source}: expected cameras that look the same way, found {turn:.0f} degrees between them"
             )
         t = self.right_SE3_left.translation
         if abs(t[2]) > max(abs(t[0]), abs(t[1])):
@@ -127,7 +133,12 @@ def _likely_cause(baseline_m: float) -> str:
 
 
 def save_rig(rig: StereoRig, path: Path) -> None:
-    """Write ``rig.toml``; floats keep all their digits."""
+    """Write ``rig.toml``."""
+    write_whole(path, rig_text(rig))
+
+
+def rig_text(rig: StereoRig) -> str:
+    """The content of ``rig.toml``; floats keep all their digits."""
     lines = [
         "# planview stereo rig: p_right = rotation @ p_left + translation_m",
         f"source = {quoted(rig.source)}",
@@ -143,7 +154,7 @@ def save_rig(rig: StereoRig, path: Path) -> None:
             f"distortion = {[float(k) for k in camera.distortion]!r}",
             "",
         ]
-    write_whole(path, "\n".join([*lines, "[right_SE3_left]", *rig.right_SE3_left.toml(), ""]))
+    return "\n".join([*lines, "[right_SE3_left]", *rig.right_SE3_left.toml(), ""])
 
 
 def parse_rig(text: str, source: str) -> StereoRig:

@@ -15,8 +15,6 @@ from calib.io import load_toml, quoted, write_whole
 from calib.pose import SE3
 from calib.rig import Floor
 
-MIN_HEIGHT_M, MAX_HEIGHT_M = 0.01, 100.0
-"""A camera lower or higher than this above the floor means wrong units."""
 MAX_AWAY_M = 1e4
 """Farther from the origin, float32 keeps less than a millimetre."""
 
@@ -28,11 +26,8 @@ def refuse_strange_pose(pose: SE3) -> None:
         ValueError: what was expected and found.
     """
     x, y, height_m = (float(v) for v in pose.translation)
-    if not MIN_HEIGHT_M <= height_m <= MAX_HEIGHT_M:
-        raise ValueError(
-            f"expected a camera {MIN_HEIGHT_M:g}-{MAX_HEIGHT_M:g} m above the floor, found {height_m:g} m "
-            "(wrong units?)"
-        )
+    if not 0.01 <= height_m <= 100.0:
+        raise ValueError(f"expected a camera 0.01-100 m above the floor, found {height_m:g} m (wrong units?)")
     if max(abs(x), abs(y)) > MAX_AWAY_M:
         raise ValueError(f"expected a camera within {MAX_AWAY_M:g} m of the origin, found it at ({x:g}, {y:g}) m")
 
@@ -66,40 +61,26 @@ def load_world(path: Path) -> Floor:
     InputError: unreadable, keys missing, or values that cannot be a camera above a floor."""
     try:
         data = load_toml(path, "a world.toml")
-        floor = _floor(_pose(data["world_SE3_left"]), data.get("floor", {}))
+        table, pose = data.get("floor", {}), data["world_SE3_left"]
+        covariance = table.get("covariance")
+        floor = Floor(
+            SE3.from_table(pose) if isinstance(pose, dict) else SE3.from_matrix(pose),
+            float(table.get("inlier_fraction", math.nan)),
+            float(table.get("residual_m", math.nan)),
+            None if covariance is None else np.array(covariance, dtype=np.float64).reshape(3, 3),
+            _extent(table["extent_m"]) if "extent_m" in table else None,
+        )
+        refuse_strange_pose(floor.world_SE3_left)
     except KeyError as error:
         raise InputError(f"{path}: expected a world.toml with the key {error}, found none") from error
     except (ValueError, TypeError, AttributeError, OverflowError) as error:
-        raise InputError(f"{path}: expected a world.toml, found {error}") from error
-    try:
-        refuse_strange_pose(floor.world_SE3_left)
-    except ValueError as error:
-        raise InputError(f"{path}: {error}") from error
+        text = str(error)
+        what = text if text.startswith("expected a camera") else f"expected a world.toml, found {text}"
+        raise InputError(f"{path}: {what}") from error
     return floor
 
 
-def _pose(value: Any) -> SE3:
-    if isinstance(value, dict):
-        return SE3(
-            np.array(value["rotation"], dtype=np.float64),
-            np.array(value["translation_m"], dtype=np.float64),
-        )
-    return SE3.from_matrix(value)
-
-
-def _floor(pose: SE3, table: dict[str, Any]) -> Floor:
-    covariance = table.get("covariance")
-    extent = table.get("extent_m")
-    return Floor(
-        pose,
-        float(table.get("inlier_fraction", math.nan)),
-        float(table.get("residual_m", math.nan)),
-        None if covariance is None else np.array(covariance, dtype=np.float64).reshape(3, 3),
-        None if extent is None else _four(extent),
-    )
-
-
-def _four(values: Any) -> tuple[float, float, float, float]:
+def _extent(values: Any) -> tuple[float, float, float, float]:
     x_min, y_min, x_max, y_max = (float(v) for v in values)
     if not (-math.inf < x_min < x_max < math.inf and -math.inf < y_min < y_max < math.inf):
         raise ValueError(f"an extent_m of {values!r:.80}")
@@ -107,8 +88,6 @@ def _four(values: Any) -> tuple[float, float, float, float]:
 
 
 RIGS_FILE = "rigs.toml"
-MAX_HEADS = 32
-"""More heads than this in one world are a mistake (our choice)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,8 +134,8 @@ def load_rigs(path: Path) -> tuple[RigEntry, ...]:
         raise InputError(f"{path}: expected a rigs.toml with the key {error}, found none") from error
     except (ValueError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(f"{path}: expected a rigs.toml, found {error}") from error
-    if not 1 <= len(entries) <= MAX_HEADS:
-        raise InputError(f"{path}: expected 1 to {MAX_HEADS} heads, found {len(entries)}")
+    if not 1 <= len(entries) <= 32:  # more in one world are a mistake (our choice)
+        raise InputError(f"{path}: expected 1 to 32 heads, found {len(entries)}")
     inside = path.parent.resolve()
     folders = [(inside / entry.folder).resolve() for entry in entries]
     if len(set(folders)) < len(folders):

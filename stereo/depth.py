@@ -19,9 +19,6 @@ DISPARITY_STD_PX = 0.25
 """Standard deviation of an SGBM disparity [px]: its parabola fit is biased towards whole pixels by up to about 0.15 px,
 and sensor noise adds 0.1-0.2 px on weak texture."""
 
-MIN_DEPTH_M = 1e-6
-"""Points nearer than this count as behind the camera [m]."""
-
 
 @dataclass(frozen=True)
 class RectifiedGeometry:
@@ -82,7 +79,7 @@ class RectifiedGeometry:
             (..., 2) float64 u, v [px]; NaN for points that are not in front of the camera.
         """
         p = np.asarray(points, dtype=np.float64)
-        z = np.where(p[..., 2] > MIN_DEPTH_M, p[..., 2], np.nan)
+        z = np.where(p[..., 2] > 1e-6, p[..., 2], np.nan)
         u, v = self.focal_u_px * p[..., 0] / z + self.cu_px, self.focal_v_px * p[..., 1] / z + self.cv_px
         return np.stack([u, v], axis=-1)
 

@@ -19,8 +19,6 @@ TILE = 8
 """Side of the tiles that windows are made of [px of the analysed image]: a head at 8 m (our choice)."""
 SAMPLE = 2
 """Changes are given for every n-th row and column of the analysed image."""
-SPREAD = 2
-"""So many samples around a change are in question too: an outline, which blurs into the background (our choice)."""
 REFRESH_TILES = 5
 """Side of the squares that the refresh visits one after the other [tiles]: small enough to cost little in a frame,
 large enough that the margin does not double it (our choice)."""
@@ -31,10 +29,6 @@ SAMPLE_WORK, WINDOW_WORK, STRIPE_ROWS = 33, 60_000, 20
 """What matching costs, in the work of a pixel and disparity: besides its disparities a pixel (the prefilter, the tests
 after matching), a window (calls and buffers, 0.2 ms), and the rows by which OpenCV's four stripes overlap. Measured on
 windows of 64x48 to 256x384 px over 16 to 80 disparities, and holds within a quarter."""
-MAX_BANDS = 4
-"""Into so many bands at most the whole image is cut."""
-MAX_WINDOWS = 64
-"""More windows than this are noise all over the image, which is then matched as a whole (our choice)."""
 
 
 class MatchingParams(Params):
@@ -123,9 +117,9 @@ class Gate:
         return [self._window(top, 0, bottom, self._shape[1]) for top, bottom in self._bands]
 
     def _best_bands(self) -> tuple[list[tuple[int, int]], float]:
-        """First and last row of tiles of each band, the last excluded, and the work of all of them."""
+        """First and last row of tiles of each of up to four bands, the last excluded, and the work of all of them."""
         choices = []
-        for count in range(1, min(MAX_BANDS, self._shape[0]) + 1):
+        for count in range(1, min(4, self._shape[0]) + 1):
             edges = np.linspace(0, self._shape[0], count + 1).round().astype(int).tolist()
             boxes = [(top, 0, bottom, self._shape[1]) for top, bottom in pairwise(edges)]
             work = sum(cost(box, *self._costs) for box in boxes)
@@ -147,7 +141,7 @@ class Gate:
             row, col = (max(0, int(edge // self.tile_px)) for edge in (top, left))
             tiles[row : int((top + height) // self.tile_px) + 1, col : int((left + width) // self.tile_px) + 1] = 1
         self._refresh(tiles, now_s)
-        found = np.empty((MAX_WINDOWS, 4), np.int64)
+        found = np.empty((64, 4), np.int64)  # more are noise all over the image, which is then matched as a whole
         n, total = split(cv2.integral(tiles), *self._costs, found)
         if n < 0 or total >= self._work_of_whole:
             return self.whole
@@ -155,7 +149,8 @@ class Gate:
 
     def _tiles(self, changed: U8) -> U8:
         """Tiles with a change in them or near them."""
-        wide = cv2.dilate(changed, np.ones((2 * SPREAD + 1, 2 * SPREAD + 1), np.uint8))
+        # Two samples around a change are in question too: an outline, which blurs into the background (our choice).
+        wide = cv2.dilate(changed, np.ones((5, 5), np.uint8))
         per_tile = TILE // SAMPLE
         bottom, right = (max(0, n * per_tile - m) for n, m in zip(self._shape, changed.shape, strict=True))
         padded = cv2.copyMakeBorder(wide, 0, bottom, 0, right, cv2.BORDER_CONSTANT, value=0)

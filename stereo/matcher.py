@@ -33,12 +33,8 @@ over random textures (0.5-3 px, contrast 10-40, noise 2 grey levels, slopes to 0
 
 NEAREST_M = 0.5
 """A camera that close to a head shows nothing but the head: no disparities are spent on it."""
-HEAD_HEIGHT_M = 0.85
-"""Height of the lowest head above the floor: a child of two years [m]."""
 LEVEL_MIN = 0.05
 """Rays that descend less per metre of depth meet no floor in view."""
-TEXTURE_PX = 15
-"""Side of the window [px] in which some texture must be found: about as far as SGBM's smoothness carries a match."""
 
 
 class Matcher(Protocol):
@@ -141,7 +137,8 @@ def _descent(geometry: RectifiedGeometry, floor: Floor, window: Window) -> tuple
 def farthest_head_m(geometry: RectifiedGeometry, floor: Floor) -> float:
     """Depth of the farthest head over the floor in view [m]; infinite for a camera that sees the horizon."""
     level, _ = _descent(geometry, floor, Window(0, 0, *geometry.size))
-    return max(floor.height_m - HEAD_HEIGHT_M, NEAREST_M) / level if level > LEVEL_MIN else math.inf
+    # The lowest head is that of a child of two years, 0.85 m above the floor.
+    return max(floor.height_m - 0.85, NEAREST_M) / level if level > LEVEL_MIN else math.inf
 
 
 class SgbmParams(Params):
@@ -229,7 +226,8 @@ class SgbmMatcher:
         left, right = (valid_mask(whole if m is None else m, p) for m in (mask, right_mask))
         self._mask, self._right_mask = left[::step, ::step], right[::step]
         self._made = local()
-        self._texture = np.ones((TEXTURE_PX, TEXTURE_PX), np.uint8)
+        # In which some texture must be found: about as far as SGBM's smoothness carries a match [px].
+        self._texture = np.ones((15, 15), np.uint8)
 
     def __call__(self, left_grey: U8, right_grey: U8) -> F32:
         """Match one rectified pair (see ``Matcher``).
@@ -288,10 +286,6 @@ class SgbmMatcher:
         return disparity
 
 
-AGREEMENT_PX = 2.0
-"""Where both passes match the same surface, their disparities differ by less than this [px] (our choice)."""
-
-
 class TwoWayMatcher:
     """Mean of matching from the top down and from the bottom up; a ``Matcher``.
 
@@ -326,5 +320,5 @@ class TwoWayMatcher:
         down = self._down(left_grey, right_grey)
         up = self._up(np.ascontiguousarray(left_grey[::-1]), np.ascontiguousarray(right_grey[::-1]))[::-1]
         with np.errstate(invalid="ignore"):
-            agree = np.abs(down - up) < AGREEMENT_PX
+            agree = np.abs(down - up) < 2.0  # where both match the same surface (our choice)
         return np.where(agree, 0.5 * (down + up), np.float32(np.nan)).astype(np.float32)

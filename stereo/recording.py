@@ -25,10 +25,6 @@ Frame = TypeVar("Frame")
 
 DEFAULT_FPS = 30.0
 """Assumed for images without times."""
-SAMPLE_STEP_S = 0.25
-"""Frames in which a live camera's floor is looked for are so far apart [s] (our choice: 12 take 3 s)."""
-_AHEAD = 8
-"""Items decoded ahead: bridges a slow key frame, and holds at most 8 frames of memory."""
 KEPT = 2
 """Frames of a live camera kept while the last one is tracked."""
 
@@ -127,8 +123,8 @@ class FrameClock(NamedTuple):
         return float(np.interp(index, known, times[known]) + beyond / self.fps)
 
 
-def prefetch(items: Iterable[T], depth: int = _AHEAD) -> Generator[T, None, None]:
-    """The same items, made by a background thread at most ``depth`` ahead.
+def prefetch(items: Iterable[T], depth: int = 8) -> Generator[T, None, None]:
+    """The same items, made by a background thread at most ``depth`` ahead: 8 frames bridge a slow key frame.
 
     An exception of the source is raised here, in its place. Leaving the iteration early stops the thread, which closes
     the source where that is a generator.
@@ -320,14 +316,14 @@ class LiveRecording(StereoRecording):
     waits = False
 
     def sample(self, count: int) -> list[StereoFrame]:
-        """Up to ``count`` usable frames from now on, ``SAMPLE_STEP_S`` apart."""
+        """Up to ``count`` usable frames from now on, 0.25 s apart (our choice: 12 for the floor take 3 s)."""
         frames: list[StereoFrame] = []
         with closing(self._decode(None)) as pairs:
             for pair in pairs:
                 frame = self._frame(pair)
                 if isinstance(frame, Skipped):
                     continue
-                if not frames or frame.timestamp_s - frames[-1].timestamp_s >= SAMPLE_STEP_S:
+                if not frames or frame.timestamp_s - frames[-1].timestamp_s >= 0.25:
                     frames.append(frame)
                 if len(frames) >= count:
                     break

@@ -82,15 +82,13 @@ def border_rays(camera: Camera, samples: int = 33) -> F64:
     return rays.reshape(4, samples, 3)
 
 
-def common_geometry(rig: StereoRig, rotation: F64, working_px: int, field_quantile: float) -> RectifiedGeometry:
-    """The rectified pinhole that shows the left camera's field of view at the working size."""
-    return ideal_pinhole(rig.left, rotation, working_px, field_quantile, rig.baseline_m)
-
-
 def ideal_pinhole(
     camera: Camera, rotation: F64, working_px: int, field_quantile: float, baseline_m: float
 ) -> RectifiedGeometry:
-    """The pinhole without distortion that shows a turned camera's field of view at the working size."""
+    """The pinhole without distortion that shows a turned camera's field of view at the working size.
+
+    Of a pair: of the left camera, turned into the rectified frame.
+    """
     left, right, top, bottom = _field(camera, rotation, field_quantile)
     width, height = camera.size
     if (right - left) * height < (bottom - top) * width and abs(rotation[0, 1]) > abs(rotation[0, 0]):
@@ -114,10 +112,6 @@ def _field(camera: Camera, rotation: F64, quantile: float) -> tuple[float, float
         for edge, axis, sign in zip(edges, (0, 0, 1, 1), (-1, 1, -1, 1), strict=True)
     ]
     return bounds[0], bounds[1], bounds[2], bounds[3]
-
-
-_OUTSIDE_PX = -1e4
-"""Where nothing was recorded, the source lies outside."""
 
 
 class Warp:
@@ -147,7 +141,7 @@ class Warp:
         self._columns, self._rows = nearest[..., 0], nearest[..., 1]
         shrink = np.array(self._reduced) / np.array(camera.size)
         reduced = np.clip((pixels + 0.5) * shrink - 0.5, 0.0, np.array(self._reduced) - 1.0)
-        reduced = np.where(inside[..., None], reduced, _OUTSIDE_PX).astype(np.float32)
+        reduced = np.where(inside[..., None], reduced, -1e4).astype(np.float32)  # else outside, where nothing is
         # OpenCV's fixed-point maps: whole pixels (H, W, 2) int16 and fractions (H, W) uint16.
         fixed, fraction = cv2.convertMaps(reduced[..., 0], reduced[..., 1], cv2.CV_16SC2)
         self._maps: tuple[AnyArray, AnyArray] = np.asarray(fixed), np.asarray(fraction)
@@ -270,7 +264,8 @@ class Rectifier:
         self.params = params or RectifyParams()
         left_rotation, right_rotation = rig.rectifying_rotations()
         self.rect_SE3_left = SE3(left_rotation, np.zeros(3))
-        self.geometry = common_geometry(rig, left_rotation, self.params.working_px, self.params.field_quantile)
+        size_px, quantile = self.params.working_px, self.params.field_quantile
+        self.geometry = ideal_pinhole(rig.left, left_rotation, size_px, quantile, rig.baseline_m)
         to_ray: F64 = np.asarray(np.linalg.inv(self.geometry.matrix), dtype=np.float64)
         size, working_px = self.geometry.size, self.params.working_px
         self._left = Warp(rig.left, left_rotation, to_ray, size, working_px)
@@ -318,10 +313,6 @@ class Rectifier:
             raise ValueError(f"expected images of shape {size}, got {left.shape} and {right.shape}")
 
 
-MEASURED_PX = 1280
-"""Longest side of the rectified images in which a calibration is corrected [px]: more cost time (our choice)."""
-
-
 def aligned_rectifier(
     rig: StereoRig, frames: Iterable[StereoFrame], params: RectifyParams | None = None
 ) -> tuple[Rectifier, RigCorrection]:
@@ -334,7 +325,8 @@ def aligned_rectifier(
         The rectifier, whose rig is the corrected one, and what was measured, in pixels of its images.
     """
     params = params or RectifyParams()
-    plain = Rectifier(rig, params.model_copy(update={"working_px": MEASURED_PX}))
+    # Longest side of the images in which the calibration is corrected [px]: more cost time (our choice).
+    plain = Rectifier(rig, params.model_copy(update={"working_px": 1280}))
     searched = disparity_range(plain.geometry)
     pairs = ((pair.left_grey, pair.right_grey) for pair in (plain(frame.left, frame.right) for frame in frames))
     correction = measure_correction(pairs, plain.geometry, searched.first_px + searched.count)

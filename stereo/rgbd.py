@@ -20,9 +20,6 @@ from stereo.matcher import STEP, DisparityRange
 from stereo.recording import RgbdFrame
 from stereo.rectify import RectifyParams, Warp, ideal_pinhole, source_pixels
 
-MARGIN = 0.25
-"""A lens shows as much more than its own pinhole to each side [of the image size]; farther rays are left out."""
-
 
 class DepthRegistration:
     """Depth in the pixels of the image; of surfaces that fall on one pixel the nearest counts."""
@@ -36,7 +33,8 @@ class DepthRegistration:
         columns, rows = np.meshgrid(np.arange(depth.width), np.arange(depth.height))
         rays = depth.unproject(np.column_stack([columns.ravel(), rows.ravel()])) @ rig.camera_SE3_depth.rotation.T
         self._rays = rays.reshape(depth.height, depth.width, 3).astype(np.float32)
-        x, y = round(MARGIN * image.width), round(MARGIN * image.height)
+        # A lens shows as much more than its own pinhole to each side; farther rays are left out.
+        x, y = round(0.25 * image.width), round(0.25 * image.height)
         size = image.width + 2 * x, image.height + 2 * y
         pinhole: F64 = image.matrix + np.array([[0, 0, x], [0, 0, y], [0, 0, 0]])
         self._pinhole = pinhole[[0, 1, 0, 1], [0, 1, 2, 2]]
@@ -61,10 +59,6 @@ class DepthRegistration:
         shift = self._rig.camera_SE3_depth.translation
         register_depth(depth_m, self._rays, shift, self._pinhole, self._distorted, self._half_px, nearest)
         return nearest
-
-
-NEAREST_M = 0.4
-"""No depth sensor for rooms measures nearer [m]."""
 
 
 NOISE: dict[DepthSensor, tuple[float, float]] = {
@@ -128,5 +122,5 @@ class RgbdRectifier:
         return np.asarray(np.float32(self.geometry.disparity_metre) / rectified.depth_m, dtype=np.float32)
 
     def disparities(self) -> DisparityRange:
-        """Equivalent disparities from infinity to ``NEAREST_M``."""
-        return DisparityRange(0, STEP * int(np.ceil(self.geometry.disparity_at(NEAREST_M) / STEP)))
+        """Equivalent disparities from infinity to 0.4 m: no depth sensor for rooms measures nearer."""
+        return DisparityRange(0, STEP * int(np.ceil(self.geometry.disparity_at(0.4) / STEP)))

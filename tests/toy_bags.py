@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from toy_recordings import H, W, picture
 
 from calib.types import AnyArray
 
@@ -15,8 +16,15 @@ rosbag1 = pytest.importorskip("rosbags.rosbag1")
 rosbag2 = pytest.importorskip("rosbags.rosbag2")
 typesys = pytest.importorskip("rosbags.typesys")
 
-W, H, COUNT, STEP_NS, START_NS = 32, 24, 8, 100_000_000, 1_650_000_000_000_000_000
+COUNT, STEP_NS, START_NS = 8, 100_000_000, 1_650_000_000_000_000_000
 FOCAL = 30.0
+TF = """geometry_msgs/TransformStamped[] transforms
+================================================================================
+MSG: geometry_msgs/TransformStamped
+std_msgs/Header header
+string child_frame_id
+geometry_msgs/Transform transform
+"""
 
 
 class Writer:
@@ -61,14 +69,29 @@ class Writer:
         kind, model = self.store.types["sensor_msgs/msg/CameraInfo"], "plumb_bob"
         return kind(self.header(stamp_ns, frame), H, W, model, np.zeros(5), k, np.eye(3).ravel(), p, 0, 0, roi)
 
+    def pairs(self, frames: range, shift_m: float | None = None) -> None:
+        """Images of two cameras, and their camera_info where it is given how far the right one is shifted [m]."""
+        for i in frames:
+            log = START_NS + i * STEP_NS
+            for side in ("left", "right"):
+                self.write(f"/{side}/image_raw", log, self.image(log, picture(0)))
+                if shift_m is not None:
+                    self.write(f"/{side}/camera_info", log, self.info(log, shift_m, f"{side}_optical"))
+
+    def static_transforms(self, right_m: float) -> None:
+        """Of both cameras in "base", in one message for each."""
+        types = self.store.types
+        if "tf2_msgs/msg/TFMessage" not in types:
+            self.store.register(typesys.get_types_from_msg(TF, "tf2_msgs/msg/TFMessage"))
+        no_turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+        for side, x in (("left", 0.0), ("right", right_m)):
+            place = types["geometry_msgs/msg/Transform"](types["geometry_msgs/msg/Vector3"](x, 0.0, 0.0), no_turn)
+            header = self.header(START_NS, "base")
+            stamped = types["geometry_msgs/msg/TransformStamped"](header, f"{side}_optical", place)
+            self.write("/tf_static", START_NS, self.store.types["tf2_msgs/msg/TFMessage"]([stamped]))
+
     def close(self) -> None:
         self.bag.close()
-
-
-def picture(value: int) -> AnyArray:
-    image = np.add.outer(np.arange(H), np.arange(W)).astype(np.uint8)
-    image[:8, :8] = value
-    return image
 
 
 def changed(message: Any, fields: dict[str, Any]) -> Any:

@@ -168,11 +168,6 @@ def common_view(name: str, left: Corners, right: Corners) -> BoardView:
     return BoardView(name, np.asarray(ids, dtype=np.int64), left.pixels[i], right.pixels[j])
 
 
-_MIN_WIDTH, _MAX_WIDTH = 640, 1280
-"""Boards are looked for in images of such widths [px], smaller ones enlarged and larger ones reduced: OpenCV's
-detectors want squares of some 20 pixels, and take seconds for large images. Corners are refined at full size."""
-
-
 class Detector:
     """Finds one board in images.
 
@@ -184,7 +179,15 @@ class Detector:
     def __init__(self, board: Board, *, thorough: bool = True) -> None:
         self.board = board
         self.thorough = thorough
-        self._charuco = _charuco_detector(board) if board.dictionary else None
+        self._charuco = None
+        if board.dictionary:
+            dictionary = cv2.aruco.getPredefinedDictionary(dictionaries()[board.dictionary])
+            cols, rows = board.cols + 1, board.rows + 1
+            if len(dictionary.bytesList) < cols * rows // 2:
+                raise ValueError(f"expected a dictionary with {cols * rows // 2} markers, found {board.dictionary}")
+            made = cv2.aruco.CharucoBoard((cols, rows), board.square_m, board.marker_m, dictionary)
+            made.setLegacyPattern(board.legacy)
+            self._charuco = cv2.aruco.CharucoDetector(made)
 
     def __call__(self, image: U8) -> Corners | None:
         """Corners of the board with sub-pixel accuracy.
@@ -237,11 +240,14 @@ def find_chessboard(grey: U8, cols: int, rows: int, *, thorough: bool = True) ->
 
 
 def at_detection_width(grey: U8) -> tuple[U8, float]:
-    """The image at a width that OpenCV's detectors like, and how many times larger it is now."""
-    width = grey.shape[1]
-    if _MIN_WIDTH <= width <= _MAX_WIDTH:
+    """The image at a width that OpenCV's detectors like, and how many times larger it is now.
+
+    They want squares of some 20 pixels, and take seconds for large images. Corners are refined at full size.
+    """
+    width, low, high = grey.shape[1], 640, 1280  # [px]
+    if low <= width <= high:
         return grey, 1.0
-    scale = float(math.ceil(_MIN_WIDTH / width)) if width < _MIN_WIDTH else _MAX_WIDTH / width
+    scale = float(math.ceil(low / width)) if width < low else high / width
     how = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
     return np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=how), dtype=np.uint8), scale
 
@@ -276,16 +282,6 @@ def same_order(board: Board, left: Corners, right: Corners) -> Corners:
     return Corners(right.ids, np.ascontiguousarray(turns[int(np.argmin(away))].reshape(-1, 2)))
 
 
-def _charuco_detector(board: Board) -> cv2.aruco.CharucoDetector:
-    dictionary = cv2.aruco.getPredefinedDictionary(dictionaries()[board.dictionary])
-    squares = (board.cols + 1, board.rows + 1)
-    if len(dictionary.bytesList) < squares[0] * squares[1] // 2:
-        raise ValueError(f"expected a dictionary with {squares[0] * squares[1] // 2} markers, found {board.dictionary}")
-    made = cv2.aruco.CharucoBoard(squares, board.square_m, board.marker_m, dictionary)
-    made.setLegacyPattern(board.legacy)
-    return cv2.aruco.CharucoDetector(made)
-
-
 def find_counts(images: Iterable[U8]) -> tuple[int, int] | None:
     """Inner corners (more, fewer) of the chessboard in the images, None when none is found.
 
@@ -314,8 +310,12 @@ def larger_counts(images: Iterable[U8], given: tuple[int, int]) -> tuple[int, in
     found = find_counts(greys)
     if found is None or found == given or found[0] < given[0] or found[1] < given[1]:
         return None
-    # The whole board is found exactly, and at least as often as the part.
-    whole, part = (_exactly(greys, size) for size in (found, given))
+    # By the detector that is not content with parts of a board the whole one is found, at least as often as the part.
+    flags = cv2.CALIB_CB_NORMALIZE_IMAGE
+    whole, part = (
+        sum(bool(cv2.findChessboardCornersSB(at_detection_width(grey)[0], size, flags=flags)[0]) for grey in greys)
+        for size in (found, given)
+    )
     return found if whole >= max(1, part) else None
 
 
@@ -326,12 +326,6 @@ def _grown(grey: U8) -> tuple[int, int] | None:
         return None
     rows, cols = (int(n) for n in meta.shape)
     return (max(rows, cols), min(rows, cols)) if rows * cols > MIN_CORNERS**2 else None
-
-
-def _exactly(greys: Sequence[U8], size: tuple[int, int]) -> int:
-    """Images in which the detector that is not content with parts of a board finds it."""
-    flags = cv2.CALIB_CB_NORMALIZE_IMAGE
-    return sum(bool(cv2.findChessboardCornersSB(at_detection_width(grey)[0], size, flags=flags)[0]) for grey in greys)
 
 
 def complete_charuco(board: Board, images: Sequence[U8], *, any_dictionary: bool, any_marker: bool) -> Board:

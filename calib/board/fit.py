@@ -81,15 +81,14 @@ def rig_parameters(rig: StereoRig) -> dict[str, float]:
 
 MAX_VIEWS = 40
 """More views of one board add little: the error falls with the root of their number (our choice)."""
-_PATCH_PX = 4
 
 
 def sharpness(grey: U8, corners: Corners) -> float:
     """Median steepness of the edges at the corners, as a share of their contrast per pixel (1: perfectly sharp)."""
-    values = []
+    values, half = [], 4  # [px]
     height, width = grey.shape
     for x, y in np.rint(corners.pixels).astype(int):
-        patch = grey[max(0, y - _PATCH_PX) : y + _PATCH_PX + 1, max(0, x - _PATCH_PX) : x + _PATCH_PX + 1]
+        patch = grey[max(0, y - half) : y + half + 1, max(0, x - half) : x + half + 1]
         if not (0 <= x < width and 0 <= y < height) or min(patch.shape) < 3:
             continue
         smooth = cv2.GaussianBlur(patch, (3, 3), 0).astype(np.float64)
@@ -218,15 +217,12 @@ def fit_camera(views: Sequence[BoardView], points: F64, side: Side, size: tuple[
     shown = _same_lengths(views) if lens.model == "fisheye" else views
     objects, pixels = [points[view.ids] for view in shown], [view.image_points(side) for view in shown]
     # First guesses of the focal length [image widths] where OpenCV's own, from vanishing points, leads nowhere.
-    for start in (None, *(_plain_camera(size, widths, lens) for widths in (0.4, 0.8, 1.6))):
+    (width, height), plain = size, (lens.model, (0.0,) * lens.count)
+    guesses = [f * width for f in (0.4, 0.8, 1.6)]
+    for start in (None, *(Camera(width, height, f, f, (width - 1) / 2, (height - 1) / 2, *plain) for f in guesses)):
         with suppress(cv2.error, FitError):
             return _fit_camera(objects, pixels, size, lens, start)
     raise FitError(f"no {lens.name} camera fits the {side} images")
-
-
-def _plain_camera(size: tuple[int, int], focal_widths: float, lens: Lens) -> Camera:
-    focal, (width, height) = focal_widths * size[0], size
-    return Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2, lens.model, (0.0,) * lens.count)
 
 
 def _fit_camera(

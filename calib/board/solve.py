@@ -27,8 +27,6 @@ from calib.errors import InputError
 from calib.rig import MAX_BASELINE_M, MIN_BASELINE_M, StereoRig
 from calib.types import F64, Bool
 
-FOLD_TOLERANCE = 0.03
-"""Share by which a lens may be worse on held-out views if it spares the image a fold (our choice)."""
 FOLDS = 5
 
 LENSES: tuple[Lens, ...] = (
@@ -83,11 +81,11 @@ def compare_lenses(
     best = min(fit.rms_px for fit in fits.values())
     # A lens whose fit is this many times worse than the best fit is not judged further: on views left out no lens
     # does better than on those it was fitted to (our choice).
-    judged = {
-        lens: squares
-        for lens, fit in fits.items()
-        if fit.rms_px <= 1.5 * best and (squares := _judge(views, points, fit, lens)) is not None
-    }
+    judged, folds = {}, np.arange(len(views)) % min(FOLDS, len(views))
+    for lens, fit in fits.items():
+        with suppress(FitError):  # a fold leaves too little to fit the lens to
+            if fit.rms_px <= 1.5 * best:
+                judged[lens] = [_held_out(views, points, fit, lens, folds == k) for k in range(folds.max() + 1)]
     if not judged:
         raise FitError("no lens model fits the views")
     table = np.array(list(judged.values()))
@@ -96,7 +94,12 @@ def compare_lenses(
     means = np.sqrt(table.mean(axis=1))
     return tuple(
         # The error of a mean square becomes that of its root.
-        LensChoice(lens, float(mean), float(error / (2 * mean)), _either_folds_back(fits[lens]))
+        LensChoice(
+            lens,
+            float(mean),
+            float(error / (2 * mean)),
+            any(map(folds_back, (fits[lens].rig.left, fits[lens].rig.right))),
+        )
         for lens, mean, error in zip(judged, means, errors, strict=True)
     )
 
@@ -123,15 +126,6 @@ def best_base(
     return next((lens, fit) for lens, fit in fits.items() if fit.rms_px <= limit)
 
 
-def _judge(views: Sequence[BoardView], points: F64, fit: RigFit, lens: Lens) -> list[float] | None:
-    """Mean square error [px^2] of each fold; None when a fold leaves too little to fit the lens to."""
-    folds = min(FOLDS, len(views))
-    try:
-        return [_held_out(views, points, fit, lens, np.arange(len(views)) % folds == k) for k in range(folds)]
-    except FitError:
-        return None
-
-
 def _held_out(views: Sequence[BoardView], points: F64, full: RigFit, lens: Lens, out: Bool) -> float:
     """Mean square error [px^2] over the fold's views of a rig fitted without them."""
     inside = [view for view, left_out in zip(views, out, strict=True) if not left_out]
@@ -144,17 +138,13 @@ def _held_out(views: Sequence[BoardView], points: F64, full: RigFit, lens: Lens,
 def choose_lens(tried: Sequence[LensChoice]) -> LensChoice:
     """The simplest lens that is no worse than the best by more than one standard error (Breiman's rule).
 
-    One that turns back inside the image gives way to another that is worse by no more than ``FOLD_TOLERANCE``.
+    One that turns back inside the image gives way to another that is worse by no more than 3 % (our choice).
     """
     best = min(one.held_out_px for one in tried)
     near = [one for one in tried if one.held_out_px - best <= one.std_error_px]
     whole = [one for one in near if not one.folds_back]
-    whole = whole or [one for one in tried if not one.folds_back and one.held_out_px <= (1 + FOLD_TOLERANCE) * best]
+    whole = whole or [one for one in tried if not one.folds_back and one.held_out_px <= 1.03 * best]
     return (whole or near)[0]
-
-
-def _either_folds_back(fit: RigFit) -> bool:
-    return folds_back(fit.rig.left) or folds_back(fit.rig.right)
 
 
 def folds_back(camera: Camera) -> bool:
@@ -174,7 +164,6 @@ def folds_back(camera: Camera) -> bool:
 
 MIN_PAIRS = 5
 """Fewer pairs leave focal length and distortion to chance (three orientations are the bare minimum; our choice)."""
-MAX_TURN_DEG = 45.0
 
 
 @dataclass(frozen=True)
@@ -292,7 +281,9 @@ def solve_board(
         fit, kept = _without_outliers(fit, kept, out, points, base, source)
         # A better lens will fit better, but not this much better.
         _refuse_unfit(fit, size, source, slack=3.0)
-        _refuse_open_focal(kept, points, size, base, source)
+        for side in SIDES:  # by the deviation that OpenCV gives for one camera
+            alone = fit_camera(kept, points, side, size, base)
+            _refuse_deviation(side, alone.camera.fx, alone.focal_std_px, source)
         tried = compare_lenses(kept, points, size, lenses)
         lens = choose_lens(tried).lens
         fit, kept = _without_outliers(fit_lens(kept, points, size, lens), kept, out, points, lens, source)
@@ -348,15 +339,9 @@ def _refuse_unfit(fit: RigFit, size: tuple[int, int], source: str, slack: float 
         )
 
 
-def _refuse_open_focal(views: Sequence[BoardView], points: F64, size: tuple[int, int], lens: Lens, source: str) -> None:
-    """Refuse views that leave a focal length open, by the deviation that OpenCV gives for one camera."""
-    for side in SIDES:
-        fit = fit_camera(views, points, side, size, lens)
-        _refuse_deviation(side, fit.camera.fx, fit.focal_std_px, source)
-
-
 def _refuse_deviation(side: Side, focal_px: float, std_px: float, source: str) -> None:
-    # Relative standard deviation of a focal length above which the views do not determine it (depth errs as much).
+    """Refuse views that leave a focal length open."""
+    # Relative standard deviation above which the views do not determine it (depth errs as much).
     if std_px > 0.02 * focal_px:
         raise InputError(
             f"{source}: expected views that determine the {side} focal length, found {focal_px:.0f} +- "
@@ -369,9 +354,6 @@ def _checked_rig(fit: RigFit, std: dict[str, float], size: tuple[int, int], sour
     for side in SIDES:
         _refuse_deviation(side, getattr(fit.rig, side).fx, std[f"{side} fx"], source)
     rig = replace(fit.rig, source=source)
-    turn = math.degrees(rig.right_SE3_left.angle_rad)
-    if turn > MAX_TURN_DEG:
-        raise InputError(f"{source}: expected cameras that look the same way, found {turn:.0f} degrees between them")
     if not MIN_BASELINE_M <= rig.baseline_m <= MAX_BASELINE_M:
         raise InputError(
             f"{source}: expected a baseline of {MIN_BASELINE_M}-{MAX_BASELINE_M:g} m, found {rig.baseline_m:g} m: "

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -17,7 +15,7 @@ from calib.formats.devices import DEPTHAI, ZED
 from calib.formats.opencv import FORMAT as OPENCV
 from calib.formats.ros import KALIBR, ROS
 from calib.formats.tsai import is_tsai
-from calib.io import MAX_BYTES, reason, size_text
+from calib.io import MAX_BYTES, reason, size_text, write_whole
 from calib.rig import StereoRig
 
 _SUFFIXES = {".toml", ".yml", ".yaml", ".xml", ".json", ".conf", ".txt", ".cfg", ".ini", ".calib", ""}
@@ -27,30 +25,29 @@ _NESTED = ("cam0", "cam1", "left", "right", "mav0/cam0", "mav0/cam1")
 Found = tuple[Format, tuple[Source, ...]]
 
 
-def find_rig(path: Path, formats: Sequence[Format], is_single: Callable[[Source], bool]) -> Found:
-    """The calibration at a file or in a folder.
-
-    Args:
-        is_single: recognises files that hold one camera, for a better message.
-    Raises:
-        InputError: none there, half of a pair, or several.
-    """
+def find_rig(path: Path) -> Found:
+    """The calibration at a file or in a folder. Raises InputError: none there, half of a pair, or several."""
     if path.is_dir():
-        return _in_folder(path, formats)
+        return _in_folder(path)
     source = read_source(path)
-    found = _recognise(source, formats)
-    if found is None and is_single(source):
+    found = _recognise(source)
+    if found is None and is_tsai(source):
         raise InputError(f"{path}: expected a stereo calibration, found a single camera (Tsai)")
     if found is None:
         raise InputError(
-            f"{path}: expected a calibration ({', '.join(f.name for f in formats)}), found none of these formats"
+            f"{path}: expected a calibration ({', '.join(f.name for f in FORMATS)}), found none of these formats"
         )
     form, part = found
     if part == "whole":
         return form, (source,)
-    mates = [mate for mate in _candidates(path, form) if _belongs(source, mate)]
+    # EuRoC keeps each half in a folder of its own.
+    around = [path.parent]
+    if path.parent.name.lower() in {"cam0", "cam1", "left", "right"}:
+        around.append(path.parent.parent)
+    files = {p.resolve(): p for folder in around for p in _files(folder)}
+    files.pop(path.resolve(), None)
     other = "right" if part == "left" else "left"
-    mates = [mate for mate in mates if form.part(mate) == other]
+    mates = [m for m in _readable(files.values()) if form.part(m) == other and _plain(m.path) == _plain(path)]
     if len(mates) != 1:
         raise InputError(
             f"{path}: expected its other half beside it ({form.name}), found {len(mates) or 'no'} file that fits"
@@ -58,8 +55,8 @@ def find_rig(path: Path, formats: Sequence[Format], is_single: Callable[[Source]
     return form, ((source, mates[0]) if part == "left" else (mates[0], source))
 
 
-def _recognise(source: Source, formats: Iterable[Format]) -> tuple[Format, str] | None:
-    for form in formats:
+def _recognise(source: Source) -> tuple[Format, str] | None:
+    for form in FORMATS:
         if part := form.part(source):
             return form, part
     return None
@@ -84,39 +81,25 @@ def _readable(paths: Iterable[Path]) -> Iterator[Source]:
             continue
 
 
-def _candidates(path: Path, form: Format) -> list[Source]:
-    # EuRoC keeps each half in a folder of its own.
-    around = [path.parent]
-    if path.parent.name.lower() in {"cam0", "cam1", "left", "right"}:
-        around.append(path.parent.parent)
-    files = {p.resolve(): p for folder in around for p in _files(folder)}
-    files.pop(path.resolve(), None)
-    return [source for source in _readable(files.values()) if form.part(source)]
-
-
-def _belongs(one: Source, other: Source) -> bool:
-    """Do two names differ only by a word such as left/right?"""
-    return _plain(one.path) == _plain(other.path)
-
-
 def _plain(path: Path) -> str:
+    """The name without what may differ between two halves, a word such as left/right."""
     name = f"{path.parent.name}/{path.name}".lower()
     for first, second in _PAIRS:
         name = name.replace(first, "*").replace(second, "*")
     return name
 
 
-def _in_folder(folder: Path, formats: Sequence[Format]) -> Found:
+def _in_folder(folder: Path) -> Found:
     rigs: list[Found] = []
     halves: list[tuple[Format, str, Source]] = []
     for source in _readable(_files(folder)):
-        match _recognise(source, formats):
+        match _recognise(source):
             case (form, "whole"):
                 rigs.append((form, (source,)))
             case (form, part):
                 halves.append((form, part, source))
     rigs += _paired(halves)
-    own = [rig for rig in rigs if rig[0].name == formats[0].name]
+    own = [rig for rig in rigs if rig[0] is NATIVE]
     rigs = own or rigs
     if len(rigs) == 1:
         return rigs[0]
@@ -136,19 +119,11 @@ def _paired(halves: Sequence[tuple[Format, str, Source]]) -> list[Found]:
         if len(lefts) == len(rights) == 1:
             rigs.append((form, (lefts[0], rights[0])))
             continue
-        rigs += [(form, (a, b)) for a in lefts for b in rights if _belongs(a, b)]
+        rigs += [(form, (a, b)) for a in lefts for b in rights if _plain(a.path) == _plain(b.path)]
     return rigs
 
 
 FORMATS: tuple[Format, ...] = (NATIVE, OPENCV, DEPTHAI, KALIBR, ROS, ZED, KITTI, EUROC, MIDDLEBURY)
-
-MAX_TURN_DEG = 45.0
-"""Cameras turned further against each other share no view worth matching (our choice)."""
-MIN_FOCAL_WIDTHS, MAX_FOCAL_WIDTHS = 0.1, 30.0
-"""A focal length outside these multiples of the image width is in other units (fisheye of 200 deg: 0.2)."""
-MAX_BENT = 10.0
-"""Rays through the middle half of an image lie within this factor of where they were without distortion; a fisheye of
-200 deg has 2.4 (our choice)."""
 
 __all__ = ["FORMATS", "calibration_files", "load_rig", "refuse_strange_camera", "write_rig"]
 
@@ -179,23 +154,22 @@ def load_rig(
         InputError: nothing readable there, not a stereo rig, or a rig for another image size.
     """
     choice = Choice(size, cameras, unit_m, rectified)
-    found, sources = find_rig(path, FORMATS, is_tsai)
+    found, sources = find_rig(path)
     name = "+".join(str(source.path) for source in sources)
     try:
         rig = found.read(sources, choice)
         refuse_strange_camera(rig.left, "left")
         refuse_strange_camera(rig.right, "right")
-        turn = math.degrees(rig.right_SE3_left.angle_rad)
-        if turn > MAX_TURN_DEG:
-            raise ValueError(f"expected cameras that look the same way, found {turn:.0f} degrees between them")
     except (ValueError, TypeError, KeyError, IndexError, OverflowError, np.linalg.LinAlgError) as error:
-        raise InputError(f"{name} ({found.name}): {_detail(error)}") from error
+        text = " ".join(str(error).split())
+        detail = text if text.startswith("expected") else f"expected a calibration, found {text}"
+        raise InputError(f"{name} ({found.name}): {detail}") from error
     return _fitted((rig.swapped() if swap else rig).check(name), name, size)
 
 
 def calibration_files(path: Path) -> list[Path]:
     """The files that ``load_rig`` reads a calibration from (same errors)."""
-    return [source.path for source in find_rig(path, FORMATS, is_tsai)[1]]
+    return [source.path for source in find_rig(path)[1]]
 
 
 def write_rig(rig: StereoRig, path: Path, format_key: str | None = None, keep: Collection[Path] = ()) -> list[Path]:
@@ -213,14 +187,12 @@ def write_rig(rig: StereoRig, path: Path, format_key: str | None = None, keep: C
     """
     chosen = _format_for(path, format_key)
     try:
-        kept = {file.resolve() for file in keep}
-        with TemporaryDirectory() as rehearsal:
-            trial = Path(rehearsal) / (path.name or "rig")
-            for file in chosen.write(rig, trial):
-                target = (path / file.relative_to(trial)).resolve()
-                if target in kept:
-                    raise InputError(f"{path}: expected another place than the calibration read, found it at {target}")
-        return chosen.write(rig, path)
+        texts = chosen.texts(rig, path)
+        if kept := {file.resolve() for file in texts} & {file.resolve() for file in keep}:
+            raise InputError(f"{path}: expected another place than the calibration read, found it at {kept.pop()}")
+        for file, text in texts.items():
+            write_whole(file, text)
+        return list(texts)
     except ValueError as error:
         raise InputError(f"{path}: expected a rig that {chosen.name} can hold, but {error}") from error
     except OSError as error:
@@ -240,18 +212,14 @@ def _format_for(path: Path, format_key: str | None) -> Format:
     raise InputError(f"{path}: expected --to {keys}, because no format has the suffix of {path.name!r}")
 
 
-def _detail(error: Exception) -> str:
-    text = " ".join(str(error).split())
-    return text if text.startswith("expected") else f"expected a calibration, found {text}"
-
-
 def refuse_strange_camera(one: Camera, side: str) -> None:
     """A camera whose numbers belong to another image size or another unit, or whose lens shows no picture.
 
     Raises:
         ValueError: what was expected and found.
     """
-    if not MIN_FOCAL_WIDTHS <= one.fx / one.width <= MAX_FOCAL_WIDTHS or not 0.5 <= one.fx / one.fy <= 2.0:
+    # Beyond these multiples of the image width a focal length is in other units (fisheye of 200 deg: 0.2).
+    if not 0.1 <= one.fx / one.width <= 30.0 or not 0.5 <= one.fx / one.fy <= 2.0:
         raise ValueError(
             f"expected a {side} focal length in pixels of {one.width}x{one.height}, found fx={one.fx:g} fy={one.fy:g}"
         )
@@ -266,7 +234,10 @@ def refuse_strange_camera(one: Camera, side: str) -> None:
     straight = np.hypot((u - one.cx) / one.fx, (v - one.cy) / one.fy)
     with np.errstate(all="ignore"):
         bent = np.linalg.norm(one.unproject(np.column_stack([u, v]))[:, :2], axis=1)
-    if not ((bent <= MAX_BENT * straight + 1e-3) & (straight <= MAX_BENT * bent + 1e-3)).all():
+    # Rays through the middle half of an image lie within this factor of where they were without distortion; a fisheye
+    # of 200 deg has 2.4 (our choice).
+    most = 10.0
+    if not ((bent <= most * straight + 1e-3) & (straight <= most * bent + 1e-3)).all():
         shown = ", ".join(f"{k:g}" for k in one.distortion)
         raise ValueError(f"expected a {side} lens that shows the middle of its image, found distortion ({shown})")
 

@@ -14,10 +14,9 @@ import numpy as np
 import yaml
 
 from calib.camera import Camera, LensModel
-from calib.errors import InputError
-from calib.io import MAX_BYTES, MAX_DEPTH, reason, require_file
+from calib.io import MAX_DEPTH, read_text
 from calib.pose import SE3
-from calib.rig import StereoRig, parse_rig, save_rig
+from calib.rig import StereoRig, parse_rig, rig_text
 from calib.types import F64
 
 Size = tuple[int, int]
@@ -62,7 +61,7 @@ class Format:
         name: as messages show it.
         part: what a text holds in this format: "whole" (a rig), "left" or "right" (a half), or None (not this format).
         read: a rig from a whole, or from its left and right half; raises ValueError for bad content.
-        write: writes a rig, returns the files; raises ValueError when the format cannot hold it.
+        texts: the text of each file that a rig is written to; raises ValueError when the format cannot hold it.
         suffix: of the file it writes; empty: it writes a folder.
     """
 
@@ -70,24 +69,19 @@ class Format:
     name: str
     part: Callable[[Source], str | None]
     read: Callable[[Sequence[Source], Choice], StereoRig]
-    write: Callable[[StereoRig, Path], list[Path]]
+    texts: Callable[[StereoRig, Path], Mapping[Path, str]]
     suffix: str
+
+
+def whole_with(*patterns: str) -> Callable[[Source], str | None]:
+    """``Format.part`` of a format of one file, whose lines hold all of these patterns."""
+    compiled = [re.compile(pattern, re.MULTILINE) for pattern in patterns]
+    return lambda source: "whole" if all(one.search(source.text) for one in compiled) else None
 
 
 def read_source(path: Path) -> Source:
     """Read a text file. Raises InputError: unreadable, too large, or not text."""
-    require_file(path, "a calibration file")
-    try:
-        with path.open("rb") as file:
-            raw = file.read(MAX_BYTES + 1)
-        if len(raw) > MAX_BYTES:
-            raise InputError(f"{path}: expected a calibration file, found more than {MAX_BYTES} bytes")
-        text = raw.decode("utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: expected a readable calibration file, found {reason(error)}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: expected a calibration as text, found binary data at byte {error.start}") from error
-    return Source(path, text.replace("\r\n", "\n"))
+    return Source(path, read_text(path, "a calibration file"))
 
 
 def side_of(name: str) -> str | None:
@@ -305,20 +299,15 @@ def parse_yaml(text: str) -> Mapping[str, Any]:
     return data
 
 
-_TABLE = re.compile(r"^\s*\[right_SE3_left\]", re.MULTILINE)
-
-
-def _native_part(source: Source) -> str | None:
-    return "whole" if _TABLE.search(source.text) else None
-
-
 def _native_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     return parse_rig(sources[0].text, sources[0].path.name)
 
 
-def _native_write(rig: StereoRig, path: Path) -> list[Path]:
-    save_rig(rig, path)
-    return [path]
-
-
-NATIVE = Format("rig", "planview rig.toml", _native_part, _native_read, _native_write, ".toml")
+NATIVE = Format(
+    "rig",
+    "planview rig.toml",
+    whole_with(r"^\s*\[right_SE3_left\]"),
+    _native_read,
+    lambda rig, path: {path: rig_text(rig)},
+    ".toml",
+)

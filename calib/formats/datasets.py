@@ -32,8 +32,9 @@ from calib.formats.base import (
     size_of,
     transform,
     whole,
+    whole_with,
 )
-from calib.io import write_whole
+from calib.io import UNITS_M
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64
@@ -70,17 +71,15 @@ def _half(source: Source, choice: Choice) -> tuple[Camera, SE3]:
     return one, rigid(entry(data, "T_BS"), f"T_BS of {name}", choice.unit())
 
 
-def _euroc_write(rig: StereoRig, path: Path) -> list[Path]:
-    paths = []
+def _euroc_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
+    texts = {}
     for name, one, body_SE3_camera in (
         ("cam0", rig.left, SE3.identity()),
         ("cam1", rig.right, rig.right_SE3_left.inverse()),
     ):
-        (path / name).mkdir(parents=True, exist_ok=True)
-        paths.append(path / name / "sensor.yaml")
         model, coefficients = held("EuRoC", one, {"brown": 4, "fisheye": 4})
         values = [float(v) for v in np.asarray(body_SE3_camera.matrix).ravel()]
-        half_text = (
+        texts[path / name / "sensor.yaml"] = (
             "sensor_type: camera\n"
             f"T_BS:\n  cols: 4\n  rows: 4\n  data: {values}\n"
             f"resolution: [{one.width}, {one.height}]\n"
@@ -89,11 +88,10 @@ def _euroc_write(rig: StereoRig, path: Path) -> list[Path]:
             f"distortion_model: {'equidistant' if model == 'fisheye' else 'radial-tangential'}\n"
             f"distortion_coefficients: {coefficients}\n"
         )
-        write_whole(paths[-1], half_text)
-    return paths
+    return texts
 
 
-EUROC = Format("euroc", "EuRoC sensor.yaml pair", _euroc_part, _euroc_read, _euroc_write, "")
+EUROC = Format("euroc", "EuRoC sensor.yaml pair", _euroc_part, _euroc_read, _euroc_texts, "")
 
 
 _KEYS = re.compile(r"^K_\d\d:", re.MULTILINE)
@@ -115,9 +113,17 @@ def _kitti_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     left, right = choice.cameras or _pair(data)
     rectified = choice.rectified
     if rectified is None:
-        rectified = choice.size is not None and _size(data, f"S_rect_{left}") == choice.size != _size(data, f"S_{left}")
-    read = _rectified if rectified else _raw
-    (one, left_SE3_zero), (other, right_SE3_zero) = (read(data, name, choice.unit()) for name in (left, right))
+        rectified = (
+            choice.size is not None
+            and f"S_rect_{left}" in data
+            and (_size(data, f"S_rect_{left}") == choice.size != _size(data, f"S_{left}"))
+        )
+    (one, left_SE3_zero), (other, right_SE3_zero) = (
+        projected(_size(data, f"S_rect_{name}"), entry(data, f"P_rect_{name}"), f"P_rect_{name}", choice.unit())
+        if rectified
+        else _raw(data, name, choice.unit())
+        for name in (left, right)
+    )
     kind = "rectified images" if rectified else "unrectified images"
     name = f"{source.path.name} [cameras {left} {right}, {kind}]"
     return StereoRig(one, other, right_SE3_zero @ left_SE3_zero.inverse(), name)
@@ -131,25 +137,16 @@ def _pair(data: Mapping[str, str]) -> tuple[str, str]:
     raise ValueError("expected cameras 02 and 03, or 00 and 01, found neither")
 
 
-def _size(data: Mapping[str, str], key: str) -> Size | None:
-    return size_of(data[key], key) if key in data else None
+def _size(data: Mapping[str, str], key: str) -> Size:
+    return size_of(entry(data, key), key)
 
 
 def _raw(data: Mapping[str, str], name: str, unit_m: float) -> tuple[Camera, SE3]:
     size = _size(data, f"S_{name}")
-    if size is None:
-        raise ValueError(f"expected the key S_{name}, found none")
     k, d = numbers(entry(data, f"K_{name}"), f"K_{name}", 9), numbers(entry(data, f"D_{name}"), f"D_{name}", 5)
     rotation = numbers(entry(data, f"R_{name}"), f"R_{name}", 9)
     translation = numbers(entry(data, f"T_{name}"), f"T_{name}", 3) * unit_m
     return camera(size, k, d, "brown", f"camera {name}"), transform(rotation, translation, f"R_{name}")
-
-
-def _rectified(data: Mapping[str, str], name: str, unit_m: float) -> tuple[Camera, SE3]:
-    size = _size(data, f"S_rect_{name}")
-    if size is None:
-        raise ValueError(f"expected the key S_rect_{name}, found none")
-    return projected(size, entry(data, f"P_rect_{name}"), f"P_rect_{name}", unit_m)
 
 
 def _of_sequence(source: Source, data: Mapping[str, str], choice: Choice) -> StereoRig:
@@ -166,7 +163,7 @@ def _of_sequence(source: Source, data: Mapping[str, str], choice: Choice) -> Ste
     return StereoRig(one, other, right_SE3_zero @ left_SE3_zero.inverse(), name)
 
 
-def _kitti_write(rig: StereoRig, path: Path) -> list[Path]:
+def _kitti_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
     lines = ["calib_time: 01-Jan-1970 00:00:00"]
     poses = (SE3.identity(), rig.right_SE3_left)
     for name, one, pose in zip(("00", "01"), (rig.left, rig.right), poses, strict=True):
@@ -178,63 +175,57 @@ def _kitti_write(rig: StereoRig, path: Path) -> list[Path]:
             f"R_{name}: {_kitti_text(pose.rotation)}",
             f"T_{name}: {_kitti_text(pose.translation)}",
         ]
-    write_whole(path, "\n".join(lines) + "\n")
-    return [path]
+    return {path: "\n".join(lines) + "\n"}
 
 
 def _kitti_text(values: F64) -> str:
     return " ".join(repr(float(v)) for v in values.ravel())
 
 
-KITTI = Format("kitti", "KITTI calib_cam_to_cam", _kitti_part, _kitti_read, _kitti_write, ".txt")
-
-
-_CAMERA = re.compile(r"^\s*cam0\s*=\s*\[", re.MULTILINE)
-_MILLIMETRE_M = 0.001
-
-
-def _middlebury_part(source: Source) -> str | None:
-    return "whole" if _CAMERA.search(source.text) else None
+KITTI = Format("kitti", "KITTI calib_cam_to_cam", _kitti_part, _kitti_read, _kitti_texts, ".txt")
 
 
 def _middlebury_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     lines = (line.split("=", 1) for line in sources[0].text.splitlines() if "=" in line)
     data = {key.strip(): value.strip() for key, value in lines}
     size = whole(entry(data, "width"), "width"), whole(entry(data, "height"), "height")
-    left, right = (_middlebury_camera(data, name, size) for name in ("cam0", "cam1"))
+    left, right = (
+        camera(size, numbers(entry(data, name).strip("[] "), name, 9), np.empty(0), "brown", name)
+        for name in ("cam0", "cam1")
+    )
     offset = number(data.get("doffs", right.cx - left.cx), "doffs")
     if abs(offset - (right.cx - left.cx)) > 0.5:
         raise ValueError(
             f"expected doffs to be the principal points' distance {right.cx - left.cx:g}, found {offset:g}"
         )
-    baseline = number(entry(data, "baseline"), "baseline") * choice.unit(_MILLIMETRE_M)
+    baseline = number(entry(data, "baseline"), "baseline") * choice.unit(UNITS_M["mm"])
     return StereoRig(left, right, SE3(np.eye(3), np.array([-baseline, 0.0, 0.0])), sources[0].path.name)
 
 
-def _middlebury_camera(data: dict[str, str], name: str, size: tuple[int, int]) -> Camera:
-    text = entry(data, name).strip().removeprefix("[").removesuffix("]")
-    return camera(size, numbers(text, name, 9), np.empty(0), "brown", name)
-
-
-def _middlebury_write(rig: StereoRig, path: Path) -> list[Path]:
+def _middlebury_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
     pose = rig.right_SE3_left
     if np.abs(pose.rotation - np.eye(3)).max() > 1e-12 or np.abs(pose.translation[1:]).max() > 1e-12:
         raise ValueError("the Middlebury format holds rectified pairs only, and this pair is not rectified")
     if any(np.any(one.coefficients) or one.model == "fisheye" for one in (rig.left, rig.right)):
         raise ValueError("the Middlebury format holds no distortion, and these cameras have some")
-    lines = [f"{name}={_middlebury_text(one)}" for name, one in (("cam0", rig.left), ("cam1", rig.right))]
+    lines = [
+        f"{name}=[{one.fx!r} 0 {one.cx!r}; 0 {one.fy!r} {one.cy!r}; 0 0 1]"
+        for name, one in (("cam0", rig.left), ("cam1", rig.right))
+    ]
     lines += [
         f"doffs={rig.right.cx - rig.left.cx!r}",
-        f"baseline={float(-pose.translation[0]) / _MILLIMETRE_M!r}",
+        f"baseline={float(-pose.translation[0]) / UNITS_M['mm']!r}",
         f"width={rig.left.width}",
         f"height={rig.left.height}",
     ]
-    write_whole(path, "\n".join(lines) + "\n")
-    return [path]
+    return {path: "\n".join(lines) + "\n"}
 
 
-def _middlebury_text(one: Camera) -> str:
-    return f"[{one.fx!r} 0 {one.cx!r}; 0 {one.fy!r} {one.cy!r}; 0 0 1]"
-
-
-MIDDLEBURY = Format("middlebury", "Middlebury calib.txt", _middlebury_part, _middlebury_read, _middlebury_write, ".txt")
+MIDDLEBURY = Format(
+    "middlebury",
+    "Middlebury calib.txt",
+    whole_with(r"^\s*cam0\s*=\s*\["),
+    _middlebury_read,
+    _middlebury_texts,
+    ".txt",
+)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import configparser
 import json
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -30,18 +29,11 @@ from calib.formats.base import (
     table,
     transform,
     whole,
+    whole_with,
 )
-from calib.io import write_whole
+from calib.io import UNITS_M, size_text
 from calib.pose import SE3
 from calib.rig import StereoRig
-
-_CENTIMETRE_M = 0.01
-_FISHEYE = 1
-_PERSPECTIVE = 0
-
-
-def _depthai_part(source: Source) -> str | None:
-    return "whole" if '"cameraData"' in source.text and source.text.lstrip().startswith("{") else None
 
 
 def _depthai_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
@@ -58,7 +50,7 @@ def _depthai_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     for socket in (left, right):
         if socket not in cameras:
             raise ValueError(f"expected a camera at socket {socket}, found sockets {sorted(cameras)}")
-    pose = _between(cameras, left, right, choice.unit(_CENTIMETRE_M))
+    pose = _between(cameras, left, right, choice.unit(UNITS_M["cm"]))
     return StereoRig(
         _depthai_camera(cameras[left], left), _depthai_camera(cameras[right], right), pose, sources[0].path.name
     )
@@ -79,11 +71,11 @@ def _sockets(data: Mapping[str, Any], cameras: Mapping[int, Any], choice: Choice
 def _depthai_camera(values: Mapping[str, Any], socket: int) -> Camera:
     size = (whole(entry(values, "width"), "width"), whole(entry(values, "height"), "height"))
     coefficients = numbers(entry(values, "distortionCoeff"), "distortionCoeff", (0, 4, 5, 8, 12, 14))
-    kind = int(number(values.get("cameraType", _PERSPECTIVE), "cameraType"))
-    if kind not in {_PERSPECTIVE, _FISHEYE}:
+    kind = int(number(values.get("cameraType", 0), "cameraType"))  # 0 perspective, 1 fisheye
+    if kind not in {0, 1}:
         raise ValueError(f"expected a perspective or fisheye camera at socket {socket}, found cameraType {kind}")
     matrix = numbers(entry(values, "intrinsicMatrix"), "intrinsicMatrix", 9)
-    if kind == _FISHEYE:
+    if kind == 1:
         if np.any(coefficients[4:]):
             raise ValueError(f"expected 4 fisheye coefficients at socket {socket}, found more")
         return camera(size, matrix, coefficients[:4], "fisheye", f"socket {socket}")
@@ -120,20 +112,19 @@ def _link(socket: int, values: Mapping[str, Any], unit_m: float) -> tuple[int, i
     return socket, to, transform(rotation, translation, f"rotationMatrix of socket {socket}")
 
 
-def _depthai_write(rig: StereoRig, path: Path) -> list[Path]:
+def _depthai_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
     link = rig.right_SE3_left
     entries = [[1, _entry(rig.left, link, 2)], [2, _entry(rig.right, SE3.identity(), -1)]]
     stereo = {"leftCameraSocket": 1, "rightCameraSocket": 2}
     data = {"boardName": "", "cameraData": entries, "stereoRectificationData": stereo, "version": 7}
-    write_whole(path, json.dumps(data, indent=1))
-    return [path]
+    return {path: json.dumps(data, indent=1)}
 
 
 def _entry(one: Camera, pose: SE3, to: int) -> dict[str, Any]:
     model, coefficients = held("DepthAI", one, {"rational": 14, "brown": 14, "fisheye": 4})
-    translation = dict(zip("xyz", (pose.translation / _CENTIMETRE_M).tolist(), strict=True))
+    translation = dict(zip("xyz", (pose.translation / UNITS_M["cm"]).tolist(), strict=True))
     return {
-        "cameraType": _FISHEYE if model == "fisheye" else _PERSPECTIVE,
+        "cameraType": 1 if model == "fisheye" else 0,
         "distortionCoeff": [*coefficients, *[0.0] * (14 - len(coefficients))],
         "extrinsics": {
             "rotationMatrix": pose.rotation.tolist(),
@@ -147,7 +138,9 @@ def _entry(one: Camera, pose: SE3, to: int) -> dict[str, Any]:
     }
 
 
-DEPTHAI = Format("depthai", "DepthAI EEPROM JSON", _depthai_part, _depthai_read, _depthai_write, ".json")
+DEPTHAI = Format(
+    "depthai", "DepthAI EEPROM JSON", whole_with(r"\A\s*\{", '"cameraData"'), _depthai_read, _depthai_texts, ".json"
+)
 
 
 RESOLUTIONS: dict[str, Size] = {
@@ -156,13 +149,7 @@ RESOLUTIONS: dict[str, Size] = {
 }  # fmt: skip
 """Image size of one camera by the name of the section [px] (Stereolabs' video modes)."""
 
-_SECTION = re.compile(r"^\s*\[(LEFT|RIGHT)_CAM_(\w+)\]", re.MULTILINE)
-_MILLIMETRE_M = 0.001
 _COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-
-
-def _zed_part(source: Source) -> str | None:
-    return "whole" if _SECTION.search(source.text) else None
 
 
 def _zed_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
@@ -170,7 +157,7 @@ def _zed_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     sections = _sections(source.text)
     name, remark = _resolution(sections, choice.size)
     left, right = (_zed_camera(sections, f"{side}_CAM_{name}", RESOLUTIONS[name]) for side in ("LEFT", "RIGHT"))
-    pose = _pose(entry(sections, "STEREO"), name, choice.unit(_MILLIMETRE_M))
+    pose = _pose(entry(sections, "STEREO"), name, choice.unit(UNITS_M["mm"]))
     return StereoRig(left, right, pose, f"{source.path.name} [{name}]{remark}")
 
 
@@ -190,13 +177,11 @@ def _resolution(sections: Mapping[str, Mapping[str, str]], size: Size | None) ->
     if not names:
         raise ValueError(f"expected LEFT_CAM and RIGHT_CAM sections of {', '.join(RESOLUTIONS)}, found none")
     if size is None:
-        held = ", ".join(f"{RESOLUTIONS[n][0]}x{RESOLUTIONS[n][1]}" for n in names)
+        held = ", ".join(size_text(RESOLUTIONS[n]) for n in names)
         return names[0], "" if len(names) == 1 else f" (the largest of {held}; another image size selects another)"
-    for name in names:
-        if RESOLUTIONS[name] == size:
-            return name, ""
+    same = [n for n in names if RESOLUTIONS[n] == size]
     shaped = [n for n in names if RESOLUTIONS[n][0] * size[1] == RESOLUTIONS[n][1] * size[0]]
-    return (shaped or names)[0], ""
+    return (same or shaped or names)[0], ""
 
 
 def _zed_camera(sections: Mapping[str, Mapping[str, str]], name: str, size: Size) -> Camera:
@@ -222,19 +207,18 @@ def _pose(stereo: Mapping[str, str], resolution: str, unit_m: float) -> SE3:
     return SE3.from_rotvec([value("RX"), value("CV", "RY"), value("RZ")], translation)
 
 
-def _zed_write(rig: StereoRig, path: Path) -> list[Path]:
+def _zed_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
     names = [name for name, size in RESOLUTIONS.items() if size == rig.left.size]
     if not names:
-        held = ", ".join(f"{w}x{h}" for w, h in RESOLUTIONS.values())
-        raise ValueError(f"the ZED format holds images of {held}, not {rig.left.width}x{rig.left.height}")
+        held = ", ".join(map(size_text, RESOLUTIONS.values()))
+        raise ValueError(f"the ZED format holds images of {held}, not {size_text(rig.left.size)}")
     name = names[0]
     lines = [*_camera_lines(f"LEFT_CAM_{name}", rig.left), *_camera_lines(f"RIGHT_CAM_{name}", rig.right)]
-    x, y, z = (float(v) / _MILLIMETRE_M for v in rig.right_SE3_left.translation)
+    x, y, z = (float(v) / UNITS_M["mm"] for v in rig.right_SE3_left.translation)
     rx, ry, rz = (float(v) for v in rig.right_SE3_left.rotvec)
     lines += ["[STEREO]", f"Baseline={-x!r}", f"TY={y!r}", f"TZ={z!r}"]
     lines += [f"RX_{name}={rx!r}", f"CV_{name}={ry!r}", f"RZ_{name}={rz!r}", ""]
-    write_whole(path, "\n".join(lines))
-    return [path]
+    return {path: "\n".join(lines)}
 
 
 def _camera_lines(section: str, one: Camera) -> list[str]:
@@ -243,4 +227,4 @@ def _camera_lines(section: str, one: Camera) -> list[str]:
     return [f"[{section}]", *intrinsics, *(f"{k}={v!r}" for k, v in zip(_COEFFICIENTS, coefficients, strict=False)), ""]
 
 
-ZED = Format("zed", "ZED factory conf", _zed_part, _zed_read, _zed_write, ".conf")
+ZED = Format("zed", "ZED factory conf", whole_with(r"^\s*\[(LEFT|RIGHT)_CAM_\w+\]"), _zed_read, _zed_texts, ".conf")

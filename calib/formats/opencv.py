@@ -27,7 +27,6 @@ from calib.formats.base import (
     transform,
     whole,
 )
-from calib.io import write_whole
 from calib.rig import StereoRig
 from calib.types import F64
 
@@ -54,8 +53,7 @@ def _part(source: Source) -> str | None:
         return "whole" if _JSON_MATRIX.search(source.text) and _JSON_TRANSLATION.search(source.text) else None
     if "opencv-matrix" not in source.text:
         return None
-    intrinsics = _MATRIX.search(source.text) is not None
-    extrinsics = _TRANSLATION.search(source.text) is not None
+    intrinsics, extrinsics = (one.search(source.text) is not None for one in (_MATRIX, _TRANSLATION))
     if intrinsics and extrinsics:
         return "whole"
     return "left" if intrinsics else "right" if extrinsics else None
@@ -69,7 +67,11 @@ def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     size, remark = _size(data, choice, [(float(k[2]), float(k[5])) for k in matrices])
     name = "+".join(source.path.name for source in sources) + remark
     if choice.rectified and any(key in data for key in _P1):
-        return _rectified(data, size, choice.unit(), name)
+        # The cameras of images that P1 and P2 rectified: P = K [I | t].
+        (left, left_SE3_zero), (right, right_SE3_zero) = (
+            projected(size, entry(data, *names), names[0], choice.unit()) for names in (_P1, _P2)
+        )
+        return StereoRig(left, right, right_SE3_zero @ left_SE3_zero.inverse(), f"{name} [rectified images]")
     model = _model(data)
     left, right = (
         camera(size, k, numbers(entry(data, *names), names[0], (4, 5, 8, 12, 14)), model, names[0])
@@ -85,14 +87,6 @@ def _translation(data: Mapping[str, Any], choice: Choice) -> F64:
         if key in data:
             return np.asarray(numbers(data[key], key, 3) * choice.unit(unit_m), dtype=np.float64)
     return np.asarray(numbers(entry(data, "T"), "T", 3) * choice.unit(), dtype=np.float64)
-
-
-def _rectified(data: Mapping[str, Any], size: Size, unit_m: float, name: str) -> StereoRig:
-    """The cameras of images that P1 and P2 rectified: P = K [I | t]."""
-    (left, left_SE3_zero), (right, right_SE3_zero) = (
-        projected(size, entry(data, *names), names[0], unit_m) for names in (_P1, _P2)
-    )
-    return StereoRig(left, right, right_SE3_zero @ left_SE3_zero.inverse(), f"{name} [rectified images]")
 
 
 def _parse(text: str) -> Mapping[str, Any]:
@@ -134,35 +128,21 @@ def _size(data: Mapping[str, Any], choice: Choice, centres: Sequence[tuple[float
     return size, f" (image size {size[0]}x{size[1]} taken from the principal points: the file has none)"
 
 
-def _write(rig: StereoRig, path: Path) -> list[Path]:
+def _texts(rig: StereoRig, path: Path) -> dict[Path, str]:
     """One file with everything, or intrinsics.yml and extrinsics.yml when the path is a folder (no suffix)."""
-    if path.suffix:
-        write_whole(path, _HEADER + _intrinsics(rig) + _extrinsics(rig))
-        return [path]
-    path.mkdir(parents=True, exist_ok=True)
-    paths = [path / "intrinsics.yml", path / "extrinsics.yml"]
-    write_whole(paths[0], _HEADER + _intrinsics(rig))
-    write_whole(paths[1], _HEADER + _extrinsics(rig))
-    return paths
-
-
-_HEADER = "%YAML:1.0\n---\n"
-
-
-def _intrinsics(rig: StereoRig) -> str:
     if (rig.left.model == "fisheye") != (rig.right.model == "fisheye"):
         raise ValueError("the OpenCV format holds one lens model for both cameras, and only one of these is a fisheye")
     model = "fisheye" if rig.left.model == "fisheye" else "opencv"
     head = f"image_width: {rig.left.width}\nimage_height: {rig.left.height}\ndistortion_model: {model}\n"
-    return head + "".join(
+    intrinsics = head + "".join(
         (_block(f"M{number}", one.matrix) + _block(f"D{number}", one.coefficients.reshape(1, -1)))
         for number, one in ((1, rig.left), (2, rig.right))
     )
-
-
-def _extrinsics(rig: StereoRig) -> str:
-    pose = rig.right_SE3_left
-    return _block("R", pose.rotation) + _block("T", pose.translation.reshape(3, 1))
+    pose, header = rig.right_SE3_left, "%YAML:1.0\n---\n"
+    extrinsics = _block("R", pose.rotation) + _block("T", pose.translation.reshape(3, 1))
+    if path.suffix:
+        return {path: header + intrinsics + extrinsics}
+    return {path / "intrinsics.yml": header + intrinsics, path / "extrinsics.yml": header + extrinsics}
 
 
 def _block(name: str, matrix: F64) -> str:
@@ -171,4 +151,4 @@ def _block(name: str, matrix: F64) -> str:
     return f"{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {values} ]\n"
 
 
-FORMAT = Format("opencv", "OpenCV FileStorage or JSON with its keys", _part, _read, _write, ".yml")
+FORMAT = Format("opencv", "OpenCV FileStorage or JSON with its keys", _part, _read, _texts, ".yml")

@@ -9,7 +9,7 @@ rotations of RealSense's ``rs2_extrinsics`` are stored by columns.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,9 @@ from calib.pose import SE3
 from calib.rig import IDENTITY, DepthSensor, RgbdRig
 from calib.types import F64
 
-SUFFIXES = (".json", ".toml", ".yaml", ".yml")
+PARSERS: dict[str, Callable[[str], Any]] = {
+    ".json": parse_json, ".toml": parse_toml, ".yaml": parse_yaml, ".yml": parse_yaml,
+}  # fmt: skip
 _OTHER_FILES = ("world.toml", "rules.toml", "camera.toml", "config.toml")
 _COLOUR = ("rgb", "color", "colour", "color_camera", "rgb_camera", "camera", "image", "left")
 _DEPTH = ("depth", "depth_camera", "ir")
@@ -78,24 +80,19 @@ def load_rgbd(path: Path, size: Size, depth_size: Size) -> RgbdRig:
 
 def find_rgbd(path: Path) -> tuple[Path, Mapping[str, Any]] | None:
     """The first file at a path that holds a camera, and its content; None without one."""
-    files = [path] if path.is_file() else sorted(f for f in path.iterdir() if f.suffix.lower() in SUFFIXES)
+    files = [path] if path.is_file() else sorted(f for f in path.iterdir() if f.suffix.lower() in PARSERS)
     for file in files:
         if file.name.lower() in _OTHER_FILES or not file.is_file():
             continue
         try:
-            data = _lower(_parse(file))
+            text = read_source(file).text
+            parse: Callable[[str], Any] = PARSERS.get(file.suffix.lower(), parse_yaml)
+            data = _lower(parse(text))
         except (InputError, ValueError, RecursionError):
             continue
         if _tables(data):
             return file, data
     return None
-
-
-def _parse(file: Path) -> Any:
-    text = read_source(file).text
-    if file.suffix.lower() == ".json":
-        return parse_json(text)
-    return parse_toml(text) if file.suffix.lower() == ".toml" else parse_yaml(text)
 
 
 def _lower(data: Any) -> Any:

@@ -31,8 +31,8 @@ from calib.formats.base import (
     table,
     transform,
     whole,
+    whole_with,
 )
-from calib.io import write_whole
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64
@@ -54,13 +54,11 @@ def _ros_part(source: Source) -> str | None:
 
 
 def _ros_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
-    (left, rectified_SE3_left), (right, rectified_SE3_right) = (_half(source, choice) for source in sources)
+    (left, rectified_SE3_left), (right, rectified_SE3_right) = (
+        camera_from(parse_yaml(source.text), source.path.name, choice.unit()) for source in sources
+    )
     pose = rectified_SE3_right.inverse() @ rectified_SE3_left
     return StereoRig(left, right, pose, "+".join(source.path.name for source in sources))
-
-
-def _half(source: Source, choice: Choice) -> tuple[Camera, SE3]:
-    return camera_from(parse_yaml(source.text), source.path.name, choice.unit())
 
 
 def camera_from(data: Mapping[str, Any], name: str, unit_m: float = 1.0) -> tuple[Camera, SE3]:
@@ -95,18 +93,16 @@ def camera_from(data: Mapping[str, Any], name: str, unit_m: float = 1.0) -> tupl
     return one, transform(rotation, -shift, f"rectification_matrix of {name}")
 
 
-def _ros_write(rig: StereoRig, path: Path) -> list[Path]:
-    path.mkdir(parents=True, exist_ok=True)
+def _ros_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
     left_rotation, right_rotation = rig.rectifying_rotations()
     focal = (rig.left.fy + rig.right.fy) / 2
-    paths = []
+    texts = {}
     for name, one, rotation, shift in (
         ("left", rig.left, left_rotation, 0.0),
         ("right", rig.right, right_rotation, -rig.baseline_m),
     ):
         k = np.array([[focal, 0.0, rig.left.cx], [0.0, focal, rig.left.cy], [0.0, 0.0, 1.0]])
         projection = np.column_stack([k, [focal * shift, 0.0, 0.0]])
-        paths.append(path / f"{name}.yaml")
         model, coefficients = held("ROS", one, {"brown": 5, "rational": 8, "fisheye": 4})
         lens = {"brown": "plumb_bob", "rational": "rational_polynomial", "fisheye": "equidistant"}[model]
         blocks = [
@@ -117,9 +113,8 @@ def _ros_write(rig: StereoRig, path: Path) -> list[Path]:
             _block("rectification_matrix", rotation),
             _block("projection_matrix", projection),
         ]
-        half_text = "".join(blocks)
-        write_whole(paths[-1], half_text)
-    return paths
+        texts[path / f"{name}.yaml"] = "".join(blocks)
+    return texts
 
 
 def _block(name: str, matrix: F64) -> str:
@@ -127,18 +122,12 @@ def _block(name: str, matrix: F64) -> str:
     return f"{name}:\n  rows: {rows}\n  cols: {cols}\n  data: {[float(v) for v in matrix.ravel()]}\n"
 
 
-ROS = Format("ros", "ROS camera_info pair", _ros_part, _ros_read, _ros_write, "")
+ROS = Format("ros", "ROS camera_info pair", _ros_part, _ros_read, _ros_texts, "")
 
 
-_CAMERA = re.compile(r"^\s*[\"']?cam\d+[\"']?\s*:", re.MULTILINE)
-_KEYS = re.compile(r"^\s*(camera_model|distortion_coeffs)\s*:", re.MULTILINE)
 _KALIBR_MODELS: dict[str, tuple[LensModel, int]] = {
     "radtan": ("brown", 4), "equidistant": ("fisheye", 4), "none": ("brown", 0),
 }  # fmt: skip
-
-
-def _kalibr_part(source: Source) -> str | None:
-    return "whole" if _CAMERA.search(source.text) and _KEYS.search(source.text) else None
 
 
 def _kalibr_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
@@ -190,11 +179,10 @@ def _index(name: str) -> int:
     return int(match[1])
 
 
-def _kalibr_write(rig: StereoRig, path: Path) -> list[Path]:
+def _kalibr_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
     lines = [*_camera_lines("cam0", rig.left), *_camera_lines("cam1", rig.right), "  T_cn_cnm1:"]
     lines += [f"  - {row}" for row in np.asarray(rig.right_SE3_left.matrix).tolist()]
-    write_whole(path, "\n".join(lines) + "\n")
-    return [path]
+    return {path: "\n".join(lines) + "\n"}
 
 
 def _camera_lines(name: str, one: Camera) -> list[str]:
@@ -209,4 +197,11 @@ def _camera_lines(name: str, one: Camera) -> list[str]:
     ]
 
 
-KALIBR = Format("kalibr", "Kalibr camchain", _kalibr_part, _kalibr_read, _kalibr_write, ".yaml")
+KALIBR = Format(
+    "kalibr",
+    "Kalibr camchain",
+    whole_with(r"^\s*[\"']?cam\d+[\"']?\s*:", r"^\s*(camera_model|distortion_coeffs)\s*:"),
+    _kalibr_read,
+    _kalibr_texts,
+    ".yaml",
+)

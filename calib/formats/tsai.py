@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike
 
 from calib.errors import InputError
 from calib.formats.base import Size, Source, entry, number, parse_xml, read_source, whole
+from calib.io import UNITS_M
 from calib.pose import SE3
 from calib.types import F64
-
-_MILLIMETRE_M = 0.001
 
 
 @dataclass(frozen=True)
@@ -132,7 +131,7 @@ def is_tsai(source: Source) -> bool:
     return "<Geometry" in source.text and "<Extrinsic" in source.text
 
 
-def load_tsai(path: Path, size: Size | None = None, unit_m: float = _MILLIMETRE_M) -> TsaiCamera:
+def load_tsai(path: Path, size: Size | None = None, unit_m: float = UNITS_M["mm"]) -> TsaiCamera:
     """Read a Tsai camera.
 
     Args:
@@ -146,15 +145,13 @@ def load_tsai(path: Path, size: Size | None = None, unit_m: float = _MILLIMETRE_
         raise InputError(f"{path}: expected a Tsai camera (XML with Geometry, Intrinsic, Extrinsic), found none")
     try:
         camera = _from_xml(source.text, unit_m)
-        return camera if size is None else _scaled(camera, size)
+        if size is None:
+            return camera
+        if size[0] * camera.height != size[1] * camera.width:
+            raise ValueError(f"expected images of the aspect {camera.width}:{camera.height}, found {size[0]}x{size[1]}")
+        return camera.scaled(*size)
     except (ValueError, OverflowError) as error:
         raise InputError(f"{path}: expected a Tsai camera, but {error}") from error
-
-
-def _scaled(camera: TsaiCamera, size: Size) -> TsaiCamera:
-    if size[0] * camera.height != size[1] * camera.width:
-        raise ValueError(f"expected images of the aspect {camera.width}:{camera.height}, found {size[0]}x{size[1]}")
-    return camera.scaled(*size)
 
 
 def _from_xml(text: str, unit_m: float) -> TsaiCamera:
@@ -172,6 +169,13 @@ def _from_xml(text: str, unit_m: float) -> TsaiCamera:
         raise ValueError(f"expected a positive sx, found {sx:g}")
     focal, kappa1, cx, cy = (number(entry(intrinsic, key), key) for key in ("focal", "kappa1", "cx", "cy"))
     rx, ry, rz, *translation = (number(entry(extrinsic, key), key) for key in ("rx", "ry", "rz", "tx", "ty", "tz"))
+    if "dpx" in geometry:
+        pitch = number(geometry["dpx"], "dpx")
+    else:  # the sensor's dx, stretched by ncx sensor elements over nfx pixels
+        dx, ncx, nfx = (number(entry(geometry, key), key) for key in ("dx", "ncx", "nfx"))
+        if nfx <= 0:
+            raise ValueError(f"expected a positive nfx, found {nfx:g}")
+        pitch = dx * ncx / nfx
     # R = Rz Ry Rx (Tsai's order).
     return TsaiCamera(
         whole(entry(geometry, "width"), "width"),
@@ -180,7 +184,7 @@ def _from_xml(text: str, unit_m: float) -> TsaiCamera:
         kappa1,
         cx,
         cy,
-        _pitch(geometry) / sx,
+        pitch / sx,
         number(entry(geometry, "dpy", "dy"), "dpy"),
         SE3(
             np.asarray(
@@ -191,13 +195,3 @@ def _from_xml(text: str, unit_m: float) -> TsaiCamera:
             np.array(translation) * unit_m,
         ),
     )
-
-
-def _pitch(geometry: Mapping[str, str]) -> float:
-    """Tsai's dpx: given, or the sensor's dx stretched by ncx sensor elements over nfx pixels."""
-    if "dpx" in geometry:
-        return number(geometry["dpx"], "dpx")
-    dx, ncx, nfx = (number(entry(geometry, key), key) for key in ("dx", "ncx", "nfx"))
-    if nfx <= 0:
-        raise ValueError(f"expected a positive nfx, found {nfx:g}")
-    return dx * ncx / nfx

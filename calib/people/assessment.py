@@ -12,8 +12,7 @@ from calib.ground_camera import GroundCamera
 from calib.people.model import (
     FOCAL,
     HEIGHT,
-    KNOWN_FOCAL_STD,
-    KNOWN_HEIGHT_STD,
+    KNOWN_CAMERA_STD,
     N_CAMERA,
     N_SHARED,
     PERSON_STD,
@@ -32,8 +31,6 @@ from calib.people.refine import (
 )
 from calib.people.samples import MarkedPeople
 from calib.types import F64
-
-STEP = 1e-5
 
 
 class CameraDeviations(NamedTuple):
@@ -109,7 +106,8 @@ def assess(posterior: CameraPosterior, people: MarkedPeople, model: HumanModel) 
     if error <= limit:
         text = f"enough: floor positions are known to {error:.2f} m where people were marked"
         return Assessment(True, error, limit, found, text)
-    text = f"not enough: floor positions are known to {_metres(error)} only (at most {limit:.2g} m); "
+    shown = f"{error:.2f} m" if error < 100 else "more than 100 m"
+    text = f"not enough: floor positions are known to {shown} only (at most {limit:.2g} m); "
     return Assessment(False, error, limit, found, text + advisor.advice(found))
 
 
@@ -130,11 +128,11 @@ class _FloorError:
         shared = np.zeros(N_SHARED)
         shared[[FOCAL, HEIGHT]] = math.log(camera.focal_px), math.log(camera.height_m)
         shared[[TILT, ROLL]] = camera.tilt_rad, camera.roll_rad
-        slopes = []
+        slopes, width = [], 1e-5
         for k in range(N_CAMERA):
-            step = STEP * (np.arange(N_SHARED) == k)
+            step = width * (np.arange(N_SHARED) == k)
             ahead, behind = (shared_camera(shared + sign * step, camera) for sign in (1.0, -1.0))
-            slopes.append((ahead.back_project(self.pixels) - behind.back_project(self.pixels)) / (2 * STEP))
+            slopes.append((ahead.back_project(self.pixels) - behind.back_project(self.pixels)) / (2 * width))
         self._slope = self._without_motion(np.nan_to_num(np.stack(slopes, axis=-1)).reshape(-1, N_CAMERA))
 
     def linear(self, covariance: F64) -> float:
@@ -214,7 +212,9 @@ class _Advisor:
 
     def advice(self, found: NextSample | None) -> str:
         """What to do, in words."""
-        told = [name for name, k, std in _KNOWABLE if self._enough(np.diag((np.arange(N_SHARED) == k) / std**2))]
+        knowable = ((FOCAL, "the focal length or field of view"), (HEIGHT, "the camera's height"))
+        gain = np.eye(N_SHARED) / KNOWN_CAMERA_STD**2
+        told = [name for k, name in knowable if self._enough(np.diag(gain[k]))]
         give = f"give {' or '.join(told)}" if told else ""
         if found is None or self.gain is None:
             return give or "mark more people, at more distances"
@@ -237,12 +237,6 @@ class _Advisor:
         return self.ratio * self.floor.linear(after)
 
 
-_KNOWABLE = (
-    ("the focal length or field of view", FOCAL, KNOWN_FOCAL_STD),
-    ("the camera's height", HEIGHT, KNOWN_HEIGHT_STD),
-)
-
-
 def _where(fit: GroundCameraFit, foot_px: tuple[float, float]) -> str:
     distances = np.hypot(*fit.places_m.T)
     distance = float(np.hypot(*fit.camera.back_project(foot_px)))
@@ -251,7 +245,3 @@ def _where(fit: GroundCameraFit, foot_px: tuple[float, float]) -> str:
     if distance > 1.33 * np.median(distances):
         return "farther from the camera"
     return "at the left of the image" if foot_px[0] < fit.camera.width / 2 else "at the right of the image"
-
-
-def _metres(error: float) -> str:
-    return f"{error:.2f} m" if error < 100 else "more than 100 m"

@@ -15,13 +15,11 @@ from calib.ground_camera import LENS_K_320, GroundCamera
 from calib.params import Params
 from calib.people._kernels import INFEASIBLE, candidate_errors
 from calib.people.assessment import Assessment, CameraDeviations, assess, camera_deviations
-from calib.people.model import HumanModel, KnownValues, people_of, prior_of, scaled_model, usual_focal_px
+from calib.people.model import HumanModel, KnownValues, people_of, prior_of, usual_focal_px
 from calib.people.refine import CameraPosterior, GroundCameraFit, posterior_of, refine, with_outline_errors
 from calib.people.samples import HumanSample, MarkedPeople, check_samples, level_ends, only_boxes
 from calib.types import F64
 
-PARTS = 16
-"""The first cells are searched in so many parts (our choice)."""
 KNOWN_RANGE = 1.15
 """A value that was told is searched up to this factor from it; the deviation decides afterwards (our choice)."""
 
@@ -163,9 +161,9 @@ def _first_errors(problem: SearchProblem, candidates: F64, n_kept: int) -> F64:
 
     The ``n_kept`` best so far are a limit for the next part: beyond it no cell is kept, and need not be computed.
     """
-    errors, limit = np.full(len(candidates), np.inf), INFEASIBLE
-    for part in range(PARTS):
-        errors[part::PARTS] = problem.errors(candidates[part::PARTS], limit)
+    errors, limit, parts = np.full(len(candidates), np.inf), INFEASIBLE, 16
+    for part in range(parts):
+        errors[part::parts] = problem.errors(candidates[part::parts], limit)
         known = errors[np.isfinite(errors)]
         if len(known) >= n_kept:
             limit = min(limit, float(np.partition(known, n_kept - 1)[n_kept - 1]))
@@ -174,8 +172,6 @@ def _first_errors(problem: SearchProblem, candidates: F64, n_kept: int) -> F64:
 
 ODD_FROM = 3.0
 """A sample whose residuals are this many deviations is odd: not a standing person, or marked wrongly (our choice)."""
-MAX_ROLL_RAD = math.radians(7.0)
-"""A larger roll is none of a camera, but of wrong samples (our choice: 3.5 deviations of the prior)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,32 +241,22 @@ def calibrate_from_people(
     if lens is not None and lens not in LENS_K_320:
         raise ValueError(f"expected a lens of {', '.join(LENS_K_320)}, got {lens!r}")
     known, params = known or KnownValues(), params or HumanCalibrationParams()
-    model = scaled_model(model or HumanModel(), known)
-    # Have the kernel compiled, so that durations are the search's own.
-    flat, marked = np.zeros((1, 4)), np.array([[-1.0, -1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0]])
-    candidate_errors(np.array([[1.0, 3.0, 0.0]]), 0.0, flat, marked, np.zeros((1, 3)), 1.7, 1.0, np.empty(1))
+    model = model or HumanModel()
+    model = model.scaled(known.person_height_m or model.height_m)
     start = time.perf_counter()
     people = people_of(samples, model, independent)
     tried = _tried([lens] if lens else list(LENS_K_320), size, people, model, known, params)
-    # Most samples must fit well; how badly the odd ones fit, which are weighted down, does not matter.
-    found = tried[0]
-    fits = found.fit.deviations <= ODD_FROM
-    error = float(np.median(found.problem.each(found.fit.camera)[fits])) if fits.any() else math.inf
-    if error > params.max_error or fits.mean() < 0.5:
-        raise WorkError(
-            f"{name}: no camera fits the samples: error {error:.2f} (at most {params.max_error:g}), "
-            f"{1.0 - fits.mean():.0%} of the samples far off; "
-            "are they standing people of one size in upright images of this size?"
-        )
+    _refuse_unfit(tried[0], params.max_error, name)
     posterior = posterior_of([t.fit for t in tried], people, model)
     if independent is not None:
         posterior = with_outline_errors(posterior, people, model)
     std = camera_deviations(posterior.fit)
-    if abs(posterior.fit.camera.roll_rad) > MAX_ROLL_RAD:
+    roll_deg = math.degrees(posterior.fit.camera.roll_rad)
+    # A larger roll is none of a camera, but of wrong samples (our choice: 3.5 deviations of the prior).
+    if abs(roll_deg) > 7.0:
         raise WorkError(
-            f"{name}: expected an upright image, found people who lean as in one turned by "
-            f"{math.degrees(posterior.fit.camera.roll_rad):.0f} degrees: blobs that are not one person each, "
-            "or a camera to be turned"
+            f"{name}: expected an upright image, found people who lean as in one turned by {roll_deg:.0f} degrees: "
+            "blobs that are not one person each, or a camera to be turned"
         )
     if not std.height <= params.max_height_std:
         raise WorkError(
@@ -279,6 +265,18 @@ def calibrate_from_people(
             "or the camera's height"
         )
     return _result(posterior, tried[0].problem, people, model, time.perf_counter() - start)
+
+
+def _refuse_unfit(best: _Tried, max_error: float, name: str) -> None:
+    """Most samples must fit well; how badly the odd ones fit, which are weighted down, does not matter."""
+    fits = best.fit.deviations <= ODD_FROM
+    error = float(np.median(best.problem.each(best.fit.camera)[fits])) if fits.any() else math.inf
+    if error > max_error or fits.mean() < 0.5:
+        raise WorkError(
+            f"{name}: no camera fits the samples: error {error:.2f} (at most {max_error:g}), "
+            f"{1.0 - fits.mean():.0%} of the samples far off; "
+            "are they standing people of one size in upright images of this size?"
+        )
 
 
 def _result(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,9 +38,8 @@ class HumanModel:
     leg_radius_m: float = 0.12
 
     def __post_init__(self) -> None:
-        sizes = (self.head_m, self.torso_m, self.leg_m, self.head_radius_m, self.torso_radius_m, self.leg_radius_m)
-        if not all(math.isfinite(s) and s > 0 for s in sizes):
-            raise ValueError(f"expected positive cylinder sizes [m], got {sizes}")
+        if not all(math.isfinite(size) and size > 0 for size in astuple(self)):
+            raise ValueError(f"expected positive cylinder sizes [m], got {astuple(self)}")
 
     @property
     def height_m(self) -> float:
@@ -60,20 +59,12 @@ class HumanModel:
 
     def scaled(self, height_m: float) -> HumanModel:
         """The same proportions at another body height [m]."""
-        s = height_m / self.height_m
-        return HumanModel(
-            self.head_m * s,
-            self.torso_m * s,
-            self.leg_m * s,
-            self.head_radius_m * s,
-            self.torso_radius_m * s,
-            self.leg_radius_m * s,
-        )
+        scale = height_m / self.height_m
+        return HumanModel(*(size * scale for size in astuple(self)))
 
     def circles(self) -> F64:
         """(4 * CIRCLE_POINTS, 3) float64 [m]: points on the circles of the critical planes, person at the origin."""
-        angle = 2.0 * np.pi * np.arange(CIRCLE_POINTS) / CIRCLE_POINTS
-        unit = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        unit = _directions(CIRCLE_POINTS)
         rings = [np.column_stack([r * unit, np.full(CIRCLE_POINTS, z)]) for z, r in self.planes]
         return np.concatenate(rings)
 
@@ -103,7 +94,7 @@ class HumanModel:
         """
         points = self.outline_points(camera, xy_m)
         bad: Bool = np.asarray(~np.isfinite(points).all(axis=(-2, -1)))
-        pick = np.argmax(_whitened(np.where(bad[..., None, None], 0.0, points)) @ _directions().T, axis=-2)
+        pick = np.argmax(_whitened(np.where(bad[..., None, None], 0.0, points)) @ _directions(HULL_POINTS).T, axis=-2)
         hulls = np.take_along_axis(points, pick[..., None], axis=-2)
         hulls[bad] = np.nan
         return hulls
@@ -127,8 +118,9 @@ class HumanModel:
         return np.concatenate([low, high - low], axis=-1)
 
 
-def _directions() -> F64:
-    angle = 2.0 * np.pi * np.arange(HULL_POINTS) / HULL_POINTS
+def _directions(count: int) -> F64:
+    """(count, 2) unit vectors all around."""
+    angle = 2.0 * np.pi * np.arange(count) / count
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
@@ -163,10 +155,9 @@ FIELDS_DEG: dict[str, tuple[float, float]] = {
 """Horizontal field of view per lens class: table 2, with the ends it leaves open closed by us. The paper's pinhole
 (below 30 degrees, or synthetic video of any) is given the range of a normal lens, and both up to 90 degrees in place of
 60: many webcams are as wide with hardly any distortion."""
-KNOWN_FOCAL_STD = 0.02
-"""Relative deviation of a focal length that was told: data sheets and EXIF round (our choice)."""
-KNOWN_HEIGHT_STD = 0.02
-"""Relative deviation of a camera height that was measured (our choice)."""
+KNOWN_CAMERA_STD = 0.02
+"""Relative deviation of a focal length that was told (data sheets and EXIF round) or a camera height that was measured
+(our choice)."""
 KNOWN_PERSON_STD = 0.01
 """Relative deviation of a body height that was told, with shoes (our choice)."""
 PERSON_STD = 0.045
@@ -261,9 +252,9 @@ def prior_of(camera: GroundCamera, known: KnownValues, boxes_only: bool, level_e
     std[STATURE] = 0.025 if known.person_height_m is None else KNOWN_PERSON_STD
     focal = known.focal(camera.width, camera.distortion_k)
     if focal is not None:
-        mean[FOCAL], std[FOCAL] = math.log(focal), KNOWN_FOCAL_STD
+        mean[FOCAL], std[FOCAL] = math.log(focal), KNOWN_CAMERA_STD
     if known.height_m is not None:
-        mean[HEIGHT], std[HEIGHT] = math.log(known.height_m), KNOWN_HEIGHT_STD
+        mean[HEIGHT], std[HEIGHT] = math.log(known.height_m), KNOWN_CAMERA_STD
     return CameraPrior(mean, std, boxes_only, level_ends)
 
 
@@ -274,8 +265,3 @@ def people_of(samples: Sequence[HumanSample], model: HumanModel, independent: in
     deviation = np.where(told, KNOWN_PERSON_STD, PERSON_STD)
     repeats = max(1.0, len(samples) / max(1, independent or len(samples)))
     return MarkedPeople(np.stack([s.row() for s in samples]), scale, deviation, told, repeats)
-
-
-def scaled_model(model: HumanModel, known: KnownValues) -> HumanModel:
-    """The model at the height known of the people."""
-    return model if known.person_height_m is None else model.scaled(known.person_height_m)

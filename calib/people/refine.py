@@ -210,13 +210,15 @@ def _likelihood(residuals: Residuals) -> float:
     return -cost - residuals.log_spread + 2.0 * math.log2(residuals.variation)
 
 
-Predict = Callable[[F64, F64, F64], F64]
-"""Rows (n, 8) from the shared unknowns, places (n, 2) and peculiarities (n, 4): log height, lean along x and y [m], log
-width."""
+def person_covariance(
+    shared: F64, places: F64, people: MarkedPeople, predicted: Callable[[F64, F64, F64], F64], variation: float
+) -> F64:
+    """(n, 8, 8) covariance of every person's row: marking, arms and steps, height, lean and width.
 
-
-def person_covariance(shared: F64, places: F64, people: MarkedPeople, predicted: Predict, variation: float) -> F64:
-    """(n, 8, 8) covariance of every person's row: marking, arms and steps, height, lean and width."""
+    Args:
+        predicted: rows (n, 8) from the shared unknowns, places (n, 2) and peculiarities (n, 4): log height, lean along
+            x and y [m], log width.
+    """
     rows = people.rows
     diagonal = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])[:, None]
     # Arms and steps move the edges of a box by this share of its diagonal [1]: some 4 cm of 1.8 m (our choice).
@@ -283,8 +285,6 @@ def _covariance(jacobian: F64) -> F64:
     return np.asarray(half @ half.T)
 
 
-PROFILE = (-0.55, -0.3, -0.13, 0.13, 0.3, 0.55)
-"""Logs of the focal lengths that are held, over the best one (our choice: half to twice)."""
 OUTLINE_PX = 2.0
 """By so much the ends of outlines err alike [px] (our choice: as much as a hand errs at each)."""
 
@@ -373,7 +373,8 @@ def _profile(best: GroundCameraFit, people: MarkedPeople, model: HumanModel) -> 
     if not 0.06 < math.sqrt(best.covariance[FOCAL, FOCAL]) < math.inf:
         return [best]
     focal, prior = math.log(best.camera.focal_px), best.prior
-    steps = np.array([*PROFILE[: len(PROFILE) // 2], 0.0, *PROFILE[len(PROFILE) // 2 :]])
+    # Logs of the focal lengths that are held, over the best one (our choice: half to twice).
+    steps = np.array([-0.55, -0.3, -0.13, 0.0, 0.13, 0.3, 0.55])
     nodes = []
     for step, width in zip(steps, np.gradient(steps), strict=True):
         fit = _held(best, focal + step, people, model)

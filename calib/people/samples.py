@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.cluster.vq import kmeans2
 
 from calib.errors import InputError
 from calib.io import read_text, write_whole
@@ -23,7 +24,6 @@ COLUMNS = (
 left out."""
 MIN_SAMPLES = 3
 """The paper asks for a person at 3 or more positions."""
-MAX_BYTES = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -151,10 +151,8 @@ def read_samples(path: Path) -> tuple[HumanSample, ...]:
     Raises:
         InputError: unreadable, columns missing, or values that cannot be a person's.
     """
-    text = _text(path)
-    rows = _json_rows(text, path) if text.lstrip()[:1] in ("[", "{") else _csv_rows(text, path)
     samples = []
-    for i, row in enumerate(rows, 1):
+    for i, row in enumerate(_rows(_text(path), path), 1):
         try:
             samples.append(_sample(row))
         except KeyError as error:
@@ -202,10 +200,16 @@ def write_samples(samples: Sequence[HumanSample], path: Path, image_size: tuple[
 
 
 def _text(path: Path) -> str:
-    return read_text(path, "a CSV or JSON file of samples", MAX_BYTES)
+    return read_text(path, "a CSV or JSON file of samples", 10_000_000)
 
 
-def _csv_rows(text: str, path: Path) -> list[dict[str, Any]]:
+def _rows(text: str, path: Path) -> list[dict[str, Any]]:
+    if text.lstrip()[:1] in ("[", "{"):
+        data = _json(text, path)
+        rows = data.get("samples") if isinstance(data, dict) else data
+        if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+            raise InputError(f"{path}: expected a list of samples with box, head and foot, found something else")
+        return rows
     try:
         return [dict(row) for row in csv.DictReader(text.splitlines(), skipinitialspace=True)]
     except csv.Error as error:
@@ -219,31 +223,17 @@ def _json(text: str, path: Path) -> Any:
         raise InputError(f"{path}: expected JSON, found {error}") from error
 
 
-def _json_rows(text: str, path: Path) -> list[Mapping[str, Any]]:
-    data = _json(text, path)
-    rows = data.get("samples") if isinstance(data, dict) else data
-    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise InputError(f"{path}: expected a list of samples with box, head and foot, found something else")
-    return rows
-
-
 def _sample(row: Mapping[str, Any]) -> HumanSample:
     frame = int(float(row.get("frame") or 0)) if row.get("frame") not in (None, "") else -1
     if "box" in row:
         left, top, width, height = (_number(v) for v in row["box"])
         (head_u, head_v), (foot_u, foot_v) = ([_number(v) for v in row[name]] for name in ("head", "foot"))
     else:
-        left, top, width, height, head_u, head_v, foot_u, foot_v = (_number(_cell(row, name)) for name in COLUMNS)
+        long = {**{f"{name}_px": value for name, value in row.items()}, **row}
+        left, top, width, height, head_u, head_v, foot_u, foot_v = (_number(long[name]) for name in COLUMNS)
     body = row.get("height_m")
     body_m = None if body is None or body == "" else _number(body)
     return HumanSample((left, top, width, height), (head_u, head_v), (foot_u, foot_v), frame, body_m)
-
-
-def _cell(row: Mapping[str, Any], name: str) -> Any:
-    short = name.removesuffix("_px")
-    if name not in row and short not in row:
-        raise KeyError(name)
-    return row[name] if name in row else row[short]
 
 
 def _number(value: Any) -> float:
@@ -292,9 +282,4 @@ def _areas(feet: F64, count: int) -> I64:
     for _ in range(count - 1):
         distance = np.min([np.hypot(*(feet - c).T) for c in centres], axis=0)
         centres.append(feet[int(np.argmax(distance))])
-    means = np.array(centres)
-    area = np.zeros(len(feet), dtype=np.int64)
-    for _ in range(20):
-        area = np.argmin(np.linalg.norm(feet[:, None] - means[None], axis=2), axis=1)
-        means = np.array([feet[area == k].mean(axis=0) if (area == k).any() else means[k] for k in range(count)])
-    return np.asarray(area, dtype=np.int64)
+    return np.asarray(kmeans2(feet, np.array(centres), 20, minit="matrix")[1], dtype=np.int64)

@@ -24,10 +24,6 @@ from calib.world import RigEntry
 from planview.calibration.paths import TICK_S, RigRecord, WalkedPath, by_time, paths_of
 from planview.evaluation.align import floor_rotation
 
-APART_DEG, APART_M, APART_S = 15.0, 0.75, 1.0
-"""Motions farther apart than any of these are different ones."""
-ROUNDS = 4
-
 
 class AlignParams(Params):
     """How two rigs are laid over each other; our choices."""
@@ -120,7 +116,7 @@ def align_rigs(first: list[WalkedPath], second: list[WalkedPath], params: AlignP
         )
     scores = np.array([scorer(hypothesis) for hypothesis in found])
     best = found[int(np.argmax(scores))]
-    for meet_m in [params.meet_m] * ROUNDS + [params.near_m] * ROUNDS:
+    for meet_m in [params.meet_m] * 4 + [params.near_m] * 4:
         best = _refined(best, first, second, meet_m, params)
     top = scorer(best)
     others = [score for other, score in zip(found, scores, strict=True) if _apart(best, other)]
@@ -150,11 +146,11 @@ def align_rigs(first: list[WalkedPath], second: list[WalkedPath], params: AlignP
 
 
 def _apart(one: RigAlignment, other: RigAlignment) -> bool:
+    """Whether two motions are different ones."""
     turn = math.remainder(one.heading_rad - other.heading_rad, 2 * math.pi)
     middle = np.array(one.pivot_m)
     shift = float(np.hypot(*(one.apply(middle) - other.apply(middle))))
-    far_in_time = abs(one.clock_s - other.clock_s) > APART_S
-    return abs(math.degrees(turn)) > APART_DEG or shift > APART_M or far_in_time
+    return abs(math.degrees(turn)) > 15.0 or shift > 0.75 or abs(one.clock_s - other.clock_s) > 1.0
 
 
 class _Scorer:

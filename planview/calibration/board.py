@@ -25,17 +25,15 @@ from calib.board.fit import MAX_VIEWS, select_views, sharpness
 from calib.board.solve import BoardCalibration, RejectedView, solve_board
 from calib.camera import LensModel
 from calib.errors import InputError
-from calib.formats.base import side_of
 from calib.images import as_grey
 from calib.types import U8
 from stereo.readers.images import frame_number, image_files, read_image
+from stereo.readers.pairing import split_sides
 from stereo.readers.video import SUFFIXES as VIDEO_SUFFIXES
-from stereo.readers.video import VideoFile
+from stereo.readers.video import VideoFile, video_files
 
 _DEEP_SUFFIXES = frozenset({".png", ".tif", ".tiff", ".pgm", ".ppm"})
 """Formats that can hold more than 8 bits."""
-_SAMPLE_PAIRS = 4
-"""Pairs looked at to find or check the board's counts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,48 +125,24 @@ def _pair(name: str, images: Sequence[U8 | None], which: str = "") -> BoardPair:
 
 
 def _in_folder(folder: Path) -> tuple[Sequence[Files], Sequence[Path]]:
-    """Images, or videos."""
-    sides = _side_folders(folder)
-    if sides is not None:
-        return _paired(image_files(sides[0]), image_files(sides[1])), ()
-    images = image_files(folder)
-    if not images:
-        return (), _videos(folder)
-    by_side = {side: [f for f in images if side_of(_spaced(f.stem)) == side] for side in ("left", "right")}
-    if by_side["left"] and by_side["right"]:
-        return _paired(by_side["left"], by_side["right"]), ()
-    return [(file,) for file in images], ()
-
-
-def _side_folders(folder: Path) -> tuple[Path, Path] | None:
-    """The subfolders that hold the left and the right images."""
+    """Images, or videos; those of the two cameras are told apart by the names of their folders or their own."""
     folders = [f for f in sorted(folder.iterdir()) if f.is_dir() and image_files(f)]
-    left = [f for f in folders if side_of(_spaced(f.name)) == "left"]
-    right = [f for f in folders if side_of(_spaced(f.name)) == "right"]
+    sided = split_sides([f.name for f in folders])
+    if sided is not None:
+        if len(sided.left) != 1 or len(sided.right) != 1:
+            raise InputError(f"{folder}: expected one folder of left and one of right images, found {len(folders)}")
+        return _paired(*(image_files(folders[side[0]]) for side in (sided.left, sided.right))), ()
+    images, videos = image_files(folder), video_files(folder)
+    sided = split_sides([f.stem for f in images or videos])
+    left, right = ([(images or videos)[i] for i in side] for side in (sided[:2] if sided else ((), ())))
+    if images:
+        return (_paired(left, right) if left else [(file,) for file in images]), ()
     if len(left) == len(right) == 1:
-        return left[0], right[0]
-    if left or right:
-        raise InputError(
-            f"{folder}: expected one folder of left and one of right images, found {len(left) + len(right)}"
-        )
-    return None
-
-
-def _videos(folder: Path) -> tuple[Path, ...]:
-    videos = [f for f in sorted(folder.iterdir()) if f.suffix.lower() in VIDEO_SUFFIXES and f.is_file()]
-    left = [f for f in videos if side_of(_spaced(f.stem)) == "left"]
-    right = [f for f in videos if side_of(_spaced(f.stem)) == "right"]
-    if len(left) == len(right) == 1:
-        return left[0], right[0]
+        return (), (left[0], right[0])
     if len(videos) == 1:
-        return (videos[0],)
+        return (), videos
     wanted = "left and right images or videos, or images or a video side by side"
     raise InputError(f"{folder}: expected {wanted}, found {len(videos) or 'no images or'} videos")
-
-
-def _spaced(name: str) -> str:
-    """The name with a blank between letters and digits, so that L1 reads as l 1 (cam0 stays one word)."""
-    return re.sub(r"(?<![a-z])([lr])(\d)", r"\1 \2", name.lower())
 
 
 def _paired(left: Sequence[Path], right: Sequence[Path]) -> list[tuple[Path | None, Path | None]]:
@@ -245,7 +219,8 @@ def calibrate_images(
     return solve_board(views, board, found.size, model=request.model, rejected=rejected, source=str(path))
 
 
-def _sample(images: BoardImages, pairs: int = _SAMPLE_PAIRS) -> list[U8]:
+def _sample(images: BoardImages, pairs: int = 4) -> list[U8]:
+    """Images of a few pairs, to find or check the board's counts."""
     indices = sorted({int(i) for i in np.linspace(0, len(images) - 1, min(len(images), pairs))})
     return [image for pair in images.at(indices) for image in (pair.left, pair.right) if image is not None]
 
@@ -258,7 +233,7 @@ def _board(images: BoardImages, request: BoardRequest) -> Board:
             request.board, sample, any_dictionary=request.any_dictionary, any_marker=request.any_marker
         )
     if request.board is None:
-        counts = find_counts(sample) or find_counts(_sample(images, 5 * _SAMPLE_PAIRS))
+        counts = find_counts(sample) or find_counts(_sample(images, 20))
         if counts is None:
             raise InputError(
                 f"{images.path}: expected images of a chessboard, found none in {len(sample)} of them "

@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_ARROW_SCALE = 60.0
-"""Error arrows are drawn this many times their length."""
-
 
 def write_report(result: BoardCalibration, images: Path, path: Path) -> Path:
     """Write the page.
@@ -72,19 +69,15 @@ def write_report(result: BoardCalibration, images: Path, path: Path) -> Path:
 def _parameters(result: BoardCalibration) -> list[tuple[str, str, str]]:
     rows = []
     for name, value in result.parameters.items():
-        scale, unit, digits = _shown_as(name)
+        if name.startswith("rotation"):
+            scale, unit, digits = math.degrees(1), "°", 4
+        elif name.startswith("translation") or name == "baseline":
+            scale, unit, digits = 1000.0, " mm", 3
+        else:
+            scale, unit, digits = (1.0, " px", 3) if name.split()[1] in {"fx", "fy", "cx", "cy"} else (1.0, "", 6)
         shown, deviation = (f"{scale * one:.{digits}f}{unit}" for one in (value, result.std[name]))
         rows.append((name, shown, deviation))
     return rows
-
-
-def _shown_as(name: str) -> tuple[float, str, int]:
-    """Factor, unit and digits with which a parameter is shown."""
-    if name.startswith("rotation"):
-        return math.degrees(1), "°", 4
-    if name.startswith("translation") or name == "baseline":
-        return 1000.0, " mm", 3
-    return (1.0, " px", 3) if name.split()[1] in {"fx", "fy", "cx", "cy"} else (1.0, "", 6)
 
 
 def _rectified_pair(result: BoardCalibration, images: Path) -> tuple[str, U8]:
@@ -125,11 +118,11 @@ def _error_figure(result: BoardCalibration) -> Figure:
     for column, side in zip((slice(0, 3), slice(3, 6)), SIDES, strict=True):
         axes = figure.add_subplot(grid[1, column])
         p = np.concatenate([view.image_points(side) for view in result.views])
-        e = -_ARROW_SCALE * np.concatenate(result.fit.side_errors(side))
+        e = -60.0 * np.concatenate(result.fit.side_errors(side))
         axes.quiver(
             *p.T, *e.T, np.linalg.norm(e, axis=1), angles="xy", scale_units="xy", scale=1, cmap="viridis", width=0.002
         )
-        _as_image(axes, result, f"{side}: errors x {_ARROW_SCALE:.0f}")
+        _as_image(axes, result, f"{side}: errors x 60")
     return figure
 
 

@@ -22,8 +22,6 @@ from stereo.floor import FloorEstimator, FloorSearch, setup_frames
 from stereo.recording import StereoRecording
 from stereo.rectify import RectifiedPair, aligned_rectifier
 
-PATCH_PX = 4
-"""A given pixel's depth is the median of a square of this half side."""
 GRID = (90, 220, 90)
 AXIS = (60, 200, 255)
 
@@ -71,7 +69,7 @@ class FloorDepths:
             row, col = round(v), round(u)
             if not (0 <= row < height and 0 <= col < width):
                 raise InputError(f"--points: expected pixels inside {width}x{height}, found ({u:g}, {v:g})")
-            patch = background[max(0, row - PATCH_PX) : row + PATCH_PX + 1, max(0, col - PATCH_PX) : col + PATCH_PX + 1]
+            patch = background[max(0, row - 4) : row + 5, max(0, col - 4) : col + 5]
             if not np.isfinite(patch).any():
                 raise InputError(f"--points: expected pixels with depth, found none around ({u:g}, {v:g})")
             points.append(self.geometry.rays((u, v)) * float(np.nanmedian(patch)))

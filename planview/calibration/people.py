@@ -22,13 +22,6 @@ from stereo.recording import Video
 
 GIVEN = (255, 140, 0)
 COMPUTED = (200, 60, 255)
-GAP_PX = 4
-"""Blobs whose boxes are nearer than this may be pieces of one person, or hide each other [px] (our choice)."""
-MIN_FILL, MAX_FILL = 0.3, 0.95
-"""A standing person fills this share of the box [1]; streaks and lit rectangles do not."""
-MIN_TRAVEL, MIN_PATH = 0.5, 4
-"""A walker moves by half a body, and is met in so many frames: what stands still is furniture, light or a ghost (our
-choice)."""
 SIZE_TOLERANCE = 0.15
 """Sizes differ by this part from what most people have at that place [1] (our choice: body heights, strides)."""
 
@@ -90,7 +83,8 @@ class _Path:
         boxes = np.array([s.box_px for s in self.samples])
         middles = boxes[:, :2] + boxes[:, 2:] / 2
         size = float(np.median([s.diagonal_px for s in self.samples]))
-        return len(self.samples) >= MIN_PATH and float(np.hypot(*np.ptp(middles, axis=0))) >= MIN_TRAVEL * size
+        # What moves by less than half a body, or is met in fewer frames, is furniture, light or a ghost (our choice).
+        return len(self.samples) >= 4 and float(np.hypot(*np.ptp(middles, axis=0))) >= 0.5 * size
 
 
 @dataclass(frozen=True)
@@ -204,8 +198,9 @@ def _overlap(one: HumanSample, other: HumanSample) -> float:
 def _crowded(blobs: Blobs, label: int) -> bool:
     """Whether another blob that is not noise is near the box."""
     low, high = blobs.box_px[:, :2], blobs.box_px[:, :2] + blobs.box_px[:, 2:]
-    # Above and below, this share of the body's height [1]: bodies break at belt and collar (our choice).
-    gap = np.array([GAP_PX, max(GAP_PX, 0.35 * float(blobs.box_px[label][3]))])
+    # Nearer blobs may be pieces of one person, or hide each other [px]; above and below, within this share of the
+    # body's height [1]: bodies break at belt and collar (our choice).
+    gap = np.array([4.0, max(4.0, 0.35 * float(blobs.box_px[label][3]))])
     near = ((low < high[label] + gap) & (high > low[label] - gap)).all(axis=1)
     # A blob above this share of another's area is not noise [1] (our choice).
     near &= blobs.area_px > 0.08 * blobs.area_px[label]
@@ -219,7 +214,7 @@ def _whole_person(blobs: Blobs, label: int, shape: tuple[int, ...], frame: int) 
     rows, columns = shape
     cut = left <= 1 or top <= 1 or left + width >= columns - 1 or top + height >= rows - 1
     fill = float(blobs.area_px[label]) / (width * height)
-    if cut or not MIN_FILL <= fill <= MAX_FILL:
+    if cut or not 0.3 <= fill <= 0.95:  # the share that a standing person fills; streaks and lit rectangles do not
         return None
     inside: Bool = np.asarray(blobs.labels[top : top + height, left : left + width] == label)
     head, foot = _ends(inside)

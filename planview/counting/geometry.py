@@ -13,7 +13,7 @@ from calib.types import F64
 from calib.world import load_world
 from planview.trajectories.file import within_ring
 from stereo.depth import StereoFloorCamera
-from stereo.rectify import RectifyParams, common_geometry
+from stereo.rectify import RectifyParams, ideal_pinhole
 
 PlaneName = Literal["floor", "image"]
 
@@ -175,6 +175,6 @@ def stereo_plane(rig_path: Path, world_path: Path | None = None) -> RulePlane:
     world = world_path or folder / "world.toml"
     if not world.is_file():
         raise InputError(f"{world}: expected the pose of the rig (planview calibrate floor writes it), found no file")
-    params = RectifyParams()
-    geometry = common_geometry(rig, rig.rectifying_rotations()[0], params.working_px, params.field_quantile)
+    rotation, params = rig.rectifying_rotations()[0], RectifyParams()
+    geometry = ideal_pinhole(rig.left, rotation, params.working_px, params.field_quantile, rig.baseline_m)
     return RulePlane(StereoFloorCamera(geometry, load_world(world).world_SE3_left))

@@ -57,10 +57,14 @@ class FrameSource(ItemSource, Protocol):
     fps: float
 
 
+def frames_of(source: ItemSource, indices: Sequence[int] | None) -> Generator[Decoded, None, None]:
+    """These frames of a source, or all, decoded in a thread of their own."""
+    return prefetch(source if indices is None else source.at(indices))
+
+
 def both(first: ItemSource, second: ItemSource, indices: Sequence[int] | None) -> Generator[DecodedPair, None, None]:
-    """Frames of two sources side by side, each decoded in its own thread; ends with the shorter one."""
-    one, other = (first, second) if indices is None else (first.at(indices), second.at(indices))
-    with closing(prefetch(one)) as a, closing(prefetch(other)) as b:
+    """Frames of two sources side by side; ends with the shorter one."""
+    with closing(frames_of(first, indices)) as a, closing(frames_of(second, indices)) as b:
         yield from zip(a, b, strict=False)
 
 
@@ -68,7 +72,7 @@ def split_pairs(
     source: ItemSource, split: Callable[[U8], tuple[U8, U8]], indices: Sequence[int] | None
 ) -> Generator[DecodedPair, None, None]:
     """The left and the right view in every frame of a source that holds both."""
-    with closing(prefetch(source if indices is None else source.at(indices))) as frames:
+    with closing(frames_of(source, indices)) as frames:
         for frame in frames:
             if frame.image is None:
                 yield frame, frame

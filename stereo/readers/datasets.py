@@ -49,10 +49,6 @@ def _euroc_root(path: Path) -> Path:
     return path / "mav0" if (path / "mav0").is_dir() else path
 
 
-def _euroc_fits(path: Path) -> bool:
-    return all((_euroc_root(path) / camera / "data").is_dir() for camera in ("cam0", "cam1"))
-
-
 def _euroc_find(path: Path, options: OpenOptions) -> Layout:
     root = _euroc_root(path)
     first, second = (_euroc_camera(root / name) for name in ("cam0", "cam1"))
@@ -92,7 +88,11 @@ def _stamps(source: Path, texts: Sequence[str]) -> I64:
 
 
 EUROC = Reader(
-    "euroc", "an EuRoC ASL folder", "mav0/cam0 and mav0/cam1 with data.csv (EuRoC)", _euroc_fits, _euroc_find
+    "euroc",
+    "an EuRoC ASL folder",
+    "mav0/cam0 and mav0/cam1 with data.csv (EuRoC)",
+    lambda path: all((_euroc_root(path) / camera / "data").is_dir() for camera in ("cam0", "cam1")),
+    _euroc_find,
 )
 
 
@@ -100,10 +100,6 @@ KITTI_PAIRS = (("image_02", "image_03"), ("image_00", "image_01"))
 """The colour and the grey pair."""
 KITTI_SEQUENCE_PAIRS = (("image_2", "image_3"), ("image_0", "image_1"))
 """The same of an odometry sequence."""
-
-
-def _kitti_fits(path: Path) -> bool:
-    return path.is_dir() and any(True for _ in _kitti_drives(path))
 
 
 def _kitti_find(path: Path, options: OpenOptions) -> Layout:
@@ -128,10 +124,6 @@ def _kitti_find(path: Path, options: OpenOptions) -> Layout:
     notes = ("the grey cameras are taken: a colour one lacks images",) if grey else ()
     rig = partial(load_rig, calibration, cameras=chosen, rectified=rectified)
     return timed_layout(path, cameras[0], cameras[1], options, rig, notes)
-
-
-def _kitti_sequence_fits(path: Path) -> bool:
-    return (path / "times.txt").is_file() and _pair_in(path, KITTI_SEQUENCE_PAIRS) is not None
 
 
 def _kitti_sequence_find(path: Path, options: OpenOptions) -> Layout:
@@ -186,28 +178,20 @@ KITTI = Reader(
     "kitti",
     "a KITTI raw drive",
     "image_00 and image_01 with timestamps.txt (KITTI)",
-    _kitti_fits,
+    lambda path: path.is_dir() and any(True for _ in _kitti_drives(path)),
     _kitti_find,
 )
 KITTI_SEQUENCE = Reader(
     "kitti-sequence",
     "a KITTI odometry sequence",
     "image_0 and image_1 with times.txt (KITTI odometry)",
-    _kitti_sequence_fits,
+    lambda path: (path / "times.txt").is_file() and _pair_in(path, KITTI_SEQUENCE_PAIRS) is not None,
     _kitti_sequence_find,
 )
 
 
 MIDDLEBURY_NAMES = (("im0", "im1"), ("view1", "view5"), ("im2", "im6"))
 """Left and right of each year's data sets (vision.middlebury.edu/stereo/data)."""
-
-
-def _middlebury_fits(path: Path) -> bool:
-    return path.is_dir() and _middlebury_pair(path) is not None
-
-
-def _middlebury_find(path: Path, options: OpenOptions) -> Layout:
-    return files_layout(path, [_middlebury_pair(path) or (None, None)], options)
 
 
 def _middlebury_pair(path: Path) -> tuple[Path, Path] | None:
@@ -219,13 +203,14 @@ def _middlebury_pair(path: Path) -> tuple[Path, Path] | None:
 
 
 MIDDLEBURY = Reader(
-    "middlebury", "a Middlebury pair", "im0 and im1 with calib.txt (Middlebury)", _middlebury_fits, _middlebury_find
+    "middlebury",
+    "a Middlebury pair",
+    "im0 and im1 with calib.txt (Middlebury)",
+    lambda path: path.is_dir() and _middlebury_pair(path) is not None,
+    lambda path, options: files_layout(path, [_middlebury_pair(path) or (None, None)], options),
 )
 
 
-TUM_UNITS_PER_M = 5000.0
-TUM_MAX_S = 2**62 // 10**9
-"""Larger numbers are no seconds of a clock: the year 2116."""
 TUM_CAMERA = Camera(640, 480, 525.0, 525.0, 319.5, 239.5)
 """What the benchmark recommends where a sequence is not calibrated (Kinect's nominal values)."""
 _ASSOCIATIONS = ("associations.txt", "association.txt", "associate.txt", "assoc.txt", "associated.txt")
@@ -245,10 +230,6 @@ class Listed(NamedTuple):
     notes: tuple[str, ...]
 
 
-def _tum_fits(path: Path) -> bool:
-    return (path / "rgb.txt").is_file() and (path / "depth.txt").is_file()
-
-
 def _tum_find(path: Path, options: OpenOptions) -> Layout:
     images, depths = _tum_listed(path / "rgb.txt"), _tum_listed(path / "depth.txt")
     associated = next((path / name for name in _ASSOCIATIONS if (path / name).is_file()), None)
@@ -256,7 +237,7 @@ def _tum_find(path: Path, options: OpenOptions) -> Layout:
     if not (mates >= 0).any():
         raise InputError(f"{path}: expected images and depth of the same times, found none within {MAX_APART_S:g} s")
     image_files = ImageFiles([_inside(path, name) for name in images.names])
-    depth_files = DepthFiles([_inside(path, depths.names[i]) if i >= 0 else None for i in mates], TUM_UNITS_PER_M)
+    depth_files = DepthFiles([_inside(path, depths.names[i]) if i >= 0 else None for i in mates], 5000.0)
     notes = depth_note(mates, f"in {associated.name}" if associated else "")
     if find_rgbd(path) is None:
         notes.append("no calibration: the nominal Kinect camera is taken (fx = fy = 525 at 640x480)")
@@ -299,7 +280,7 @@ def _tum_listed(file: Path) -> Listed:
     for line, words in _tum_rows(file):
         try:
             seconds, name = Decimal(words[0]), words[1]
-            if not -TUM_MAX_S < seconds < TUM_MAX_S:
+            if not abs(seconds) * NS["s"] < 2**62:  # the year 2116: no seconds of a clock
                 raise ValueError
         except (ArithmeticError, IndexError, ValueError):
             found = " ".join(words)[:80]
@@ -329,4 +310,10 @@ def _inside(folder: Path, name: str) -> Path:
     return path
 
 
-TUM_RGBD = Reader("tum-rgbd", "TUM RGB-D", "rgb.txt and depth.txt", _tum_fits, _tum_find)
+TUM_RGBD = Reader(
+    "tum-rgbd",
+    "TUM RGB-D",
+    "rgb.txt and depth.txt",
+    lambda path: (path / "rgb.txt").is_file() and (path / "depth.txt").is_file(),
+    _tum_find,
+)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from calib.errors import InputError
+from calib.formats import load_rig
 from stereo.readers import images
 from stereo.readers.base import (
     Layout,
@@ -36,10 +37,6 @@ class _Sides(NamedTuple):
     number: Callable[[Path], int | None] = frame_number
 
 
-def _fits(path: Path) -> bool:
-    return path.is_dir() and (_folders(path) is not None or _flat(path) is not None)
-
-
 def _find(path: Path, options: OpenOptions) -> Layout:
     folders = _folders(path)
     if folders is None:
@@ -51,7 +48,7 @@ def _find(path: Path, options: OpenOptions) -> Layout:
                 raise InputError(f"{folder}: expected images ({', '.join(sorted(images.SUFFIXES))}), found none")
     timed = _timed(path, sides)
     if timed is not None:
-        return timed_layout(path, *timed, options, lambda size: rig_in(path, options, size)())
+        return timed_layout(path, *timed, options, partial(load_rig, options.calibration or path))
     return files_layout(path, pair_files(*sides.files, sides.number), options)
 
 
@@ -81,10 +78,8 @@ def _folders(path: Path) -> tuple[Path, Path] | None:
     sided = split_sides([f.name for f in subfolders])
     if sided is None or len(sided.left) != 1 or len(sided.right) != 1:
         return None
-    found = subfolders[sided.left[0]], subfolders[sided.right[0]]
-    return (
-        found if all(any(f.suffix.lower() in images.SUFFIXES for f in folder.iterdir()) for folder in found) else None
-    )
+    left, right = subfolders[sided.left[0]], subfolders[sided.right[0]]
+    return (left, right) if image_files(left) and image_files(right) else None
 
 
 def _flat(path: Path) -> _Sides | None:
@@ -122,6 +117,6 @@ READER = Reader(
     "folders",
     "images of two cameras",
     "folders left/ and right/ of images, or images whose names tell left from right",
-    _fits,
+    lambda path: path.is_dir() and (_folders(path) is not None or _flat(path) is not None),
     _find,
 )

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-import struct
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
+from io import BytesIO
 from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from calib.errors import InputError
 from calib.images import as_colour, as_grey
@@ -17,81 +19,12 @@ from calib.io import size_text
 from calib.types import F32, U8, AnyArray
 from stereo.recording import Decoded
 
+warnings.filterwarnings("ignore", module="PIL")  # of damaged headers: what cannot be decoded is reported as such
+
 Size = tuple[int, int]
 
 MAX_PIXELS = 100_000_000
 """Largest image that is decoded: larger than any camera's, and 0.6 GB at 16 bits in three channels (our choice)."""
-_JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-_PNM = re.compile(rb"P[1-6][ \t\r\n]+(?:#[^\n]*\n\s*)*(\d{1,9})\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s")
-
-
-def header_size(data: bytes) -> Size | None:
-    """(width, height) [px] that a PNG, JPEG, BMP, TIFF, WebP or PNM file announces; None for any other content."""
-    try:
-        if data.startswith(b"\x89PNG\r\n\x1a\n"):
-            width, height = struct.unpack_from(">II", data, 16)
-        elif data.startswith(b"\xff\xd8"):
-            return _jpeg(data)
-        elif data.startswith(b"BM"):
-            width, height = struct.unpack_from("<ii", data, 18)
-        elif data[:4] in (b"II*\0", b"MM\0*"):
-            return _tiff(data)
-        elif data.startswith(b"RIFF") and data[8:12] == b"WEBP":
-            return _webp(data)
-        else:
-            match = _PNM.match(data[:4096])
-            return (int(match[1]), int(match[2])) if match else None
-    except struct.error:
-        return None
-    return abs(int(width)), abs(int(height))
-
-
-def _jpeg(data: bytes) -> Size | None:
-    at = 2
-    while at + 9 <= len(data):
-        if data[at] != 0xFF:
-            return None
-        marker = data[at + 1]
-        if marker in _JPEG_SIZES:
-            height, width = struct.unpack_from(">HH", data, at + 5)
-            return width, height
-        if marker == 0xFF:
-            at += 1
-        elif marker == 0x01 or 0xD0 <= marker <= 0xD8:
-            at += 2
-        else:
-            at += 2 + struct.unpack_from(">H", data, at + 2)[0]
-    return None
-
-
-def _tiff(data: bytes) -> Size | None:
-    order = "<" if data.startswith(b"II") else ">"
-    (directory,) = struct.unpack_from(order + "I", data, 4)
-    (count,) = struct.unpack_from(order + "H", data, directory)
-    found: dict[int, int] = {}
-    for at in range(directory + 2, directory + 2 + 12 * count, 12):
-        tag, kind = struct.unpack_from(order + "HH", data, at)
-        if tag in (256, 257):
-            (found[tag],) = struct.unpack_from(order + ("H" if kind == 3 else "I"), data, at + 8)
-    return (found[256], found[257]) if len(found) == 2 else None
-
-
-def _webp(data: bytes) -> Size | None:
-    kind = data[12:16]
-    if kind == b"VP8 ":
-        width, height = struct.unpack_from("<HH", data, 26)
-        return width & 0x3FFF, height & 0x3FFF
-    if kind == b"VP8L":
-        (bits,) = struct.unpack_from("<I", data, 21)
-        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
-    if kind == b"VP8X":
-        width, height = (int.from_bytes(data[at : at + 3], "little") for at in (24, 27))
-        return width + 1, height + 1
-    return None
-
-
-DEPTHS = (8, 10, 12, 14, 16)
-"""Bits that sensors give."""
 FRAMES = 5
 """Frames of each camera in which the largest value is looked for (our choice)."""
 
@@ -104,12 +37,12 @@ def true_bits(images: Iterable[AnyArray]) -> int | None:
     Args:
         images: several frames, since one may be dark.
     Returns:
-        The smallest of ``DEPTHS`` that holds the largest value; None when no image has more than 8 bits per value.
+        The fewest that a sensor gives and that hold the largest value; None when no image has more than 8 per value.
     """
     largest = [int(image.max()) for image in images if image.dtype == np.uint16 and image.size]
     if not largest:
         return None
-    return next(bits for bits in DEPTHS if max(largest) < 1 << bits)
+    return next(bits for bits in (8, 10, 12, 14, 16) if max(largest) < 1 << bits)
 
 
 def to_8_bits(image: AnyArray, bits: int | None) -> U8:
@@ -137,8 +70,6 @@ _END_MARKERS = {b"\xff\xd8\xff": b"\xff\xd9", b"\x89PNG": b"IEND"}
 
 MAX_BYTES = 1 << 30
 """Files larger than this are no camera's image, and are not read."""
-GREY_TOLERANCE = 4
-"""Largest difference of the channels [grey levels] in a grey video: codecs that store YUV round a little."""
 
 
 def is_grey(image: U8) -> bool:
@@ -148,9 +79,9 @@ def is_grey(image: U8) -> bool:
     """
     if image.ndim == 2:
         return True
-    green = image[..., 1]
+    green, most = image[..., 1], 4  # [grey levels]: codecs that store YUV round a little
     difference = max(int(cv2.absdiff(image[..., c], green).max()) for c in (0, 2))
-    return int(np.ptp(green)) > 4 * GREY_TOLERANCE and difference <= GREY_TOLERANCE
+    return int(np.ptp(green)) > 4 * most and difference <= most
 
 
 class ImageFiles:
@@ -204,8 +135,6 @@ class ImageFiles:
 
 UNITS_PER_M = 1000.0
 """Depth values per metre of files that do not say: sensors and their tools write millimetres."""
-RANGE_M = 30.0
-"""No depth sensor for rooms measures farther [m]; such values mark what is unknown (65535, for one)."""
 
 
 class DepthFiles(ImageFiles):
@@ -238,8 +167,9 @@ def metres(stored: AnyArray, units_per_m: float) -> F32:
     """(H, W) float32 [m] of depth as stored, NaN where unknown: 0, negative, not finite or out of any range."""
     whole = np.issubdtype(stored.dtype, np.integer)
     depth = stored.astype(np.float32) * np.float32(1.0 / units_per_m if whole else 1.0)
+    # No depth sensor for rooms measures beyond 30 m; such values mark what is unknown (65535, for one).
     with np.errstate(invalid="ignore"):
-        return np.where((depth > 0) & (depth < RANGE_M), depth, np.float32(np.nan))
+        return np.where((depth > 0) & (depth < 30.0), depth, np.float32(np.nan))
 
 
 def read_depth(file: Path) -> AnyArray | None:
@@ -283,12 +213,12 @@ def decode_image(data: bytes) -> AnyArray | None:
 
 def decode(data: bytes, flags: int) -> AnyArray | None:
     """What OpenCV makes of it; the size that the header announces is checked before memory is taken for the image."""
-    width, height = header_size(data) or (0, 0)
-    if not 0 < width * height <= MAX_PIXELS:
-        return None
     try:
+        with Image.open(BytesIO(data)) as header:
+            if header.width * header.height > MAX_PIXELS:
+                return None
         image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
-    except cv2.error:
+    except Exception:  # libraries raise whatever a damaged file provokes
         return None
     return None if image is None else np.asarray(image)
 

@@ -23,11 +23,6 @@ from stereo.readers.images import is_grey
 from stereo.readers.side_by_side import packed_layout
 from stereo.recording import DEFAULT_FPS, Decoded, DecodedPair, FrameClock, newest
 
-TIMEOUT_MS = 10_000
-"""An address that does not answer, or a stream without a frame, for this long is given up [ms] (our choice)."""
-FIRST_FRAMES = 3
-"""Frames read at the start to tell size and layout; cameras need some to adapt to the light."""
-_DROPPED = "came while earlier frames were tracked"
 _ADDRESS = re.compile(r"(rtsps?|https?|rtmps?|udp|tcp|srt):/+", re.IGNORECASE)
 _DEVICE = re.compile(r"\d{1,3}")
 _PASSWORD = re.compile(r"(?<=://)[^/@]*@")
@@ -65,8 +60,9 @@ class LiveSource:
 
     def __init__(self, address: Address) -> None:
         self.address, self.fps = address, DEFAULT_FPS
+        # The first frames tell size and layout; cameras need some to adapt to the light.
         with closing(self._capture()) as frames:
-            self.pictures = [np.asarray(f.image, dtype=np.uint8) for f in islice(frames, FIRST_FRAMES)]
+            self.pictures = [np.asarray(f.image, dtype=np.uint8) for f in islice(frames, 3)]
         if not self.pictures:
             raise InputError(f"{address.text}: expected a camera or a stream of images, found none")
         self.size = self.pictures[-1].shape[1], self.pictures[-1].shape[0]
@@ -89,7 +85,8 @@ class LiveSource:
         if isinstance(self.address.opens, int):
             capture = cv2.VideoCapture(self.address.opens)
         else:
-            limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, TIMEOUT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, TIMEOUT_MS]
+            # An address that does not answer, or a stream without a frame, is given up after 10 s (our choice).
+            limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, 10_000, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 10_000]
             capture = cv2.VideoCapture(self.address.opens, cv2.CAP_FFMPEG, limits)
         try:
             if not capture.isOpened():
@@ -118,13 +115,10 @@ def with_gaps(frames: Generator[Decoded, None, None]) -> Generator[Decoded, None
     next_index = 0
     with closing(frames):
         for frame in frames:
-            yield from (Decoded(lost, None, None, _DROPPED) for lost in range(next_index, frame.index))
+            for lost in range(next_index, frame.index):
+                yield Decoded(lost, None, None, "came while earlier frames were tracked")
             yield frame
             next_index = frame.index + 1
-
-
-def _fits(path: Path) -> bool:
-    return not path.exists() and bool(_addresses(path))
 
 
 def _find(path: Path, options: OpenOptions) -> Layout:
@@ -179,4 +173,10 @@ def _addresses(path: Path) -> list[Address]:
     return [Address(address, not address.lower().startswith("http")) for address in addresses]
 
 
-READER = Reader("live", "live cameras", "a camera's number or an address (rtsp://, http://)", _fits, _find)
+READER = Reader(
+    "live",
+    "live cameras",
+    "a camera's number or an address (rtsp://, http://)",
+    lambda path: not path.exists() and bool(_addresses(path)),
+    _find,
+)

@@ -15,10 +15,6 @@ from stereo.recording import RgbdFrame, Skipped, StereoFrame, StereoRecording, p
 
 AnyFrame = StereoFrame | RgbdFrame
 
-TOGETHER = 0.6
-"""Frames taken within this share of the slowest rig's period are of one moment. Half of it would let rigs that run
-half a period apart flicker between together and apart (our choice)."""
-
 
 @dataclass(frozen=True, eq=False)
 class MultiRigFrame:
@@ -108,10 +104,13 @@ class _Stream:
 
 
 def moments(streams: Sequence[_Stream], period_s: float) -> Iterator[MultiRigFrame]:
-    """Frames by time: the earliest that waits, and those of other rigs taken within ``TOGETHER`` of the period."""
+    """Frames by time: the earliest that waits, and those of other rigs taken within 0.6 of the slowest rig's period.
+
+    Half of it would let rigs that run half a period apart flicker between together and apart (our choice).
+    """
     index = 0
     while any(stream.next is not None for stream in streams):
-        until = min(stream.time_s for stream in streams) + TOGETHER * period_s
+        until = min(stream.time_s for stream in streams) + 0.6 * period_s
         times = [stream.time_s for stream in streams if stream.time_s <= until]
         frames = tuple(stream.take(period_s) if stream.time_s <= until else None for stream in streams)
         yield MultiRigFrame(index, sum(times) / len(times), frames)

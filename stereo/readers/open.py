@@ -12,7 +12,7 @@ from calib.errors import InputError
 from calib.io import reason
 from calib.world import RIGS_FILE, load_rigs
 from stereo.readers.bags.layout import READER as BAG
-from stereo.readers.base import AnyRecording, FrameSource, Layout, OpenOptions, Reader, clock_of
+from stereo.readers.base import AnyRecording, FrameSource, Layout, OpenOptions, Reader, clock_of, frames_of
 from stereo.readers.datasets import EUROC, KITTI, KITTI_SEQUENCE, MIDDLEBURY, TUM_RGBD
 from stereo.readers.folders import READER as FOLDERS
 from stereo.readers.images import ImageFiles, bits_note, bits_of, image_files
@@ -21,7 +21,7 @@ from stereo.readers.rgbd import READER as RGBD_FOLDERS
 from stereo.readers.side_by_side import READER as SIDE_BY_SIDE
 from stereo.readers.video import READER as VIDEO_PAIR
 from stereo.readers.video import VideoFile, video_files
-from stereo.recording import Decoded, FrameClock, StereoRecording, Video, prefetch
+from stereo.recording import Decoded, FrameClock, StereoRecording, Video
 
 _POINTER = re.compile(rb"\Aversion https://git-lfs\.github\.com/spec/v1\noid [^\n]+\nsize (\d+)")
 _NAMED = {
@@ -183,7 +183,6 @@ def open_video(path: Path, options: OpenOptions | None = None) -> Video:
 
 
 def _alone(source: FrameSource, indices: Sequence[int] | None) -> Generator[tuple[Decoded], None, None]:
-    """The frames of one camera, decoded in a thread of their own where all are wanted."""
-    with closing(prefetch(source if indices is None else source.at(indices))) as frames:
-        for frame in frames:
-            yield (frame,)
+    """The frames of one camera."""
+    with closing(frames_of(source, indices)) as frames:
+        yield from zip(frames, strict=True)

@@ -18,9 +18,11 @@ from stereo.readers.images import frame_number
 from stereo.recording import DEFAULT_FPS
 
 _WORD = re.compile(r"left|right|(?<![a-z])[lr](?![a-z])", re.IGNORECASE)
-_NUMBER = re.compile(
-    r"(?<![a-z])(cam|camera|im|img|image|view|infra|ir|i|c|eye|sensor|lens|device)([_-]?)(\d{1,2})(?!\d)", re.IGNORECASE
-)
+_NUMBERS = [
+    re.compile(rf"(?<![a-z])({words})([_-]?)(\d{{1,2}})(?!\d)", re.IGNORECASE)
+    for words in ("cam|camera|view|infra|ir|c|eye|sensor|lens|device", "im|img|image|i")
+]
+"""A number of what can only be a camera, and of what can be a frame too."""
 
 
 class Sided(NamedTuple):
@@ -47,9 +49,12 @@ def split_sides(names: Sequence[str]) -> Sided | None:
     by_word = [_by_word(name) for name in names]
     sides = [found[0] if found else "" for found in by_word]
     if not {"l", "r"} <= set(sides):
-        by_word = [_by_number(name) for name in names]
-        numbers = sorted({found[0] for found in by_word if found}, key=int)
-        if len(numbers) != 2:
+        for pattern in _NUMBERS:
+            by_word = [_by_number(name, pattern) for name in names]
+            numbers = sorted({found[0] for found in by_word if found}, key=int)
+            if len(numbers) == 2:
+                break
+        else:
             return None
         sides = ["" if not found else "l" if found[0] == numbers[0] else "r" for found in by_word]
     left, right = ([i for i, side in enumerate(sides) if side == one] for one in ("l", "r"))
@@ -61,13 +66,10 @@ def _by_word(name: str) -> tuple[str, str] | None:
     return (found.pop(), _WORD.sub("*", name)) if len(found) == 1 else None
 
 
-def _by_number(name: str) -> tuple[str, str] | None:
-    found = {number for _, _, number in _NUMBER.findall(name)}
-    return (found.pop(), _NUMBER.sub(r"\1\2*", name)) if len(found) == 1 else None
+def _by_number(name: str, pattern: re.Pattern[str]) -> tuple[str, str] | None:
+    found = {number for _, _, number in pattern.findall(name)}
+    return (found.pop(), pattern.sub(r"\1\2*", name)) if len(found) == 1 else None
 
-
-MAX_UNPAIRED_FRACTION = 0.1
-"""Above this share the folders are two recordings, not one with missing frames (our choice)."""
 
 Pair = tuple[Path | None, Path | None]
 
@@ -77,8 +79,8 @@ def pair_files(left: list[Path], right: list[Path], number: Callable[[Path], int
 
     Numbered files pair by number: a number that only one side has, or that both leave out of an otherwise even
     sequence, is a missing frame, so that indices (and times) keep the gap. Files without numbers pair in sorted
-    order. Beyond a tenth of unpaired numbers, or with different counts of unnumbered files, any pairing would be
-    a guess that silently mates wrong frames, so it is refused.
+    order. Beyond a tenth of unpaired numbers (our choice), or with different counts of unnumbered files, any pairing
+    would be a guess that silently mates wrong frames, so it is refused.
 
     Args:
         number: a file's number, None when it has none.
@@ -94,9 +96,10 @@ def pair_files(left: list[Path], right: list[Path], number: Callable[[Path], int
         return list(zip(left, right, strict=True))
     either = sorted(left_by.keys() | right_by.keys())
     unpaired = [n for n in either if (n in left_by) != (n in right_by)]
-    if unpaired and len(left) == len(right) and len(unpaired) > MAX_UNPAIRED_FRACTION * len(either):
+    most = 0.1 * len(either)
+    if unpaired and len(left) == len(right) and len(unpaired) > most:
         return list(zip(left, right, strict=True))  # e.g. numbered by two clocks
-    if len(unpaired) > max(1.0, MAX_UNPAIRED_FRACTION * len(either)):
+    if len(unpaired) > max(1.0, most):
         raise _unpaired(left_by.get(unpaired[0]) or right_by[unpaired[0]], left, right)
     return [(left_by.get(n), right_by.get(n)) for n in even_sequence(either)]
 
@@ -130,9 +133,7 @@ TOLERANCE = 0.25
 """Times of a pair differ at most by this share of the frame period (our choice: a walker of 2 m/s moves 1.7 cm in a
 quarter of 1/30 s; a mate that is farther off may as well be that of the next frame)."""
 JUMP_S = 3600.0
-"""A step this long, or this many frame periods back (``JUMP_BACK``), is a clock that was set, not a pause (our
-choice)."""
-JUMP_BACK = 10.0
+"""A step this long, or ten frame periods back, is a clock that was set, not a pause (our choice)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +241,7 @@ def _nearest(of: I64, among: I64) -> I64:
 def _eras(stamps: I64, period: float) -> I64:
     """How often the clock was set before each frame."""
     steps = np.diff(stamps)
-    set_ = (steps > max(JUMP_S * 1e9, 100 * period)) | (steps < -JUMP_BACK * max(period, 1e8))
+    set_ = (steps > max(JUMP_S * 1e9, 100 * period)) | (steps < -10.0 * max(period, 1e8))
     return np.concatenate([[0], np.cumsum(set_)]).astype(np.int64)[: len(stamps)]
 
 

@@ -36,20 +36,10 @@ from stereo.readers.pairing import Pair, depth_note, nearest_mates, pair_files
 from stereo.readers.times import stamps_in_names
 from stereo.recording import DEFAULT_FPS, FrameClock, RgbdFrame, RgbdRecording
 
-WALKING_MPS = 1.3
-"""Comfortable walking speed of adults (Bohannon 1997, Age and Ageing 26: 1.27 to 1.46 m/s), less a little indoors."""
-PAIRS = 24
-"""Places in the recording at which two consecutive frames are compared (our choice)."""
 MIN_PAIRS = 4
 """With movement in fewer of them nothing is said (our choice)."""
 STEP_PX = 8
 """Every n-th row and column is looked at."""
-NEARER_M = 0.3
-"""What stands this far in front of the background is a person or a thing that was moved (our choice)."""
-BODY_M2 = (0.1, 1.5)
-"""Surface that a person shows [m^2]."""
-STEP_M = (0.03, 1.5)
-"""Steps between frames: shorter ones are noise and people who stand, longer ones are not of one person [m]."""
 
 
 def rate_by_movement(at: Callable[[Sequence[int]], list[RgbdFrame]], n_frames: int, camera: Camera) -> float | None:
@@ -61,7 +51,8 @@ def rate_by_movement(at: Callable[[Sequence[int]], list[RgbdFrame]], n_frames: i
     Returns:
         None where too little moves.
     """
-    firsts = np.unique(np.linspace(0, max(0, n_frames - 2), PAIRS).astype(int))
+    # Consecutive frames at 24 places in the recording are compared (our choice).
+    firsts = np.unique(np.linspace(0, max(0, n_frames - 2), 24).astype(int))
     indices = np.unique(np.concatenate([firsts, firsts + 1]))
     depths = {f.index: f.depth_m[::STEP_PX, ::STEP_PX] for f in at([int(i) for i in indices if i < n_frames])}
     if len(depths) < MIN_PAIRS:
@@ -71,27 +62,27 @@ def rate_by_movement(at: Callable[[Sequence[int]], list[RgbdFrame]], n_frames: i
     columns, rows = np.meshgrid(np.arange(0, camera.width, STEP_PX), np.arange(0, camera.height, STEP_PX))
     rays = camera.unproject(np.column_stack([columns.ravel(), rows.ravel()])).reshape(*columns.shape, 3)
     places = {index: _place(depth, background, rays, camera) for index, depth in depths.items()}
-    steps = np.array([_step(places.get(int(i)), places.get(int(i) + 1)) for i in firsts])
-    steps = steps[(steps > STEP_M[0]) & (steps < STEP_M[1])]
-    return float(WALKING_MPS / np.median(steps)) if len(steps) >= MIN_PAIRS else None
+    pairs = [(places.get(int(i)), places.get(int(i) + 1)) for i in firsts]
+    steps = np.array([np.linalg.norm(b - a) for a, b in pairs if a is not None and b is not None])
+    # Shorter steps are noise and people who stand, longer ones are not of one person [m].
+    steps = steps[(steps > 0.03) & (steps < 1.5)]
+    # Comfortable walking speed of adults (Bohannon 1997, Age and Ageing 26: 1.27 to 1.46 m/s), less a little indoors.
+    return float(1.3 / np.median(steps)) if len(steps) >= MIN_PAIRS else None
 
 
 def _place(depth: F32, background: F32, rays: F64, camera: Camera) -> F64 | None:
     """Middle [m] of the largest thing in front of the background; None without one of a person's size."""
+    # What stands this far in front of the background is a person or a thing that was moved (our choice).
     with np.errstate(invalid="ignore"):
-        nearer = (background - depth > NEARER_M).astype(np.uint8)
+        nearer = (background - depth > 0.3).astype(np.uint8)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(nearer)
     if count < 2:
         return None
     of_it = labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
     area = depth[of_it] ** 2 * (STEP_PX**2 / (camera.fx * camera.fy))
-    if not BODY_M2[0] <= float(area.sum()) <= BODY_M2[1]:
+    if not 0.1 <= float(area.sum()) <= 1.5:  # [m^2], the surface that a person shows
         return None
     return np.asarray(np.median(rays[of_it] * depth[of_it][:, None], axis=0), dtype=np.float64)
-
-
-def _step(one: F64 | None, other: F64 | None) -> float:
-    return float("nan") if one is None or other is None else float(np.linalg.norm(other - one))
 
 
 SENSOR_OF_SIZE: dict[Size, DepthSensor] = {
@@ -109,11 +100,6 @@ SENSOR_OF_SIZE: dict[Size, DepthSensor] = {
 }
 """Sizes of depth images that only one kind of sensor has; all others count as structured light, 640x480 and 320x240
 being those of Kinect, Xtion and Astra."""
-
-
-SLOW = 0.6
-"""Images without times are assumed to come at the usual rate unless people then would move faster than a fast walker of
-2.2 m/s (our choice)."""
 
 
 class DepthSource(ItemSource, Protocol):
@@ -158,19 +144,13 @@ def rgbd_layout(
         measured = depths if found.units_per_m is None else depths.scaled(found.units_per_m)
         folder = path if path.is_dir() else path.parent
         recording = RgbdRecording(
-            path,
-            found,
-            sensor,
-            DepthRegistration(found),
-            partial(both, images, measured),
-            images.n_frames,
-            clock,
-            said,
-            world_pose(folder),
-        )
+            path, found, sensor, DepthRegistration(found), partial(both, images, measured), images.n_frames, clock,
+            said, world_pose(folder),
+        )  # fmt: skip
         if assumed:
             rate = rate_by_movement(recording.at, recording.n_frames, recording.camera)
-            slow = rate is not None and rate < SLOW * DEFAULT_FPS
+            # At the usual rate people would move faster than a fast walker of 2.2 m/s (our choice).
+            slow = rate is not None and rate < 0.6 * DEFAULT_FPS
             recording.clock = FrameClock(round(rate, 1) if slow and rate else DEFAULT_FPS)
             why = ", at which what moves is as fast as a walker" if slow else ""
             recording.notes.append(

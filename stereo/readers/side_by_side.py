@@ -32,14 +32,10 @@ from stereo.readers.images import Size, is_grey
 from stereo.readers.video import SUFFIXES, VideoFile, video_files
 from stereo.rig_correction import MatchParams, match_corners
 
-MIN_MATCHES = 40
-"""Fewest matched corners by which the order is told (our choice)."""
 NEARER = 0.8
 """Share of corners nearer than infinity of views in their right order; of swapped ones nearly none is (our choice)."""
 ROWS_PX = 1.5
 """Median row offset [px of 640] up to which rows count as aligned (our choice; a worn factory calibration has 0.6)."""
-GAIN = 3.0
-"""How much better the rows of rectified images agree without rectifying them again (our choice)."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +67,7 @@ def tell_order(matches: F64, rig: StereoRig, rectified: StereoRig) -> Order | No
     Returns:
         None when there are too few corners, or none of the four cases explains them better than the first.
     """
-    if len(matches) < MIN_MATCHES:
+    if len(matches) < 40:  # too few to tell by (our choice)
         return None
     cases = [
         _case(matches, one, swapped, is_rectified)
@@ -81,10 +77,10 @@ def tell_order(matches: F64, rig: StereoRig, rectified: StereoRig) -> Order | No
     usual = cases[0]
     if usual.nearer >= NEARER and usual.rows_px <= ROWS_PX:
         return usual
-    good = [case for case in cases if case.nearer >= NEARER and case.rows_px <= min(ROWS_PX, usual.rows_px / GAIN)]
-    if not good:
-        good = [case for case in cases if case.nearer >= NEARER and case.rows_px <= ROWS_PX]
-    return min(good, key=lambda case: (case.rows_px > ROWS_PX, case.rectified, case.swapped), default=None)
+    good = [case for case in cases if case.nearer >= NEARER and case.rows_px <= ROWS_PX]
+    # Rows of rectified images agree so much better without rectifying them again (our choice).
+    better = [case for case in good if case.rows_px <= usual.rows_px / 3.0]
+    return min(better or good, key=lambda case: (case.rectified, case.swapped), default=None)
 
 
 def rectified_rig(load: Callable[[], StereoRig], rig: StereoRig) -> tuple[StereoRig, str]:
@@ -135,20 +131,6 @@ def _case(matches: F64, rig: StereoRig, swapped: bool, rectified: bool) -> Order
 
 
 Halves = tuple[U8, U8]
-
-REDUCED_PX = 320
-"""Width to which halves are reduced for matching."""
-SEARCH = MatchParams(features=150, search_px=24)
-"""Rows of unrectified cameras may be 24 of 320 px apart."""
-REACH = 0.3
-"""Disparities are searched up to this share of the width, each way (our choice)."""
-ROW_SPREAD_PX = 4.0
-"""Matches of one pair of cameras lie about on one row offset [px of 320] (our choice)."""
-MIN_MATCHED = 0.12
-"""Share of the corners that two views of one scene have in common at least (our choice: real pairs have 0.3 to 0.8,
-halves of one picture under 0.03)."""
-MIN_CORNERS = 20
-"""Fewer corners in a picture tell nothing (our choice)."""
 
 
 @dataclass(frozen=True)
@@ -209,18 +191,21 @@ class Common:
 def common(pictures: Iterable[U8], split: Callable[[U8], Halves]) -> Common:
     """Match corners between the two views of each picture."""
     corners, found = 0, [np.empty((0, 4))]
+    # Rows of unrectified cameras may be 24 of 320 px apart.
+    search = MatchParams(features=150, search_px=24)
     for picture in pictures:
         first, second = (as_grey(view) for view in split(picture))
         height, width = first.shape
-        scale = width / min(width, REDUCED_PX)
+        scale = width / min(width, 320)
         size = round(width / scale), round(height / scale)
         a, b = (np.asarray(cv2.resize(v, size, interpolation=cv2.INTER_AREA), np.uint8) for v in (first, second))
-        points = cv2.goodFeaturesToTrack(a, SEARCH.features, 0.01, 14.0)
+        points = cv2.goodFeaturesToTrack(a, search.features, 0.01, 14.0)
         corners += 0 if points is None else len(points)
-        reach = REACH * a.shape[1]
-        matches = match_corners(a, b, reach, SEARCH, -reach)
+        reach = 0.3 * a.shape[1]  # largest disparity, each way (our choice)
+        matches = match_corners(a, b, reach, search, -reach)
         if len(matches):
-            near = np.abs(matches[:, 3] - np.median(matches[:, 3])) <= ROW_SPREAD_PX
+            # Matches of one pair of cameras lie about on one row offset [px of 320] (our choice).
+            near = np.abs(matches[:, 3] - np.median(matches[:, 3])) <= 4.0
             u, v, u_second, offset = matches[near].T
             found.append(np.column_stack([u, v, u_second, v + offset]) * scale)
     return Common(corners, np.concatenate(found))
@@ -241,9 +226,10 @@ def find_packing(pictures: Sequence[U8], aspect: float | None) -> tuple[Packing 
     shared = {packing.stacked: common(pictures, packing.split) for packing in candidates}
     best = max(candidates, key=lambda packing: shared[packing.stacked].fraction)
     found = shared[best.stacked]
-    if found.corners < MIN_CORNERS:  # nothing to tell by: what is most usual for the size
+    if found.corners < 20:  # nothing to tell by: what is most usual for the size
         return (None if candidates[0].squeezed else candidates[0]), found
-    return (best if found.fraction >= MIN_MATCHED else None), found
+    # Real pairs have 0.3 to 0.8 of the corners in common, halves of one picture under 0.03 (our choice).
+    return (best if found.fraction >= 0.12 else None), found
 
 
 def _possible(picture: Size, aspect: float | None) -> list[Packing]:
@@ -261,14 +247,6 @@ def _possible(picture: Size, aspect: float | None) -> list[Packing]:
         if fits and packing not in found and not any(p.stacked == stacked for p in found):
             found.append(packing)
     return found
-
-
-LOOKED_AT = 3
-"""Frames spread over the video in which the two views are matched (our choice)."""
-
-
-def _fits(path: Path) -> bool:
-    return _video(path) is not None
 
 
 def _find(path: Path, options: OpenOptions) -> Layout:
@@ -334,8 +312,8 @@ def packed_layout(
 
 
 def sampled(source: FrameSource) -> list[U8]:
-    """A few pictures of a source, one at least: its announced length is believed only as far as it is read."""
-    spread = sorted({round(float(i)) for i in np.linspace(0, max(0, source.n_frames - 1), LOOKED_AT)})
+    """Three pictures of a source, one at least: its announced length is believed only as far as it is read."""
+    spread = sorted({round(float(i)) for i in np.linspace(0, max(0, source.n_frames - 1), 3)})
     found = [frame.image for frame in source.at(spread) if frame.image is not None]
     return found or [frame.image for frame in source.at([0]) if frame.image is not None]
 
@@ -389,4 +367,10 @@ def _video(path: Path) -> Path | None:
     return found[0] if len(found) == 1 else None
 
 
-READER = Reader("side-by-side", "a video with both cameras", "one video with both cameras", _fits, _find)
+READER = Reader(
+    "side-by-side",
+    "a video with both cameras",
+    "one video with both cameras",
+    lambda path: _video(path) is not None,
+    _find,
+)

@@ -21,15 +21,12 @@ from stereo.readers.pairing import JUMP_S, pair_stamps
 
 NS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 """Nanoseconds of a unit."""
-_EPOCH_S = 9.0e8, 4.2e9
-"""Seconds since 1970 of the years 1998 to 2103: what a clock that was set shows."""
 _MAX_STEP = {"s": 2, "ms": 2_000, "us": 2_000_000}
 """Steps between frames up to 2 s tell the unit of a clock that counts from the start of the machine: two units differ
 by a factor of 1000, the periods of cameras (1 to 250 Hz) by 250 (our choice)."""
 _NUMBER = re.compile(r"[+-]?\d{1,20}(\.\d{0,30})?([eE][+-]?\d{1,2})?")
 _DATE = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?\d*(?:Z|\+00:?00)?")
 _DAY = re.compile(r"\d{4}-\d\d-\d\d ")
-_MAX_NS = 2**62
 _NAME = re.compile(r"(?<![\d.])(\d{7,20}(?:\.\d{1,9}|_\d{6,9})?|\d{1,6}\.\d{2,9})(?![\d.])")
 
 
@@ -63,7 +60,7 @@ def read_stamps(texts: Sequence[str], unit: str | None = None) -> Stamps:
         numbers = [_number(text) for text in texts]
         unit = unit or unit_of(numbers)
         values = [int(number * NS[unit]) for number in numbers]
-    if values and max(map(abs, values)) > _MAX_NS:
+    if values and max(map(abs, values)) > 2**62:
         raise ValueError(f"expected times, found {texts[int(np.argmax([abs(v) for v in values]))][:40]!r} ({unit})")
     return Stamps(np.array(values, dtype=np.int64), unit)
 
@@ -72,7 +69,7 @@ def unit_of(numbers: Sequence[Decimal]) -> str:
     """The unit of times: of a clock that was set by their magnitude, else by their median step."""
     largest = max((abs(number) for number in numbers), default=Decimal(0))
     for unit, ns in NS.items():
-        if _EPOCH_S[0] <= float(largest) * ns / 1e9 <= _EPOCH_S[1]:
+        if 9.0e8 <= float(largest) * ns / 1e9 <= 4.2e9:  # seconds since 1970 of the years 1998 to 2103
             return unit
     steps = np.abs(np.diff(np.array([float(number) for number in numbers])))
     steps = steps[steps > 0]
@@ -208,10 +205,6 @@ def _rows(path: Path) -> tuple[list[tuple[int, str]], str | None]:
     return sorted(rows, key=lambda row: row[0]), None if unit in (None, "s", "sec") else _UNITS.get(unit, unit)
 
 
-GAP = 1.5
-"""A step of more than this many frame periods is a gap (our choice)."""
-
-
 @dataclass(frozen=True)
 class Rate:
     """How evenly frames come.
@@ -220,7 +213,7 @@ class Rate:
         fps: frames per second, of the median step.
         jitter_ms: standard deviation of the steps that are no gaps [ms].
         duration_s: from the first frame to the last, without jumps of the clock [s].
-        gaps: steps longer than ``GAP`` frame periods.
+        gaps: steps longer than 1.5 frame periods (our choice).
         dropped: frames that would have fallen into them.
         longest_gap_s: the longest of them [s]; 0 without any.
     """
@@ -246,7 +239,7 @@ def rate_of_times(times_s: F64) -> Rate | None:
     if not steps.size:
         return None
     period = float(np.median(steps))
-    wide = steps > GAP * period
+    wide = steps > 1.5 * period
     dropped = int(np.sum(np.round(steps[wide] / period) - 1))
     longest = float(steps[wide].max()) if wide.any() else 0.0
     jitter = float(np.std(steps[~wide])) * 1e3

@@ -28,14 +28,6 @@ from stereo.readers.pairing import split_sides
 from stereo.recording import Decoded
 
 SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg"})
-MAX_BROKEN_RUN = 25
-"""Failing reads in a row after which a video counts as ended: about a second, more than a lost key frame costs."""
-
-
-MIN_FRAME_BYTES = 200
-"""Videos hold more than this for a frame, or so little that counting their frames costs nothing [bytes]."""
-SEEK_BEYOND = 250
-"""Frames to read on rather than seek: the usual distance of key frames, from which a seek would decode anyway."""
 
 
 class VideoFile:
@@ -53,7 +45,8 @@ class VideoFile:
             self._start_ms = float(capture.get(cv2.CAP_PROP_POS_MSEC))
             fps, announced = capture.get(cv2.CAP_PROP_FPS), capture.get(cv2.CAP_PROP_FRAME_COUNT)
             self.n_frames = int(announced) if np.isfinite(announced) and announced > 0 else 0
-            if self.n_frames > path.stat().st_size / MIN_FRAME_BYTES:  # a file too small for so many: they are counted
+            # A file of less than 200 bytes a frame is too small for so many: counting them costs nothing.
+            if self.n_frames > path.stat().st_size / 200:
                 count = 1
                 while count < self.n_frames and capture.grab():
                     count += 1
@@ -71,7 +64,8 @@ class VideoFile:
         capture = _open(self._path)
         index, broken = 0, 0
         try:
-            while broken < MAX_BROKEN_RUN and (broken == 0 or index + broken < self.n_frames):
+            # Reads that fail in a row for about a second, more than a lost key frame costs, are the end.
+            while broken < 25 and (broken == 0 or index + broken < self.n_frames):
                 found, image = capture.read()
                 if not found or image is None:
                     broken += 1
@@ -90,9 +84,10 @@ class VideoFile:
         position = 0
         try:
             for index in indices:
-                if index - position > SEEK_BEYOND and not capture.set(cv2.CAP_PROP_POS_FRAMES, index):
-                    return
-                position = index if index - position > SEEK_BEYOND else position
+                if index - position > 250:  # the usual distance of key frames
+                    if not capture.set(cv2.CAP_PROP_POS_FRAMES, index):
+                        return
+                    position = index
                 while position < index and capture.grab():
                     position += 1
                 found, image = capture.read() if position == index else (False, None)
@@ -126,10 +121,6 @@ def _open(path: Path) -> cv2.VideoCapture:
     return capture
 
 
-def _fits(path: Path) -> bool:
-    return path.is_dir() and _sides(path) is not None
-
-
 def _find(path: Path, options: OpenOptions) -> Layout:
     left, right = _sides(path) or (path, path)
     a, b = VideoFile(left), VideoFile(right)
@@ -152,4 +143,10 @@ def _sides(folder: Path) -> tuple[Path, Path] | None:
     return videos[sided.left[0]], videos[sided.right[0]]
 
 
-READER = Reader("videos", "a pair of videos", "two videos named left.* and right.* or alike", _fits, _find)
+READER = Reader(
+    "videos",
+    "a pair of videos",
+    "two videos named left.* and right.* or alike",
+    lambda path: path.is_dir() and _sides(path) is not None,
+    _find,
+)

@@ -304,7 +304,10 @@ def open_session(path: Path, calibration: Path | None = None, n_frames: int = 40
         InputError: neither a video nor a stereo recording, or a stereo recording without a calibration.
         WorkError: no usable frame.
     """
-    if calibration is not None or holds_pair(path) or _is_side_by_side(path):
+    stereo = calibration is not None or holds_pair(path)
+    with suppress(InputError):  # the pictures of a video may be two views of one scene
+        stereo = stereo or find_layout(path)[0].key == "side-by-side"
+    if stereo:
         recording = open_recording(path, OpenOptions(calibration))
         view = view_floor(recording, FloorSearch())
         try:
@@ -320,14 +323,6 @@ def open_session(path: Path, calibration: Path | None = None, n_frames: int = 40
     session = CalibrationSession(path.name, [image for _, image in pictures], [index for index, _ in pictures])
     session.known = known_of(path, session.size)
     return session
-
-
-def _is_side_by_side(path: Path) -> bool:
-    """Whether the pictures of a video are two views of one scene."""
-    try:
-        return find_layout(path)[0].key == "side-by-side"
-    except InputError:
-        return False
 
 
 def frames_at(path: Path, indices: Sequence[int]) -> list[tuple[int, U8]]:

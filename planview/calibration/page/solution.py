@@ -24,9 +24,6 @@ from calib.world import save_world
 from planview.calibration.floor import FloorDepths
 from planview.calibration.page.marks import Point
 
-TRIPLES = 400
-"""Planes tried at most (our choice: all of 14 points)."""
-
 
 class FloorFit(NamedTuple):
     """A floor and what every point says of it.
@@ -56,7 +53,7 @@ def fit_plane(points: F64, limit_m: F64) -> FloorFit:
     """As ``fit_floor``, of (n, 3) points [m] in the left camera's frame with (n,) distances that are allowed [m]."""
     best: FloorFit | None = None
     problem = InputError(f"expected three or more floor points, found {len(points)}")
-    for triple in islice(combinations(range(len(points)), 3), TRIPLES):
+    for triple in islice(combinations(range(len(points)), 3), 400):  # all of 14 points
         try:
             fit = _through(points, points[list(triple)], limit_m)
         except InputError as error:
@@ -92,16 +89,17 @@ class Assessed(NamedTuple):
 
 def floor_rows(fit: FloorFit, found: Floor | None) -> list[ValueRow]:
     """The values of a floor from points, beside those found without points, in brackets."""
-    floor, beside = fit.floor, "(found {})"
-    height = beside.format(f"{found.height_m:.2f} m") if found else ""
-    tilt = beside.format(f"{math.degrees(found.tilt_rad):.1f}°") if found else ""
-    roll = beside.format(f"{math.degrees(found.roll_rad):.1f}°") if found else ""
-    return [
-        ValueRow("height above the floor", f"{floor.height_m:.2f} m", height),
-        ValueRow("tilt from straight down", f"{math.degrees(floor.tilt_rad):.1f}°", tilt),
-        ValueRow("roll", f"{math.degrees(floor.roll_rad):.1f}°", roll),
-        ValueRow("points from the plane", f"{100 * (floor.residual_m or 0.0):.1f} cm rms", ""),
-    ]
+    texts, beside = _floor_texts(fit.floor), _floor_texts(found) if found else {}
+    rows = [ValueRow(name, text, f"(found {beside[name]})" if beside else "") for name, text in texts.items()]
+    return [*rows, ValueRow("points from the plane", f"{100 * (fit.floor.residual_m or 0.0):.1f} cm rms", "")]
+
+
+def _floor_texts(floor: Floor) -> dict[str, str]:
+    return {
+        "height above the floor": f"{floor.height_m:.2f} m",
+        "tilt from straight down": f"{math.degrees(floor.tilt_rad):.1f}°",
+        "roll": f"{math.degrees(floor.roll_rad):.1f}°",
+    }
 
 
 def floor_assessment(fit: FloorFit) -> Assessed:

@@ -43,9 +43,6 @@ from stereo.readers.images import Size, bits_note, true_bits
 from stereo.readers.pairing import depth_note, nearest_mates, pair_stamps
 from stereo.readers.rgbd import rgbd_layout
 
-MAX_TRANSFORMS = 2000
-"""Messages of tf_static that are read: drivers send some dozens (our choice)."""
-
 
 def rig_of(bag: Bag, topics: tuple[str, str], size: Size) -> StereoRig:
     """The rig from the camera_info of two image topics.
@@ -138,7 +135,7 @@ def static_poses(bag: Bag) -> dict[str, tuple[str, SE3]]:
     for topic in (t.name for t in bag.topics if t.kind == "tf" and "static" in t.name):
         # A type that the library does not know, or a damaged message, leaves the frames that were read before.
         with suppress(Exception):
-            for message in islice(bag.messages(topic), MAX_TRANSFORMS):
+            for message in islice(bag.messages(topic), 2000):  # drivers send some dozens
                 for parent, child, pose in transforms(message.decode(message.data)):
                     poses[child] = parent, pose
     return poses

@@ -256,12 +256,6 @@ def _store(ros1: bool) -> Any:
     return get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
 
 
-MAX_RECORD_BYTES = 1 << 30
-"""Larger records are damage (recorders write chunks of some megabytes)."""
-_HEADED = ("sensor_msgs/",)
-"""Types that begin with a std_msgs/Header."""
-
-
 class McapFile:
     """An MCAP file (a ``Bag``).
 
@@ -298,7 +292,8 @@ class McapFile:
                 yield Message(message.log_time, message.data, *codecs[channel.id])
 
     def _reader(self, file: Any) -> Any:
-        return self._library.SeekingReader(file, record_size_limit=MAX_RECORD_BYTES)
+        # Larger records are damage (recorders write chunks of some megabytes).
+        return self._library.SeekingReader(file, record_size_limit=1 << 30)
 
 
 def _check_chunks(file: BinaryIO, chunks: Sequence[Any]) -> None:
@@ -319,7 +314,7 @@ def _codec(encoding: str, schema: Any, path: Path) -> tuple[Callable[[bytes], in
         name = schema.name if "/msg/" in schema.name else schema.name.replace("/", "/msg/")
         text = schema.data.decode("utf-8", "replace") if schema.encoding in ("ros1msg", "ros2msg") else ""
         decode = partial(decode_ros, schema=name, ros1=encoding == "ros1", definition=text)
-        if name.startswith(_HEADED):
+        if name.startswith("sensor_msgs/"):  # they begin with a std_msgs/Header
             return (ros1_stamp if encoding == "ros1" else cdr_stamp), decode
     elif encoding == "json":
         decode = json.loads

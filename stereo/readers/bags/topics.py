@@ -136,8 +136,6 @@ def _listed(topics: Sequence[Topic]) -> str:
 
 MAX_NS = 2**62
 """Times beyond the year 2116 are no clock's."""
-AHEAD = 64
-"""Messages that are read past rather than looked up anew (our choice)."""
 
 
 class TopicImages:
@@ -178,7 +176,8 @@ class TopicImages:
         stream: Iterator[Message] = iter(())
         next_place = -1
         for place in places:
-            if not 0 <= place - next_place <= AHEAD or next_place < 0:
+            # So many messages are read past rather than looked up anew (our choice).
+            if not 0 <= place - next_place <= 64 or next_place < 0:
                 start = int(self.log_ns[place])
                 next_place = int(np.searchsorted(self.log_ns, start))
                 stream = self.bag.messages(self.topic.name, start)

@@ -15,15 +15,9 @@ BLUE = np.full((2, 3, 3), (255, 0, 0), np.uint8)
 GREY = np.arange(6, dtype=np.uint8).reshape(2, 3)
 
 
-def test_blue_is_dark_grey() -> None:
+def test_grey_and_colour_of_an_image() -> None:
     np.testing.assert_array_equal(as_grey(BLUE), np.full((2, 3), 29))
-
-
-def test_grey_image_stays_itself_as_grey() -> None:
     assert as_grey(GREY) is GREY
-
-
-def test_grey_image_gets_three_equal_channels_as_colour() -> None:
     np.testing.assert_array_equal(as_colour(GREY), np.dstack([GREY] * 3))
 
 

@@ -50,15 +50,16 @@ def test_toml_as_people_write_it_is_read() -> None:
     assert parse_toml('a.b.c = [[1.5, 2.5], [3.5, 4.5]] # "a.b.c.d"\n') == {"a": {"b": {"c": [[1.5, 2.5], [3.5, 4.5]]}}}
 
 
-def test_yaml_merge_bomb_is_refused() -> None:
-    levels = [f"b{i}: &b{i}\n  <<: [{', '.join([f'*b{i - 1}'] * 9)}]" for i in range(1, 9)]
-    with pytest.raises(ValueError, match="reference"):
-        parse_yaml("\n".join(["b0: &b0 {x: 1}", *levels]))
+MERGES = "\n".join(["b0: &b0 {x: 1}", *(f"b{i}: &b{i}\n  <<: [{', '.join([f'*b{i - 1}'] * 9)}]" for i in range(1, 9))])
 
 
-@pytest.mark.parametrize("text", ["a: " + "[" * 5000, "a: [" + "1, " * 100_000 + "1]"], ids=["deep", "long"])
-def test_yaml_beyond_reason_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match="expected YAML"):
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [(MERGES, "reference"), ("a: " + "[" * 5000, "expected YAML"), ("a: [" + "1, " * 100_000 + "1]", "expected YAML")],
+    ids=["merge bomb", "deep", "long"],
+)
+def test_yaml_beyond_reason_is_refused(text: str, found: str) -> None:
+    with pytest.raises(ValueError, match=found):
         parse_yaml(text)
 
 
@@ -124,11 +125,12 @@ def test_reason_of_an_error_is_words_on_one_line(error: Exception, text: str) ->
     assert reason(error) == text
 
 
-def test_a_file_is_replaced_in_one_step(tmp_path: Path) -> None:
-    write_whole(tmp_path / "a", "old")
-    write_whole(tmp_path / "a", "new")
-    assert (tmp_path / "a").read_text() == "new"
-    assert [file.name for file in tmp_path.iterdir()] == ["a"]
+def test_a_file_is_replaced_in_one_step_and_its_folder_made(tmp_path: Path) -> None:
+    folder = tmp_path / "made" / "deep"
+    write_whole(folder / "a", "old")
+    write_whole(folder / "a", "new")
+    assert (folder / "a").read_text() == "new"
+    assert [file.name for file in folder.iterdir()] == ["a"]
 
 
 def test_an_error_while_writing_leaves_the_file_as_it_was(tmp_path: Path) -> None:
@@ -153,11 +155,6 @@ def test_a_device_is_written_and_not_replaced() -> None:
     assert Path("/dev/null").is_char_device()
 
 
-def test_folder_of_a_file_is_made(tmp_path: Path) -> None:
-    write_whole(tmp_path / "new" / "deep" / "a.txt", "text")
-    assert (tmp_path / "new" / "deep" / "a.txt").read_text() == "text"
-
-
 @pytest.mark.parametrize(
     ("text", "metres"),
     [("24.23mm", 0.02423), ("2.5 cm", 0.025), ("0.1m", 0.1), ("1in", 0.0254), ("mm", 0.001), ("3e1mm", 0.03)],
@@ -172,11 +169,8 @@ def test_length_without_sense_is_refused(text: str) -> None:
         parse_length(text, "--square")
 
 
-def test_size_is_width_by_height() -> None:
-    assert parse_size("1280x720") == (1280, 720)
-
-
 @pytest.mark.parametrize("text", ["1280", "0x5", "ax3", "-1x4", "1.5x2"])
-def test_size_without_sense_is_refused(text: str) -> None:
+def test_size_is_width_by_height_or_refused(text: str) -> None:
+    assert parse_size("1280x720") == (1280, 720)
     with pytest.raises(InputError, match="WIDTHxHEIGHT"):
         parse_size(text)

@@ -75,29 +75,18 @@ def test_bag_without_camera_info_asks_for_a_calibration(tmp_path: Path) -> None:
         layout.open()
 
 
-def test_baseline_comes_from_static_transforms_when_p_holds_none(tmp_path: Path) -> None:
-    path = stereo_bag(tmp_path / "a", False, baseline_m=0.0)
+def test_bag_whose_p_holds_no_baseline_needs_transforms(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no transform from left_optical to right_optical"):
-        open_recording(path)
-    writer = Writer(tmp_path / "b", False)
-    types = writer.store.types
-    for i in range(3):
-        for side in ("left", "right"):
-            log = START_NS + i * STEP_NS
-            writer.write(f"/{side}/image_raw", log, writer.image(log, picture(0)))
-            writer.write(f"/{side}/camera_info", log, writer.info(log, 0.0, f"{side}_optical"))
-    no_turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-    poses = [
-        types["geometry_msgs/msg/TransformStamped"](
-            writer.header(START_NS, "base"),
-            f"{side}_optical",
-            types["geometry_msgs/msg/Transform"](types["geometry_msgs/msg/Vector3"](x, 0.0, 0.0), no_turn),
-        )
-        for side, x in (("left", 0.0), ("right", 0.2))
-    ]
-    writer.write("/tf_static", START_NS, types["tf2_msgs/msg/TFMessage"](poses))
+        open_recording(stereo_bag(tmp_path / "a", False, baseline_m=0.0))
+
+
+@pytest.mark.parametrize("name", ["a", "a.bag"])
+def test_static_transforms_give_the_baseline_by_the_definition_in_the_bag(tmp_path: Path, name: str) -> None:
+    writer = Writer(tmp_path / name, name.endswith(".bag"))
+    writer.pairs(range(3), 0.0)
+    writer.static_transforms(0.2)
     writer.close()
-    recording = open_recording(tmp_path / "b")
+    recording = open_recording(tmp_path / name)
     np.testing.assert_allclose(recording.rig.right_SE3_left.translation, [-0.2, 0, 0])
 
 
@@ -122,15 +111,20 @@ class Listed:
         self.topics = tuple(Topic(name, "", "info" if "info" in name else "image", 5) for name in names)
 
 
-def test_topics_of_a_realsense_bag_are_its_infrared_pair() -> None:
-    bag = Listed("/camera/color/image_raw", "/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw",
-                 "/camera/depth/image_rect_raw")  # fmt: skip
-    assert choose_topics(bag, ()) == ("stereo", "/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw")  # type: ignore[arg-type]
-
-
-def test_topics_of_colour_and_depth_are_an_rgbd_pair() -> None:
-    bag = Listed("/camera/color/image_raw", "/camera/depth/image_rect_raw", "/camera/color/image_rect")
-    assert choose_topics(bag, ()) == ("rgbd", "/camera/color/image_raw", "/camera/depth/image_rect_raw")  # type: ignore[arg-type]
+@pytest.mark.parametrize(
+    ("kind", "chosen", "others"),
+    [
+        (
+            "stereo",
+            ("/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw"),
+            ("/camera/color/image_raw", "/camera/depth/image_rect_raw"),
+        ),
+        ("rgbd", ("/camera/color/image_raw", "/camera/depth/image_rect_raw"), ("/camera/color/image_rect",)),
+    ],
+    ids=["infrared pair of a RealSense", "colour and depth"],
+)
+def test_topics_of_a_pair_are_chosen(kind: str, chosen: tuple[str, str], others: tuple[str, ...]) -> None:
+    assert choose_topics(Listed(*others, *chosen), ()) == (kind, *chosen)  # type: ignore[arg-type]
 
 
 def test_two_rigs_in_a_bag_are_asked_for() -> None:
@@ -188,33 +182,6 @@ def test_compressed_depth_of_floats_is_unquantised() -> None:
     np.testing.assert_array_equal(stored, [[np.nan, 2.0]])
 
 
-def test_static_transforms_of_a_ros_1_bag_are_read_by_the_definition_in_the_bag(tmp_path: Path) -> None:
-    tf = """geometry_msgs/TransformStamped[] transforms
-================================================================================
-MSG: geometry_msgs/TransformStamped
-std_msgs/Header header
-string child_frame_id
-geometry_msgs/Transform transform
-"""
-    writer = Writer(tmp_path / "a.bag", True)
-    types = writer.store.types
-    if "tf2_msgs/msg/TFMessage" not in types:
-        writer.store.register(typesys.get_types_from_msg(tf, "tf2_msgs/msg/TFMessage"))
-    for i in range(3):
-        for side in ("left", "right"):
-            log = START_NS + i * STEP_NS
-            writer.write(f"/{side}/image_raw", log, writer.image(log, picture(0)))
-            writer.write(f"/{side}/camera_info", log, writer.info(log, 0.0, f"{side}_optical"))
-    no_turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-    for side, x in (("left", 0.0), ("right", 0.2)):
-        place = types["geometry_msgs/msg/Transform"](types["geometry_msgs/msg/Vector3"](x, 0.0, 0.0), no_turn)
-        stamped = types["geometry_msgs/msg/TransformStamped"](writer.header(START_NS, "base"), f"{side}_optical", place)
-        writer.write("/tf_static", START_NS, writer.store.types["tf2_msgs/msg/TFMessage"]([stamped]))
-    writer.close()
-    recording = open_recording(tmp_path / "a.bag")
-    np.testing.assert_allclose(recording.rig.right_SE3_left.translation, [-0.2, 0, 0])
-
-
 @pytest.mark.parametrize("damage", [lambda data: data[:20], lambda data: b""])
 def test_damaged_camera_info_is_refused_in_one_sentence(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
     writer = Writer(tmp_path / "a", False)
@@ -247,17 +214,9 @@ def test_rows_that_announce_more_than_the_message_holds_take_no_memory() -> None
 
 
 def test_chunk_that_unpacks_without_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    writer = Writer(tmp_path / "a.bag", True)
-    writer.close()
     path = tmp_path / "b.bag"
-    bag = rosbag1.Writer(path)
-    bag.set_compression(rosbag1.Writer.CompressionFormat.BZ2)
-    writer.bag = bag
-    bag.open()
-    writer.connections.clear()
-    for i in range(2):
-        for side in ("left", "right"):
-            writer.write(f"/{side}/image_raw", START_NS + i, writer.image(START_NS + i * STEP_NS, picture(0)))
+    writer = Writer(path, True, chunks="bz2")
+    writer.pairs(range(2))
     writer.close()
     assert find_layout(path)[1].n_frames == 2
     monkeypatch.setattr(storage, "MAX_UNPACKED_BYTES", 100)
@@ -273,10 +232,7 @@ def test_message_that_unpacks_without_end_is_refused(tmp_path: Path, monkeypatch
     bag.open()
     writer.bag = bag
     writer.connections.clear()
-    for i in range(2):
-        for side in ("left", "right"):
-            log = START_NS + i * STEP_NS
-            writer.write(f"/{side}/image_raw", log, writer.image(log, picture(7)))
+    writer.pairs(range(2))
     writer.close()
     _, layout = find_layout(tmp_path / "a")
     assert layout.n_frames == 2 and layout.streams[0].size == (W, H)

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from toy_recordings import write_frames
 from toy_stereo import toy_rig
 
 from calib.errors import InputError
@@ -30,11 +31,7 @@ def served(tmp_path: Path) -> Iterator[str]:
     texture = cv2.resize(rng.integers(0, 255, (12, 18), dtype=np.uint8), (72, 48), interpolation=cv2.INTER_LINEAR)
     left, right = texture[:, :64], texture[:, 4:68]
     for name, picture in (("both", np.hstack([left, right])), ("left", left), ("right", right)):
-        size = picture.shape[1], picture.shape[0]
-        writer = cv2.VideoWriter(str(tmp_path / f"{name}.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, size)
-        for _ in range(COUNT):
-            writer.write(cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_GRAY2BGR))
-        writer.release()
+        write_frames(tmp_path / f"{name}.avi", [np.ascontiguousarray(picture)] * COUNT)
     save_rig(toy_rig((64, 48), focal_px=60.0), tmp_path / "rig.toml")
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(tmp_path)))
     thread = threading.Thread(target=server.serve_forever, daemon=True)

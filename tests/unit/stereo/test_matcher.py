@@ -73,18 +73,11 @@ def test_search_may_start_above_zero() -> None:
     assert np.nanmedian(found) == pytest.approx(12.0, abs=0.1)
 
 
-def test_saturated_area_has_no_disparity() -> None:
+@pytest.mark.parametrize("level", [255, 90], ids=["saturated", "without texture"])
+def test_area_that_shows_nothing_has_no_disparity(level: int) -> None:
     left, right = shifted(12.0)
-    left[60:180, 100:250] = 255
-    right[60:180, 88:238] = 255
-    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32))(left, right)
-    assert np.isnan(found[75:165, 115:235]).all()
-
-
-def test_area_without_texture_has_no_disparity() -> None:
-    left, right = shifted(12.0)
-    left[60:180, 100:250] = 90
-    right[60:180, 88:238] = 90
+    left[60:180, 100:250] = level
+    right[60:180, 88:238] = level
     found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32))(left, right)
     assert np.isnan(found[75:165, 115:235]).all()
 
@@ -96,18 +89,12 @@ def test_unrelated_images_give_little_disparity() -> None:
     assert np.isfinite(found).mean() < 0.4
 
 
-def test_masked_pixels_have_no_disparity() -> None:
+@pytest.mark.parametrize(("side", "seen"), [("mask", 197), ("right_mask", 212)])
+def test_pixels_that_are_masked_or_whose_match_is_have_no_disparity(side: str, seen: int) -> None:
     mask = np.full(SIZE[::-1], 255, np.uint8)
     mask[:, 200:] = 0
-    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32), mask=mask)(*shifted(12.0))
-    assert np.isnan(found[:, 197:]).all() and np.isfinite(found[20:-20, 60:190]).mean() > 0.9
-
-
-def test_pixels_whose_match_is_masked_have_no_disparity() -> None:
-    mask = np.full(SIZE[::-1], 255, np.uint8)
-    mask[:, 200:] = 0
-    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32), right_mask=mask)(*shifted(12.0))
-    assert np.isnan(found[:, 212:]).all() and np.isfinite(found[20:-20, 60:200]).mean() > 0.9
+    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32), **{side: mask})(*shifted(12.0))  # type: ignore[arg-type]
+    assert np.isnan(found[:, seen:]).all() and np.isfinite(found[20:-20, 60 : seen - 7]).mean() > 0.9
 
 
 @pytest.mark.parametrize("step", [1, 2, 3])
@@ -158,9 +145,10 @@ def test_range_above_a_known_floor_starts_below_the_floor_and_ends_at_heads() ->
     assert found == DisparityRange(8, 48)
 
 
-def test_range_of_a_level_camera_starts_at_infinity() -> None:
+def test_level_camera_is_searched_from_infinity_and_sees_no_farthest_head() -> None:
     floor = Floor(world_from_plane(np.array([0.0, -1.0, 0.0]), 1.6))
     assert disparity_range(OVERHEAD, RangeParams(nearest_m=0.7), floor).first_px == 0
+    assert farthest_head_m(GEOMETRY, floor) == np.inf
 
 
 def test_range_is_bounded_for_wide_baselines() -> None:
@@ -196,11 +184,6 @@ def test_far_rows_need_fewer_disparities() -> None:
 def test_farthest_head_from_straight_above_is_a_childs_in_the_corner() -> None:
     floor = Floor(world_from_plane(np.array([0.0, 0.0, -1.0]), 2.85))
     assert farthest_head_m(OVERHEAD, floor) == pytest.approx(2.0)
-
-
-def test_camera_that_sees_the_horizon_has_no_farthest_head() -> None:
-    floor = Floor(world_from_plane(np.array([0.0, -1.0, 0.0]), 1.6))
-    assert farthest_head_m(GEOMETRY, floor) == np.inf
 
 
 RECTIFIER = Rectifier(toy_rig())

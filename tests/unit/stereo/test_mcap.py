@@ -8,9 +8,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from toy_recordings import H, W, picture
 
 from calib.errors import InputError
-from calib.types import AnyArray
 from stereo.readers import open_recording
 from stereo.readers.bags import storage
 
@@ -18,14 +18,7 @@ writer_module = pytest.importorskip("mcap.writer")
 descriptors = pytest.importorskip("google.protobuf.descriptor_pb2")
 pytest.importorskip("mcap_protobuf.decoder")
 
-W, H, COUNT, STEP_NS, START_NS = 32, 24, 4, 50_000_000, 1_700_000_000_000_000_000
-Field = Any
-
-
-def picture(value: int) -> AnyArray:
-    image = np.add.outer(np.arange(H), np.arange(W)).astype(np.uint8)
-    image[:8, :8] = value
-    return image
+COUNT, STEP_NS, START_NS = 4, 50_000_000, 1_700_000_000_000_000_000
 
 
 def messages(side: str, i: int) -> tuple[dict[str, Any], dict[str, Any]]:

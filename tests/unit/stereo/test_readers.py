@@ -1,49 +1,19 @@
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from toy_recordings import H, W, folder_recording, video_pair, write_video
 from toy_stereo import toy_rig
 
 from calib.errors import InputError
 from calib.rig import save_rig
-from calib.types import U8
 from stereo.readers import OpenOptions, open_recording, open_video
 from stereo.readers.pairing import even_sequence, pair_files
 from stereo.readers.times import load_timestamps
 from stereo.recording import prefetch
-
-W, H = 32, 24
-
-
-def picture(value: int, colour: bool = False) -> U8:
-    """A ramp whose top left pixel tells the frame."""
-    image = np.add.outer(np.arange(H), np.arange(W)).astype(np.uint8)
-    image[:8, :8] = value
-    return np.dstack([image, image // 2, image]) if colour else image
-
-
-def folder_recording(folder: Path, count: int = 6, colour: bool = False, size: tuple[int, int] = (W, H)) -> Path:
-    for side in ("left", "right"):
-        (folder / side).mkdir(parents=True)
-        for i in range(count):
-            cv2.imwrite(str(folder / side / f"{i:04d}.png"), picture(10 * i, colour))
-    save_rig(toy_rig(size, focal_px=30.0), folder / "rig.toml")
-    return folder
-
-
-def write_video(path: Path, count: int, width: int = 64, height: int = 48, colour: bool = False) -> None:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (width, height))
-    assert writer.isOpened()
-    rng = np.random.default_rng(0)
-    image = cv2.resize(rng.integers(0, 255, (6, 8, 3 if colour else 1), dtype=np.uint8), (width, height))
-    for i in range(count):
-        frame = image.copy()
-        frame[:16, :16] = 20 * (i % 12)
-        writer.write(frame if frame.ndim == 3 else cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR))
-    writer.release()
 
 
 def test_folder_recording_yields_pairs_in_order(tmp_path: Path) -> None:
@@ -55,42 +25,34 @@ def test_folder_recording_yields_pairs_in_order(tmp_path: Path) -> None:
     assert recording.n_frames == 6 and recording.skipped == []
 
 
-def test_folder_recording_keeps_colour(tmp_path: Path) -> None:
-    frame = next(iter(open_recording(folder_recording(tmp_path / "r", colour=True))))
-    assert frame.left.shape == (H, W, 3)
-
-
-def test_recording_can_be_iterated_twice(tmp_path: Path) -> None:
-    recording = open_recording(folder_recording(tmp_path / "r"))
+def test_folder_recording_keeps_colour_and_can_be_iterated_twice(tmp_path: Path) -> None:
+    recording = open_recording(folder_recording(tmp_path / "r", colour=True))
     assert len(list(recording)) == len(list(recording)) == 6
+    assert next(iter(recording)).left.shape == (H, W, 3)
 
 
-def test_undecodable_image_is_skipped_and_counted(tmp_path: Path) -> None:
-    folder = folder_recording(tmp_path / "r")
-    (folder / "left" / "0002.png").write_bytes(b"not an image")
-    recording = open_recording(folder)
+@pytest.mark.parametrize(
+    ("damage", "why"),
+    [
+        (lambda data: b"not an image", "left: left/0002.png cannot be decoded"),
+        (lambda data: data[:-40], "left: left/0002.png cannot be decoded"),
+        (
+            lambda data: cv2.imencode(".png", np.zeros((H, W + 2), np.uint8))[1],
+            "left: left/0002.png is 34x24, not 32x24",
+        ),
+    ],
+    ids=["no image", "cut off", "another size"],
+)
+def test_damaged_image_is_skipped_and_counted(tmp_path: Path, damage: Callable[[bytes], bytes], why: str) -> None:
+    file = folder_recording(tmp_path / "r") / "left" / "0002.png"
+    file.write_bytes(damage(file.read_bytes()))
+    recording = open_recording(tmp_path / "r")
     assert [f.index for f in recording] == [0, 1, 3, 4, 5]
-    assert [(s.index, s.why) for s in recording.skipped] == [(2, "left: left/0002.png cannot be decoded")]
-
-
-def test_truncated_image_is_not_taken_for_a_whole_one(tmp_path: Path) -> None:
-    folder = folder_recording(tmp_path / "r")
-    file = folder / "right" / "0003.png"
-    file.write_bytes(file.read_bytes()[:-40])
-    recording = open_recording(folder)
-    assert [f.index for f in recording] == [0, 1, 2, 4, 5]
-
-
-def test_image_of_another_size_is_skipped(tmp_path: Path) -> None:
-    folder = folder_recording(tmp_path / "r")
-    cv2.imwrite(str(folder / "left" / "0004.png"), np.zeros((H, W + 2), np.uint8))
-    recording = open_recording(folder)
-    assert [f.index for f in recording] == [0, 1, 2, 3, 5]
-    assert "34x24, not 32x24" in recording.skipped[0].why
+    assert [(s.index, s.why) for s in recording.skipped] == [(2, why)]
 
 
 def test_missing_file_leaves_a_gap_in_time(tmp_path: Path) -> None:
-    folder = folder_recording(tmp_path / "r", count=15)
+    folder = folder_recording(tmp_path / "r", 15)
     (folder / "left" / "0002.png").unlink()
     rows = [f"{i},{i * 0.1}" for i in range(15)]
     (folder / "timestamps.csv").write_text("frame,timestamp_s\n" + "\n".join(rows))
@@ -103,7 +65,7 @@ def test_missing_file_leaves_a_gap_in_time(tmp_path: Path) -> None:
 
 
 def test_numbers_missing_on_both_sides_are_skipped_frames(tmp_path: Path) -> None:
-    folder = folder_recording(tmp_path / "r", count=15)
+    folder = folder_recording(tmp_path / "r", 15)
     for side in ("left", "right"):
         (folder / side / "0005.png").unlink()
     recording = open_recording(folder)
@@ -112,7 +74,7 @@ def test_numbers_missing_on_both_sides_are_skipped_frames(tmp_path: Path) -> Non
 
 
 def test_folders_that_do_not_pair_are_refused_by_name(tmp_path: Path) -> None:
-    folder = folder_recording(tmp_path / "r", count=9)
+    folder = folder_recording(tmp_path / "r", 9)
     for i in (3, 5, 7):
         (folder / "right" / f"{i:04d}.png").unlink()
     with pytest.raises(InputError, match=r"0003\.png: expected a mate .*9 left, 6 right"):
@@ -143,10 +105,7 @@ def test_even_sequence_leaves_uneven_numbers_alone() -> None:
 
 
 def test_video_pair_is_read_and_grey_detected(tmp_path: Path) -> None:
-    for side in ("left", "right"):
-        write_video(tmp_path / f"{side}.avi", 8)
-    save_rig(toy_rig((64, 48), focal_px=60.0), tmp_path / "rig.toml")
-    recording = open_recording(tmp_path)
+    recording = open_recording(video_pair(tmp_path, (8, 8)))
     frames = list(recording)
     assert len(frames) == recording.n_frames == 8
     assert frames[0].left.ndim == 2
@@ -155,20 +114,15 @@ def test_video_pair_is_read_and_grey_detected(tmp_path: Path) -> None:
 
 
 def test_shorter_video_trims_the_pair_and_says_so(tmp_path: Path) -> None:
-    write_video(tmp_path / "left.avi", 8)
-    write_video(tmp_path / "right.avi", 5)
-    save_rig(toy_rig((64, 48), focal_px=60.0), tmp_path / "rig.toml")
-    recording = open_recording(tmp_path)
+    recording = open_recording(video_pair(tmp_path, (8, 5)))
     assert [f.index for f in recording] == [0, 1, 2, 3, 4]
     assert [s.index for s in recording.skipped] == [5, 6, 7]
 
 
 def test_truncated_video_ends_early_and_says_so(tmp_path: Path) -> None:
-    for side in ("left", "right"):
-        write_video(tmp_path / f"{side}.avi", 30, 320, 240)
+    video_pair(tmp_path, (30, 30), 320, 240)
     data = (tmp_path / "right.avi").read_bytes()
     (tmp_path / "right.avi").write_bytes(data[: len(data) // 2])
-    save_rig(toy_rig((320, 240), focal_px=60.0), tmp_path / "rig.toml")
     recording = open_recording(tmp_path)
     count = len(list(recording))
     assert 0 < count < 30
@@ -197,10 +151,7 @@ def test_sample_spreads_frames_and_leaves_skipped_alone(tmp_path: Path) -> None:
 
 
 def test_sample_of_videos_seeks_to_the_same_frames(tmp_path: Path) -> None:
-    for side in ("left", "right"):
-        write_video(tmp_path / f"{side}.avi", 12)
-    save_rig(toy_rig((64, 48), focal_px=60.0), tmp_path / "rig.toml")
-    frames = open_recording(tmp_path).sample(4)
+    frames = open_recording(video_pair(tmp_path, (12, 12))).sample(4)
     assert [f.index for f in frames] == [0, 4, 7, 11]
     assert [round(int(f.left[4, 4]) / 20) for f in frames] == [0, 4, 7, 11]
 
@@ -213,16 +164,12 @@ def test_sides_of_different_size_are_refused(tmp_path: Path) -> None:
         open_recording(folder)
 
 
-def test_calibration_of_another_aspect_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="32x24, found one for 64x40"):
-        open_recording(folder_recording(tmp_path / "r", size=(64, 40)))
-
-
-def test_calibration_of_the_whole_sensor_is_scaled_and_noted(tmp_path: Path) -> None:
+def test_calibration_of_the_whole_sensor_is_scaled_and_of_another_aspect_refused(tmp_path: Path) -> None:
     recording = open_recording(folder_recording(tmp_path / "r", size=(64, 48)))
-    assert recording.rig.left.size == (W, H)
-    assert recording.rig.left.fx == pytest.approx(15.0)
+    assert (recording.rig.left.size, recording.rig.left.fx) == ((W, H), pytest.approx(15.0))
     assert "scaled from 64x48 to 32x24" in recording.rig.source
+    with pytest.raises(InputError, match="32x24, found one for 64x40"):
+        open_recording(folder_recording(tmp_path / "s", size=(64, 40)))
 
 
 def test_recording_without_images_names_what_it_found(tmp_path: Path) -> None:
@@ -289,16 +236,8 @@ def test_prefetch_passes_errors_on() -> None:
         next(items)
 
 
-def test_prefetch_left_early_stops_its_thread() -> None:
-    before = threading.active_count()
-    items = prefetch(iter(range(1000)), depth=2)
-    assert next(items) == 0
-    items.close()
-    assert threading.active_count() == before
-
-
-def test_prefetch_left_early_closes_its_source() -> None:
-    closed = threading.Event()
+def test_prefetch_left_early_stops_its_thread_and_closes_its_source() -> None:
+    before, closed = threading.active_count(), threading.Event()
 
     def source() -> Iterator[int]:
         try:
@@ -310,7 +249,7 @@ def test_prefetch_left_early_closes_its_source() -> None:
     items = prefetch(frames, depth=2)
     assert next(items) == 0
     items.close()
-    assert closed.is_set()
+    assert closed.is_set() and threading.active_count() == before
 
 
 def test_images_of_one_camera_without_times_say_which_rate_is_assumed(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from calib.pose import SE3
 from calib.rig import StereoRig
 from stereo.gating import Window
 from stereo.recording import StereoFrame
-from stereo.rectify import Rectifier, RectifyParams, aligned_rectifier, common_geometry, fold_radius, source_pixels
+from stereo.rectify import Rectifier, RectifyParams, aligned_rectifier, fold_radius, ideal_pinhole, source_pixels
 from stereo.rig_correction import MatchParams, match_corners
 
 TURN = (0.5, -0.6, 0.8)
@@ -38,20 +38,15 @@ def test_geometry_of_an_ideal_pair_is_the_cameras_own() -> None:
     assert geometry.baseline_m == pytest.approx(0.12)
 
 
-@pytest.mark.parametrize("distortion", [(), BROWN])
-def test_rows_of_a_turned_pair_are_aligned(distortion: tuple[float, ...]) -> None:
-    offsets = row_offsets(toy_rig(rotation_deg=TURN, distortion=distortion))
-    assert len(offsets) > 60
-    assert np.median(np.abs(offsets)) < 0.06
+FISHEYE = Camera(320, 240, 140.0, 140.0, 159.5, 119.5, "fisheye", (0.02, -0.01, 0.0, 0.0))
 
 
-def test_rows_of_a_fisheye_pair_are_aligned() -> None:
-    camera = Camera(320, 240, 140.0, 140.0, 159.5, 119.5, "fisheye", (0.02, -0.01, 0.0, 0.0))
-    turn = SE3.from_rotvec(np.radians(TURN))
-    rig = StereoRig(camera, camera, SE3(turn.rotation, turn.rotation @ np.array([-0.12, 0.0, 0.0])))
-    offsets = row_offsets(rig)
+@pytest.mark.parametrize(("distortion", "lens", "most"), [((), None, 0.06), (BROWN, None, 0.06), ((), FISHEYE, 0.1)])
+def test_rows_of_a_turned_pair_are_aligned(distortion: tuple[float, ...], lens: Camera | None, most: float) -> None:
+    rig = toy_rig(rotation_deg=TURN, distortion=distortion)
+    offsets = row_offsets(StereoRig(lens, lens, rig.right_SE3_left) if lens else rig)
     assert len(offsets) > 60
-    assert np.median(np.abs(offsets)) < 0.1
+    assert np.median(np.abs(offsets)) < most
 
 
 def test_rectified_baseline_lies_along_x() -> None:
@@ -68,8 +63,10 @@ def test_cameras_one_above_the_other_give_an_upright_strip() -> None:
     assert Rectifier(rig).geometry.size == (240, 320)
 
 
-def test_large_images_are_reduced_to_the_working_size() -> None:
-    rectifier = Rectifier(toy_rig((1280, 960), focal_px=920.0))
+def test_large_images_are_reduced_to_the_working_size_unless_the_full_size_is_asked_for() -> None:
+    rig = toy_rig((1280, 960), focal_px=920.0)
+    assert Rectifier(rig, RectifyParams(working_px=0)).geometry.size == (1280, 960)
+    rectifier = Rectifier(rig)
     assert rectifier.geometry.size == (640, 480)
     assert rectifier.geometry.focal_u_px == pytest.approx(460.0)
     checker = np.kron(np.indices((480, 640)).sum(axis=0) % 2, np.ones((2, 2))).astype(np.uint8) * 255
@@ -87,14 +84,9 @@ def test_odd_sizes_are_reduced_without_a_shift() -> None:
     assert np.abs(row - expected)[5:-5].mean() < 0.7
 
 
-def test_full_size_is_kept_on_request() -> None:
-    rectifier = Rectifier(toy_rig((1280, 960), focal_px=920.0), RectifyParams(working_px=0))
-    assert rectifier.geometry.size == (1280, 960)
-
-
 def test_folding_lens_model_is_not_followed_outside_its_range() -> None:
     camera = Camera(1280, 800, 808.0, 808.0, 634.0, 408.0, "rational", RATIONAL)
-    assert 0.7 < fold_radius(camera) < 0.9
+    assert 0.7 < fold_radius(camera) < 0.9 < fold_radius(toy_rig().left) == np.inf
     rig = StereoRig(camera, camera, SE3(np.eye(3), np.array([-0.07, 0.0, 0.0])))
     rectifier = Rectifier(rig)
     g = rectifier.geometry
@@ -104,14 +96,10 @@ def test_folding_lens_model_is_not_followed_outside_its_range() -> None:
     assert rectifier.mask[radius < 0.4].all()
 
 
-def test_distortion_free_lens_never_folds() -> None:
-    assert fold_radius(toy_rig().left) == np.inf
-
-
 def test_field_grows_with_the_share_of_border_kept() -> None:
     rig = toy_rig(distortion=BROWN)
     rotation, _ = rig.rectifying_rotations()
-    focals = [common_geometry(rig, rotation, 640, q).focal_u_px for q in (0.0, 0.5, 1.0)]
+    focals = [ideal_pinhole(rig.left, rotation, 640, q, 0.12).focal_u_px for q in (0.0, 0.5, 1.0)]
     assert focals[0] > focals[1] > focals[2]
 
 

@@ -45,20 +45,15 @@ def test_rectifier_refuses_depth_of_another_size() -> None:
         RgbdRectifier(CAMERA, "stereo")(frame)
 
 
-def test_registration_shifts_depth_by_the_disparity_of_the_baseline() -> None:
+@pytest.mark.parametrize("farther_px", [[], [38]], ids=["alone", "before a farther surface"])
+def test_registration_shifts_depth_by_the_disparity_and_keeps_the_nearer_surface(farther_px: list[int]) -> None:
     rig = RgbdRig(CAMERA, CAMERA, SE3(np.eye(3), np.array([-0.1, 0.0, 0.0])))
     depth = np.full((48, 64), np.nan, np.float32)
+    depth[20, farther_px] = 6.0  # 1 px to the left: column 37 too
     depth[20, 40] = 2.0
     moved = DepthRegistration(rig)(depth)
     assert np.argwhere(np.isfinite(moved)).tolist() == [[20, 37]]  # 60 px * 0.1 m / 2 m to the left
     assert moved[20, 37] == 2.0
-
-
-def test_registration_keeps_the_nearer_of_two_surfaces() -> None:
-    rig = RgbdRig(CAMERA, CAMERA, SE3(np.eye(3), np.array([-0.1, 0.0, 0.0])))
-    depth = np.full((48, 64), np.nan, np.float32)
-    depth[20, 40], depth[20, 38] = 2.0, 6.0  # both fall on column 37
-    assert DepthRegistration(rig)(depth)[20, 37] == 2.0
 
 
 def test_registration_fills_an_image_of_more_pixels() -> None:

@@ -1,7 +1,6 @@
 """Readers of images with depth."""
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -53,15 +52,14 @@ def test_depth_scale_counts_units_of_a_metre_or_metres_of_a_unit(tmp_path: Path,
     np.testing.assert_allclose(frame.depth_m, 0.5)
 
 
-def test_depth_in_its_own_frame_is_moved_by_the_pose(tmp_path: Path) -> None:
-    pose = {"R": np.eye(3).tolist(), "T_m": [0.0, 0.0, 0.5]}
-    frame = next(iter(_open(_folders(tmp_path, {"rgb": CAMERA, "depth": CAMERA, "depth_to_rgb": pose}))))
-    np.testing.assert_allclose(frame.depth_m[24, 32], 3.0)
-
-
-def test_pose_of_the_image_in_the_depth_camera_is_inverted(tmp_path: Path) -> None:
-    pose = {"R": np.eye(3).tolist(), "T": [0.0, 0.0, -500.0]}  # millimetres
-    frame = next(iter(_open(_folders(tmp_path, {"color": CAMERA, "depth": CAMERA, "color_to_depth": pose}))))
+@pytest.mark.parametrize(
+    ("key", "shift"),
+    [("depth_to_rgb", {"T_m": [0.0, 0.0, 0.5]}), ("color_to_depth", {"T": [0.0, 0.0, -500.0]})],
+    ids=["metres", "the other way in millimetres"],
+)
+def test_depth_in_its_own_frame_is_moved_by_the_pose(tmp_path: Path, key: str, shift: dict[str, list[float]]) -> None:
+    content = {"rgb": CAMERA, "depth": CAMERA, key: {"R": np.eye(3).tolist(), **shift}}
+    frame = next(iter(_open(_folders(tmp_path, content))))
     np.testing.assert_allclose(frame.depth_m[24, 32], 3.0)
 
 
@@ -104,16 +102,12 @@ def test_folders_without_calibration_are_refused(tmp_path: Path) -> None:
         open_any(tmp_path)
 
 
-def test_calibration_of_another_aspect_is_refused(tmp_path: Path) -> None:
+def test_calibration_of_another_aspect_is_refused_and_of_twice_the_resolution_scaled(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="another aspect"):
-        open_any(_folders(tmp_path, CAMERA | {"height": 40}))
-
-
-def test_calibration_of_twice_the_resolution_is_scaled(tmp_path: Path) -> None:
+        open_any(_folders(tmp_path / "a", CAMERA | {"height": 40}))
     large = {"fx": 120.0, "fy": 120.0, "cx": 63.5, "cy": 47.5, "width": 128, "height": 96}
-    recording = _open(_folders(tmp_path, large))
-    assert recording.camera.fx == 60.0
-    assert "scaled from 128x96" in recording.source
+    recording = _open(_folders(tmp_path / "b", large))
+    assert recording.camera.fx == 60.0 and "scaled from 128x96" in recording.source
 
 
 def test_lost_depth_image_is_skipped_with_a_reason(tmp_path: Path) -> None:
@@ -198,11 +192,7 @@ def test_rate_is_that_at_which_people_walk(step_m: float, fps: float) -> None:
 
 def test_rate_is_unknown_where_nothing_moves() -> None:
     frames = _walker(0.0)
-
-    def at(indices: Sequence[int]) -> list[RgbdFrame]:
-        return [frames[0] for _ in indices]
-
-    assert rate_by_movement(at, len(frames), WALK_CAMERA) is None
+    assert rate_by_movement(lambda indices: [frames[0] for _ in indices], len(frames), WALK_CAMERA) is None
 
 
 @pytest.mark.parametrize("time", ["1e999999", "1e99999999", "1e19", "nan", "0001-01-01", "9999-12-31", "2262-04-12"])

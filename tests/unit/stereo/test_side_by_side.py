@@ -3,6 +3,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from toy_recordings import write_frames
 from toy_stereo import toy_rig
 
 from calib.errors import InputError
@@ -63,15 +64,8 @@ def test_images_whose_rows_agree_already_are_rectified() -> None:
     assert "alpha 0" in assumed and rectified.baseline_m == pytest.approx(turned.baseline_m)
 
 
-def write(path: Path, picture: U8) -> None:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (picture.shape[1], picture.shape[0]))
-    for _ in range(3):
-        writer.write(picture if picture.ndim == 3 else cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR))
-    writer.release()
-
-
 def test_swapped_video_is_mended_and_told(tmp_path: Path) -> None:
-    write(tmp_path / "pair.avi", np.hstack([RIGHT, LEFT]))
+    write_frames(tmp_path / "pair.avi", [np.hstack([RIGHT, LEFT])] * 3)
     save_rig(toy_rig((W, H)), tmp_path / "rig.toml")
     recording = open_recording(tmp_path)
     frame = next(iter(recording))
@@ -83,6 +77,6 @@ def test_depth_beside_its_image_is_refused(tmp_path: Path) -> None:
     colour = cv2.applyColorMap(view(), cv2.COLORMAP_JET)
     rng = np.random.default_rng(5)
     depth = cv2.resize(rng.integers(0, 255, (30, 40), dtype=np.uint8), (W, H), interpolation=cv2.INTER_NEAREST)
-    write(tmp_path / "pair.avi", np.hstack([cv2.cvtColor(depth, cv2.COLOR_GRAY2BGR), colour]))
+    write_frames(tmp_path / "pair.avi", [np.hstack([cv2.cvtColor(depth, cv2.COLOR_GRAY2BGR), colour])] * 3)
     with pytest.raises(InputError, match=r"grey and a coloured half .* depth beside its colour image"):
         open_recording(tmp_path / "pair.avi")

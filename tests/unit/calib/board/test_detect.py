@@ -40,10 +40,6 @@ def test_corners_are_found_to_a_hundredth_of_a_pixel() -> None:
     assert min(away) < 0.01
 
 
-def test_counts_of_a_board_are_found() -> None:
-    assert find_counts([drawn(8, 5)] * 3) == (8, 5)
-
-
 def test_corners_of_a_board_in_a_small_image_are_found_at_its_own_pixels() -> None:
     image = np.asarray(cv2.resize(drawn(9, 6), None, fx=1 / 3, fy=1 / 3, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     corners = Detector(Board(9, 6, 0.025))(image)
@@ -52,8 +48,9 @@ def test_corners_of_a_board_in_a_small_image_are_found_at_its_own_pixels() -> No
     assert min(np.abs(order - expected).max() for order in (corners.pixels, corners.pixels[::-1])) < 0.1
 
 
-def test_a_part_of_a_board_is_told_from_the_whole() -> None:
+def test_counts_of_a_board_are_found_and_a_part_is_told_from_the_whole() -> None:
     images = [drawn(8, 5)] * 3
+    assert find_counts(images) == (8, 5)
     assert larger_counts(images, (4, 3)) == (8, 5)
     assert larger_counts(images, (5, 8)) is None
 

@@ -85,18 +85,13 @@ def hd_rig() -> StereoRig:
     return StereoRig(camera, camera, POSE, "hd")
 
 
-def test_calibration_of_the_same_aspect_is_scaled_and_says_so(tmp_path: Path) -> None:
+def test_calibration_of_the_same_aspect_is_scaled_and_of_another_refused(tmp_path: Path) -> None:
     write_rig(RIG, tmp_path / "rig.toml")
     rig = load_rig(tmp_path, (320, 240))
     assert rig.left.fx == pytest.approx(250.0)
     assert "scaled from 640x480 to 320x240" in rig.source
-
-
-def test_calibration_of_another_aspect_is_refused(tmp_path: Path) -> None:
-    write_rig(RIG, tmp_path / "rig.toml")
-    with pytest.raises(
-        InputError, match=r"rig.toml: expected a calibration for images of 640x360, found one for 640x480"
-    ):
+    found = r"rig.toml: expected a calibration for images of 640x360, found one for 640x480"
+    with pytest.raises(InputError, match=found):
         load_rig(tmp_path, (640, 360))
 
 
@@ -222,6 +217,8 @@ def test_middlebury_file_is_read_in_millimetres(tmp_path: Path) -> None:
         "K_00: 1\nT_00: 2\n",
         "cam0=[1 2 3]\n",
         "camera_model: x\ncam0:\n  intrinsics: 3\ncam1: 4\n",
+        '<?xml version="1.0"?><!DOCTYPE l [<!ENTITY a "aaaa">]><opencv_storage><M1 type_id="opencv-matrix">&a;</M1>'
+        "<T>1</T></opencv_storage>",
     ],
 )
 def test_hostile_files_are_refused_in_one_sentence(
@@ -233,15 +230,6 @@ def test_hostile_files_are_refused_in_one_sentence(
         load_rig(tmp_path / "f")
     assert "\n" not in str(refusal.value)
     assert not (tmp_path / "PWNED").exists()
-
-
-def test_xml_with_entities_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "f.xml").write_text(
-        '<?xml version="1.0"?><!DOCTYPE l [<!ENTITY a "aaaa">]><opencv_storage><M1 type_id="opencv-matrix">&a;</M1>'
-        "<T>1</T></opencv_storage>"
-    )
-    with pytest.raises(InputError, match="document type"):
-        load_rig(tmp_path / "f.xml")
 
 
 fuzz = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -287,11 +275,9 @@ def test_a_damaged_file_is_read_or_refused(key: str, start: int, length: int, ju
         found[0].write_bytes(good)
 
 
-def test_missing_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="nothing there"):
-        load_rig(tmp_path / "none.yml")
-
-
-def test_empty_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="expected a stereo calibration in it, found none"):
-        load_rig(tmp_path)
+@pytest.mark.parametrize(
+    ("name", "found"), [("none.yml", "nothing there"), ("", "a stereo calibration in it, found none")]
+)
+def test_absence_of_a_calibration_is_refused(name: str, found: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=found):
+        load_rig(tmp_path / name)

@@ -63,22 +63,18 @@ def test_solution_gives_every_value_with_its_deviation_and_a_verdict(solved: Cal
     assert assessment is not None and assessment.sentence.startswith("enough" if assessment.enough else "not enough")
 
 
-def test_session_says_how_many_people_are_missing() -> None:
+def test_session_leads_from_box_to_head_to_foot_and_to_the_people_missing() -> None:
     session = new_session()
     assert "3 more people" in session.message
-    draw(session, standing_people(CAMERA, 1)[0])
-    session.solve()
-    assert session.solution.found is None
-    assert "2 more people" in session.message
-
-
-def test_session_leads_from_box_to_head_to_foot() -> None:
-    session = new_session()
     session.press(100, 100)
     session.release(150, 250)
     assert session.message == "click the top of the head"
     click(session, (125, 105))
     assert session.message == "click the middle between the feet"
+    click(session, (125, 245))
+    session.solve()
+    assert session.solution.found is None
+    assert "2 more people" in session.message
 
 
 def test_session_takes_a_slip_of_the_hand_for_no_box() -> None:
@@ -122,28 +118,29 @@ def test_selected_head_is_dragged_and_nudged() -> None:
     assert session.samples[0].foot_px == ONE.foot_px
 
 
-def test_corner_of_a_box_moves_its_two_edges_only() -> None:
+@pytest.mark.parametrize(
+    ("at", "to", "moved"),
+    [
+        ((100, 100), (90, 95), HumanSample((90.0, 95.0, 70.0, 155.0), ONE.head_px, ONE.foot_px, 0)),
+        ((140, 180), (150, 185), HumanSample((110.0, 105.0, 60.0, 150.0), (140.0, 110.0), (140.0, 250.0), 0)),
+    ],
+    ids=["a corner and its two edges", "the whole person"],
+)
+def test_part_that_is_picked_up_moves_alone(at: tuple[int, int], to: tuple[int, int], moved: HumanSample) -> None:
     session = new_session(ONE)
     session.choose("select")
-    session.press(100, 100)
-    session.release(90, 95)
-    assert session.samples[0].box_px == (90.0, 95.0, 70.0, 155.0)
+    session.press(*at)
+    session.release(*to)
+    assert session.samples == [moved]
 
 
-def test_person_picked_up_between_its_points_moves_as_a_whole() -> None:
+@pytest.mark.parametrize(("frame", "selected"), [(0, Handle(0, "whole")), (1, None)])
+def test_click_selects_people_of_the_frame_shown_and_changes_nothing(frame: int, selected: Handle | None) -> None:
     session = new_session(ONE)
-    session.choose("select")
-    session.press(140, 180)
-    session.release(150, 185)
-    assert session.samples[0].box_px[:2] == (110.0, 105.0)
-    assert session.samples[0].foot_px == (140.0, 250.0)
-
-
-def test_click_that_only_selects_changes_nothing() -> None:
-    session = new_session(ONE)
+    session.show(frame)
     session.choose("select")
     assert not click(session, (140.0, 180.0))
-    assert session.selected == Handle(0, "whole")
+    assert session.selected == selected
 
 
 def test_person_asked_for_is_shown_and_selected() -> None:
@@ -151,14 +148,6 @@ def test_person_asked_for_is_shown_and_selected() -> None:
     session.show_sample(0)
     assert (session.shown, session.tool, session.selected) == (2, "select", Handle(0, "whole"))
     assert "drag to move it" in session.message
-
-
-def test_people_of_other_frames_are_not_picked_up() -> None:
-    session = new_session(ONE)
-    session.show(1)
-    session.choose("select")
-    click(session, (140.0, 180.0))
-    assert session.selected is None
 
 
 def test_floor_point_that_is_picked_up_moves_with_the_mouse() -> None:
@@ -191,11 +180,10 @@ def test_session_exports_what_the_commands_read(solved: CalibrationSession, tmp_
     assert load_ground_camera(tmp_path / "new" / "camera.toml").height_m == pytest.approx(3.5, rel=0.03)
 
 
-def test_samples_are_exported_without_the_camera_on_request(solved: CalibrationSession, tmp_path: Path) -> None:
+def test_samples_are_exported_without_the_camera_on_request_and_nothing_is_refused(
+    solved: CalibrationSession, tmp_path: Path
+) -> None:
     assert [p.name for p in solved.export(tmp_path, solution=False)] == ["samples.json"]
-
-
-def test_session_refuses_to_export_nothing(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="something drawn"):
         new_session().export(tmp_path)
 

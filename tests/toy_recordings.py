@@ -1,0 +1,70 @@
+"""Small recordings on disk: folders of images and videos."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from toy_stereo import toy_rig
+
+from calib.rig import save_rig
+from calib.types import U8, AnyArray
+
+W, H = 32, 24
+
+
+def picture(value: int, colour: bool = False) -> U8:
+    """A ramp whose top left pixel tells the frame."""
+    image = np.add.outer(np.arange(H), np.arange(W)).astype(np.uint8)
+    image[:8, :8] = value
+    return np.dstack([image, image // 2, image]) if colour else image
+
+
+def folder_recording(
+    folder: Path,
+    names: Sequence[str] | int = 6,
+    images: Sequence[AnyArray] = (),
+    colour: bool = False,
+    size: tuple[int, int] = (W, H),
+) -> Path:
+    """Folders left and right of images and a calibration.
+
+    Args:
+        names: of the images, or how many are numbered.
+        images: pictures that tell the frame when empty.
+        size: (width, height) of the calibration [px].
+    """
+    names = [f"{i:04d}" for i in range(names)] if isinstance(names, int) else names
+    for side in ("left", "right"):
+        (folder / side).mkdir(parents=True)
+        for i, name in enumerate(names):
+            cv2.imwrite(str(folder / side / f"{name}.png"), images[i] if len(images) else picture(10 * i, colour))
+    save_rig(toy_rig(size, focal_px=30.0), folder / "rig.toml")
+    return folder
+
+
+def write_video(path: Path, count: int, width: int = 64, height: int = 48, colour: bool = False) -> None:
+    """A video whose top left corner tells the frame."""
+    rng = np.random.default_rng(0)
+    image = cv2.resize(rng.integers(0, 255, (6, 8, 3 if colour else 1), dtype=np.uint8), (width, height))
+    frames = np.stack([image] * count)
+    frames[:, :16, :16] = (20 * (np.arange(count) % 12)).reshape(-1, *[1] * image.ndim)
+    write_frames(path, frames)
+
+
+def write_frames(path: Path, frames: Sequence[AnyArray] | AnyArray) -> None:
+    """A video of (h, w) or (h, w, 3) uint8 frames at 10 Hz."""
+    height, width = frames[0].shape[:2]
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (width, height))
+    assert writer.isOpened()
+    for frame in frames:
+        writer.write(frame if frame.ndim == 3 else cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR))
+    writer.release()
+
+
+def video_pair(folder: Path, counts: tuple[int, int], width: int = 64, height: int = 48) -> Path:
+    """Videos left and right of so many frames, and a calibration."""
+    for side, count in zip(("left", "right"), counts, strict=True):
+        write_video(folder / f"{side}.avi", count, width, height)
+    save_rig(toy_rig((width, height), focal_px=60.0), folder / "rig.toml")
+    return folder
