@@ -8,8 +8,7 @@ import numpy as np
 from numba import njit
 
 from calib.types import F32, U8
-from planview.foreground._block_kernels import BLOCK
-from planview.foreground._gaussian_kernels import VAR_Y, Y
+from planview.foreground._leader_kernels import BLOCK, VAR_Y, Y
 
 LADDER_STEP = 0.05
 """Distance of the gains tried, in log gain: 5 % of mid grey is within the tolerance of an unchanged pixel."""

@@ -10,13 +10,18 @@ import numpy as np
 
 from calib.types import F32, U8
 from planview.foreground import _mixture_kernels as kernels
-from planview.foreground._block_kernels import BLOCK, N_LEAD
-from planview.foreground._change_kernels import find_changes
 from planview.foreground._gain_kernels import fill_luma
-from planview.foreground._gaussian_kernels import DEPTH_FRACTION, N_FIELDS, D, UpdateConstants
+from planview.foreground._leader_kernels import (
+    BLOCK,
+    DEPTH_FRACTION,
+    N_FIELDS,
+    N_LEAD,
+    D,
+    UpdateConstants,
+    find_changes,
+)
 from planview.foreground.gain import Exposure, GainFollower
-from planview.foreground.masks import FOREGROUND, SHADOW
-from planview.foreground.params import ForegroundParams
+from planview.foreground.params import FOREGROUND, SHADOW, ForegroundParams
 from planview.foreground.schedule import UpdateSchedule
 
 REBASE_GAIN = 2.0
