@@ -18,8 +18,6 @@ PAIRS = 150
 """Lines tried: if only 30 % of the pixels are unchanged, 13 of them join two such pixels."""
 PAIR_STEP = 1009
 """Walks through the pixels in a fixed, scattered order (a prime)."""
-RUN_MIN = 15.0
-"""Smallest difference of luma of two pixels that define a line [levels]: four times the noise."""
 THINNING = 4
 """Candidates are ranked on every fourth pixel."""
 GAIN_MAX, OFFSET_MAX = 8.0, 100.0
@@ -117,7 +115,8 @@ def consensus_line(
     for k in range(PAIRS):
         i, j = (k * PAIR_STEP) % n, (k * PAIR_STEP + n // 2 + k) % n
         run = model[j] - model[i]
-        if abs(run) < RUN_MIN or max(luma[i], luma[j]) >= clip or min(luma[i], luma[j]) <= BLACK:
+        # Smallest difference of luma of two pixels that define a line [levels]: four times the noise.
+        if abs(run) < 15.0 or max(luma[i], luma[j]) >= clip or min(luma[i], luma[j]) <= BLACK:
             continue
         gain = (luma[j] - luma[i]) / run
         offset = luma[i] - gain * model[i]

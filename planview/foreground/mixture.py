@@ -26,8 +26,6 @@ from planview.foreground.schedule import UpdateSchedule
 
 REBASE_GAIN = 2.0
 """The model moves to the exposure of the image when that differs by this factor: noise stays comparable."""
-REBASE_OFFSET = 20.0
-"""The same for the offset [levels]: beyond it ratios of luma mean little."""
 BANDS = 4
 """Bands of the image that two threads share out between them."""
 
@@ -190,7 +188,8 @@ class Foreground:
 
     def _follow_gain(self, image: U8) -> None:
         self._gain.update(self._lead, image)
-        if not 1 / REBASE_GAIN < self._gain.gain < REBASE_GAIN or abs(self._gain.offset) > REBASE_OFFSET:
+        # The same for the offset [levels]: beyond it ratios of luma mean little.
+        if not 1 / REBASE_GAIN < self._gain.gain < REBASE_GAIN or abs(self._gain.offset) > 20.0:
             kernels.rebase(self._lead, self._rest, self._gain.gain, self._gain.offset)
             self._rebased = self.exposure
             self._gain.reset()

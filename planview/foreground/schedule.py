@@ -14,8 +14,6 @@ TURNS = 4
 TURN_S = 0.13
 """Each pixel learns about so often [s]: video at 30 frames per second teaches no more than at 7, and costs a fraction
 where only every fourth frame is written back to memory."""
-MAX_STEP_S = 1.0
-"""A gap in time counts as at most this much learning [s]: what happened in it was not observed."""
 
 
 class UpdateSchedule:
@@ -51,7 +49,9 @@ class UpdateSchedule:
         n = 1 if age_s <= self._params.settle_s else min(max(round(TURN_S / max(dt, 1e-3)), 1), TURNS)
         rates = np.zeros((TURNS, 4), np.float32)
         for turn in range(self._frame % n, TURNS, n):
-            rates[turn] = self._rates(min(self._now_s - self._learned_s[turn], MAX_STEP_S), age_s)
+            # A gap in time counts as at most this much learning [s]: what happened in it was not
+            # observed.
+            rates[turn] = self._rates(min(self._now_s - self._learned_s[turn], 1.0), age_s)
             self._learned_s[turn] = self._now_s
         return rates
 

@@ -33,8 +33,6 @@ from planview.maps.grid import Grid
 
 BODY_M = 0.8
 """Side of the square in which the rigs' shares of a body are compared [m]: 2 W_avg, a template."""
-WAIST_M = 1.0
-"""A rig that has this height of a place in its image counts as viewing it [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +58,8 @@ class MultiRigViewpoint:
         self, x_m: float, y_m: float, radius_m: float, sigmas: float = 2.0
     ) -> tuple[float, float, tuple[float, float]]:
         """The ellipse around the ellipses of all rigs that view the place, along the longest (see ``Viewpoint``)."""
-        viewing = [rig for rig in self.rigs if rig.sees(x_m, y_m, WAIST_M)] or list(self.rigs)
+        # A rig that has this height of a place in its image counts as viewing it [m].
+        viewing = [rig for rig in self.rigs if rig.sees(x_m, y_m, 1.0)] or list(self.rigs)
         ellipses = [rig.footprint(x_m, y_m, radius_m, sigmas) for rig in viewing]
         _, along, ray = max(ellipses, key=lambda ellipse: ellipse[1])
         return max(_reach(ellipse, (-ray[1], ray[0])) for ellipse in ellipses), along, ray
