@@ -28,7 +28,6 @@ from stereo.rectify import Rectifier, aligned_rectifier
 
 TILTS_DEG, ERRORS_DEG = (15, 60), (0.1, 0.25, 0.5)
 ANGLES = "pitch", "yaw", "roll"
-HEAD_M = 1.6
 REAL_TILT_DEG, REAL_ROLL_DEG, REAL_HEIGHT_M = 10.9, 2.8, 2.706
 """Of the overhead pair about x and about y, and its height (see the README of the shared recordings)."""
 
@@ -87,7 +86,7 @@ def head_error_m(true: StereoRig, true_floor: Floor, rectifier: Rectifier, floor
     u, v = (axis.ravel() for axis in np.meshgrid(*(np.linspace(0.1, 0.9, 9) * side for side in ideal.geometry.size)))
     rays: F64 = ideal.geometry.rays(np.column_stack([u, v]))
     world = rays @ true_floor.world_SE3_left.rotation.T
-    reach = (true_floor.height_m - HEAD_M) / np.maximum(-world[:, 2], 1e-6)
+    reach = (true_floor.height_m - 1.6) / np.maximum(-world[:, 2], 1e-6)
     seen = (world[:, 2] < 0) & (reach * rays[:, 2] < 6.0)
     left = ideal.rect_SE3_left.inverse() @ (rays * reach[:, None])[seen]
     right = true.right_SE3_left @ left

@@ -14,8 +14,6 @@ LADDER_STEP = 0.05
 """Distance of the gains tried, in log gain: 5 % of mid grey is within the tolerance of an unchanged pixel."""
 LADDER_STEPS = 40
 """Gains tried on either side of 1: a factor 7, as between lamps off and on."""
-PAIRS = 150
-"""Lines tried: if only 30 % of the pixels are unchanged, 13 of them join two such pixels."""
 PAIR_STEP = 1009
 """Walks through the pixels in a fixed, scattered order (a prime)."""
 THINNING = 4
@@ -112,7 +110,8 @@ def consensus_line(
     best = gain, offset
     most = weigh_inliers(model, luma, information, gain, offset, clip, tolerance, THINNING)[1]
     n = model.size
-    for k in range(PAIRS):
+    # Lines tried: if only 30 % of the pixels are unchanged, 13 of them join two such pixels.
+    for k in range(150):
         i, j = (k * PAIR_STEP) % n, (k * PAIR_STEP + n // 2 + k) % n
         run = model[j] - model[i]
         # Smallest difference of luma of two pixels that define a line [levels]: four times the noise.

@@ -26,8 +26,6 @@ from planview.foreground.schedule import UpdateSchedule
 
 REBASE_GAIN = 2.0
 """The model moves to the exposure of the image when that differs by this factor: noise stays comparable."""
-BANDS = 4
-"""Bands of the image that two threads share out between them."""
 
 
 class Foreground:
@@ -198,7 +196,8 @@ class Foreground:
         """Update all blocks: this thread and a helper take bands until none is left; a late helper is not awaited."""
         # A thread that would share this one's core only interrupts it.
         threads = cv2.getNumThreads()
-        limits = np.linspace(0, len(self._lead), (BANDS if threads > 1 else 1) + 1).astype(int).tolist()
+        # Bands of the image that two threads share out between them.
+        limits = np.linspace(0, len(self._lead), (4 if threads > 1 else 1) + 1).astype(int).tolist()
         bands = iter(list(pairwise(limits)))
 
         def work() -> None:

@@ -31,9 +31,6 @@ from planview.maps.builder import (
 )
 from planview.maps.grid import Grid
 
-BODY_M = 0.8
-"""Side of the square in which the rigs' shares of a body are compared [m]: 2 W_avg, a template."""
-
 
 @dataclass(frozen=True, eq=False)
 class MultiRigViewpoint:
@@ -122,7 +119,8 @@ class MultiRigMapBuilder:
 
     def _shares(self, points: Sequence[FloorPoints]) -> tuple[F32, F32]:
         """Shares (K, n_rows, n_cols) of the surface around every cell, and the factor max S / sum S (0 without S)."""
-        side = 2 * max(1, round(BODY_M / 2 / self.grid.cell_m)) + 1
+        # Side of the square in which the rigs' shares of a body are compared [m]: 2 W_avg, a template.
+        side = 2 * max(1, round(0.8 / 2 / self.grid.cell_m)) + 1
         surface = np.stack([_around(self._raster.accumulate(p.xyz, p.area)[1], side) for p in points])
         total = surface.sum(axis=0)
         whole = np.where(total > 0, total, np.float32(1.0))

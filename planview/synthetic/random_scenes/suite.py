@@ -23,9 +23,6 @@ from planview.synthetic.random_scenes.choreography import Part
 from planview.synthetic.random_scenes.stage import NoPlaceError, Stage
 from planview.synthetic.scene import Scene
 
-STEP_S = 0.1
-LEAVE_S = 4.0
-"""People who carry or push things are on their way out at the end, at most so long from the end of their steps [s]."""
 ATTEMPTS = 1000
 """Attempts in which people would walk through each other, or do not fit into the view, are repeated. Ways are drawn
 without regard to when others pass, so the tightest scene, overhead, fits in one attempt of fifty: so many all fail with
@@ -65,7 +62,7 @@ def implausible(scene: Scene, stage: Stage) -> str:
     """Why a scene cannot be, or shows too little of what its challenge covers; empty when it is good."""
     furniture = {f.name: f for f in scene.furniture if f.name}
     scripted = [scripted_motion(p, furniture, scene.duration_s) for p in scene.people]
-    times = np.arange(0.0, scene.duration_s, STEP_S)
+    times = np.arange(0.0, scene.duration_s, 0.1)
     walks = any(p.wander for p in scene.people)
     places = [m.places(times) for m in scripted]
     reason = _gaps(places, scene, wandering=walks)
@@ -77,7 +74,9 @@ def implausible(scene: Scene, stage: Stage) -> str:
     # Things are put down and taken within the recording.
     for i, (person, motion) in enumerate(zip(scene.people, scripted, strict=True)):
         handles = any(s.carry or s.push for s in person.steps)
-        if handles and motion.script_end_s > scene.duration_s + LEAVE_S:
+        # People who carry or push things are on their way out at the end, at most so long from the end of
+        # their steps [s].
+        if handles and motion.script_end_s > scene.duration_s + 4.0:
             return f"person {i + 1} is not done with a thing at the end"
     # Seats and handled things are meant to be near.
     touched = {s.on or s.push or s.carry for p in scene.people for s in p.steps}
