@@ -34,7 +34,7 @@ from planview.engine.config import Config
 from planview.synthetic.assets import SCENES, real_recordings
 from planview.synthetic.random_scenes.rooms import random_rigs
 from planview.synthetic.render import SceneRenderer
-from planview.synthetic.scene import Scene, load_scene
+from planview.synthetic.scene import load_scene
 from planview.synthetic.write import write_rigs
 from stereo.floor import FloorEstimator, setup_frames
 from stereo.readers.open import open_recording
@@ -53,10 +53,6 @@ LENSES: dict[str, tuple[float, LensModel, tuple[float, ...]]] = {
     "rational": (600.0, "rational", (0.3, 0.05, 2e-4, -1e-4, 0.001, 0.65, 0.1, 0.01)),
 }
 """Focal length [px], model and coefficients."""
-TILTS_DEG, FLOOR_FRAMES = (0, 15, 30, 45, 60, 75), 6
-FLOOR_SCENE = SCENES / "demo.toml"
-HIGH_M, LOW_M = (3.5, 2.0, 2.9), (3.5, 0.2, 2.6)
-"""Where the cameras hang: steep ones above the middle of the room, flat ones at its wall."""
 HEIGHT_LIMIT_CM, ANGLE_LIMIT_DEG = 2.0, 0.3
 REAL_HEIGHT_M, REAL_LIMIT_CM = 2.74, 5.0
 """The overhead pair of the shared recordings, by its disparity (see its README)."""
@@ -172,10 +168,10 @@ def board_rows(progress: Progress) -> list[Row]:
 
 def floor_rows(progress: Progress) -> list[Row]:
     """The committed lobby rendered from cameras at several tilts, and the real overhead pair where it is at hand."""
-    rows, description = [], load_scene(FLOOR_SCENE)
-    for tilt_deg in TILTS_DEG:
+    rows = []
+    for tilt_deg in (0, 15, 30, 45, 60, 75):
         progress(f"floor at {tilt_deg} degrees")
-        rows += _floor_at(description, tilt_deg)
+        rows += _floor_at(tilt_deg)
     real = real_recordings() / "overhead-stereo"
     if real.is_dir():
         progress("floor of the real overhead pair")
@@ -185,19 +181,27 @@ def floor_rows(progress: Progress) -> list[Row]:
     return rows
 
 
-def _floor_at(description: Scene, tilt_deg: float) -> list[Row]:
-    place = HIGH_M if tilt_deg < 50 else LOW_M
-    mount = description.mount.model_copy(update={"tilt_deg": float(tilt_deg), "at_m": place})
-    renderer = SceneRenderer(description.model_copy(update={"rig": mount}))
+def rendered_lobby(tilt_deg: float) -> tuple[StereoRig, Floor, list[StereoFrame]]:
+    """True rig and floor, and some frames, of the committed lobby from a camera at a tilt: steep ones hang above the
+    middle of the room, flat ones at its wall."""
+    scene = load_scene(SCENES / "demo.toml")
+    place = (3.5, 2.0, 2.9) if tilt_deg < 50 else (3.5, 0.2, 2.6)
+    mount = scene.mount.model_copy(update={"tilt_deg": float(tilt_deg), "at_m": place})
+    renderer = SceneRenderer(scene.model_copy(update={"rig": mount}))
     frames = []
-    for index in np.linspace(0, renderer.n_frames - 1, FLOOR_FRAMES).astype(int):
+    for index in np.linspace(0, renderer.n_frames - 1, 6).astype(int):
         frame = renderer.frame(int(index))
         assert frame.right is not None  # the scene has a rig
         frames.append(StereoFrame(int(index), frame.timestamp_s, frame.left, frame.right))
     assert renderer.rig is not None and renderer.world_SE3_left is not None
-    truth, name = Floor(renderer.world_SE3_left), f"floor, rendered at {tilt_deg:g} degrees"
+    return renderer.rig, Floor(renderer.world_SE3_left), frames
+
+
+def _floor_at(tilt_deg: float) -> list[Row]:
+    rig, truth, frames = rendered_lobby(tilt_deg)
+    name = f"floor, rendered at {tilt_deg:g} degrees"
     try:
-        found = _floor_found(renderer.rig, frames)
+        found = _floor_found(rig, frames)
     except WorkError:
         return [Row(f"{name}: height", math.inf, "cm", HEIGHT_LIMIT_CM)]
     tilt, roll = (math.degrees(abs(getattr(found, key) - getattr(truth, key))) for key in ("tilt_rad", "roll_rad"))

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from rich.console import Console
 
-from benchmarks.calibration import FLOOR_FRAMES, FLOOR_SCENE, HIGH_M, LOW_M, Row, show_rows
+from benchmarks.calibration import Row, rendered_lobby, show_rows
 from benchmarks.options import JsonFlag
 from benchmarks.passes import bench_engine
 from benchmarks.real import score_real, truth_of
@@ -19,15 +19,11 @@ from planview.engine.config import load_config
 from planview.engine.open import base_config
 from planview.output.script import run
 from planview.synthetic.assets import real_recordings
-from planview.synthetic.render import SceneRenderer
-from planview.synthetic.scene import load_scene
 from stereo.floor import FloorEstimator, setup_frames
 from stereo.readers.open import open_recording
-from stereo.recording import StereoFrame
 from stereo.rectify import Rectifier, aligned_rectifier
 
-TILTS_DEG, ERRORS_DEG = (15, 60), (0.1, 0.25, 0.5)
-ANGLES = "pitch", "yaw", "roll"
+ERRORS_DEG = 0.1, 0.25, 0.5
 REAL_TILT_DEG, REAL_ROLL_DEG, REAL_HEIGHT_M = 10.9, 2.8, 2.706
 """Of the overhead pair about x and about y, and its height (see the README of the shared recordings)."""
 
@@ -39,7 +35,7 @@ def correction(*, json_output: JsonFlag = False) -> None:
     """
     rows: list[Row] = []
     with Console(stderr=True, markup=False).status("...") as status:
-        for tilt_deg in TILTS_DEG:
+        for tilt_deg in (15, 60):
             status.update(f"rendered at {tilt_deg} degrees")
             rows += rendered_rows(tilt_deg)
         if (real_recordings() / "overhead-stereo").is_dir():
@@ -50,26 +46,14 @@ def correction(*, json_output: JsonFlag = False) -> None:
 
 def rendered_rows(tilt_deg: int) -> list[Row]:
     """The committed lobby from one camera, its calibration right and off by each angle."""
-    scene = load_scene(FLOOR_SCENE)
-    mount = {"tilt_deg": float(tilt_deg), "at_m": HIGH_M if tilt_deg < 50 else LOW_M}
-    renderer = SceneRenderer(scene.model_copy(update={"rig": scene.mount.model_copy(update=mount)}))
-    frames = []
-    for index in np.linspace(0, renderer.n_frames - 1, FLOOR_FRAMES).astype(int):
-        frame = renderer.frame(int(index))
-        assert frame.right is not None  # the scene has a rig
-        frames.append(StereoFrame(int(index), frame.timestamp_s, frame.left, frame.right))
-    true = renderer.rig
-    assert true is not None and renderer.world_SE3_left is not None
+    true, true_floor, frames = rendered_lobby(tilt_deg)
     rows = []
     for error_deg, axis in [(0.0, 0), *((e, axis) for e in ERRORS_DEG for axis in range(3))]:
         turn = SE3.from_rotvec(math.radians(error_deg) * np.eye(3)[axis])
         rectifier, found = aligned_rectifier(replace(true, right_SE3_left=turn @ true.right_SE3_left), frames)
         floor = FloorEstimator(rectifier)(frames)
         left_deg = np.degrees((rectifier.rig.right_SE3_left @ true.right_SE3_left.inverse()).rotvec)
-        name, true_floor = (
-            f"rendered at {tilt_deg}, {ANGLES[axis]} off by {error_deg:g}",
-            Floor(renderer.world_SE3_left),
-        )
+        name = f"rendered at {tilt_deg}, {('pitch', 'yaw', 'roll')[axis]} off by {error_deg:g}"
         height, positions = abs(floor.height_m - true_floor.height_m), head_error_m(true, true_floor, rectifier, floor)
         limit = 3.0 * math.degrees(float(np.nanmax(found.deviations)))
         rows += [

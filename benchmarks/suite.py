@@ -16,10 +16,9 @@ import numpy as np
 from cyclopts import Parameter
 from pydantic import ValidationError
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from benchmarks.options import BenchOptions, Flag, Rendering, rendered, scene_files
-from benchmarks.passes import PEER, Pass, in_processes, provenance, run_pass
+from benchmarks.passes import PEER, Pass, provenance, run_pass, watched
 from benchmarks.scores import SceneScore, print_scores, scores_json
 from calib.errors import InputError, WorkError
 from calib.io import parse_toml, read_text, write_whole
@@ -109,35 +108,9 @@ def dealt_files(files: Sequence[Path], seeds: Sequence[int]) -> list[tuple[int, 
 
 
 def suite_recording(path: Path, seed: int, cache: Path) -> tuple[Path, Scene]:
-    """The recording of a seed, from the cache when it is whole there; one that was cut off is rendered again."""
+    """The recording of a seed, from the cache when it is there."""
     scene = drawn_scene(path, seed)
-    for _ in range(2):
-        folder = rendered(scene, f"suite-{path.stem}-{seed}", Rendering(cache), lambda _: None)
-        if is_whole(folder, scene.n_frames):
-            break
-        shutil.rmtree(folder, ignore_errors=True)
-    return folder, scene
-
-
-def is_whole(folder: Path, n_frames: int) -> bool:
-    """Whether a rendered recording has all of its images, times and truth."""
-    images = [path for side in ("left", "right") for path in sorted((folder / side).glob("*.jpg"))]
-    times = folder / "timestamps.csv"
-    return (
-        len(images) == 2 * n_frames
-        and all(_has_end(path) for path in images)
-        and (folder / "rig.toml").is_file()
-        and (folder / "truth.csv").is_file()
-        and times.is_file()
-        and len(times.read_text().splitlines()) == n_frames + 1
-    )
-
-
-def _has_end(path: Path) -> bool:
-    """Whether a JPEG file ends with its end marker."""
-    with path.open("rb") as file:
-        file.seek(max(0, path.stat().st_size - 2))
-        return file.read() == b"\xff\xd9"
+    return rendered(scene, f"suite-{path.stem}-{seed}", Rendering(cache), lambda _: None), scene
 
 
 def judged_truth(truth: Trajectories, scene: Scene) -> Trajectories:
@@ -246,7 +219,13 @@ def suite(*, options: SuiteOptions | None = None) -> None:
             console.print(f"left out: {left_out[-1]}", style="yellow")
             continue
         work.append(SuiteJob(path, seed, o.cache_folder, o.out, settings, o.tracker, o.refine, o.peer))
-    ways = _watched(work, o.jobs, console)
+    done: dict[tuple[int, Path], dict[Way, SceneScore]] = {}
+    for job, by_way in watched(run_job, work, o.jobs, console):
+        done[job.seed, job.path] = by_way
+    ways: dict[Way, list[SceneScore]] = {}
+    for job in work:
+        for way, score in done[job.seed, job.path].items():
+            ways.setdefault(way, []).append(score)
     result = {"seeds": seeds, "left_out": left_out, **provenance()}
     result |= {way: scores_json(scores) for way, scores in ways.items()}
     if o.out is not None:
@@ -257,20 +236,3 @@ def suite(*, options: SuiteOptions | None = None) -> None:
         return
     for way, scores in ways.items():
         print_scores(f"scene, {way}", scores, Console(markup=False))
-
-
-def _watched(work: Sequence[SuiteJob], jobs: int, console: Console) -> dict[Way, list[SceneScore]]:
-    """Scores of every way in the order of the work, with a bar while it lasts."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    done: dict[tuple[int, str], dict[Way, SceneScore]] = {}
-    with Progress(*columns, console=console) as progress:
-        task = progress.add_task("rendering and tracking", total=len(work))
-        for scores in in_processes(run_job, work, jobs):
-            first = scores["online"]
-            done[first.seed, first.name] = scores
-            progress.update(task, advance=1, description=f"{first.name}-{first.seed} done")
-    ways: dict[Way, list[SceneScore]] = {}
-    for job in work:
-        for way, score in done[job.seed, job.path.stem].items():
-            ways.setdefault(way, []).append(score)
-    return ways

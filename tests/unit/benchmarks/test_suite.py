@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.passes import Pass, run_pass
+from benchmarks.passes import Pass
 from benchmarks.scores import totals
 from benchmarks.suite import (
     SUITE,
@@ -15,7 +15,6 @@ from benchmarks.suite import (
     chosen_files,
     dealt_files,
     drawn_scene,
-    is_whole,
     judged_truth,
     run_job,
     suite,
@@ -70,23 +69,6 @@ def test_scenes_are_dealt_out_to_the_seeds_in_turn() -> None:
     assert dealt_files(paths, [7, 8]) == [(7, Path("a")), (8, Path("b")), (7, Path("c"))]
 
 
-def test_recording_has_a_pair_of_images_for_every_frame(recording):
-    _, folder, scene = recording
-    assert scene.n_frames == 80
-    assert is_whole(folder, 80)
-    assert not is_whole(folder, 81)
-
-
-def test_recording_that_was_cut_off_is_rendered_again(challenge, recording):
-    cache, folder, _ = recording
-    image = sorted((folder / "right").iterdir())[-1]
-    whole = image.read_bytes()
-    image.write_bytes(whole[: len(whole) // 2])
-    again, _ = suite_recording(challenge, 3, cache)
-    assert again == folder
-    assert image.read_bytes() == whole
-
-
 def test_job_scores_its_scene_and_totals_count_per_ten_minutes(challenge, recording, tmp_path):
     job = SuiteJob(challenge, 3, recording[0], tmp_path, Config())
     result = run_job(job)["online"]
@@ -107,15 +89,6 @@ def test_pass_is_kept_and_gives_refined_and_peer_tracks_of_the_same_scene(challe
     assert list(first) == ["online", "refined", "peer"]
     monkeypatch.setattr("benchmarks.passes.run", None)
     assert [s.to_json() for s in run_job(job).values()] == [s.to_json() for s in first.values()]
-
-
-@pytest.mark.parametrize("name", ["tracks.csv", "maps.h5"])
-def test_run_in_the_cache_that_was_cut_off_is_run_again(recording, name):
-    job = Pass(recording[1], recording[0], Config(), recorded=True)
-    path = run_pass(job) / name
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) // 2])
-    assert len((run_pass(job) / name).read_bytes()) == len(whole)
 
 
 def test_run_of_another_configuration_is_another_run(recording):
