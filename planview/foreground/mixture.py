@@ -186,7 +186,7 @@ class Foreground:
 
     def _follow_gain(self, image: U8) -> None:
         self._gain.update(self._lead, image)
-        # The same for the offset [levels]: beyond it ratios of luma mean little.
+        # Beyond this offset [levels] ratios of luma mean little.
         if not 1 / REBASE_GAIN < self._gain.gain < REBASE_GAIN or abs(self._gain.offset) > 20.0:
             kernels.rebase(self._lead, self._rest, self._gain.gain, self._gain.offset)
             self._rebased = self.exposure

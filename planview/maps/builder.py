@@ -157,67 +157,43 @@ class PlanViewMaps:
 
 
 class Raster:
-    """Height and occupancy of points on one grid.
+    """Points to maps on a grid: accumulate, smooth, mask (Harville 2002, section 3)."""
 
-    Args:
-        height_min_m: lower points are left out [m].
-        smoothing_m: deviation of the Gaussian on both maps [m].
-        occupancy_min: theta_occ of this grid [m^2 per cell].
-    """
+    def __init__(self, grid: Grid, params: MapParams) -> None:
+        self.grid, self._params = grid, params
+        self._occupancy_min = params.occupancy_min * grid.cell_m**2
 
-    def __init__(self, grid: Grid, height_min_m: float, smoothing_m: float, occupancy_min: float) -> None:
-        self.grid, self.occupancy_min = grid, occupancy_min
-        self._height_min_m = height_min_m
-        self._sigma = smoothing_m / grid.cell_m
-
-    def accumulate(self, xyz: F32, area: F32) -> tuple[F32, F32]:
-        """Highest point [m] and summed area [m^2] of every cell.
-
-        Args:
-            xyz: (N, 3) float32 world points [m].
-            area: (N,) float32 [m^2].
-        """
-        height = np.empty(self.grid.shape, dtype=np.float32)
-        total = np.empty(self.grid.shape, dtype=np.float32)
+    def accumulate(self, points: FloorPoints) -> tuple[F32, F32]:
+        """Highest point [m] and summed area [m^2] of every cell."""
+        height, total = np.empty(self.grid.shape, np.float32), np.empty(self.grid.shape, np.float32)
         g = self.grid
-        accumulate(xyz, area, self._height_min_m, g.x_min_m, g.y_min_m, g.cell_m, height, total)
+        accumulate(points.xyz, points.area, self._params.height_min_m, g.x_min_m, g.y_min_m, g.cell_m, height, total)
         return height, total
 
-    def smooth(self, height_raw: F32, occupancy_raw: F32) -> tuple[F32, F32]:
-        """H_masked and O_sm. The height is smoothed over occupied cells only, or edges would sink."""
+    def maps(self, points: FloorPoints, view: Viewpoint) -> PlanViewMaps:
+        """The maps of points. The height is smoothed over occupied cells only, or edges would sink."""
+        height_raw, occupancy_raw = self.accumulate(points)
         height, occupancy = np.zeros_like(height_raw), np.zeros_like(occupancy_raw)
         # Most of the floor is empty: only the part around occupied cells is worth smoothing.
-        part = occupied_part(occupancy_raw, 2 * math.ceil(3 * self._sigma))
-        raw = height_raw[part]
-        if self._sigma > 0.0:
-            occupancy[part] = _blur(occupancy_raw[part], self._sigma)
-            share = _blur((raw > 0.0).astype(np.float32), self._sigma)
-            smooth = np.divide(_blur(raw, self._sigma), np.maximum(share, 1e-3), dtype=np.float32)
-        else:
-            occupancy[part], smooth = occupancy_raw[part], raw
-        np.copyto(height[part], smooth, where=occupancy[part] >= np.float32(self.occupancy_min))
-        return height, occupancy
-
-
-def occupied_part(occupancy: F32, margin: int) -> tuple[slice, slice]:
-    """Bounding rectangle of the cells that are not zero, wider by a margin [cells]."""
-    left, top, width, height = cv2.boundingRect((occupancy > 0.0).view(np.uint8))
-    if width == 0:
-        return slice(0, 0), slice(0, 0)
-    return (
-        slice(max(0, top - margin), top + height + margin),
-        slice(max(0, left - margin), left + width + margin),
-    )
+        sigma = self._params.smoothing_m / self.grid.cell_m
+        margin = 2 * math.ceil(3 * sigma)
+        left, top, width, n_rows = cv2.boundingRect((occupancy_raw > 0.0).view(np.uint8))
+        if width:
+            part = np.s_[max(0, top - margin) : top + n_rows + margin, max(0, left - margin) : left + width + margin]
+            raw = height_raw[part]
+            if sigma > 0.0:
+                occupancy[part] = _blur(occupancy_raw[part], sigma)
+                share = _blur((raw > 0.0).astype(np.float32), sigma)
+                smooth = np.divide(_blur(raw, sigma), np.maximum(share, 1e-3), dtype=np.float32)
+            else:
+                occupancy[part], smooth = occupancy_raw[part], raw
+            np.copyto(height[part], smooth, where=occupancy[part] >= np.float32(self._occupancy_min))
+        return PlanViewMaps(self.grid, height_raw, occupancy_raw, height, occupancy, self._occupancy_min, points, view)
 
 
 def _blur(image: F32, sigma: float) -> F32:
-    if image.size == 0:
-        return image
-    radius = max(1, round(3 * sigma))
-    return np.asarray(
-        cv2.GaussianBlur(image, (2 * radius + 1, 2 * radius + 1), sigma, borderType=cv2.BORDER_CONSTANT),
-        dtype=np.float32,
-    )
+    size = 2 * max(1, round(3 * sigma)) + 1
+    return np.asarray(cv2.GaussianBlur(image, (size, size), sigma, borderType=cv2.BORDER_CONSTANT), np.float32)
 
 
 class MapBuilder:
@@ -247,7 +223,7 @@ class MapBuilder:
         projection = geometry.matrix @ world_SE3_left.inverse().matrix[:3]
         self.view = CameraViewpoint(world_SE3_left.translation, geometry.depth_std_per_m2, projection, geometry.size)
         self.shape = (-(-geometry.height // reduction), -(-geometry.width // reduction))
-        self._raster = raster_of(self.grid, self.params)
+        self._raster = Raster(self.grid, self.params)
         n = self.shape[0] * self.shape[1]
         self._points = np.empty((n, 3), dtype=np.float32)
         self._area = np.empty(n, dtype=np.float32)
@@ -274,7 +250,7 @@ class MapBuilder:
 
     def of(self, points: FloorPoints) -> PlanViewMaps:
         """The maps of points that ``points`` gave."""
-        return maps_of(points, self._raster, self.view)
+        return self._raster.maps(points, self.view)
 
     def points(self, disparity: F32, mask: U8, image: U8 | None = None, exposure: Exposure = REFERENCE) -> FloorPoints:
         """Foreground points of one frame; arguments and errors are those of a call."""
@@ -287,18 +263,6 @@ class MapBuilder:
         pixels = self._pixels[:n].copy()
         colours = None if image is None else colour_codes(image, pixels, exposure)
         return FloorPoints(self._points[:n].copy(), self._area[:n].copy(), pixels, colours)
-
-
-def maps_of(points: FloorPoints, raster: Raster, view: Viewpoint) -> PlanViewMaps:
-    """The maps of points on the raster's grid."""
-    height_raw, occupancy_raw = raster.accumulate(points.xyz, points.area)
-    height, occupancy = raster.smooth(height_raw, occupancy_raw)
-    return PlanViewMaps(raster.grid, height_raw, occupancy_raw, height, occupancy, raster.occupancy_min, points, view)
-
-
-def raster_of(grid: Grid, params: MapParams) -> Raster:
-    """The maps of points on a grid."""
-    return Raster(grid, params.height_min_m, params.smoothing_m, params.occupancy_min * grid.cell_m**2)
 
 
 def floor_in_view(geometry: RectifiedGeometry, world_SE3_left: SE3, params: MapParams) -> Grid:

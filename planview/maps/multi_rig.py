@@ -26,8 +26,7 @@ from planview.maps.builder import (
     FloorPoints,
     MapParams,
     PlanViewMaps,
-    maps_of,
-    raster_of,
+    Raster,
 )
 from planview.maps.grid import Grid
 
@@ -103,7 +102,7 @@ class MultiRigMapBuilder:
             params.cell_m,
         )
         self._views = tuple(views)
-        self._raster = raster_of(self.grid, params)
+        self._raster = Raster(self.grid, params)
 
     def __call__(self, points: Sequence[FloorPoints | None]) -> PlanViewMaps:
         """The maps of one moment.
@@ -115,13 +114,13 @@ class MultiRigMapBuilder:
         present = [p if p is not None else _nothing() for p in points]
         shares, factor = self._shares(present)
         joint = self._joined(present, factor)
-        return maps_of(joint, self._raster, MultiRigViewpoint(self._views, self.grid, shares))
+        return self._raster.maps(joint, MultiRigViewpoint(self._views, self.grid, shares))
 
     def _shares(self, points: Sequence[FloorPoints]) -> tuple[F32, F32]:
         """Shares (K, n_rows, n_cols) of the surface around every cell, and the factor max S / sum S (0 without S)."""
         # Side of the square in which the rigs' shares of a body are compared [m]: 2 W_avg, a template.
         side = 2 * max(1, round(0.8 / 2 / self.grid.cell_m)) + 1
-        surface = np.stack([_around(self._raster.accumulate(p.xyz, p.area)[1], side) for p in points])
+        surface = np.stack([_around(self._raster.accumulate(p)[1], side) for p in points])
         total = surface.sum(axis=0)
         whole = np.where(total > 0, total, np.float32(1.0))
         return np.asarray(surface / whole), np.asarray(surface.max(axis=0) / whole)
