@@ -36,28 +36,6 @@ CHOREOGRAPHIES: dict[Kind, Callable[[Stage, Choreography], Iterable[Part]]] = {
 }  # fmt: skip
 
 
-def varied(scene: Scene, seed: int) -> Scene:
-    """A scene with its random numbers and measures changed; seed 0 is the scene itself.
-
-    Wanderers walk elsewhere, the noise differs, and the rig is up to 10 % off in focal length and baseline,
-    20 cm in height and 4 degrees in tilt (a camera straight down stays so); people are up to 5 cm taller or shorter.
-    """
-    if seed == 0:
-        return scene
-    rng = np.random.default_rng([scene.seed, seed])
-    heights = [float(np.clip(person.height_m + rng.uniform(-0.05, 0.05), 0.9, 2.2)) for person in scene.people]
-    people = tuple(p.model_copy(update={"height_m": h}) for p, h in zip(scene.people, heights, strict=True))
-    update: dict[str, Any] = {"seed": scene.seed + 1000 * seed, "people": people}
-    if scene.rig is not None:
-        rig, (x, y, z) = scene.rig, scene.rig.at_m
-        focal_px, baseline_m = (value * float(rng.uniform(0.9, 1.1)) for value in (rig.focal_px, rig.baseline_m))
-        at_m = (x, y, float(np.clip(z + rng.uniform(-0.2, 0.2), 2.1, scene.room.size_m[2] - 0.1)))
-        tilt_deg = rig.tilt_deg + (0.0 if rig.tilt_deg < 5 else float(rng.uniform(-4, 4)))
-        values = {"focal_px": focal_px, "baseline_m": baseline_m, "at_m": at_m, "tilt_deg": tilt_deg}
-        update["rig"] = rig.model_copy(update=values)
-    return scene.model_copy(update=update)
-
-
 def implausible(scene: Scene, stage: Stage) -> str:
     """Why a scene cannot be, or shows too little of what its challenge covers; empty when it is good."""
     furniture = {f.name: f for f in scene.furniture if f.name}

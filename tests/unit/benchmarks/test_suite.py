@@ -18,42 +18,11 @@ from benchmarks.suite import (
     judged_truth,
     run_job,
     suite,
-    suite_recording,
 )
 from calib.errors import InputError
 from planview.engine.config import Config, load_config
 from planview.evaluation.significant import poisson_upper
 from planview.trajectories.table import positions_table
-
-CHALLENGE = """description = "one crosses"
-covers = ["320x240"]
-fps = 10
-duration_s = 8
-[camera]
-width = 160
-height = 120
-lens_deg = 70
-baseline_m = 0.3
-[[choreography]]
-kind = "cross"
-start_s = 0.0
-duration_s = 1
-speed_mps = 1.5
-"""
-
-
-@pytest.fixture(scope="module")
-def challenge(tmp_path_factory):
-    path = tmp_path_factory.mktemp("suite") / "tiny.toml"
-    path.write_text(CHALLENGE)
-    return path
-
-
-@pytest.fixture(scope="module")
-def recording(challenge, tmp_path_factory):
-    cache = tmp_path_factory.mktemp("cache")
-    folder, scene = suite_recording(challenge, 3, cache)
-    return cache, folder, scene
 
 
 def test_minutes_choose_whole_scenes_by_the_seed():
@@ -98,7 +67,7 @@ def test_run_of_another_configuration_is_another_run(recording):
 
 def test_challenge_with_a_value_out_of_range_is_refused_naming_file_and_key(challenge, tmp_path):
     path = tmp_path / "dark.toml"
-    path.write_text(CHALLENGE.replace("lens_deg = 70", "lens_deg = 170"))
+    path.write_text(challenge.read_text().replace("lens_deg = 70", "lens_deg = 170"))
     with pytest.raises(InputError, match=r"dark\.toml: camera\.lens_deg: .* found 170"):
         drawn_scene(path, 1)
 
