@@ -23,10 +23,6 @@ from stereo.floor import FloorEstimator, setup_frames
 from stereo.readers.open import open_recording
 from stereo.rectify import Rectifier, aligned_rectifier
 
-ERRORS_DEG = 0.1, 0.25, 0.5
-REAL_TILT_DEG, REAL_ROLL_DEG, REAL_HEIGHT_M = 10.9, 2.8, 2.706
-"""Of the overhead pair about x and about y, and its height (see the README of the shared recordings)."""
-
 
 def correction(*, json_output: JsonFlag = False) -> None:
     """Score the correction of calibrations whose right camera has turned; with --json one JSON object on stdout.
@@ -48,7 +44,7 @@ def rendered_rows(tilt_deg: int) -> list[Row]:
     """The committed lobby from one camera, its calibration right and off by each angle."""
     true, true_floor, frames = rendered_lobby(tilt_deg)
     rows = []
-    for error_deg, axis in [(0.0, 0), *((e, axis) for e in ERRORS_DEG for axis in range(3))]:
+    for error_deg, axis in [(0.0, 0), *((e, axis) for e in (0.1, 0.25, 0.5) for axis in range(3))]:
         turn = SE3.from_rotvec(math.radians(error_deg) * np.eye(3)[axis])
         rectifier, found = aligned_rectifier(replace(true, right_SE3_left=turn @ true.right_SE3_left), frames)
         floor = FloorEstimator(rectifier)(frames)
@@ -90,11 +86,12 @@ def real_rows() -> list[Row]:
     rectifier, found = aligned_rectifier(recording.rig, frames)
     floor, scale = FloorEstimator(rectifier)(frames), recording.rig.left.width / rectifier.geometry.width
     up, name = floor.world_SE3_left.rotation[2], "real overhead pair"
+    # Angles about x and about y [deg], and the height [m], are from the README of the shared recordings.
     rows = [
         Row(f"{name}, {found}: residual of {found.before_px * scale:.2f} px", found.after_px * scale, "px", 0.5),
-        Row(f"{name}: tilt", abs(math.degrees(math.atan2(-up[1], -up[2])) - REAL_TILT_DEG), "deg", 0.5),
-        Row(f"{name}: roll", abs(math.degrees(floor.roll_rad) - REAL_ROLL_DEG), "deg", 0.5),
-        Row(f"{name}: height", 100 * abs(floor.height_m - REAL_HEIGHT_M), "cm", 2.0),
+        Row(f"{name}: tilt", abs(math.degrees(math.atan2(-up[1], -up[2])) - 10.9), "deg", 0.5),
+        Row(f"{name}: roll", abs(math.degrees(floor.roll_rad) - 2.8), "deg", 0.5),
+        Row(f"{name}: height", 100 * abs(floor.height_m - 2.706), "cm", 2.0),
     ]
     for tracker in ("template", "peaks"):
         engine = bench_engine(folder, tracker, load_config(None, (), base_config(folder)))
