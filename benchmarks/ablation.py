@@ -15,9 +15,9 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.one_statistic import OneStatistic, Statistic
-from benchmarks.options import BenchOptions, number, scene_files
+from benchmarks.options import ChallengeOptions, number
 from benchmarks.passes import PEER, Pass, provenance, run_pass, watched
-from benchmarks.suite import SUITE, Way, chosen_files, drawn_scene, judged_truth, refined_tracks, suite_recording
+from benchmarks.suite import Way, chosen_files, drawn_scene, judged_truth, refined_tracks, suite_recording
 from calib.errors import InputError
 from calib.io import write_whole
 from calib.types import F64, I64
@@ -266,23 +266,13 @@ def bootstrap(numerator: F64, denominator: F64, samples: I64) -> Interval:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class AblationOptions(BenchOptions):
+class AblationOptions(ChallengeOptions):
     """Which variants are compared, and on what."""
 
     variant: Annotated[Sequence[str], Parameter(negative="")] = ()
     """Only these variants, by name."""
-    seed: Annotated[Sequence[int], Parameter(negative="")] = ()
-    """Seeds of the challenges; 1 by default, and none where --recording is given."""
-    minutes: float = 10.0
-    """Length of the challenges of each seed together [min]."""
-    scene: Annotated[Sequence[str], Parameter(negative="")] = ()
-    """Only these challenges, by name."""
     recording: Annotated[Sequence[Path], Parameter(negative="")] = ()
     """A recording folder with truth.csv; may be given several times."""
-    jobs: int = 1
-    """Trials at the same time, each in a process of its own."""
-    scenes: Path = SUITE
-    """Folder with challenges."""
     out: Path | None = None
     """JSON file that gets the table; none by default."""
 
@@ -298,16 +288,12 @@ def ablation(*, options: AblationOptions | None = None) -> None:
     Example: python -m benchmarks ablation --scene trio --scene crossing --jobs 2
     """
     o = options or AblationOptions()
-    if o.jobs < 1 or not 0 < o.minutes <= 1000 or any(s < 0 for s in o.seed):
-        raise InputError(
-            f"expected --jobs from 1, --minutes above 0, --seed from 0, found {o.jobs}, {o.minutes:g}, {o.seed}"
-        )
+    files = o.files()
     base, variants = o.settings(), chosen_variants(o.variant)
     recordings = [AblationRecording(path, None, o.cache_folder) for path in o.recording]
     for recording in recordings:
         recording.folder()
     if o.seed or o.scene or not recordings:
-        files = scene_files(o.scene, o.scenes)
         recordings += [
             AblationRecording(path, s, o.cache_folder)
             for s in dict.fromkeys(o.seed or [1])

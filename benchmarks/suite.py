@@ -10,14 +10,14 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from cyclopts import Parameter
 from pydantic import ValidationError
 from rich.console import Console
 
-from benchmarks.options import BenchOptions, Flag, Rendering, rendered, scene_files
+from benchmarks.options import ChallengeOptions, Flag, Rendering, rendered
 from benchmarks.passes import PEER, Pass, provenance, run_pass, watched
 from benchmarks.scores import SceneScore, print_scores, scores_json
 from calib.errors import InputError, WorkError
@@ -26,7 +26,6 @@ from calib.params import first_problem
 from planview.engine.config import Config
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.output.finished import refine_run
-from planview.synthetic.assets import SCENES
 from planview.synthetic.camera import mount_pose, rectified_world, stereo_rig
 from planview.synthetic.motion import TURNS
 from planview.synthetic.people import Cast
@@ -35,8 +34,6 @@ from planview.synthetic.scene import Scene
 from planview.synthetic.texture import Palette
 from planview.trajectories.table import Trajectories, read_tracks, read_truth
 
-SUITE = SCENES / "suite"
-"""The committed challenges."""
 Way = Literal["online", "refined", "peer"]
 """Tracks as they came, those refined afterwards, and those of the naive engine."""
 TURNING = 0.02
@@ -160,28 +157,17 @@ def refined_tracks(folder: Path) -> Trajectories:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class SuiteOptions(BenchOptions):
-    """Which challenges are drawn, and how they are tracked."""
+class SuiteOptions(ChallengeOptions):
+    """How challenges are tracked."""
 
-    seed: Annotated[Sequence[int], Parameter(negative="")] = ()
-    """Seeds to draw; a new one from the clock by default, so that no work was done on it."""
-    minutes: float = 10.0
-    """Length of the scenes of each seed together [min]; the seed decides which scenes. The whole suite is longer than
-    ten minutes."""
-    scene: Annotated[Sequence[str], Parameter(negative="")] = ()
-    """Only these scenes, by name."""
     deal: Flag = False
     """Deal all scenes out to the seeds in turn, instead of drawing every scene with every seed."""
-    jobs: int = 1
-    """Scenes worked on at the same time, each in a process of its own."""
     tracker: str = "template"
     """Tracker that follows people: one of planview run, or peaks, the baseline of height peaks."""
     refine: Flag = False
     """Score the refined tracks, too."""
     peer: Flag = False
     """Score the naive engine, too: its tracks come from the same pass."""
-    scenes: Path = SUITE
-    """Folder with challenges."""
     out: Path | None = None
     """Folder that keeps the runs (tracks.csv, run.json) and suite.json; nothing is kept by default."""
 
@@ -198,16 +184,13 @@ def suite(*, options: SuiteOptions | None = None) -> None:
     Example: python -m benchmarks suite --seed 1 --minutes 3 --jobs 2 --refine --peer
     """
     o = options or SuiteOptions()
-    if o.jobs < 1 or not 0 < o.minutes <= 1000 or any(s < 0 for s in o.seed):
-        raise InputError(
-            f"expected --jobs from 1, --minutes above 0, --seed from 0, found {o.jobs}, {o.minutes:g}, {o.seed}"
-        )
+    files = o.files()
     console = Console(stderr=True, markup=False)
     # A judging seed from the clock has most likely never been drawn.
     new = JUDGING_SEED + (time.time_ns() // 1_000_000 ^ os.getpid()) % 1_000_000_000
     seeds = list(dict.fromkeys(o.seed)) or [new]
     console.print("seeds: " + ", ".join(f"{s} ({'judging' if s >= JUDGING_SEED else 'worked on'})" for s in seeds))
-    settings, files = o.settings(), scene_files(o.scene, o.scenes)
+    settings = o.settings()
     drawn = [(s, path) for s in seeds for path in chosen_files(files, s, o.minutes)]
     chosen = dealt_files(files, seeds) if o.deal else drawn
     work, left_out = [], []

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.options import SUITE
 from benchmarks.passes import Pass
 from benchmarks.scores import totals
 from benchmarks.suite import (
-    SUITE,
     SuiteJob,
     SuiteOptions,
     chosen_files,
