@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -12,13 +12,12 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from cyclopts import Parameter
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from benchmarks.one_statistic import OneStatistic, Statistic
-from benchmarks.options import BenchOptions, number, scene_files
-from benchmarks.passes import PEER, Pass, in_processes, provenance, run_pass
-from benchmarks.suite import SUITE, Way, chosen_files, drawn_scene, judged_truth, refined_tracks, suite_recording
+from benchmarks.options import ChallengeOptions, number
+from benchmarks.passes import PEER, Pass, provenance, run_pass, watched
+from benchmarks.suite import Way, chosen_files, drawn_scene, judged_truth, refined_tracks, suite_recording
 from calib.errors import InputError
 from calib.io import write_whole
 from calib.types import F64, I64
@@ -182,7 +181,7 @@ class AblationRow:
         }  # fmt: skip
 
 
-def run_trial(trial: Trial) -> tuple[Trial, Evaluation]:
+def run_trial(trial: Trial) -> Evaluation:
     """Track and score one variant on one recording.
 
     The engine as configured runs in full, once (``passes.run_pass``), and records its plan-view points; variants of the
@@ -206,14 +205,7 @@ def run_trial(trial: Trial) -> tuple[Trial, Evaluation]:
             tracks = run(run_pass(job) / "maps.h5", config=config)
         else:
             tracks = read_tracks(run_pass(Pass(folder, trial.recording.cache, config)) / "tracks.csv")
-    return trial, evaluate_tracks(tracks, trial.recording.truth())
-
-
-def run_trials(trials: Sequence[Trial], at_once: int) -> Iterator[tuple[Trial, Evaluation]]:
-    """Scores in the order in which they are done; the engine as configured first, since others need its points."""
-    first = [trial for trial in trials if trial.variant == CONFIGURED]
-    yield from in_processes(run_trial, first, at_once)
-    yield from in_processes(run_trial, [trial for trial in trials if trial.variant != CONFIGURED], at_once)
+    return evaluate_tracks(tracks, trial.recording.truth())
 
 
 def ablation_rows(
@@ -274,23 +266,13 @@ def bootstrap(numerator: F64, denominator: F64, samples: I64) -> Interval:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class AblationOptions(BenchOptions):
+class AblationOptions(ChallengeOptions):
     """Which variants are compared, and on what."""
 
     variant: Annotated[Sequence[str], Parameter(negative="")] = ()
     """Only these variants, by name."""
-    seed: Annotated[Sequence[int], Parameter(negative="")] = ()
-    """Seeds of the challenges; 1 by default, and none where --recording is given."""
-    minutes: float = 10.0
-    """Length of the challenges of each seed together [min]."""
-    scene: Annotated[Sequence[str], Parameter(negative="")] = ()
-    """Only these challenges, by name."""
     recording: Annotated[Sequence[Path], Parameter(negative="")] = ()
     """A recording folder with truth.csv; may be given several times."""
-    jobs: int = 1
-    """Trials at the same time, each in a process of its own."""
-    scenes: Path = SUITE
-    """Folder with challenges."""
     out: Path | None = None
     """JSON file that gets the table; none by default."""
 
@@ -306,22 +288,22 @@ def ablation(*, options: AblationOptions | None = None) -> None:
     Example: python -m benchmarks ablation --scene trio --scene crossing --jobs 2
     """
     o = options or AblationOptions()
-    if o.jobs < 1 or not 0 < o.minutes <= 1000 or any(s < 0 for s in o.seed):
-        raise InputError(
-            f"expected --jobs from 1, --minutes above 0, --seed from 0, found {o.jobs}, {o.minutes:g}, {o.seed}"
-        )
+    files = o.files()
     base, variants = o.settings(), chosen_variants(o.variant)
     recordings = [AblationRecording(path, None, o.cache_folder) for path in o.recording]
     for recording in recordings:
         recording.folder()
     if o.seed or o.scene or not recordings:
-        files = scene_files(o.scene, o.scenes)
         recordings += [
             AblationRecording(path, s, o.cache_folder)
             for s in dict.fromkeys(o.seed or [1])
             for path in chosen_files(files, s, o.minutes)
         ]
-    rows = ablation_rows(_watched([Trial(r, v, base) for v in variants for r in recordings], variants, o.jobs))
+    console, done = Console(stderr=True, markup=False), dict[Trial, Evaluation]()
+    # The engine as configured first, since others need its points.
+    for some in (variants[:1], variants[1:]):
+        done |= watched(run_trial, [Trial(r, v, base) for v in some for r in recordings], o.jobs, console)
+    rows = ablation_rows({v: [done[Trial(r, v, base)] for r in recordings] for v in variants})
     names = {"recordings": [r.name for r in recordings], **provenance()}
     text = json.dumps(names | {"variants": [row.to_json() for row in rows]}, indent=2) + "\n"
     if o.out is not None:
@@ -331,18 +313,6 @@ def ablation(*, options: AblationOptions | None = None) -> None:
         print(text, end="")
     else:
         print_ablation(rows, Console(markup=False, width=TABLE_WIDTH))
-
-
-def _watched(trials: Sequence[Trial], variants: Sequence[Variant], jobs: int) -> dict[Variant, list[Evaluation]]:
-    """Scores of every variant in the order of the recordings, with a bar while it lasts."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    done: dict[Trial, Evaluation] = {}
-    with Progress(*columns, console=Console(stderr=True, markup=False)) as progress:
-        task = progress.add_task("the engine as configured", total=len(trials))
-        for trial, evaluation in run_trials(trials, jobs):
-            done[trial] = evaluation
-            progress.update(task, advance=1, description=f"{trial.variant.name}: {trial.recording.name} done")
-    return {v: [done[trial] for trial in trials if trial.variant == v] for v in variants}
 
 
 def print_ablation(rows: Sequence[AblationRow], console: Console) -> None:

@@ -19,7 +19,6 @@ from planview.engine.config import Config
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.output.script import run
 from planview.synthetic.assets import SCENES
-from planview.synthetic.random_scenes.suite import varied
 from planview.synthetic.scene import load_scene
 from planview.trajectories.table import read_truth
 
@@ -28,13 +27,12 @@ LIMITS = {"significant_errors": 1, "position_error_m": 0.10, "height_error_m": 0
 
 
 def score_scene(
-    path: Path, seed: int, rendering: Rendering, out: Path | None, config: Config, tracker: str, progress: Progress
+    path: Path, rendering: Rendering, out: Path | None, config: Config, tracker: str, progress: Progress
 ) -> SceneScore:
     """Render, track and score one scene.
 
     Args:
         path: a stereo scene.
-        seed: 0 for the scene itself, else a variation (``planview.synthetic.varying``).
         out: folder that gets a folder with the run; None to keep nothing.
     Raises:
         InputError: the scene is refused, or has a single camera.
@@ -42,14 +40,14 @@ def score_scene(
     scene = load_scene(path)
     if scene.rig is None:
         raise InputError(f"{path}: expected a scene with a [rig], found a single camera")
-    name = path.stem if seed == 0 else f"{path.stem}-{seed}"
-    recording = rendered(varied(scene, seed), name, rendering, progress)
+    name = path.stem
+    recording = rendered(scene, name, rendering, progress)
     progress(f"tracking {name}")
     folder = out / name if out else None
     tracks = run(bench_engine(recording, tracker, config), folder, overwrite=True)
     n_frames = rendering.frames or scene.n_frames
     evaluation = evaluate_tracks(tracks, read_truth(recording / "truth.csv"))
-    return SceneScore(path.stem, seed, evaluation, recording, n_frames, n_frames / scene.fps, folder)
+    return SceneScore(name, 0, evaluation, recording, n_frames, n_frames / scene.fps, folder)
 
 
 @Parameter(name="*")
@@ -59,8 +57,6 @@ class AccuracyOptions(BenchOptions):
 
     scene: Annotated[Sequence[str], Parameter(negative="")] = ()
     """Only these scenes, by name."""
-    seeds: int = 1
-    """Seed 0 is the scene as committed; every further one a variation of it."""
     tracker: str = "template"
     """Tracker that follows people: one of planview run, or peaks, the baseline of height peaks."""
     frames: int | None = None
@@ -77,20 +73,15 @@ def accuracy(*, options: AccuracyOptions | None = None) -> None:
     """Render every committed scene, track it and score it.
 
     Example: python -m benchmarks accuracy --scene crossing --scene group
-
-    Example with three variations of each scene (other walks, rigs and heights): python -m benchmarks accuracy --seeds 4
     """
     o = options or AccuracyOptions()
-    if o.seeds < 1 or (o.frames is not None and o.frames < 1) or not 0.05 <= o.scale <= 4:
-        raise InputError(
-            f"expected --seeds and --frames from 1, --scale 0.05 to 4, found {o.seeds}, {o.frames}, {o.scale:g}"
-        )
+    if (o.frames is not None and o.frames < 1) or not 0.05 <= o.scale <= 4:
+        raise InputError(f"expected --frames from 1, --scale 0.05 to 4, found {o.frames}, {o.scale:g}")
     settings, rendering = o.settings(), Rendering(o.cache_folder, o.scale, o.frames)
     with Console(stderr=True, markup=False).status("...") as status:
         scores = [
-            score_scene(path, seed, rendering, o.out, settings, o.tracker, status.update)
+            score_scene(path, rendering, o.out, settings, o.tracker, status.update)
             for path in scene_files(o.scene, o.scenes)
-            for seed in range(o.seeds)
         ]
     together = totals(scores)
     ok = (

@@ -34,7 +34,7 @@ from planview.engine.config import Config
 from planview.synthetic.assets import SCENES, real_recordings
 from planview.synthetic.random_scenes.rooms import random_rigs
 from planview.synthetic.render import SceneRenderer
-from planview.synthetic.scene import Scene, load_scene
+from planview.synthetic.scene import load_scene
 from planview.synthetic.write import write_rigs
 from stereo.floor import FloorEstimator, setup_frames
 from stereo.readers.open import open_recording
@@ -43,8 +43,6 @@ from stereo.rectify import aligned_rectifier
 
 Family = Literal["board", "floor", "human", "rigs"]
 BOARD_SIZE = 1280, 800
-BOARD_RIGS, BOARD_VIEWS, BOARD_NOISE_PX = 3, 30, 0.2
-FOCAL_LIMIT, BASELINE_LIMIT, ROTATION_LIMIT_DEG = 0.2, 0.3, 0.05
 LENSES: dict[str, tuple[float, LensModel, tuple[float, ...]]] = {
     "plain": (900.0, "brown", ()),
     "brown": (900.0, "brown", (-0.3, 0.1, 5e-4, -3e-4)),
@@ -53,22 +51,15 @@ LENSES: dict[str, tuple[float, LensModel, tuple[float, ...]]] = {
     "rational": (600.0, "rational", (0.3, 0.05, 2e-4, -1e-4, 0.001, 0.65, 0.1, 0.01)),
 }
 """Focal length [px], model and coefficients."""
-TILTS_DEG, FLOOR_FRAMES = (0, 15, 30, 45, 60, 75), 6
-FLOOR_SCENE = SCENES / "demo.toml"
-HIGH_M, LOW_M = (3.5, 2.0, 2.9), (3.5, 0.2, 2.6)
-"""Where the cameras hang: steep ones above the middle of the room, flat ones at its wall."""
 HEIGHT_LIMIT_CM, ANGLE_LIMIT_DEG = 2.0, 0.3
-REAL_HEIGHT_M, REAL_LIMIT_CM = 2.74, 5.0
-"""The overhead pair of the shared recordings, by its disparity (see its README)."""
 CAMERAS = {
     "overhead": GroundCamera(640, 480, 400.0, 3.5, math.radians(5), "normal"),
     "oblique": GroundCamera(640, 480, 500.0, 4.0, math.radians(45), "normal-wide"),
     "near-horizontal": GroundCamera(640, 480, 600.0, 4.0, math.radians(68), "normal"),
 }
-PEOPLE, PEOPLE_SEEDS, CLICK_NOISE_PX = 8, 10, 2.0
+PEOPLE_SEEDS, CLICK_NOISE_PX = 10, 2.0
 PEOPLE_LIMITS = {"height": 5.0, "tilt": 2.0, "focal": 6.0}
-PETS_PEOPLE, PETS_LIMIT_M = 12, 0.5
-PETS_SIZE, TSAI_WIDTH = (480, 360), 768
+PETS_SIZE = 480, 360
 RIG_LIMITS = {"place": ("cm", 5.0), "heading": ("deg", 0.5), "clock": ("ms", 30.0)}
 
 
@@ -140,21 +131,22 @@ def calibration_errors(truth: StereoRig, found: StereoRig) -> tuple[float, float
 def board_rows(progress: Progress) -> list[Row]:
     """Worst errors over the random rigs of every lens; and OpenCV's pairs where they are at hand."""
     rows, board = [], Board(9, 6, 0.03)
+    n_rigs = 3
     for lens in LENSES:
         progress(f"boards, {lens} lens")
         errors = []
-        for seed in range(BOARD_RIGS):
+        for seed in range(n_rigs):
             rng = np.random.default_rng(seed)
             truth = random_rig(lens, rng)
-            views = board_views(truth, board, BOARD_VIEWS, BOARD_NOISE_PX, rng)
+            views = board_views(truth, board, n=30, noise_px=0.2, rng=rng)
             errors.append(calibration_errors(truth, solve_board(views, board, truth.left.size).rig))
         focal, baseline, rotation = (float(worst) for worst in np.max(errors, axis=0))
         # The principal point, and with it the direction of the optical axis, is open the more the longer the lens.
-        name, turn = f"boards, {lens} lens, worst of {BOARD_RIGS} rigs", 0.075
+        name, turn = f"boards, {lens} lens, worst of {n_rigs} rigs", 0.075
         rows += [
-            Row(f"{name}: focal length", focal, "%", FOCAL_LIMIT),
-            Row(f"{name}: baseline", baseline, "%", BASELINE_LIMIT),
-            Row(f"{name}: rotation", rotation, "deg", turn if lens == "tele" else ROTATION_LIMIT_DEG),
+            Row(f"{name}: focal length", focal, "%", 0.2),
+            Row(f"{name}: baseline", baseline, "%", 0.3),
+            Row(f"{name}: rotation", rotation, "deg", turn if lens == "tele" else 0.05),
         ]
     pairs, square_m = real_recordings() / "opencv-stereo-chessboard", 0.025
     if pairs.is_dir():
@@ -172,32 +164,41 @@ def board_rows(progress: Progress) -> list[Row]:
 
 def floor_rows(progress: Progress) -> list[Row]:
     """The committed lobby rendered from cameras at several tilts, and the real overhead pair where it is at hand."""
-    rows, description = [], load_scene(FLOOR_SCENE)
-    for tilt_deg in TILTS_DEG:
+    rows = []
+    for tilt_deg in (0, 15, 30, 45, 60, 75):
         progress(f"floor at {tilt_deg} degrees")
-        rows += _floor_at(description, tilt_deg)
+        rows += _floor_at(tilt_deg)
     real = real_recordings() / "overhead-stereo"
     if real.is_dir():
         progress("floor of the real overhead pair")
         recording = open_recording(real)
-        off = 100 * abs(_floor_found(recording.rig, setup_frames(recording)).height_m - REAL_HEIGHT_M)
-        rows.append(Row("floor, real overhead pair: height", off, "cm", REAL_LIMIT_CM))
+        # Its height [m] by its disparity (see its README).
+        off = 100 * abs(_floor_found(recording.rig, setup_frames(recording)).height_m - 2.74)
+        rows.append(Row("floor, real overhead pair: height", off, "cm", 5.0))
     return rows
 
 
-def _floor_at(description: Scene, tilt_deg: float) -> list[Row]:
-    place = HIGH_M if tilt_deg < 50 else LOW_M
-    mount = description.mount.model_copy(update={"tilt_deg": float(tilt_deg), "at_m": place})
-    renderer = SceneRenderer(description.model_copy(update={"rig": mount}))
+def rendered_lobby(tilt_deg: float) -> tuple[StereoRig, Floor, list[StereoFrame]]:
+    """True rig and floor, and some frames, of the committed lobby from a camera at a tilt: steep ones hang above the
+    middle of the room, flat ones at its wall."""
+    scene = load_scene(SCENES / "demo.toml")
+    place = (3.5, 2.0, 2.9) if tilt_deg < 50 else (3.5, 0.2, 2.6)
+    mount = scene.mount.model_copy(update={"tilt_deg": float(tilt_deg), "at_m": place})
+    renderer = SceneRenderer(scene.model_copy(update={"rig": mount}))
     frames = []
-    for index in np.linspace(0, renderer.n_frames - 1, FLOOR_FRAMES).astype(int):
+    for index in np.linspace(0, renderer.n_frames - 1, 6).astype(int):
         frame = renderer.frame(int(index))
         assert frame.right is not None  # the scene has a rig
         frames.append(StereoFrame(int(index), frame.timestamp_s, frame.left, frame.right))
     assert renderer.rig is not None and renderer.world_SE3_left is not None
-    truth, name = Floor(renderer.world_SE3_left), f"floor, rendered at {tilt_deg:g} degrees"
+    return renderer.rig, Floor(renderer.world_SE3_left), frames
+
+
+def _floor_at(tilt_deg: float) -> list[Row]:
+    rig, truth, frames = rendered_lobby(tilt_deg)
+    name = f"floor, rendered at {tilt_deg:g} degrees"
     try:
-        found = _floor_found(renderer.rig, frames)
+        found = _floor_found(rig, frames)
     except WorkError:
         return [Row(f"{name}: height", math.inf, "cm", HEIGHT_LIMIT_CM)]
     tilt, roll = (math.degrees(abs(getattr(found, key) - getattr(truth, key))) for key in ("tilt_rad", "roll_rad"))
@@ -250,7 +251,7 @@ def noisy_people(camera: GroundCamera, seed: int) -> list[HumanSample]:
         left, top, width, height = model.boxes(camera, xy)
         ends = np.array([left, top, left + width, top + height, *model.head(camera, xy), *model.foot(camera, xy)])
         samples.append(_sample(ends + rng.normal(0.0, CLICK_NOISE_PX, 8)))
-    return list(choose_spread(samples, PEOPLE))
+    return list(choose_spread(samples, 8))
 
 
 def _sample(row: F64) -> HumanSample:
@@ -267,7 +268,7 @@ def _pets_rows(folder: Path, marked: bool) -> list[Row]:
             middles of the boxes' edges.
     """
     table, tsai = np.loadtxt(folder / "gt.txt", delimiter=","), load_tsai(folder / "View_001.xml")
-    scale = TSAI_WIDTH / PETS_SIZE[0]
+    scale = 768 / PETS_SIZE[0]
     low, size, middle = table[:, 2:4], table[:, 4:6], table[:, 2] + table[:, 4] / 2
     head, foot = np.column_stack([middle, low[:, 1]]), np.column_stack([middle, low[:, 1] + size[:, 1]])
     truth = tsai.back_project((foot + 0.5) * scale - 0.5)
@@ -281,7 +282,7 @@ def _pets_rows(folder: Path, marked: bool) -> list[Row]:
     errors, trusted = [], []
     for seed in range(PEOPLE_SEEDS):
         rng = np.random.default_rng(seed)
-        rows = ends[rng.choice(alone, PETS_PEOPLE, replace=False)]
+        rows = ends[rng.choice(alone, 12, replace=False)]
         try:
             found = calibrate_from_people(
                 [_sample(row) for row in rows + rng.normal(0.0, CLICK_NOISE_PX, rows.shape)], PETS_SIZE, "pinhole"
@@ -293,8 +294,8 @@ def _pets_rows(folder: Path, marked: bool) -> list[Row]:
             trusted.append(errors[-1])
     name = f"people, PETS view 1, 12 scripted clicks, {'heads and feet' if marked else 'boxes'}"
     return [
-        Row(f"{name}: median floor error", float(np.median(errors)) if errors else math.nan, "m", PETS_LIMIT_M),
-        Row(f"{name}: worst of those called enough", max(trusted, default=math.nan), "m", 2 * PETS_LIMIT_M),
+        Row(f"{name}: median floor error", float(np.median(errors)) if errors else math.nan, "m", 0.5),
+        Row(f"{name}: worst of those called enough", max(trusted, default=math.nan), "m", 1.0),
         Row(f"{name}: called enough, of {PEOPLE_SEEDS}", len(trusted), ""),
     ]
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from rich.console import Console
 
-from benchmarks.calibration import FLOOR_FRAMES, FLOOR_SCENE, HIGH_M, LOW_M, Row, show_rows
+from benchmarks.calibration import Row, rendered_lobby, show_rows
 from benchmarks.options import JsonFlag
 from benchmarks.passes import bench_engine
 from benchmarks.real import score_real, truth_of
@@ -19,18 +19,9 @@ from planview.engine.config import load_config
 from planview.engine.open import base_config
 from planview.output.script import run
 from planview.synthetic.assets import real_recordings
-from planview.synthetic.render import SceneRenderer
-from planview.synthetic.scene import load_scene
 from stereo.floor import FloorEstimator, setup_frames
 from stereo.readers.open import open_recording
-from stereo.recording import StereoFrame
 from stereo.rectify import Rectifier, aligned_rectifier
-
-TILTS_DEG, ERRORS_DEG = (15, 60), (0.1, 0.25, 0.5)
-ANGLES = "pitch", "yaw", "roll"
-HEAD_M = 1.6
-REAL_TILT_DEG, REAL_ROLL_DEG, REAL_HEIGHT_M = 10.9, 2.8, 2.706
-"""Of the overhead pair about x and about y, and its height (see the README of the shared recordings)."""
 
 
 def correction(*, json_output: JsonFlag = False) -> None:
@@ -40,7 +31,7 @@ def correction(*, json_output: JsonFlag = False) -> None:
     """
     rows: list[Row] = []
     with Console(stderr=True, markup=False).status("...") as status:
-        for tilt_deg in TILTS_DEG:
+        for tilt_deg in (15, 60):
             status.update(f"rendered at {tilt_deg} degrees")
             rows += rendered_rows(tilt_deg)
         if (real_recordings() / "overhead-stereo").is_dir():
@@ -51,26 +42,14 @@ def correction(*, json_output: JsonFlag = False) -> None:
 
 def rendered_rows(tilt_deg: int) -> list[Row]:
     """The committed lobby from one camera, its calibration right and off by each angle."""
-    scene = load_scene(FLOOR_SCENE)
-    mount = {"tilt_deg": float(tilt_deg), "at_m": HIGH_M if tilt_deg < 50 else LOW_M}
-    renderer = SceneRenderer(scene.model_copy(update={"rig": scene.mount.model_copy(update=mount)}))
-    frames = []
-    for index in np.linspace(0, renderer.n_frames - 1, FLOOR_FRAMES).astype(int):
-        frame = renderer.frame(int(index))
-        assert frame.right is not None  # the scene has a rig
-        frames.append(StereoFrame(int(index), frame.timestamp_s, frame.left, frame.right))
-    true = renderer.rig
-    assert true is not None and renderer.world_SE3_left is not None
+    true, true_floor, frames = rendered_lobby(tilt_deg)
     rows = []
-    for error_deg, axis in [(0.0, 0), *((e, axis) for e in ERRORS_DEG for axis in range(3))]:
+    for error_deg, axis in [(0.0, 0), *((e, axis) for e in (0.1, 0.25, 0.5) for axis in range(3))]:
         turn = SE3.from_rotvec(math.radians(error_deg) * np.eye(3)[axis])
         rectifier, found = aligned_rectifier(replace(true, right_SE3_left=turn @ true.right_SE3_left), frames)
         floor = FloorEstimator(rectifier)(frames)
         left_deg = np.degrees((rectifier.rig.right_SE3_left @ true.right_SE3_left.inverse()).rotvec)
-        name, true_floor = (
-            f"rendered at {tilt_deg}, {ANGLES[axis]} off by {error_deg:g}",
-            Floor(renderer.world_SE3_left),
-        )
+        name = f"rendered at {tilt_deg}, {('pitch', 'yaw', 'roll')[axis]} off by {error_deg:g}"
         height, positions = abs(floor.height_m - true_floor.height_m), head_error_m(true, true_floor, rectifier, floor)
         limit = 3.0 * math.degrees(float(np.nanmax(found.deviations)))
         rows += [
@@ -87,7 +66,7 @@ def head_error_m(true: StereoRig, true_floor: Floor, rectifier: Rectifier, floor
     u, v = (axis.ravel() for axis in np.meshgrid(*(np.linspace(0.1, 0.9, 9) * side for side in ideal.geometry.size)))
     rays: F64 = ideal.geometry.rays(np.column_stack([u, v]))
     world = rays @ true_floor.world_SE3_left.rotation.T
-    reach = (true_floor.height_m - HEAD_M) / np.maximum(-world[:, 2], 1e-6)
+    reach = (true_floor.height_m - 1.6) / np.maximum(-world[:, 2], 1e-6)
     seen = (world[:, 2] < 0) & (reach * rays[:, 2] < 6.0)
     left = ideal.rect_SE3_left.inverse() @ (rays * reach[:, None])[seen]
     right = true.right_SE3_left @ left
@@ -107,11 +86,12 @@ def real_rows() -> list[Row]:
     rectifier, found = aligned_rectifier(recording.rig, frames)
     floor, scale = FloorEstimator(rectifier)(frames), recording.rig.left.width / rectifier.geometry.width
     up, name = floor.world_SE3_left.rotation[2], "real overhead pair"
+    # Angles about x and about y [deg], and the height [m], are from the README of the shared recordings.
     rows = [
         Row(f"{name}, {found}: residual of {found.before_px * scale:.2f} px", found.after_px * scale, "px", 0.5),
-        Row(f"{name}: tilt", abs(math.degrees(math.atan2(-up[1], -up[2])) - REAL_TILT_DEG), "deg", 0.5),
-        Row(f"{name}: roll", abs(math.degrees(floor.roll_rad) - REAL_ROLL_DEG), "deg", 0.5),
-        Row(f"{name}: height", 100 * abs(floor.height_m - REAL_HEIGHT_M), "cm", 2.0),
+        Row(f"{name}: tilt", abs(math.degrees(math.atan2(-up[1], -up[2])) - 10.9), "deg", 0.5),
+        Row(f"{name}: roll", abs(math.degrees(floor.roll_rad) - 2.8), "deg", 0.5),
+        Row(f"{name}: height", 100 * abs(floor.height_m - 2.706), "cm", 2.0),
     ]
     for tracker in ("template", "peaks"):
         engine = bench_engine(folder, tracker, load_config(None, (), base_config(folder)))

@@ -18,7 +18,7 @@ from rich.table import Table
 from benchmarks.options import BenchOptions, Progress, Rendering, rendered, scene_files
 from benchmarks.views import VIEWS, drawn_view
 from calib.errors import InputError
-from calib.types import I32, Bool
+from calib.types import I32, I64, Bool
 from planview.engine.config import Config
 from planview.engine.open import open_engine
 from planview.synthetic.render import SceneRenderer
@@ -35,8 +35,6 @@ CONDITIONS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
     "clothes like the wall": {"room": {"grey_clothes": 1.0}},
 }
 """What takes the place of the values that a seed has drawn, by condition."""
-SETTLED_S = 3.0
-"""Time in which backgrounds are learned, before anything counts [s]."""
 
 
 @dataclass(frozen=True)
@@ -58,25 +56,11 @@ class ForegroundScore:
     false: float
 
 
-class PixelTally:
-    """Pixels of one method: add frame by frame."""
-
-    def __init__(self) -> None:
-        self._missed = self._people = self._false = self._room = 0
-
-    def add(self, found: Bool, owner: I32) -> None:
-        """Compare a mask (H, W) with whose pixels they are (H, W); those of moving things do not count."""
-        people, room = owner > 0, owner == 0
-        self._people += int(people.sum())
-        self._room += int(room.sum())
-        self._missed += int((people & ~found).sum())
-        self._false += int((room & found).sum())
-
-    def score(self, view: str, seed: int, condition: str, method: str) -> ForegroundScore:
-        """The shares of all frames so far."""
-        wrong = (self._missed + self._false) / max(1, self._people + self._room)
-        missed, false = self._missed / max(1, self._people), self._false / max(1, self._room)
-        return ForegroundScore(view, seed, condition, method, wrong, missed, false)
+def pixel_counts(found: Bool, owner: I32) -> I64:
+    """(4,) of a mask (H, W): people's pixels missed, people's pixels, the room's found, the room's, by whose pixels
+    (H, W) they are; those of moving things do not count."""
+    people, room = owner > 0, owner == 0
+    return np.array([(people & ~found).sum(), people.sum(), (room & found).sum(), room.sum()], np.int64)
 
 
 def score_foreground(
@@ -91,25 +75,24 @@ def score_foreground(
     progress(f"{name} of seed {seed}, {condition}")
     engine = open_engine(recording, "ellipse-particle", config)
     others = {"MOG2": cv2.createBackgroundSubtractorMOG2(), "KNN": cv2.createBackgroundSubtractorKNN()}
-    tallies = {method: PixelTally() for method in ("planview", *others)}
+    counts = {method: np.zeros(4, np.int64) for method in ("planview", *others)}
     renderer = SceneRenderer(view.scene)
     for result in engine:
         image, own = result.observation.image, result.observation.foreground
         assert image is not None and own is not None  # a single camera gives both
         found = {method: cv2.medianBlur(other.apply(image), 3) for method, other in others.items()}
         found["planview"] = cv2.resize(own, image.shape[1::-1], interpolation=cv2.INTER_NEAREST)
-        if result.timestamp_s >= SETTLED_S:
+        # Backgrounds are learned before anything counts [s].
+        if result.timestamp_s >= 3.0:
             owner = renderer.owner(result.frame)
             for method, mask in found.items():
-                tallies[method].add(np.asarray(mask == 255), owner)
-    return [tally.score(name, seed, condition, method) for method, tally in tallies.items()]
-
-
-def pooled(scores: Sequence[ForegroundScore], condition: str, method: str) -> tuple[float, float, float]:
-    """Means of wrong, missed and false over views and seeds."""
-    mine = [(s.wrong, s.missed, s.false) for s in scores if s.condition == condition and s.method == method]
-    wrong, missed, false = np.mean(mine, axis=0)
-    return float(wrong), float(missed), float(false)
+                counts[method] += pixel_counts(np.asarray(mask == 255), owner)
+    scores = []
+    for method, count in counts.items():
+        missed, people, false, room = map(int, count)
+        shares = (missed + false) / max(1, people + room), missed / max(1, people), false / max(1, room)
+        scores.append(ForegroundScore(name, seed, condition, method, *shares))
+    return scores
 
 
 @Parameter(name="*")
@@ -153,8 +136,11 @@ def foreground(*, options: ForegroundOptions | None = None) -> None:
     methods = list(dict.fromkeys(score.method for score in scores))
     shown = Table("condition", *methods, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for condition in CONDITIONS:
-        cells = [pooled(scores, condition, method) for method in methods]
-        texts = [f"{100 * wrong:.2f} ({100 * missed:.0f}, {100 * false:.2f})" for wrong, missed, false in cells]
+        texts = []
+        for method in methods:
+            mine = [(s.wrong, s.missed, s.false) for s in scores if s.condition == condition and s.method == method]
+            wrong, missed, false = 100 * np.mean(mine, axis=0)
+            texts.append(f"{wrong:.2f} ({missed:.0f}, {false:.2f})")
         shown.add_row(condition, *texts)
     console = Console(markup=False)
     console.print(shown)

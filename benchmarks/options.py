@@ -22,6 +22,8 @@ from planview.synthetic.render import RENDERER_VERSION, SceneRenderer
 from planview.synthetic.scene import Scene
 from planview.synthetic.write import write_recording
 
+SUITE = SCENES / "suite"
+"""The committed challenges."""
 Progress = Callable[[str], None]
 """Takes a message that says what is being done."""
 Flag = Annotated[bool, Parameter(negative="")]
@@ -58,6 +60,34 @@ class BenchOptions:
     def settings(self) -> Config:
         """The parameters of the engine. Raises InputError: an unknown parameter, or a value out of its range."""
         return load_config(self.config, self.set_)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class ChallengeOptions(BenchOptions):
+    """Which challenges are drawn."""
+
+    seed: Annotated[Sequence[int], Parameter(negative="")] = ()
+    """Seeds to draw: of the suite a new one from the clock by default, so that no work was done on it; of the ablation
+    1, and none where --recording is given."""
+    minutes: float = 10.0
+    """Length of the challenges of each seed together [min]; the seed decides which. The whole suite is longer than ten
+    minutes."""
+    scene: Annotated[Sequence[str], Parameter(negative="")] = ()
+    """Only these challenges, by name."""
+    jobs: int = 1
+    """Recordings worked on at the same time, each in a process of its own."""
+    scenes: Path = SUITE
+    """Folder with challenges."""
+
+    def files(self) -> list[Path]:
+        """The challenges named. Raises InputError: there is none of a name, or a number out of its range."""
+        if self.jobs < 1 or not 0 < self.minutes <= 1000 or any(s < 0 for s in self.seed):
+            raise InputError(
+                f"expected --jobs from 1, --minutes above 0, --seed from 0, "
+                f"found {self.jobs}, {self.minutes:g}, {self.seed}"
+            )
+        return scene_files(self.scene, self.scenes)
 
 
 @dataclass(frozen=True)

@@ -14,22 +14,21 @@ from typing import Any, TypeVar, cast
 
 import cv2
 from joblib import Parallel, delayed, parallel_config
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 import planview
 from benchmarks import peaks, peer
 from benchmarks.options import new_folder
 from benchmarks.peaks import PeakTracker
 from benchmarks.peer import PeerLog
-from calib.errors import InputError
 from planview.engine.config import Config
 from planview.engine.engine import Engine
 from planview.engine.open import open_engine
-from planview.maps.recording import MapsRecording
 from planview.output.folder import finished_run
 from planview.output.maps_log import MapsLog
 from planview.output.run import RunLog, RunOptions, run
 from planview.sweep.jobs import engine_version, key_of
-from planview.trajectories.table import read_tracks
 
 PEER = "peer.csv"
 """Tracks of the naive engine, tracked in the same pass."""
@@ -75,9 +74,9 @@ def code_key() -> str:
 
 def run_pass(job: Pass) -> Path:
     """The folder of a run (tracks.csv, run.json, decisions.csv, with ``recorded`` maps.h5 and peer.csv), from the cache
-    when it is whole there. Raises InputError: a recording that cannot be used. WorkError: the cache cannot be
+    when it is there. Raises InputError: a recording that cannot be used. WorkError: the cache cannot be
     written."""
-    if _is_whole(job):
+    if finished_run(job.folder) is not None:
         return job.folder
     shutil.rmtree(job.folder, ignore_errors=True)
     part = new_folder(job.folder.parent, job.folder.name)
@@ -93,32 +92,22 @@ def run_pass(job: Pass) -> Path:
     return job.folder
 
 
-def _is_whole(job: Pass) -> bool:
-    """Whether the cache has a run that ended, with all of its files."""
-    try:
-        whole = finished_run(job.folder) is not None
-        for name in ("tracks.csv", PEER) if job.recorded else ("tracks.csv",):
-            read_tracks(job.folder / name)
-        if job.recorded:
-            MapsRecording(job.folder / "maps.h5")
-    except InputError:
-        return False
-    return whole
+def watched(
+    work: Callable[[Job], Result], jobs: Sequence[Job], at_once: int, console: Console
+) -> Iterator[tuple[Job, Result]]:
+    """Every job with its result in the order in which they are done, in so many processes of one thread each, with a
+    bar while it lasts."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console) as progress, parallel_config("loky", inner_max_num_threads=1):
+        # Processes are spawned, not forked: open3d and numba hold threads.
+        alone = Parallel(n_jobs=at_once, return_as="generator_unordered")
+        done = alone(delayed(_alone)(work, job) for job in jobs) if at_once > 1 else ((j, work(j)) for j in jobs)
+        yield from progress.track(done, len(jobs), description="rendering and tracking")
 
 
-def in_processes(work: Callable[[Job], Result], jobs: Sequence[Job], at_once: int) -> Iterator[Result]:
-    """Results in the order in which they are done, in so many processes of one thread each."""
-    if at_once == 1:
-        yield from map(work, jobs)
-        return
-    # Processes are spawned, not forked: open3d and numba hold threads.
-    with parallel_config("loky", inner_max_num_threads=1):
-        yield from Parallel(n_jobs=at_once, return_as="generator_unordered")(delayed(_alone)(work, j) for j in jobs)
-
-
-def _alone(work: Callable[[Job], Result], job: Job) -> Result:
+def _alone(work: Callable[[Job], Result], job: Job) -> tuple[Job, Result]:
     cv2.setNumThreads(1)
-    return work(job)
+    return job, work(job)
 
 
 def provenance() -> dict[str, str]:

@@ -28,8 +28,6 @@ FOREGROUND = 255
 """MOG2's mark of foreground; it marks shadows with 127."""
 OPENED = np.ones((3, 3), np.uint8)
 """Foreground narrower than this [px] is noise."""
-GATE_M = 0.7
-"""Farthest a person is from the prediction [m]."""
 POSITION_STD_M, ACCELERATION_STD_MPS2, SPEED_STD_MPS = 0.1, 2.0, 1.0
 """Deviations of the Kalman filter: position of a blob, random acceleration, velocity of a newcomer."""
 CONFIRM_FRAMES = 5
@@ -98,7 +96,8 @@ class BlobTracker:
         self._last_s = now_s
         at = np.array([(p.kalman.x_m, p.kalman.y_m) for p in self._people]).reshape(-1, 1, 2)
         cost = np.linalg.norm(at - np.array([b[:2] for b in found]).reshape(1, -1, 2), axis=2)
-        pairs = [(i, j) for i, j in zip(*linear_sum_assignment(cost), strict=True) if cost[i, j] < GATE_M]
+        # Farthest a person is from the prediction [m].
+        pairs = [(i, j) for i, j in zip(*linear_sum_assignment(cost), strict=True) if cost[i, j] < 0.7]
         for i, j in pairs:
             person, blob = self._people[i], found[j]
             person.kalman = person.kalman.updated(blob.x_m, blob.y_m, POSITION_STD_M)

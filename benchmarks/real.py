@@ -27,8 +27,6 @@ from planview.trajectories.table import Trajectories, positions_table, read_trut
 
 BASELINE = "peaks"
 """The row to beat, which is printed beside every tracker."""
-TABLE_WIDTH = 120
-"""Columns of text that the table needs."""
 WALKER_PATH = "walker_path_from_depth.csv"
 WALKER_VISIBLE_FRAMES, BESIDE_WALKER_M = 30, 0.3
 """The walker's path comes without ids: later the walker stands cut by the image's border, and so does a second person
@@ -159,7 +157,8 @@ def real(*, options: RealOptions | None = None) -> None:
     if o.json_output:
         print(json.dumps({"scores": [score.to_json() for score in scores]}, indent=2))
     else:
-        print_real(scores, Console(markup=False, width=TABLE_WIDTH))
+        # Columns of text that the table needs.
+        print_real(scores, Console(markup=False, width=120))
 
 
 def print_real(scores: Sequence[RealScore], console: Console) -> None:

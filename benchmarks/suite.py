@@ -10,16 +10,15 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from cyclopts import Parameter
 from pydantic import ValidationError
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from benchmarks.options import BenchOptions, Flag, Rendering, rendered, scene_files
-from benchmarks.passes import PEER, Pass, in_processes, provenance, run_pass
+from benchmarks.options import ChallengeOptions, Flag, Rendering, rendered
+from benchmarks.passes import PEER, Pass, provenance, run_pass, watched
 from benchmarks.scores import SceneScore, print_scores, scores_json
 from calib.errors import InputError, WorkError
 from calib.io import parse_toml, read_text, write_whole
@@ -27,7 +26,6 @@ from calib.params import first_problem
 from planview.engine.config import Config
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.output.finished import refine_run
-from planview.synthetic.assets import SCENES
 from planview.synthetic.camera import mount_pose, rectified_world, stereo_rig
 from planview.synthetic.motion import TURNS
 from planview.synthetic.people import Cast
@@ -36,8 +34,6 @@ from planview.synthetic.scene import Scene
 from planview.synthetic.texture import Palette
 from planview.trajectories.table import Trajectories, read_tracks, read_truth
 
-SUITE = SCENES / "suite"
-"""The committed challenges."""
 Way = Literal["online", "refined", "peer"]
 """Tracks as they came, those refined afterwards, and those of the naive engine."""
 TURNING = 0.02
@@ -109,35 +105,9 @@ def dealt_files(files: Sequence[Path], seeds: Sequence[int]) -> list[tuple[int, 
 
 
 def suite_recording(path: Path, seed: int, cache: Path) -> tuple[Path, Scene]:
-    """The recording of a seed, from the cache when it is whole there; one that was cut off is rendered again."""
+    """The recording of a seed, from the cache when it is there."""
     scene = drawn_scene(path, seed)
-    for _ in range(2):
-        folder = rendered(scene, f"suite-{path.stem}-{seed}", Rendering(cache), lambda _: None)
-        if is_whole(folder, scene.n_frames):
-            break
-        shutil.rmtree(folder, ignore_errors=True)
-    return folder, scene
-
-
-def is_whole(folder: Path, n_frames: int) -> bool:
-    """Whether a rendered recording has all of its images, times and truth."""
-    images = [path for side in ("left", "right") for path in sorted((folder / side).glob("*.jpg"))]
-    times = folder / "timestamps.csv"
-    return (
-        len(images) == 2 * n_frames
-        and all(_has_end(path) for path in images)
-        and (folder / "rig.toml").is_file()
-        and (folder / "truth.csv").is_file()
-        and times.is_file()
-        and len(times.read_text().splitlines()) == n_frames + 1
-    )
-
-
-def _has_end(path: Path) -> bool:
-    """Whether a JPEG file ends with its end marker."""
-    with path.open("rb") as file:
-        file.seek(max(0, path.stat().st_size - 2))
-        return file.read() == b"\xff\xd9"
+    return rendered(scene, f"suite-{path.stem}-{seed}", Rendering(cache), lambda _: None), scene
 
 
 def judged_truth(truth: Trajectories, scene: Scene) -> Trajectories:
@@ -187,28 +157,17 @@ def refined_tracks(folder: Path) -> Trajectories:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class SuiteOptions(BenchOptions):
-    """Which challenges are drawn, and how they are tracked."""
+class SuiteOptions(ChallengeOptions):
+    """How challenges are tracked."""
 
-    seed: Annotated[Sequence[int], Parameter(negative="")] = ()
-    """Seeds to draw; a new one from the clock by default, so that no work was done on it."""
-    minutes: float = 10.0
-    """Length of the scenes of each seed together [min]; the seed decides which scenes. The whole suite is longer than
-    ten minutes."""
-    scene: Annotated[Sequence[str], Parameter(negative="")] = ()
-    """Only these scenes, by name."""
     deal: Flag = False
     """Deal all scenes out to the seeds in turn, instead of drawing every scene with every seed."""
-    jobs: int = 1
-    """Scenes worked on at the same time, each in a process of its own."""
     tracker: str = "template"
     """Tracker that follows people: one of planview run, or peaks, the baseline of height peaks."""
     refine: Flag = False
     """Score the refined tracks, too."""
     peer: Flag = False
     """Score the naive engine, too: its tracks come from the same pass."""
-    scenes: Path = SUITE
-    """Folder with challenges."""
     out: Path | None = None
     """Folder that keeps the runs (tracks.csv, run.json) and suite.json; nothing is kept by default."""
 
@@ -225,16 +184,13 @@ def suite(*, options: SuiteOptions | None = None) -> None:
     Example: python -m benchmarks suite --seed 1 --minutes 3 --jobs 2 --refine --peer
     """
     o = options or SuiteOptions()
-    if o.jobs < 1 or not 0 < o.minutes <= 1000 or any(s < 0 for s in o.seed):
-        raise InputError(
-            f"expected --jobs from 1, --minutes above 0, --seed from 0, found {o.jobs}, {o.minutes:g}, {o.seed}"
-        )
+    files = o.files()
     console = Console(stderr=True, markup=False)
     # A judging seed from the clock has most likely never been drawn.
     new = JUDGING_SEED + (time.time_ns() // 1_000_000 ^ os.getpid()) % 1_000_000_000
     seeds = list(dict.fromkeys(o.seed)) or [new]
     console.print("seeds: " + ", ".join(f"{s} ({'judging' if s >= JUDGING_SEED else 'worked on'})" for s in seeds))
-    settings, files = o.settings(), scene_files(o.scene, o.scenes)
+    settings = o.settings()
     drawn = [(s, path) for s in seeds for path in chosen_files(files, s, o.minutes)]
     chosen = dealt_files(files, seeds) if o.deal else drawn
     work, left_out = [], []
@@ -246,7 +202,13 @@ def suite(*, options: SuiteOptions | None = None) -> None:
             console.print(f"left out: {left_out[-1]}", style="yellow")
             continue
         work.append(SuiteJob(path, seed, o.cache_folder, o.out, settings, o.tracker, o.refine, o.peer))
-    ways = _watched(work, o.jobs, console)
+    done: dict[tuple[int, Path], dict[Way, SceneScore]] = {}
+    for job, by_way in watched(run_job, work, o.jobs, console):
+        done[job.seed, job.path] = by_way
+    ways: dict[Way, list[SceneScore]] = {}
+    for job in work:
+        for way, score in done[job.seed, job.path].items():
+            ways.setdefault(way, []).append(score)
     result = {"seeds": seeds, "left_out": left_out, **provenance()}
     result |= {way: scores_json(scores) for way, scores in ways.items()}
     if o.out is not None:
@@ -257,20 +219,3 @@ def suite(*, options: SuiteOptions | None = None) -> None:
         return
     for way, scores in ways.items():
         print_scores(f"scene, {way}", scores, Console(markup=False))
-
-
-def _watched(work: Sequence[SuiteJob], jobs: int, console: Console) -> dict[Way, list[SceneScore]]:
-    """Scores of every way in the order of the work, with a bar while it lasts."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    done: dict[tuple[int, str], dict[Way, SceneScore]] = {}
-    with Progress(*columns, console=console) as progress:
-        task = progress.add_task("rendering and tracking", total=len(work))
-        for scores in in_processes(run_job, work, jobs):
-            first = scores["online"]
-            done[first.seed, first.name] = scores
-            progress.update(task, advance=1, description=f"{first.name}-{first.seed} done")
-    ways: dict[Way, list[SceneScore]] = {}
-    for job in work:
-        for way, score in done[job.seed, job.path.stem].items():
-            ways.setdefault(way, []).append(score)
-    return ways

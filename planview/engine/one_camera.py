@@ -20,8 +20,8 @@ from planview.engine.config import Config, SingleCameraParams
 from planview.engine.engine import Engine, FrameResult, StageClock
 from planview.foreground.blobs import find_blobs
 from planview.foreground.ghosts import find_ghosts, find_still, find_uncovered, moved_lately
-from planview.foreground.masks import BACKGROUND, PERSON, WALKER
 from planview.foreground.mixture import Foreground
+from planview.foreground.params import BACKGROUND, PERSON, WALKER
 from planview.maps.view import StereoView
 from planview.tracking.base import ImageTracker, Observation
 from stereo.recording import Video, VideoFrame

@@ -19,8 +19,8 @@ from planview.checks.timing import STEP_PX, sampled_thumbnails, thumbnails
 from planview.engine.config import Config, FeedbackParams
 from planview.engine.engine import Engine, FrameResult, RigFrame, StageClock
 from planview.engine.setup import Setup, set_up
-from planview.foreground.masks import BACKGROUND, PERSON
 from planview.foreground.mixture import Foreground
+from planview.foreground.params import BACKGROUND, PERSON
 from planview.maps.builder import FloorPoints, MapBuilder, PlanViewMaps
 from planview.maps.multi_rig import MultiRigMapBuilder
 from planview.maps.pixels import KeptBackground, PixelRays, SeenPixels, seen_pixels, unmatched_pixels

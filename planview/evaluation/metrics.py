@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from calib.types import F64, I64, Bool
-from planview.evaluation.sequence import EPS, THRESHOLD, Sequence, common_pairs
+from planview.evaluation.sequence import EPS, THRESHOLD, Sequence
 
 
 def best_pairs(rows: I64, cols: I64, weight: F64, group: I64) -> Bool:
@@ -102,34 +102,29 @@ def hota_scores(sequence: Sequence) -> HotaScores:
     n_truth, n_tracks = sequence.truth_rows, sequence.track_rows
     if n_truth + n_tracks == 0:
         return HotaScores(None, None, None)
-    common = common_pairs(sequence)
+    # (C,) people and tracks that are similar in any frame, each pair once, and (P,) which of them a pair of rows is.
+    keys = sequence.truth[sequence.pair_truth] * max(1, sequence.n_tracks) + sequence.tracks[sequence.pair_track]
+    common, of_pair = np.unique(keys, return_inverse=True)
+    person, track = np.divmod(common, max(1, sequence.n_tracks))
     # (C,) rows of the person and of the track of every common pair together.
-    truth = np.bincount(sequence.truth, minlength=sequence.n_truth)[common.truth]
-    tracks = np.bincount(sequence.tracks, minlength=sequence.n_tracks)[common.track]
+    truth = np.bincount(sequence.truth, minlength=sequence.n_truth)[person]
+    tracks = np.bincount(sequence.tracks, minlength=sequence.n_tracks)[track]
     union = np.asarray(truth + tracks, dtype=np.float64)
     # (P,) share of each pair in what its two rows are similar to in their frame, as an intersection over union.
     s = sequence.similarity
     of_truth = np.bincount(sequence.pair_truth, s, sequence.truth_rows)[sequence.pair_truth]
     of_track = np.bincount(sequence.pair_track, s, sequence.track_rows)[sequence.pair_track]
     shares = np.asarray(s / np.maximum(of_track + of_truth - s, EPS))
-    potential = np.bincount(common.of_pair, shares, len(common.truth))
-    score = (potential / (union - potential))[common.of_pair] * sequence.similarity
+    potential = np.bincount(of_pair, shares, len(common))
+    score = (potential / (union - potential))[of_pair] * sequence.similarity
     matched = best_pairs(sequence.pair_truth, sequence.pair_track, score, sequence.pair_frame)
-    matches = _count_matches(sequence.similarity[matched], common.of_pair[matched], len(common.truth))
+    # (alphas, C) frames in which a common pair is matched at a threshold.
+    near = [matched & (sequence.similarity >= alpha - EPS) for alpha in ALPHAS]
+    matches = np.array([np.bincount(of_pair[pairs], minlength=len(common)) for pairs in near], dtype=np.float64)
     tp = matches.sum(axis=1)
     deta = tp / (n_truth + n_tracks - tp)
     assa = (matches * (matches / np.maximum(1.0, union - matches))).sum(axis=1) / np.maximum(1.0, tp)
     return HotaScores(float(np.sqrt(deta * assa).mean()), float(deta.mean()), float(assa.mean()))
-
-
-def _count_matches(similarity: F64, common: I64, n_common: int) -> F64:
-    """(alphas, C) frames in which a common pair is matched at a threshold."""
-    counts = [np.bincount(common[similarity >= alpha - EPS], minlength=n_common) for alpha in ALPHAS]
-    return np.array(counts, dtype=np.float64)
-
-
-MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
-"""Shares of a person's rows (Wu, Nevatia 2006, as MOTChallenge counts them)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +168,8 @@ def clear_scores(sequence: Sequence, threshold: float = THRESHOLD) -> ClearScore
     mota = 1.0 - (misses + extra + switches) / sequence.truth_rows if sequence.truth_rows else None
     matched, present = (np.bincount(who, minlength=sequence.n_truth) for who in (person, sequence.truth))
     share = matched / np.maximum(1, present)
-    tracked, lost = np.count_nonzero(share > MOSTLY_TRACKED), np.count_nonzero(share < MOSTLY_LOST)
+    # Shares of a person's rows (Wu, Nevatia 2006, as MOTChallenge counts them).
+    tracked, lost = np.count_nonzero(share > 0.8), np.count_nonzero(share < 0.2)
     fragmentations = int(np.count_nonzero(again & (np.diff(at) != 1)))
     return ClearScores(pairs, misses, extra, switches, mota, int(tracked), int(lost), fragmentations)
 

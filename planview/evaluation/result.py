@@ -7,11 +7,12 @@ from collections import Counter
 from collections.abc import Sequence as Items
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
-from calib.types import F64, I64, AnyArray, Bool
+from calib.types import F64, I64, Bool
 from planview.evaluation.align import FloorAlignment
 from planview.evaluation.metrics import (
     ClearScores,
@@ -24,24 +25,6 @@ from planview.evaluation.metrics import (
 from planview.evaluation.sequence import Sequence
 from planview.evaluation.significant import ErrorKind, SignificantError, poisson_upper
 
-
-class ValueRange(NamedTuple):
-    """From ``low``, below ``high``."""
-
-    low: float
-    high: float
-
-    def contains(self, values: AnyArray) -> Bool:
-        return np.asarray((values >= self.low) & (values < self.high))
-
-    def __str__(self) -> str:
-        return f"{self.low:g}+" if math.isinf(self.high) else f"{self.low:g}-{self.high:g}"
-
-
-DISTANCES_M = tuple(ValueRange(*pair) for pair in ((0, 2), (2, 4), (4, 6), (6, 8), (8, 12), (12, math.inf)))
-"""Our choice: the depth noise of a stereo pair grows with the square of the distance."""
-_TOP = (0.75, math.nextafter(1, 2))  # fully visible belongs to the last
-VISIBILITIES = tuple(ValueRange(*pair) for pair in ((0, 0.25), (0.25, 0.5), (0.5, 0.75), _TOP))
 PEOPLE_GROUPS = (("0", 0, 0.0), ("1-2", 1, 2.0), ("3-5", 3, 5.0), ("6-9", 6, 9.0), ("10+", 10, math.inf))
 """(name, first, last): numbers of people as table 4 of Zhang et al. 2008 groups them."""
 
@@ -71,32 +54,35 @@ class TruthRows:
         return TruthRows(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
-@dataclass(frozen=True)
-class GroupScores:
-    """Truth rows of one group, how many are matched, and their position error [m]; None without any."""
-
-    group: str
-    truth_rows: int
-    matches: int
-    position_error_mean_m: float | None
-    position_error_std_m: float | None
-
-
 def breakdown_json(rows: TruthRows) -> dict[str, list[dict[str, Any]]]:
-    """Three tables by their keys; without people in a frame there are no rows of it."""
+    """Three tables by their keys: truth rows of each group, how many are matched, and their position error [m], None
+    without any; without people in a frame there are no rows of it."""
+
+    def between(values: F64, edges: tuple[float, ...]) -> list[tuple[str, Bool]]:
+        return [
+            (f"{low:g}+" if math.isinf(high) else f"{low:g}-{high:g}", (values >= low) & (values < high))
+            for low, high in pairwise(edges)
+        ]
+
+    def scores(name: str, members: Bool) -> dict[str, Any]:
+        errors = rows.position_error_m[members]
+        errors = errors[np.isfinite(errors)]
+        return {
+            "group": name,
+            "truth_rows": int(members.sum()),
+            "matches": int(rows.matched[members].sum()),
+            "position_error_mean_m": _mean(errors),
+            "position_error_std_m": float(errors.std()) if len(errors) else None,
+        }
+
     members = {
-        "by_distance": [(str(r), r.contains(rows.distance_m)) for r in DISTANCES_M],
-        "by_visibility": [(str(r), r.contains(rows.visible)) for r in VISIBILITIES],
+        # Our choice: the depth noise of a stereo pair grows with the square of the distance.
+        "by_distance": between(rows.distance_m, (0, 2, 4, 6, 8, 12, math.inf)),
+        # Fully visible belongs to the last.
+        "by_visibility": between(rows.visible, (0, 0.25, 0.5, 0.75, math.nextafter(1, 2))),
         "by_people": [(name, (rows.people >= low) & (rows.people <= high)) for name, low, high in PEOPLE_GROUPS[1:]],
     }
-    return {key: [asdict(_group(rows, *group)) for group in groups] for key, groups in members.items()}
-
-
-def _group(rows: TruthRows, name: str, members: Bool) -> GroupScores:
-    errors = rows.position_error_m[members]
-    errors = errors[np.isfinite(errors)]
-    mean, std = (float(errors.mean()), float(errors.std())) if len(errors) else (None, None)
-    return GroupScores(name, int(members.sum()), int(rows.matched[members].sum()), mean, std)
+    return {key: [scores(*group) for group in groups] for key, groups in members.items()}
 
 
 KINDS: tuple[ErrorKind, ...] = ("lost", "missed", "swapped", "false_track")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from collections.abc import Sequence as Items
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -74,26 +73,6 @@ class Sequence:
             for name, firsts in offsets.items()
         }
         return Sequence(**columns, n_truth=people[-1], n_tracks=tracks[-1], n_frames=frames[-1])
-
-
-class CommonPairs(NamedTuple):
-    """Person and track indices of those that are similar in any frame.
-
-    Attributes:
-        truth, track: (C,) each pair of indices once.
-        of_pair: (P,) which of them a pair of rows is.
-    """
-
-    truth: I64
-    track: I64
-    of_pair: I64
-
-
-def common_pairs(sequence: Sequence) -> CommonPairs:
-    """The people and tracks that the pairs of rows belong to."""
-    keys = sequence.truth[sequence.pair_truth] * max(1, sequence.n_tracks) + sequence.tracks[sequence.pair_track]
-    common, of_pair = np.unique(keys, return_inverse=True)
-    return CommonPairs(*np.divmod(common, max(1, sequence.n_tracks)), of_pair=of_pair)
 
 
 def floor_similarity(gate_m: float) -> Similarity:

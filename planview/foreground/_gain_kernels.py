@@ -8,19 +8,14 @@ import numpy as np
 from numba import njit
 
 from calib.types import F32, U8
-from planview.foreground._block_kernels import BLOCK
-from planview.foreground._gaussian_kernels import VAR_Y, Y
+from planview.foreground._leader_kernels import BLOCK, VAR_Y, Y
 
 LADDER_STEP = 0.05
 """Distance of the gains tried, in log gain: 5 % of mid grey is within the tolerance of an unchanged pixel."""
 LADDER_STEPS = 40
 """Gains tried on either side of 1: a factor 7, as between lamps off and on."""
-PAIRS = 150
-"""Lines tried: if only 30 % of the pixels are unchanged, 13 of them join two such pixels."""
 PAIR_STEP = 1009
 """Walks through the pixels in a fixed, scattered order (a prime)."""
-RUN_MIN = 15.0
-"""Smallest difference of luma of two pixels that define a line [levels]: four times the noise."""
 THINNING = 4
 """Candidates are ranked on every fourth pixel."""
 GAIN_MAX, OFFSET_MAX = 8.0, 100.0
@@ -115,10 +110,12 @@ def consensus_line(
     best = gain, offset
     most = weigh_inliers(model, luma, information, gain, offset, clip, tolerance, THINNING)[1]
     n = model.size
-    for k in range(PAIRS):
+    # Lines tried: if only 30 % of the pixels are unchanged, 13 of them join two such pixels.
+    for k in range(150):
         i, j = (k * PAIR_STEP) % n, (k * PAIR_STEP + n // 2 + k) % n
         run = model[j] - model[i]
-        if abs(run) < RUN_MIN or max(luma[i], luma[j]) >= clip or min(luma[i], luma[j]) <= BLACK:
+        # Smallest difference of luma of two pixels that define a line [levels]: four times the noise.
+        if abs(run) < 15.0 or max(luma[i], luma[j]) >= clip or min(luma[i], luma[j]) <= BLACK:
             continue
         gain = (luma[j] - luma[i]) / run
         offset = luma[i] - gain * model[i]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from calib.types import I32, I64, U8
-from planview.foreground import _blob_kernels as kernels
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +30,9 @@ class Blobs:
 
 def find_blobs(mask: U8) -> Blobs:
     """Group the non-zero pixels of a (H, W) uint8 mask, diagonal neighbours included."""
-    height, width = mask.shape
-    most = height * (width + 1) // 2
-    runs, parents = np.empty((most, 3), np.int32), np.empty(most, np.int32)
-    n = kernels.find_runs(np.ascontiguousarray(mask), runs, parents)
-    labels = np.zeros(mask.shape, np.int32)
-    area_px, box_px = kernels.label_runs(runs[:n], parents[:n], labels)
-    area_px[0], box_px[0] = height * width - area_px.sum(), (0, 0, width, height)
-    return Blobs(labels, area_px, box_px)
+    _, labels, stats, _ = cv2.connectedComponentsWithStatsWithAlgorithm(mask, 8, cv2.CV_32S, cv2.CCL_BBDT)
+    return Blobs(
+        np.asarray(labels, np.int32),
+        stats[:, cv2.CC_STAT_AREA].astype(np.int64),
+        np.asarray(stats[:, : cv2.CC_STAT_AREA], np.int32),
+    )

@@ -10,16 +10,9 @@ import numpy as np
 from calib.types import F32, U8
 from planview.foreground import _gain_kernels as kernels
 
-SAMPLES = 4096
-"""Pixels sampled: a gain of 1 % is then found to 0.01 %, in a tenth of a millisecond."""
-INLIERS_TRUSTED = 0.7
-"""Fraction of inliers above which no other gain is searched (our choice)."""
 INLIERS_MIN = 0.3
 """Fraction of inliers, and of what all pixels would tell, below which the last gain is kept: the scene changed, not the
 camera (our choice)."""
-INFORMATION_RATIO_MIN = 1.1
-"""The inliers of a new gain must tell so many times what those of the last one do: a large person is no gain step
-(our choice)."""
 KEPT_GAIN_MAX = 32.0
 """A refined gain beyond this, or below its reciprocal, is not taken over: the fit failed (our choice)."""
 
@@ -63,7 +56,8 @@ class GainFollower:
         """Args: levels of 255; tolerance is how far from its prediction an unchanged pixel may be."""
         self.gain, self.offset = 1.0, 0.0
         self._n_pixels = shape[0] * shape[1]
-        self._stride = max(1, self._n_pixels // SAMPLES)
+        # Pixels sampled: a gain of 1 % is then found to 0.01 %, in a tenth of a millisecond.
+        self._stride = max(1, self._n_pixels // 4096)
         while math.gcd(self._stride, shape[1]) > 1:
             self._stride += 1
         size = -(-self._n_pixels // self._stride)
@@ -85,7 +79,8 @@ class GainFollower:
         pixels = self._model[:n], self._luma[:n], self._information[:n]
         kernels.fill_information(pixels[1], self._tolerance, pixels[2])
         best = self._refined(pixels, self.gain, self.offset)
-        if best.inliers < INLIERS_TRUSTED * n:
+        # Fraction of inliers above which no other gain is searched (our choice).
+        if best.inliers < 0.7 * n:
             best = self._searched(pixels, best)
         if best.inliers >= max(INLIERS_MIN * n, kernels.PIXELS_MIN) and self._is_exposure(best, pixels):
             self.gain, self.offset = best.gain, best.offset
@@ -111,7 +106,9 @@ class GainFollower:
         scale = kernels.consensus_scale(*pixels, self._clip, self._tolerance)
         for start in (line, (scale, 0.0)):
             other = self._refined(pixels, *start)
-            if other.told > INFORMATION_RATIO_MIN * best.told:
+            # The inliers of a new gain must tell so many times what those of the last one do: a large
+            # person is no gain step (our choice).
+            if other.told > 1.1 * best.told:
                 best = other
         return best
 

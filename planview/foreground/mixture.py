@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
@@ -10,21 +11,75 @@ import numpy as np
 
 from calib.types import F32, U8
 from planview.foreground import _mixture_kernels as kernels
-from planview.foreground._block_kernels import BLOCK, N_LEAD
-from planview.foreground._change_kernels import find_changes
 from planview.foreground._gain_kernels import fill_luma
-from planview.foreground._gaussian_kernels import DEPTH_FRACTION, N_FIELDS, D, UpdateConstants
+from planview.foreground._leader_kernels import (
+    BLOCK,
+    DEPTH_FRACTION,
+    N_FIELDS,
+    N_LEAD,
+    D,
+    UpdateConstants,
+    find_changes,
+)
 from planview.foreground.gain import Exposure, GainFollower
-from planview.foreground.masks import FOREGROUND, SHADOW
-from planview.foreground.params import ForegroundParams
-from planview.foreground.schedule import UpdateSchedule
+from planview.foreground.params import FOREGROUND, SHADOW, ForegroundParams
 
-REBASE_GAIN = 2.0
-"""The model moves to the exposure of the image when that differs by this factor: noise stays comparable."""
-REBASE_OFFSET = 20.0
-"""The same for the offset [levels]: beyond it ratios of luma mean little."""
-BANDS = 4
-"""Bands of the image that two threads share out between them."""
+TURNS = 4
+"""Turns in which pixels learn, at most."""
+TURN_S = 0.13
+"""Each pixel learns about so often [s]: video at 30 frames per second teaches no more than at 7, and costs a fraction
+where only every fourth frame is written back to memory."""
+
+
+class UpdateSchedule:
+    """Whose turn it is to learn, and how much: blocks take turns, so that every pixel learns every TURN_S seconds."""
+
+    def __init__(self, params: ForegroundParams) -> None:
+        self._params = params
+        self._first_s = self._now_s = math.nan
+        self._learned_s = [math.nan] * TURNS
+        self._frame = 0
+
+    @property
+    def is_new(self) -> bool:
+        """Whether there was no frame yet."""
+        return math.isnan(self._first_s)
+
+    @property
+    def settled(self) -> bool:
+        """Whether the start is over."""
+        return self._now_s - self._first_s > self._params.settle_s
+
+    def start(self, timestamp_s: float) -> None:
+        """Begin with a first frame."""
+        self._first_s = self._now_s = timestamp_s
+        self._learned_s = [timestamp_s] * TURNS
+
+    def rates(self, timestamp_s: float) -> F32:
+        """(TURNS, 4) float32: Rates of every turn at this frame; zeros where it is not due."""
+        dt = max(timestamp_s - self._now_s, 0.0)
+        self._now_s = max(timestamp_s, self._now_s)
+        self._frame += 1
+        age_s = self._now_s - self._first_s
+        n = 1 if age_s <= self._params.settle_s else min(max(round(TURN_S / max(dt, 1e-3)), 1), TURNS)
+        rates = np.zeros((TURNS, 4), np.float32)
+        for turn in range(self._frame % n, TURNS, n):
+            # A gap in time counts as at most this much learning [s]: what happened in it was not
+            # observed.
+            rates[turn] = self._rates(min(self._now_s - self._learned_s[turn], 1.0), age_s)
+            self._learned_s[turn] = self._now_s
+        return rates
+
+    def _rates(self, dt: float, age_s: float) -> tuple[float, float, float, float]:
+        p = self._params
+        start = dt / (age_s + dt) if 0 < age_s <= p.settle_s else 0.0
+        weight, mean, fast = _rate(dt * p.learning_rate), _rate(dt * p.adaptation_rate), _rate(dt / p.settle_s)
+        return max(weight, start), max(mean, start), max(fast, start), _rate(dt / p.activity_s)
+
+
+def _rate(time_constants: float) -> float:
+    """Share of the new observation after so many time constants."""
+    return -math.expm1(-time_constants)
 
 
 class Foreground:
@@ -185,7 +240,9 @@ class Foreground:
 
     def _follow_gain(self, image: U8) -> None:
         self._gain.update(self._lead, image)
-        if not 1 / REBASE_GAIN < self._gain.gain < REBASE_GAIN or abs(self._gain.offset) > REBASE_OFFSET:
+        # The model moves to the exposure of the image when that differs by a factor of 2, so that noise stays
+        # comparable, or by 20 levels, beyond which ratios of luma mean little.
+        if not 0.5 < self._gain.gain < 2.0 or abs(self._gain.offset) > 20.0:
             kernels.rebase(self._lead, self._rest, self._gain.gain, self._gain.offset)
             self._rebased = self.exposure
             self._gain.reset()
@@ -194,7 +251,8 @@ class Foreground:
         """Update all blocks: this thread and a helper take bands until none is left; a late helper is not awaited."""
         # A thread that would share this one's core only interrupts it.
         threads = cv2.getNumThreads()
-        limits = np.linspace(0, len(self._lead), (BANDS if threads > 1 else 1) + 1).astype(int).tolist()
+        # Bands of the image that two threads share out between them.
+        limits = np.linspace(0, len(self._lead), (4 if threads > 1 else 1) + 1).astype(int).tolist()
         bands = iter(list(pairwise(limits)))
 
         def work() -> None:

@@ -7,16 +7,16 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
+import cv2
 import numpy as np
 from pydantic import Field
 
 from calib.pose import SE3
 from calib.types import F32, F64, I32, U8
 from planview.foreground.gain import Exposure
-from planview.maps._kernels import back_project
+from planview.maps._kernels import accumulate, back_project
 from planview.maps.colour import colour_codes
 from planview.maps.grid import Grid, GridParams
-from planview.maps.raster import Raster
 from stereo.depth import RectifiedGeometry
 
 REFERENCE = Exposure()
@@ -156,6 +156,46 @@ class PlanViewMaps:
     view: Viewpoint
 
 
+class Raster:
+    """Points to maps on a grid: accumulate, smooth, mask (Harville 2002, section 3)."""
+
+    def __init__(self, grid: Grid, params: MapParams) -> None:
+        self.grid, self._params = grid, params
+        self._occupancy_min = params.occupancy_min * grid.cell_m**2
+
+    def accumulate(self, points: FloorPoints) -> tuple[F32, F32]:
+        """Highest point [m] and summed area [m^2] of every cell."""
+        height, total = np.empty(self.grid.shape, np.float32), np.empty(self.grid.shape, np.float32)
+        g = self.grid
+        accumulate(points.xyz, points.area, self._params.height_min_m, g.x_min_m, g.y_min_m, g.cell_m, height, total)
+        return height, total
+
+    def maps(self, points: FloorPoints, view: Viewpoint) -> PlanViewMaps:
+        """The maps of points. The height is smoothed over occupied cells only, or edges would sink."""
+        height_raw, occupancy_raw = self.accumulate(points)
+        height, occupancy = np.zeros_like(height_raw), np.zeros_like(occupancy_raw)
+        # Most of the floor is empty: only the part around occupied cells is worth smoothing.
+        sigma = self._params.smoothing_m / self.grid.cell_m
+        margin = 2 * math.ceil(3 * sigma)
+        left, top, width, n_rows = cv2.boundingRect((occupancy_raw > 0.0).view(np.uint8))
+        if width:
+            part = np.s_[max(0, top - margin) : top + n_rows + margin, max(0, left - margin) : left + width + margin]
+            raw = height_raw[part]
+            if sigma > 0.0:
+                occupancy[part] = _blur(occupancy_raw[part], sigma)
+                share = _blur((raw > 0.0).astype(np.float32), sigma)
+                smooth = np.divide(_blur(raw, sigma), np.maximum(share, 1e-3), dtype=np.float32)
+            else:
+                occupancy[part], smooth = occupancy_raw[part], raw
+            np.copyto(height[part], smooth, where=occupancy[part] >= np.float32(self._occupancy_min))
+        return PlanViewMaps(self.grid, height_raw, occupancy_raw, height, occupancy, self._occupancy_min, points, view)
+
+
+def _blur(image: F32, sigma: float) -> F32:
+    size = 2 * max(1, round(3 * sigma)) + 1
+    return np.asarray(cv2.GaussianBlur(image, (size, size), sigma, borderType=cv2.BORDER_CONSTANT), np.float32)
+
+
 class MapBuilder:
     """Foreground disparity to height and occupancy maps (Harville 2002, section 3).
 
@@ -183,7 +223,7 @@ class MapBuilder:
         projection = geometry.matrix @ world_SE3_left.inverse().matrix[:3]
         self.view = CameraViewpoint(world_SE3_left.translation, geometry.depth_std_per_m2, projection, geometry.size)
         self.shape = (-(-geometry.height // reduction), -(-geometry.width // reduction))
-        self._raster = raster_of(self.grid, self.params)
+        self._raster = Raster(self.grid, self.params)
         n = self.shape[0] * self.shape[1]
         self._points = np.empty((n, 3), dtype=np.float32)
         self._area = np.empty(n, dtype=np.float32)
@@ -210,7 +250,7 @@ class MapBuilder:
 
     def of(self, points: FloorPoints) -> PlanViewMaps:
         """The maps of points that ``points`` gave."""
-        return maps_of(points, self._raster, self.view)
+        return self._raster.maps(points, self.view)
 
     def points(self, disparity: F32, mask: U8, image: U8 | None = None, exposure: Exposure = REFERENCE) -> FloorPoints:
         """Foreground points of one frame; arguments and errors are those of a call."""
@@ -223,18 +263,6 @@ class MapBuilder:
         pixels = self._pixels[:n].copy()
         colours = None if image is None else colour_codes(image, pixels, exposure)
         return FloorPoints(self._points[:n].copy(), self._area[:n].copy(), pixels, colours)
-
-
-def maps_of(points: FloorPoints, raster: Raster, view: Viewpoint) -> PlanViewMaps:
-    """The maps of points on the raster's grid."""
-    height_raw, occupancy_raw = raster.accumulate(points.xyz, points.area)
-    height, occupancy = raster.smooth(height_raw, occupancy_raw)
-    return PlanViewMaps(raster.grid, height_raw, occupancy_raw, height, occupancy, raster.occupancy_min, points, view)
-
-
-def raster_of(grid: Grid, params: MapParams) -> Raster:
-    """The maps of points on a grid."""
-    return Raster(grid, params.height_min_m, params.smoothing_m, params.occupancy_min * grid.cell_m**2)
 
 
 def floor_in_view(geometry: RectifiedGeometry, world_SE3_left: SE3, params: MapParams) -> Grid:

@@ -26,15 +26,9 @@ from planview.maps.builder import (
     FloorPoints,
     MapParams,
     PlanViewMaps,
-    maps_of,
-    raster_of,
+    Raster,
 )
 from planview.maps.grid import Grid
-
-BODY_M = 0.8
-"""Side of the square in which the rigs' shares of a body are compared [m]: 2 W_avg, a template."""
-WAIST_M = 1.0
-"""A rig that has this height of a place in its image counts as viewing it [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +54,8 @@ class MultiRigViewpoint:
         self, x_m: float, y_m: float, radius_m: float, sigmas: float = 2.0
     ) -> tuple[float, float, tuple[float, float]]:
         """The ellipse around the ellipses of all rigs that view the place, along the longest (see ``Viewpoint``)."""
-        viewing = [rig for rig in self.rigs if rig.sees(x_m, y_m, WAIST_M)] or list(self.rigs)
+        # A rig that has this height of a place in its image counts as viewing it [m].
+        viewing = [rig for rig in self.rigs if rig.sees(x_m, y_m, 1.0)] or list(self.rigs)
         ellipses = [rig.footprint(x_m, y_m, radius_m, sigmas) for rig in viewing]
         _, along, ray = max(ellipses, key=lambda ellipse: ellipse[1])
         return max(_reach(ellipse, (-ray[1], ray[0])) for ellipse in ellipses), along, ray
@@ -107,7 +102,7 @@ class MultiRigMapBuilder:
             params.cell_m,
         )
         self._views = tuple(views)
-        self._raster = raster_of(self.grid, params)
+        self._raster = Raster(self.grid, params)
 
     def __call__(self, points: Sequence[FloorPoints | None]) -> PlanViewMaps:
         """The maps of one moment.
@@ -119,12 +114,13 @@ class MultiRigMapBuilder:
         present = [p if p is not None else _nothing() for p in points]
         shares, factor = self._shares(present)
         joint = self._joined(present, factor)
-        return maps_of(joint, self._raster, MultiRigViewpoint(self._views, self.grid, shares))
+        return self._raster.maps(joint, MultiRigViewpoint(self._views, self.grid, shares))
 
     def _shares(self, points: Sequence[FloorPoints]) -> tuple[F32, F32]:
         """Shares (K, n_rows, n_cols) of the surface around every cell, and the factor max S / sum S (0 without S)."""
-        side = 2 * max(1, round(BODY_M / 2 / self.grid.cell_m)) + 1
-        surface = np.stack([_around(self._raster.accumulate(p.xyz, p.area)[1], side) for p in points])
+        # Side of the square in which the rigs' shares of a body are compared [m]: 2 W_avg, a template.
+        side = 2 * max(1, round(0.8 / 2 / self.grid.cell_m)) + 1
+        surface = np.stack([_around(self._raster.accumulate(p)[1], side) for p in points])
         total = surface.sum(axis=0)
         whole = np.where(total > 0, total, np.float32(1.0))
         return np.asarray(surface / whole), np.asarray(surface.max(axis=0) / whole)

@@ -42,10 +42,6 @@ BLOCK_FRAMES = 32
 """Frames written and read at a time."""
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file (format specification, superblock)."""
-MAX_FRAMES = 5_000_000
-"""More frames than two days of 30 Hz hold no file's columns (our choice)."""
-MAX_TIME_S = 1e8
-"""Three years: readers take longer steps for a clock that was set."""
 RANGES: dict[str, tuple[float, float]] = {
     "width": (1, 20_000), "height": (1, 20_000), "reduction": (1, 64), "first_px": (0, 20_000), "count": (1, 20_000),
     "focal_u_px": (1.0, 1e6), "focal_v_px": (1.0, 1e6), "cu_px": (-1e5, 1e5), "cv_px": (-1e5, 1e5),
@@ -175,7 +171,8 @@ class MapsRecording:
             raise ValueError("columns of frames that differ in length")
         if n and (self._indices[0] < 0 or (np.diff(self._indices) <= 0).any()):
             raise ValueError("frames out of order")
-        if n and not ((np.abs(self._times) <= MAX_TIME_S).all() and (np.diff(self._times) > 0).all()):
+        # Three years: readers take longer steps for a clock that was set.
+        if n and not ((np.abs(self._times) <= 1e8).all() and (np.diff(self._times) > 0).all()):
             raise ValueError("times that do not increase")
         columns = {f"points/{name}": (self._ends, kind) for name, kind in POINT_COLUMNS.items()}
         if "points/appearance" in file:
@@ -261,7 +258,8 @@ def _number(value: Any, name: str, low: float, high: float) -> float:
 def _column(file: Any, name: str, kind: type) -> AnyArray:
     """A column of numbers, one or less a frame."""
     column = file[name]
-    if column.ndim != 1 or column.dtype != kind or len(column) > MAX_FRAMES:
+    # More frames than two days of 30 Hz hold no file's columns (our choice).
+    if column.ndim != 1 or column.dtype != kind or len(column) > 5_000_000:
         raise ValueError(f"{name} of {column.shape} {column.dtype}")
     return np.asarray(column[:])
 

@@ -19,8 +19,6 @@ from planview.maps.recording import BLOCK_FRAMES, FORMAT, FRAME_COLUMNS, POINT_C
 from planview.maps.view import StereoView
 from stereo.recording import Skipped
 
-CHUNK = 32768
-"""Values compressed together."""
 SPARE_BYTES = 4 << 20
 """Room on the disk beyond what is about to be written: a chunk of every column, and the tables at the end [bytes]."""
 
@@ -130,8 +128,9 @@ class MapsWriter:
                 column[start:] = values
 
     def _column(self, name: str, kind: Any) -> Any:
+        # Values compressed together.
         return self._file.create_dataset(
-            name, (0,), kind, maxshape=(None,), chunks=(CHUNK,), compression="gzip", compression_opts=4, shuffle=True
+            name, (0,), kind, maxshape=(None,), chunks=(32768,), compression="gzip", compression_opts=4, shuffle=True
         )
 
 

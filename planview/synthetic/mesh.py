@@ -36,6 +36,12 @@ class Mesh:
         return Mesh(self.vertices @ r.T + t, self.normals @ r.T, self.local, self.triangles, self.material)
 
 
+def rotation_z(angle: float) -> F64:
+    """(3, 3) rotation about the vertical [rad]."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]], np.float64)
+
+
 def join(meshes: Sequence[Mesh]) -> Mesh:
     """One mesh of several."""
     offsets = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.types import F64
-from planview.synthetic.mesh import Mesh, dome_rings, join, limb_rings, sweep
+from planview.synthetic.mesh import Mesh, dome_rings, join, limb_rings, rotation_z, sweep
 from planview.synthetic.motion import ACTIONS, Handling, Motion, scripted_motion, step_length_m, wander
 from planview.synthetic.room import furniture_mesh
 from planview.synthetic.scene import Furniture, Scene, ScenePerson, Surface
@@ -96,7 +96,7 @@ class Body:
             "pelvis": pelvis,
             "torso": _torso(h, b, shirt, skin),
             "head": _head(h, person.hair_style, skin, hair),
-            "arm": join([_limb(h, UPPER_ARM, (0.030, 0.027, 0.024, 0.021), b, shirt)]),
+            "arm": _limb(h, UPPER_ARM, (0.030, 0.027, 0.024, 0.021), b, shirt),
             "forearm": join([_limb(h, FOREARM, (0.021, 0.022, 0.018, 0.015), b, sleeve), _hand(h, skin)]),
             "thigh": _limb(h, THIGH, (0.050, 0.048, 0.042, 0.035), b, skin if person.skirt else trousers),
             "shin": _limb(h, SHIN, (0.034, 0.035, 0.028, 0.022), b, skin if person.skirt else trousers),
@@ -109,10 +109,10 @@ class Body:
         placed: list[Mesh] = []
         eye, hips = np.eye(3), np.zeros(3)
         placed.append(self._parts["pelvis"].moved(eye, hips))
-        chest = _rz(pose.twist) @ _ry(pose.lean) @ _rx(-pose.sway)
+        chest = rotation_z(pose.twist) @ _ry(pose.lean) @ _rx(-pose.sway)
         placed.append(self._parts["torso"].moved(chest, hips))
         neck = chest @ np.array([0.0, 0.0, (NECK - HIP) * h])
-        skull = chest @ _rz(pose.turn) @ _ry(pose.nod - 0.7 * pose.lean)
+        skull = chest @ rotation_z(pose.turn) @ _ry(pose.nod - 0.7 * pose.lean)
         head = self._parts["head"].moved(skull, neck)
         placed.append(head)
         hands = [self._arm(placed, pose, side, chest) for side in (0, 1)]
@@ -124,7 +124,7 @@ class Body:
             mesh, head = mesh.moved(roll, np.zeros(3)), head.moved(roll, np.zeros(3))
             skull, neck, hands = roll @ skull, roll @ neck, [roll @ hand for hand in hands]
         lift = -float(mesh.vertices[:, 2].min())
-        turn, shift = _rz(heading_rad), np.array([x_m, y_m, lift])
+        turn, shift = rotation_z(heading_rad), np.array([x_m, y_m, lift])
         centre = skull @ np.array([0.0, 0.0, (0.935 - NECK) * h]) + neck
         return PosedBody(
             mesh.moved(turn, shift),
@@ -147,13 +147,13 @@ class Body:
         h, sign = self.height_m, 1.0 if side == 0 else -1.0
         joint = np.array([0.0, sign * 0.05 * h, 0.0])
         opened = 0.3 * pose.spread[side] + 0.6 * abs(np.sin(pose.wheel / 2))
-        upper = _rz(sign * pose.spread[side]) @ _rx(sign * opened) @ _ry(-pose.hip[side])
+        upper = rotation_z(sign * pose.spread[side]) @ _rx(sign * opened) @ _ry(-pose.hip[side])
         placed.append(self._parts["thigh"].moved(upper, joint))
         knee = joint + upper @ np.array([0.0, 0.0, -THIGH * h])
         lower = upper @ _ry(pose.knee[side])
         placed.append(self._parts["shin"].moved(lower, knee))
         ankle = knee + lower @ np.array([0.0, 0.0, -SHIN * h])
-        foot = _rz(sign * (pose.spread[side] + 0.1)) @ _ry(-pose.foot[side])
+        foot = rotation_z(sign * (pose.spread[side] + 0.1)) @ _ry(-pose.foot[side])
         placed.append(self._parts["foot"].moved(foot, ankle))
 
 
@@ -165,11 +165,6 @@ def _rx(a: float) -> F64:
 def _ry(a: float) -> F64:
     c, s = np.cos(a), np.sin(a)
     return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]], np.float64)
-
-
-def _rz(a: float) -> F64:
-    c, s = np.cos(a), np.sin(a)
-    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]], np.float64)
 
 
 def _rings(h: float, rows: list[tuple[float, float, float, float]], b: float) -> F64:
@@ -278,7 +273,10 @@ def pose_at(person_index: int, height_m: float, motion: Motion, t: float) -> tup
             nod=0.08 + 0.06 * float(idle[2]),
             turn=0.5 * float(idle[3]) * still,
             wheel=2 * np.pi * turned,
-            **{name: _pair(pose[name]) for name in ("hip", "spread", "knee", "foot", "shoulder", "abduct", "elbow")},
+            **{
+                name: (float(pose[name][0]), float(pose[name][1]))
+                for name in ("hip", "spread", "knee", "foot", "shoulder", "abduct", "elbow")
+            },
         ),
         float(xy[0] + 0.015 * still * idle[0]),
         float(xy[1] + 0.015 * still * idle[1]),
@@ -302,10 +300,6 @@ _ACTION_POSES: dict[str, dict[str, tuple[float, ...]]] = {
               "knee": (0.05, 0.05), "lean": (0.0,)},
     "push": {"shoulder": (0.75, 0.75), "elbow": (0.55, 0.55), "lean": (0.15,), "abduct": (0.08, 0.08)},
 }  # fmt: skip
-
-
-def _pair(values: F64) -> tuple[float, float]:
-    return float(values[0]), float(values[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -383,5 +377,4 @@ def furniture_at(item: Furniture, t: float) -> tuple[F64, float, float]:
 
 def place_mesh(mesh: Mesh, place: F64, heading: float, z: float) -> Mesh:
     """A mesh around its own origin, put into the room."""
-    c, s = np.cos(heading), np.sin(heading)
-    return mesh.moved(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]), (place[0], place[1], z))
+    return mesh.moved(rotation_z(heading), (place[0], place[1], z))

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from calib.types import F64
-from planview.synthetic.mesh import Mesh, box, dome_rings, join, limb_rings, quad, sweep
+from planview.synthetic.mesh import Mesh, box, dome_rings, join, limb_rings, quad, rotation_z, sweep
 from planview.synthetic.scene import Furniture, FurnitureKind, Opening, Room, Surface, Wall
 from planview.synthetic.texture import Palette
 
@@ -138,7 +138,7 @@ def _office_chair(s: Size, main: int, dark: int) -> list[Mesh]:
         arm = sweep(limb_rings(0.28, (0.025, 0.018)), dark, 6)
         angle = 2 * np.pi * k / 5
         flat = np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]], np.float64)
-        turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+        turn = rotation_z(angle)
         arms.append(arm.moved(turn @ flat, (0.0, 0.0, 0.07)))
         arms.append(sweep(dome_rings(0.0, 0.06, (0.03, 0.03), (0.0, 0.0), 6), dark, 6).moved(
             np.eye(3), turn @ np.array([0.28, 0.0, 0.0])))  # fmt: skip
@@ -182,8 +182,7 @@ def _plant(s: Size, main: int, dark: int) -> list[Mesh]:
         leaf = sweep(dome_rings(0, length, (0.006, 0.055), n=6), main, 6)
         c, n = np.cos(tilt), np.sin(tilt)
         lean = np.array([[c, 0, n], [0, 1, 0], [-n, 0, c]])
-        spin = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
-        leaves.append(leaf.moved(spin @ lean, (0, 0, 0.28)))
+        leaves.append(leaf.moved(rotation_z(turn) @ lean, (0, 0, 0.28)))
     return [pot, *leaves]
 
 

@@ -14,8 +14,6 @@ from planview.synthetic.light import Tracer
 from planview.synthetic.mesh import Mesh
 from planview.synthetic.people import Actor
 
-NEAR_M = 0.15
-"""Parts of a body nearer to the camera's plane are not counted."""
 STEP_PX = 2.0
 """Outside the image, every second pixel of a person is counted."""
 
@@ -61,7 +59,8 @@ def outside_pixels(view: View, mesh: Mesh) -> float:
     if _inside(view, view.project(local)).all():
         return 0.0
     border = view.unproject(_border(view))[:, :2]
-    front = local[:, 2] > NEAR_M
+    # Parts of a body nearer to the camera's plane are not counted.
+    front = local[:, 2] > 0.15
     if not front.any():
         return 0.0
     # What reaches beside or behind the camera has no end on the plane: count three images' widths.

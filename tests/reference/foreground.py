@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planview.foreground._gaussian_kernels import Rates, UpdateConstants
-from planview.foreground.masks import BACKGROUND, FOREGROUND, NEARER, PERSON, SHADOW
+from planview.foreground._leader_kernels import Rates, UpdateConstants
+from planview.foreground.params import BACKGROUND, FOREGROUND, NEARER, PERSON, SHADOW
 
 F32 = np.float32
 

@@ -17,12 +17,7 @@ from planview.synthetic.random_scenes.challenge import Challenge, clothes, looks
 from planview.synthetic.scene import CameraMount, Pair, Scene
 from planview.synthetic.write import RigScene, rigs_of
 
-PEOPLE, DURATION_S, FPS = 12, 115.0, 10.0
-IN_FILE, ALIKE, LIKE_THE_WALL = 0.3, 0.25, 0.1
-"""Shares of people who follow the one before at an arm's length, who wear another's clothes, whose shirt has the
-wall's colour."""
-VISIBLE, BODY_M = 0.7, 1.7
-"""The zone is where this share of a standing person, so many metres high, is in the image."""
+PEOPLE, FPS = 12, 10.0
 ATTEMPTS = 200
 """Cameras that do not see all seats are tried again."""
 WALLS = ("#dad4c8", "#c8ccd0", "#b8b4ac", "#e2dccf")
@@ -98,7 +93,7 @@ class _RoomComposer:
                 "description": "A drawn conference room fills from no person to twelve and empties again.",
                 "seed": seed,
                 "fps": FPS,
-                "duration_s": DURATION_S,
+                "duration_s": 115.0,
                 "room": room,
                 "camera": mount,
                 "lights": lights,
@@ -141,10 +136,10 @@ class _RoomComposer:
         people: list[dict[str, Any]] = []
         for i, enter_s in enumerate(enter):
             person, worn = looks(rng, self._uniform(1.58, 1.88)), clothes(rng)
-            if people and rng.random() < ALIKE:
+            if people and rng.random() < 0.25:  # in the clothes of another
                 other = people[int(rng.integers(len(people)))]
                 worn = {name: other[name] for name in worn}
-            if rng.random() < LIKE_THE_WALL:
+            if rng.random() < 0.1:  # in a shirt of the wall's colour
                 worn["shirt"] = {"colour": self._wall, "scale_m": 0.08, "contrast": 0.1}
             person |= worn | {"start_m": self._outside, "enter_s": float(enter_s), "leaves": True}
             if i < sitting:
@@ -156,7 +151,8 @@ class _RoomComposer:
         return people
 
     def _times(self, first_s: float, mean_s: float) -> F64:
-        file = self._rng.random(PEOPLE) < IN_FILE
+        # Some follow the one before at an arm's length.
+        file = self._rng.random(PEOPLE) < 0.3
         gaps = np.where(file, self._rng.uniform(0.8, 1.2, PEOPLE), self._rng.uniform(0.7, 1.7, PEOPLE) * mean_s)
         return first_s + np.cumsum(gaps)
 
@@ -189,7 +185,7 @@ def _visible_floor(mount: CameraMount, size_m: tuple[float, float, float]) -> F6
     """(K, 2) convex outline of where most of a standing person is in the image, in the camera's frame [m]."""
     x, y = np.meshgrid(np.arange(0.3, size_m[0] - 0.3, 0.1), np.arange(0.5, size_m[1] - 0.2, 0.1))
     floor = _to_camera(mount, np.column_stack([x.ravel(), y.ravel()]))
-    body = np.linspace(0.0, BODY_M, 18)
+    body = np.linspace(0.0, 1.7, 18)
     points = np.concatenate(
         [
             np.repeat(floor[:, None], len(body), axis=1),
@@ -199,7 +195,7 @@ def _visible_floor(mount: CameraMount, size_m: tuple[float, float, float]) -> F6
     )
     u, v = np.moveaxis(ground_camera(mount).project(points), -1, 0)
     inside = (u >= 0) & (u < mount.width) & (v >= 0) & (v < mount.height)
-    visible = floor[inside.mean(axis=1) >= VISIBLE].astype(np.float32)
+    visible = floor[inside.mean(axis=1) >= 0.7].astype(np.float32)
     if len(visible) < 3:
         return np.zeros((0, 2))
     return np.asarray(cv2.convexHull(visible)[:, 0], np.float64)

@@ -15,8 +15,6 @@ from planview.synthetic.scene import Furniture, Opening, Panel, Rig, Room, Surfa
 
 _MOVES = [(i, j, float(np.hypot(i, j))) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
 CELL_M = 0.15
-CLEARANCE_M = 0.42
-"""Distance of ways and places from walls and furniture [m]: half a shoulder width and a hand."""
 MIN_RANGE_M = 1.3
 """Horizontal distance that people keep from a camera on the wall [m]."""
 _FLOORS = (
@@ -133,7 +131,8 @@ class Stage:
         shape = int((sx + 4.5) / CELL_M) + 1, int((sy - 0.3) / CELL_M) + 1
         cells = low + CELL_M * np.stack(np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij"), -1)
         points = cells.reshape(-1, 2)
-        free = Obstacles(self.room, self.furniture).distance(points) > CLEARANCE_M
+        # Distance of ways and places from walls and furniture [m]: half a shoulder width and a hand.
+        free = Obstacles(self.room, self.furniture).distance(points) > 0.42
         for centre, radius in self._reserved:
             free &= np.linalg.norm(points - centre, axis=1) > radius
         if not self.is_overhead:

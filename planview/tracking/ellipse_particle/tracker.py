@@ -13,7 +13,7 @@ from scipy.special import gammainc
 
 from calib.ground_camera import GroundCamera
 from calib.types import F32, F64, U8, Bool
-from planview.foreground.masks import WALKER
+from planview.foreground.params import WALKER
 from planview.tracking.base import Decision, Drawing, Observation, TrackerDebug
 from planview.tracking.ellipse_particle._kernels import VX, VY, Y
 from planview.tracking.ellipse_particle.fit import fit_ellipses, painted

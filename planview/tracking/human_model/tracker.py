@@ -12,7 +12,7 @@ from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.people.model import HumanModel
 from calib.types import F32, F64, I64, U8, Bool
-from planview.foreground.masks import BACKGROUND, PERSON, WALKER
+from planview.foreground.params import BACKGROUND, PERSON, WALKER
 from planview.tracking import body
 from planview.tracking.base import Decision, DecisionKind, Drawing, Observation, TrackerDebug
 from planview.tracking.human_model import _kernels as kernels

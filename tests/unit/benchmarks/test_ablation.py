@@ -19,27 +19,10 @@ from benchmarks.ablation import (
     print_ablation,
 )
 from benchmarks.one_statistic import NOMINAL_HEIGHT_M, reduced
-from benchmarks.suite import suite_recording
 from calib.errors import InputError
 from planview.engine.config import Config, load_config
 from planview.maps.builder import CameraViewpoint, FloorPoints, PlanViewMaps
 from planview.maps.grid import Grid
-
-CHALLENGE = """description = "one crosses"
-covers = ["320x240"]
-fps = 10
-duration_s = 5
-[camera]
-width = 160
-height = 120
-lens_deg = 70
-baseline_m = 0.3
-[[choreography]]
-kind = "cross"
-start_s = 0.0
-duration_s = 1
-speed_mps = 1.5
-"""
 
 
 @pytest.fixture
@@ -105,12 +88,11 @@ def test_unknown_variant_is_refused_with_the_known_ones():
         chosen_variants(["joint"])
 
 
-def test_command_compares_variants_with_the_engine_as_configured(tmp_path, capsys):
-    (tmp_path / "tiny.toml").write_text(CHALLENGE)
-    folder, _ = suite_recording(tmp_path / "tiny.toml", 3, tmp_path / "cache")
+def test_command_compares_variants_with_the_engine_as_configured(recording, tmp_path, capsys):
+    cache, folder, _ = recording
     variants = ["without colours", "harville", "naive engine"]
     out = tmp_path / "ablation.json"
-    ablation(options=AblationOptions(recording=[folder], variant=variants, cache=tmp_path, out=out))
+    ablation(options=AblationOptions(recording=[folder], variant=variants, cache=cache, out=out))
     assert "naive engine" in capsys.readouterr().out
     result = json.loads(out.read_text())
     assert result["recordings"] == [folder.name]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.peaks import PeakTracker, peaks
-from planview.maps.builder import CameraViewpoint, FloorPoints, MapParams, PlanViewMaps, maps_of, raster_of
+from planview.maps.builder import CameraViewpoint, FloorPoints, MapParams, PlanViewMaps, Raster
 from planview.maps.grid import Grid
 from planview.tracking.base import Observation
 
@@ -21,7 +21,7 @@ def maps_from(*people: tuple[float, float]) -> PlanViewMaps:
     # A camera at 4 m above (2, 2), which looks straight down.
     projection = np.array([[100.0, 0, -50, 0], [0, -100, -50, 400], [0, 0, -1, 4]])
     view = CameraViewpoint(np.array([2.0, 2.0, 4.0]), 0.001, projection, (10_000, 10_000))
-    return maps_of(points, raster_of(grid, MapParams()), view)
+    return Raster(grid, MapParams()).maps(points, view)
 
 
 def walked(tracker: PeakTracker, ways: list[tuple[float, float, float, float]], n: int = 8):

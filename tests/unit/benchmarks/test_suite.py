@@ -6,55 +6,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.passes import Pass, run_pass
+from benchmarks.options import SUITE
+from benchmarks.passes import Pass
 from benchmarks.scores import totals
 from benchmarks.suite import (
-    SUITE,
     SuiteJob,
     SuiteOptions,
     chosen_files,
     dealt_files,
     drawn_scene,
-    is_whole,
     judged_truth,
     run_job,
     suite,
-    suite_recording,
 )
 from calib.errors import InputError
 from planview.engine.config import Config, load_config
 from planview.evaluation.significant import poisson_upper
 from planview.trajectories.table import positions_table
-
-CHALLENGE = """description = "one crosses"
-covers = ["320x240"]
-fps = 10
-duration_s = 8
-[camera]
-width = 160
-height = 120
-lens_deg = 70
-baseline_m = 0.3
-[[choreography]]
-kind = "cross"
-start_s = 0.0
-duration_s = 1
-speed_mps = 1.5
-"""
-
-
-@pytest.fixture(scope="module")
-def challenge(tmp_path_factory):
-    path = tmp_path_factory.mktemp("suite") / "tiny.toml"
-    path.write_text(CHALLENGE)
-    return path
-
-
-@pytest.fixture(scope="module")
-def recording(challenge, tmp_path_factory):
-    cache = tmp_path_factory.mktemp("cache")
-    folder, scene = suite_recording(challenge, 3, cache)
-    return cache, folder, scene
 
 
 def test_minutes_choose_whole_scenes_by_the_seed():
@@ -68,23 +36,6 @@ def test_minutes_choose_whole_scenes_by_the_seed():
 def test_scenes_are_dealt_out_to_the_seeds_in_turn() -> None:
     paths = [Path(name) for name in ("c", "a", "b")]
     assert dealt_files(paths, [7, 8]) == [(7, Path("a")), (8, Path("b")), (7, Path("c"))]
-
-
-def test_recording_has_a_pair_of_images_for_every_frame(recording):
-    _, folder, scene = recording
-    assert scene.n_frames == 80
-    assert is_whole(folder, 80)
-    assert not is_whole(folder, 81)
-
-
-def test_recording_that_was_cut_off_is_rendered_again(challenge, recording):
-    cache, folder, _ = recording
-    image = sorted((folder / "right").iterdir())[-1]
-    whole = image.read_bytes()
-    image.write_bytes(whole[: len(whole) // 2])
-    again, _ = suite_recording(challenge, 3, cache)
-    assert again == folder
-    assert image.read_bytes() == whole
 
 
 def test_job_scores_its_scene_and_totals_count_per_ten_minutes(challenge, recording, tmp_path):
@@ -109,15 +60,6 @@ def test_pass_is_kept_and_gives_refined_and_peer_tracks_of_the_same_scene(challe
     assert [s.to_json() for s in run_job(job).values()] == [s.to_json() for s in first.values()]
 
 
-@pytest.mark.parametrize("name", ["tracks.csv", "maps.h5"])
-def test_run_in_the_cache_that_was_cut_off_is_run_again(recording, name):
-    job = Pass(recording[1], recording[0], Config(), recorded=True)
-    path = run_pass(job) / name
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) // 2])
-    assert len((run_pass(job) / name).read_bytes()) == len(whole)
-
-
 def test_run_of_another_configuration_is_another_run(recording):
     other = load_config(None, ["template.colour_weight=0"])
     assert Pass(recording[1], recording[0], Config()).folder != Pass(recording[1], recording[0], other).folder
@@ -125,7 +67,7 @@ def test_run_of_another_configuration_is_another_run(recording):
 
 def test_challenge_with_a_value_out_of_range_is_refused_naming_file_and_key(challenge, tmp_path):
     path = tmp_path / "dark.toml"
-    path.write_text(CHALLENGE.replace("lens_deg = 70", "lens_deg = 170"))
+    path.write_text(challenge.read_text().replace("lens_deg = 70", "lens_deg = 170"))
     with pytest.raises(InputError, match=r"dark\.toml: camera\.lens_deg: .* found 170"):
         drawn_scene(path, 1)
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from planview.engine.config import FeedbackParams
 from planview.engine.stereo import Feedback
-from planview.foreground.masks import BACKGROUND, NO_FEEDBACK, PERSON
+from planview.foreground.params import BACKGROUND, NO_FEEDBACK, PERSON
 from planview.maps.builder import FloorPoints
 from planview.trajectories.state import State, TrackState
 

@@ -83,26 +83,23 @@ def test_prediction_saves_a_person_from_being_lost_but_not_from_misses() -> None
     assert [(error.kind, error.frame) for error in gone.significant] == [("lost", 30)]
 
 
-def test_prediction_that_strays_from_its_person_is_a_false_track() -> None:
-    # Lost from frame 30 on, predicted 0.6 m beside the person, who walks on under another id.
+def strays(x_m: float) -> Trajectories:
+    """Lost from frame 30 on, and predicted x_m beside the person."""
     tracks = walk()
-    strays = replace(
-        tracks, state=np.where(tracks.frame < 30, "confirmed", "lost"), x_m=np.where(tracks.frame < 30, 0, 0.6)
-    )
-    other = walk(70, track_id=2, start=30)
-    result = evaluate_tracks(concatenated([strays, other]), walk())
+    held = tracks.frame < 30
+    return replace(tracks, state=np.where(held, "confirmed", "lost"), x_m=np.where(held, 0, x_m))
+
+
+def test_prediction_that_strays_from_its_person_is_a_false_track() -> None:
+    other = walk(70, track_id=2, start=30)  # the person walks on under another id
+    result = evaluate_tracks(concatenated([strays(0.6), other]), walk())
     assert [(e.kind, e.frame, e.track_id) for e in result.significant] == [("false_track", 30, 1), ("lost", 30, 1)]
     assert result.events == 1
-    near = replace(strays, x_m=np.where(tracks.frame < 30, 0, 0.4))
-    assert [e.kind for e in evaluate_tracks(concatenated([near, other]), walk()).significant] == ["lost"]
+    assert [e.kind for e in evaluate_tracks(concatenated([strays(0.4), other]), walk()).significant] == ["lost"]
 
 
 def test_prediction_of_a_person_who_is_not_in_the_truth_is_not_judged() -> None:
-    tracks = walk()
-    strays = replace(
-        tracks, state=np.where(tracks.frame < 30, "confirmed", "lost"), x_m=np.where(tracks.frame < 30, 0, 3.0)
-    )
-    assert evaluate_tracks(strays, walk(30)).significant == []
+    assert evaluate_tracks(strays(3.0), walk(30)).significant == []
 
 
 def test_hidden_person_is_neither_missed_nor_a_reason_for_false_positives() -> None:

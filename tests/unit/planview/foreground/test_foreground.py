@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from planview.foreground.masks import BACKGROUND, PERSON
 from planview.foreground.mixture import Foreground
-from planview.foreground.params import ForegroundParams
+from planview.foreground.params import BACKGROUND, PERSON, ForegroundParams
 
 SHAPE = (24, 32)
 BLOB = np.s_[6:18, 10:22]

@@ -7,11 +7,9 @@ from hypothesis import strategies as st
 from reference import foreground as reference
 
 from planview.foreground import _mixture_kernels as kernels
-from planview.foreground._block_kernels import BLOCK, N_LEAD
-from planview.foreground._gaussian_kernels import N_FIELDS, Rates
-from planview.foreground.mixture import Foreground
+from planview.foreground._leader_kernels import BLOCK, N_FIELDS, N_LEAD, Rates
+from planview.foreground.mixture import TURNS, Foreground
 from planview.foreground.params import ForegroundParams
-from planview.foreground.schedule import TURNS
 
 SHAPE = (7, 31)  # more than one block, the last one not full
 N = SHAPE[0] * SHAPE[1]

@@ -83,14 +83,19 @@ def test_pixel_tells_the_less_the_more_of_the_image_has_its_luma() -> None:
     assert _information(luma)[[0, -1]] == pytest.approx(-np.log(by_chance), rel=1e-5)
 
 
+WALL = np.random.default_rng(0).uniform(40, 160, (60, 80))
+
+
+def _watch(images: list[np.ndarray]) -> tuple[Foreground, list[np.ndarray]]:
+    """The foreground stage after some images, to which noise is added, and its masks."""
+    rng, foreground = np.random.default_rng(1), Foreground(ForegroundParams(), WALL.shape)
+    noisy = [(image + rng.normal(0, 2, WALL.shape)).clip(0, 255).astype(np.uint8) for image in images]
+    return foreground, [foreground.update(image, None, i / 10) for i, image in enumerate(noisy)]
+
+
 def _follow(gains: list[float]) -> Foreground:
-    rng = np.random.default_rng(0)
-    wall = rng.uniform(40, 160, (60, 80))
-    foreground = Foreground(ForegroundParams(), wall.shape)
-    for i, gain in enumerate(gains):
-        image = (gain * wall + rng.normal(0, 2, wall.shape)).clip(0, 255).astype(np.uint8)
-        mask = foreground.update(image, None, i / 10)
-        assert (mask > 0).mean() < 0.02, f"frame {i}"
+    foreground, masks = _watch([gain * WALL for gain in gains])
+    assert max((mask > 0).mean() for mask in masks) < 0.02
     return foreground
 
 
@@ -100,28 +105,18 @@ def test_gain_is_followed() -> None:
 
 
 def test_plain_shirt_over_most_of_the_image_is_no_gain() -> None:
-    rng = np.random.default_rng(0)
-    wall = rng.uniform(40, 160, (60, 80))
-    foreground = Foreground(ForegroundParams(), wall.shape)
-    for i in range(11):
-        image = (1.1 if i == 10 else 1.0) * wall + rng.normal(0, 2, wall.shape)
-        if i == 10:
-            image[:, 28:] = 105 + rng.normal(0, 2, (60, 52))
-        foreground.update(image.clip(0, 255).astype(np.uint8), None, i / 10)
+    shirt = 1.1 * WALL
+    shirt[:, 28:] = 105
+    foreground, _ = _watch([WALL] * 10 + [shirt])
     assert foreground._gain.gain == pytest.approx(1.1, abs=0.03)
 
 
 def test_plain_shirt_over_all_of_the_image_is_no_gain() -> None:
     """A line almost without slope would fit, and the model in that exposure would have forgotten the scene."""
-    rng = np.random.default_rng(0)
-    wall = rng.uniform(100, 160, (60, 80))
-    foreground = Foreground(ForegroundParams(), wall.shape)
-    for i in range(13):
-        scene = np.full_like(wall, 120) if i in (10, 11) else wall
-        image = scene + rng.normal(0, 2, wall.shape)
-        shown = foreground.update(image.clip(0, 255).astype(np.uint8), None, i / 10)
+    wall = 80 + WALL / 2
+    foreground, masks = _watch([wall] * 10 + [np.full_like(wall, 120)] * 2 + [wall])
     assert foreground.exposure.gain == pytest.approx(1.0, abs=0.02)
-    assert (shown > 0).mean() < 0.01
+    assert (masks[-1] > 0).mean() < 0.01
 
 
 def test_model_moves_to_the_exposure_of_the_image_when_that_is_far_away() -> None:
@@ -138,7 +133,5 @@ def test_a_thousand_frames_of_drifting_light_do_not_run_away() -> None:
 
 def test_another_scene_is_no_gain() -> None:
     rng = np.random.default_rng(0)
-    foreground = Foreground(ForegroundParams(), (60, 80))
-    for i in range(10):
-        foreground.update(rng.integers(0, 255, (60, 80), dtype=np.uint8), None, i / 10)
+    foreground, _ = _watch([rng.integers(0, 255, WALL.shape) for _ in range(10)])
     assert foreground._gain.gain == pytest.approx(1.0, abs=0.3)

@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 from reference import ghosts as reference
 
-from planview.foreground._block_kernels import BLOCK, N_LEAD
 from planview.foreground._gain_kernels import fill_luma
-from planview.foreground._gaussian_kernels import Y
+from planview.foreground._leader_kernels import BLOCK, N_LEAD, Y
 from planview.foreground.blobs import find_blobs
 from planview.foreground.ghosts import GhostParams, find_ghosts, find_still, find_uncovered, moved_lately
 

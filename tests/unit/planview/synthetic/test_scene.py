@@ -1,4 +1,4 @@
-"""Scenes: what is refused and how, motion, wandering and variation."""
+"""Scenes: what is refused and how, motion and wandering."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,6 @@ from calib.errors import InputError
 from planview.synthetic import assets
 from planview.synthetic.motion import scripted_motion, step_length_m
 from planview.synthetic.people import Body, Cast, Pose, pose_at
-from planview.synthetic.random_scenes.suite import varied
 from planview.synthetic.scene import Furniture, ScenePerson, load_scene, parse_scene
 from planview.synthetic.texture import Palette
 
@@ -176,13 +175,3 @@ def test_pushed_chair_stays_where_it_was_left_and_carried_box_on_its_height():
     chair, box = (a.mesh.vertices for a in cast.at(20.0)[1:])
     assert chair.mean(axis=0)[:2] == pytest.approx([3.72, 1.0], abs=0.15)
     assert box[:, 2].min() == pytest.approx(0.7, abs=0.01)
-
-
-def test_variation_zero_is_the_scene_and_others_stay_renderable():
-    scene = load_scene(SCENES[0])
-    assert varied(scene, 0) is scene
-    assert varied(scene, 2) == varied(scene, 2)
-    other = varied(scene, 1)
-    assert other.rig is not None and scene.rig is not None
-    assert other.rig.focal_px != scene.rig.focal_px
-    assert 2.1 <= other.rig.at_m[2] < scene.room.size_m[2]

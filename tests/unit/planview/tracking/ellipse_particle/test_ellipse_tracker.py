@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 from calib.ground_camera import GroundCamera
 from planview.engine.config import SingleCameraParams
 from planview.engine.one_camera import OneCamera
-from planview.foreground.masks import NO_FEEDBACK, WALKER
+from planview.foreground.params import NO_FEEDBACK, WALKER
 from planview.tracking.base import Observation
 from planview.tracking.ellipse_particle import EllipseParticleParams, EllipseParticleTracker
 from planview.tracking.ellipse_particle.fit import painted

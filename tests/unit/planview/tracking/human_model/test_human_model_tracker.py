@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from planview.foreground.masks import BACKGROUND, PERSON, WALKER
+from planview.foreground.params import BACKGROUND, PERSON, WALKER
 from planview.tracking.base import Observation
 from planview.tracking.human_model import HumanModelTracker
 from tests.human_model_world import BLUE, CAMERA, FPS, MAP, PARAMS, RED, Drawn, World, confirmed, run
