@@ -255,7 +255,7 @@ def _text(owner: dict[str, object]) -> str:
 _NAMES = (
     "tracks.csv", "tracks_online.csv", "tracks_before.csv", "edits.json", "refinement.csv", "events.csv",
     "decisions.csv", "counts.json",
-    "run.json", "run.rrd", "maps.h5", "maps-[0-9]*.h5", "report.html", "scene.png",
+    "run.json", "run.rrd", "run-[0-9]*.rrd", "maps.h5", "maps-[0-9]*.h5", "report.html", "scene.png",
     "checkpoint.npz", "checkpoint.previous.npz",
 )  # fmt: skip
 _UNFINISHED = "an unfinished run; go on with --resume"
@@ -319,6 +319,12 @@ def prepare_folder(folder: Path, overwrite: bool) -> None:
 def products_in(folder: Path) -> list[Path]:
     """Files of a folder that are named as those of a run."""
     return sorted(path for pattern in PRODUCTS for path in folder.glob(pattern))
+
+
+def rrd_parts(path: Path) -> list[Path]:
+    """A recording's files in their order: that of the run, and one for every time it was resumed."""
+    later = sorted(path.parent.glob(f"{path.stem}-[0-9]*.rrd"), key=lambda part: int(part.stem.rpartition("-")[2]))
+    return [path, *later]
 
 
 def finished_run(folder: Path) -> RunInfo | None:

@@ -1,5 +1,10 @@
 """``planview run``, stopped in its middle and resumed: the results of a run that was left alone."""
 
+import os
+import re
+import subprocess
+import sysconfig
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -11,7 +16,7 @@ from planview.counting.stream import Analytics
 from planview.engine.config import load_config
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.open import open_engine
-from planview.output.folder import read_run_info
+from planview.output.folder import read_run_info, rrd_parts
 from planview.output.maps_log import MapsLog
 from planview.output.resume import checkpoint_of, difference
 from planview.output.run import RunOptions, run, run_identity
@@ -29,7 +34,7 @@ def options_with(rules: Path) -> RunOptions:
     return RunOptions(analytics=Analytics(load_rules(rules)), debug=True, checkpoint_every_s=FREQUENT_S)
 
 
-def stop_at(frame: int) -> object:
+def stop_at(frame: int | None) -> object:
     def watch(result: FrameResult) -> None:
         if result.frame == frame:
             raise StoppedError
@@ -156,3 +161,22 @@ def test_a_run_that_was_killed_before_it_was_refined_is_refined(say: Say, copy: 
     assert status == 0 and "nothing is left" not in told
     assert read_run_info(out / "run.json").refined and (out / "tracks_online.csv").is_file()
     assert "nothing is left to resume" in say("run", copy, "--out", out, "--set", FEW, "--resume", "--refine")[1]
+
+
+def test_a_run_that_was_stopped_twice_has_every_frame_once_in_its_rerun_recording(
+    engine: Engine, tmp_path: Path, rules: Path
+) -> None:
+    from planview.output.rerun.log import RerunLog
+
+    options, checkpoint = options_with(rules), None
+    for frame in (12, 24, None):
+        at = checkpoint.written["logs"]["RerunLog"] if checkpoint else None
+        logs = [RerunLog(engine, tmp_path / "run.rrd", at)]
+        with suppress(StoppedError):
+            run(engine, tmp_path, options, logs, stop_at(frame), checkpoint)
+        identity = run_identity(engine, options_with(rules), ["RerunLog"], tmp_path)
+        checkpoint = checkpoint_of(tmp_path, identity, print) if frame else None
+    rerun = Path(sysconfig.get_path("scripts")) / "rerun"
+    command = [rerun, "rrd", "print", "-v", "--entity", "/image/people", *rrd_parts(tmp_path / "run.rrd")]
+    told = subprocess.run(command, capture_output=True, text=True, check=True, env=os.environ | {"CI": "1"}).stdout
+    assert sum(int(n) for n in re.findall(r"(\d+) rows", told)) == engine.recording.n_frames

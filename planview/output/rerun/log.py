@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import shutil
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -12,14 +13,14 @@ import numpy as np
 import rerun as rr
 
 from calib.errors import InputError, WorkError
-from calib.io import reason
+from calib.io import reason, sync
 from calib.types import U8
 from planview.drawing.plan import PlanBounds, bounds_of
 from planview.drawing.style import person_rgb
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.view import StereoView
+from planview.output.folder import rrd_parts
 from planview.output.report.page import errors_of, scores_of
-from planview.output.rerun.file import RrdFile, rarer
 from planview.output.rerun.shapes import (
     StaticScene,
     blueprint,
@@ -110,6 +111,8 @@ BODY_M = 0.5
 """Width of the boxes around people [m]."""
 CLOUD_POINTS_MAX = 1500
 """Foreground points logged per frame at most: enough to recognise five people, in 24 kB (our choice)."""
+DOUBLED_MAX = 12
+"""Images become rarer so many times at most: every 4096th is one in five minutes at 15 Hz (our choice)."""
 FLUSH_FRAMES = 100
 """So many frames may wait for rerun's thread: on a busy machine they would pile up in memory."""
 FLUSH_S = 60.0
@@ -124,16 +127,18 @@ class RerunLog:
     Args:
         engine: whose frames will come.
         path: the file to write.
-        position: of ``mark``, to go on from there; what was written after it is dropped.
+        position: of ``mark``, to go on from there; what was written after it is dropped. rerun cannot go on with a
+            file, so a resumed run writes one more, ``run-2.rrd``, of the same recording: the viewer shows them as one.
         every: images, clouds and maps of every n-th frame only; people, decisions and curves of all. It doubles when
-            half of the room left of RECORDED_BYTES_MAX is used, so that a run of any length is bounded.
+            half of the room left of 2 GB is used, so that a run of any length is bounded.
     Raises:
         InputError: what was written up to the position is not there any more.
         WorkError: too little free disk space.
     """
 
     def __init__(self, engine: Engine, path: Path, position: Mapping[str, int] | None = None, every: int = 1) -> None:
-        self._engine, self._path, self._file = engine, path, RrdFile(path, position)
+        self._engine, self._path = engine, path
+        self._parts = kept_parts(path, position)
         self._check_room()
         self._stereo, self._asked_every = engine.stereo, every
         self._every = self._thinned()
@@ -145,20 +150,21 @@ class RerunLog:
         application = "planview" if self._stereo else "planview-single"
         self._stream = rr.RecordingStream(application, recording_id=f"planview-{path.parent.name}")
         self._frames = 0
-        self._stream.save(str(self._file.open_path), default_blueprint=blueprint(self._engine, self._bounds))
+        self._stream.save(str(self._parts[-1]), default_blueprint=blueprint(self._engine, self._bounds))
         self._series = SeriesBlocks()
         self._scene = StaticScene(engine.stereo) if engine.stereo else None
         self._log_static()
 
     def _thinned(self) -> int:
         """Of every so many frames the images are logged now."""
-        return self._asked_every * rarer(self._file.size())
+        return self._asked_every * rarer(sum(part.stat().st_size for part in self._parts if part.is_file()))
 
     def mark(self) -> dict[str, int]:
         """See ``RunLog``."""
         self._series.flush(self._stream)
         self._flush()
-        return self._file.position()
+        sync(self._parts[-1])
+        return {"parts": len(self._parts), "size": self._parts[-1].stat().st_size}
 
     def frame(self, result: FrameResult) -> None:
         """Log one frame, on the timelines ``frame`` and ``time``.
@@ -192,10 +198,9 @@ class RerunLog:
             self._stream.send_blueprint(blueprint(self._engine, self._bounds))
         try:
             self._flush()
-            size = self._file.open_path.stat().st_size
         finally:
             self._stream.disconnect()
-        self._file.close(size)
+        sync(self._parts[-1])
 
     def finish(self) -> None:
         """See ``RunLog``."""
@@ -350,6 +355,36 @@ class RerunLog:
                     self._stream.log(f"score/{decision.track_id}", line, static=True)
                 values[f"score/{decision.track_id}"] = decision.value
         self._series.add(self._stream, result.frame, result.timestamp_s, values)
+
+
+def kept_parts(path: Path, position: Mapping[str, int] | None) -> list[Path]:
+    """The files up to a position, and the one to write; what lies beyond is cut off.
+
+    Raises:
+        InputError: they do not reach to the position.
+    """
+    if position is None:
+        return [path]
+    n, size = position["parts"], position["size"]
+    kept = [path, *(path.with_name(f"{path.stem}-{part}.rrd") for part in range(2, n + 2))]
+    for part in set(rrd_parts(path)) - set(kept[:n]):
+        part.unlink(missing_ok=True)
+    found = kept[n - 1].stat().st_size if all(part.is_file() for part in kept[:n]) else 0
+    if found < size:
+        raise InputError(f"{kept[n - 1]}: expected {size} bytes before the checkpoint, found {found}")
+    os.truncate(kept[n - 1], size)
+    return kept
+
+
+def rarer(written: int, room: int = 2 * 2**30) -> int:
+    """Of how many frames' images one is still written: twice as many for every half of the room left that is used.
+
+    Args:
+        written: size of the recording so far [bytes].
+        room: that it shall keep [bytes] (our choice: an hour that can be copied).
+    """
+    left = 1.0 - written / room
+    return 1 << math.floor(-math.log2(max(left, 2.0**-DOUBLED_MAX)))
 
 
 def _colours(tracks: Sequence[TrackState]) -> list[tuple[int, int, int]]:
