@@ -27,8 +27,8 @@ from planview.engine.open import open_engine
 from planview.maps.recording import MapsRecording
 from planview.output.folder import finished_run
 from planview.output.maps_log import MapsLog
+from planview.output.resume import code_version, key_of
 from planview.output.run import RunLog, RunOptions, run
-from planview.sweep.jobs import engine_version, key_of
 from planview.trajectories.table import read_tracks
 
 PEER = "peer.csv"
@@ -70,7 +70,7 @@ class Pass:
 @cache
 def code_key() -> str:
     """Of the source of everything that decides tracks: another version of it does not find older runs."""
-    return key_of(engine_version(), *(Path(module.__file__ or "").read_text("utf-8") for module in (peaks, peer)))
+    return key_of(code_version(), *(Path(module.__file__ or "").read_text("utf-8") for module in (peaks, peer)))
 
 
 def run_pass(job: Pass) -> Path:

@@ -175,7 +175,7 @@ def _track(
     checkpoint = None
     if options.resume:
         names = ["MapsLog"] * options.maps + ["RerunLog"] * options.rrd
-        identity = run_identity(engine, how, names, out)
+        identity = run_identity(engine, how, names)
         checkpoint = checkpoint_of(out, identity, lambda text: console.print(text, soft_wrap=True))
     if checkpoint is None:
         begin_run(engine, out, how, overwrite=options.overwrite or options.resume)

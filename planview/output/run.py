@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import json
 import os
-import platform
 import signal
 import sys
 import threading
@@ -15,7 +14,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, Protocol
@@ -27,7 +25,14 @@ from planview.engine.engine import Engine, FrameResult
 from planview.output.folder import RunInfo, SkippedFrame, folder_lock, prepare_folder, write_result, write_run_info
 from planview.output.memory import decode, encode
 from planview.output.pace import Pace
-from planview.output.resume import Checkpoint, digest_of, identity_of, remove_checkpoints, write_checkpoint
+from planview.output.resume import (
+    Checkpoint,
+    digest_of,
+    identity_of,
+    library_versions,
+    remove_checkpoints,
+    write_checkpoint,
+)
 from planview.output.tables import FilePosition, RunTables
 from planview.output.totals import RunChecks, RunTotals
 
@@ -116,7 +121,6 @@ class Interrupts:
             raise KeyboardInterrupt
 
 
-LIBRARIES = ("planview", "numpy", "opencv-python-headless", "scipy", "open3d", "numba")
 SKIPPED_MAX = 1000
 """run.json names at most so many skipped frames."""
 
@@ -289,7 +293,7 @@ class _Run:
         finally:
             self._totals.elapsed_s = before_s
         if self._identity is None:
-            self._identity = run_identity(self._engine, self._options, list(self._logs), self._folder)
+            self._identity = run_identity(self._engine, self._options, list(self._logs))
         write_checkpoint(self._folder, Checkpoint(self._identity, written, memory))
         write_run_info(self._information("running"), self._folder / "run.json")
         return True
@@ -344,7 +348,7 @@ class _Run:
         return Counts(analytics.rules, events, stays, analytics.people, span, analytics.params.interval_s).to_json()
 
 
-def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str], folder: Path) -> dict[str, Any]:
+def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> dict[str, Any]:
     """What a run that goes on must share with the one that was interrupted (``checkpoint.identity``).
 
     Args:
@@ -358,19 +362,15 @@ def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str], folde
         "debug": options.debug,
         "logs": sorted(logs),
     }
-    return identity_of(engine, settings, folder)
+    return identity_of(engine, settings)
 
 
 def _info_of(engine: Engine, options: RunOptions) -> RunInfo:
-    versions: dict[str, str] = {}
-    for name in LIBRARIES:
-        with suppress(PackageNotFoundError):  # OpenCV comes under several names
-            versions[name] = version(name)
     return RunInfo(
         input=os.fspath(engine.recording.path),
         tracker=options.tracker,
         started_at=datetime.now(UTC).astimezone().isoformat(timespec="seconds"),
-        versions={"python": platform.python_version(), **versions},
+        versions=library_versions(),
         config=engine.config.model_dump(mode="json"),
         rig=engine.camera_info(),
         floor=engine.floor_info(),

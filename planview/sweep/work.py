@@ -20,8 +20,9 @@ from calib.io import reason
 from planview.engine.open import open_engine
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.output.folder import finished_run, write_result
+from planview.output.resume import code_version
 from planview.output.run import RunLog, RunOptions, run
-from planview.sweep.jobs import MAPS_FILE, RunJob, StudyJob, engine_version
+from planview.sweep.jobs import MAPS_FILE, RunJob, StudyJob
 from planview.sweep.study import run_figures
 from planview.trajectories.formats import load_tracks, load_truth
 from stereo.readers import OpenOptions
@@ -38,8 +39,8 @@ def track(job: RunJob) -> None:
     Raises:
         InputError, WorkError: as ``open_engine`` and ``run``; another version of planview than the study's.
     """
-    if job.version != engine_version():
-        raise WorkError(f"expected planview {job.version} on this worker, found {engine_version()}")
+    if job.version != code_version():
+        raise WorkError(f"expected planview {job.version} on this worker, found {code_version()}")
     if is_done(job):
         return
     with _attempt(job.folder) as folder, one_thread():

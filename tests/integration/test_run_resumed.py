@@ -59,7 +59,7 @@ def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(
     assert read_run_info(stopped / "run.json").state == "interrupted"
 
     options, told = options_with(rules), []
-    checkpoint = checkpoint_of(stopped, run_identity(engine, options, ["MapsLog"], stopped), told.append)
+    checkpoint = checkpoint_of(stopped, run_identity(engine, options, ["MapsLog"]), told.append)
     assert checkpoint is not None
     log = MapsLog(engine, stopped / "maps.h5", checkpoint.written["logs"]["MapsLog"])
     info = run(engine, stopped, options, [log], None, checkpoint)
@@ -81,7 +81,7 @@ def test_a_checkpoint_whose_memory_is_none_is_refused_in_a_sentence(
 ) -> None:
     with pytest.raises(StoppedError):
         run(engine, tmp_path, options_with(rules), (), stop_at(5))
-    checkpoint = checkpoint_of(tmp_path, run_identity(engine, options_with(rules), [], tmp_path), print)
+    checkpoint = checkpoint_of(tmp_path, run_identity(engine, options_with(rules), []), print)
     assert checkpoint is not None
     broken = checkpoint._replace(memory=checkpoint.memory._replace(nodes=[]))
     with pytest.raises(InputError, match="cannot be gone on from"):
@@ -95,7 +95,7 @@ def test_rows_that_were_changed_since_the_checkpoints_are_not_gone_on_from(
         run(engine, tmp_path, options_with(rules), (), stop_at(30))
     (tmp_path / "tracks.csv").write_text("frame\n")
     told: list[str] = []
-    assert checkpoint_of(tmp_path, run_identity(engine, options_with(rules), [], tmp_path), told.append) is None
+    assert checkpoint_of(tmp_path, run_identity(engine, options_with(rules), []), told.append) is None
     assert [text.count("changed since") for text in told] == [1, 1, 0]
 
 
@@ -120,7 +120,7 @@ def test_a_run_goes_on_beside_a_new_read_me_and_with_its_rules_under_another_nam
     (copy / "README.md").write_text("# What this is\n")
     (copy / "notes.txt").write_text("rain\n")
     renamed = rules.rename(rules.with_name("door.toml"))
-    identity = run_identity(open_engine(copy, config=config), options_with(renamed), [], tmp_path / "out")
+    identity = run_identity(open_engine(copy, config=config), options_with(renamed), [])
     assert checkpoint_of(tmp_path / "out", identity, print) is not None
 
 
@@ -128,7 +128,7 @@ def test_another_image_or_calibration_is_another_recording(copy: Path, tmp_path:
     config = load_config(None, [FEW])
 
     def identity() -> dict[str, dict[str, object]]:
-        return run_identity(open_engine(copy, config=config), RunOptions(), [], tmp_path)
+        return run_identity(open_engine(copy, config=config), RunOptions(), [])
 
     before = identity()
     assert difference(before, identity()) == ""
@@ -174,7 +174,7 @@ def test_a_run_that_was_stopped_twice_has_every_frame_once_in_its_rerun_recordin
         logs = [RerunLog(engine, tmp_path / "run.rrd", at)]
         with suppress(StoppedError):
             run(engine, tmp_path, options, logs, stop_at(frame), checkpoint)
-        identity = run_identity(engine, options_with(rules), ["RerunLog"], tmp_path)
+        identity = run_identity(engine, options_with(rules), ["RerunLog"])
         checkpoint = checkpoint_of(tmp_path, identity, print) if frame else None
     rerun = Path(sysconfig.get_path("scripts")) / "rerun"
     command = [rerun, "rrd", "print", "-v", "--entity", "/image/people", *rrd_parts(tmp_path / "run.rrd")]
