@@ -204,9 +204,8 @@ def replay(
 ) -> None:
     """Track a run again up to a frame with a parameter changed, and show both: a picture, and what differs in words.
 
-    Tracking begins at the nearest checkpoint, where the run was interrupted and kept one; else with the first frame, of
-    the run's maps.h5 (planview run --maps) where the parameter does not concern what comes before the maps: that
-    takes a tenth of the time.
+    Tracking begins with the first frame, of the run's maps.h5 (planview run --maps) where the parameter does not
+    concern what comes before the maps: that takes a tenth of the time.
 
     Example: planview replay out --frame 310 --set template.patch_m=0.15
 
@@ -228,7 +227,7 @@ def replay(
     console = PlainConsole(stderr=True, soft_wrap=True, highlight=False)
     with FrameProgress(console, frame + 1) as progress:
         replayed = replay_run(results, config, frame, progress)
-    console.print(f"tracked from {replayed.begun_from}")
+    console.print(f"tracked from {replayed.source}")
     for line in difference_text(results, replayed, frame):
         PlainConsole(soft_wrap=True, highlight=False).print(line)
     frames: SceneFrames | None = None
