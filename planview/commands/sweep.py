@@ -7,19 +7,17 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Annotated, Any
 
 from cyclopts import Parameter
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from calib.errors import InputError, WorkError, printable
 from planview.commands.options import JsonFlag
 from planview.output.progress import PlainConsole
 from planview.sweep.pools import ClusterPool, Pool, ProcessPool
-from planview.sweep.results import Estimate, JobResult, why_no_intervals
+from planview.sweep.results import Estimate, why_no_intervals
 from planview.sweep.study import FIGURES, RecordingEntry, Study, load_study, varied
-from planview.sweep.sweep import StudyResults, run_study
+from planview.sweep.sweep import StudyProgress, StudyResults, run_study
 
 FAILED_MAX = 20
 """Failed runs that are printed; summary.csv has them all."""
@@ -68,7 +66,7 @@ def sweep(
     options = options or SweepOptions()
     study, names, out = _study(sources, options)
     console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
-    with _Watch(console) as watch:
+    with StudyProgress(console) as watch:
         results = run_study(study, names, out, _pool(options), watch)
     if options.json_output:
         print(json.dumps(_json(results, out)))
@@ -87,9 +85,9 @@ def _study(sources: Sequence[Path], options: SweepOptions) -> tuple[Study, list[
     else:
         if options.out is None:
             raise InputError("--out: expected a folder for the results, found none")
-        found = varied(options.vary)
+        parameters, seeds = varied(options.vary)
         entries = [RecordingEntry(path=path) for path in sources]
-        study = Study(recordings=entries, config=options.config, parameters=found.parameters, seeds=found.seeds)
+        study = Study(recordings=entries, config=options.config, parameters=parameters, seeds=seeds)
         folder, out = Path(), options.out
     names = [_name(entry.path, folder) for entry in study.recordings]
     twice = [name for name in names if names.count(name) > 1]
@@ -116,42 +114,6 @@ def _pool(options: SweepOptions) -> Callable[[], Pool]:
         return lambda: pool
     address = options.cluster
     return lambda: ClusterPool(address)
-
-
-class _Watch:
-    """Progress of the whole study on stderr."""
-
-    def __init__(self, console: PlainConsole) -> None:
-        columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-        self._progress = Progress(
-            TextColumn("{task.description}"), *columns, TextColumn("{task.fields[state]}"), console=console
-        )
-        self._runs = self._progress.add_task("runs", total=0, state="")
-        self._maps = self._progress.add_task("plan-view recordings", total=0, state="", visible=False)
-        self._failed = self._reused = 0
-
-    def __enter__(self) -> _Watch:
-        self._progress.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._progress.stop()
-
-    def planned(self, runs: int, maps: int) -> None:
-        for task, more in ((self._runs, runs), (self._maps, maps)):
-            self._progress.update(task, total=(self._progress.tasks[task].total or 0) + more)
-        self._progress.update(self._maps, visible=bool(self._progress.tasks[self._maps].total))
-
-    def recorded(self, error: str) -> None:
-        self._progress.update(self._maps, advance=1)
-
-    def ended(self, result: JobResult) -> None:
-        self._failed += bool(result.error)
-        self._reused += result.reused
-        parts = [f"{self._reused} done before"] * bool(self._reused) + [f"{self._failed} failed"] * bool(self._failed)
-        self._progress.update(self._runs, advance=1, state=", ".join(parts))
 
 
 def print_ranking(results: StudyResults, out: Path) -> None:

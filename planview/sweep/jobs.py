@@ -15,6 +15,7 @@ from planview.engine.open import TrackerName, base_config, is_stereo
 from planview.engine.replay import FIXED_MAP_PARAMETERS, FIXED_TABLES
 from planview.maps.recording import is_maps
 from planview.output.resume import code_version, content_key, key_of
+from planview.sweep.results import JobResult
 from planview.sweep.study import Configuration, RecordingEntry, Study
 from planview.trajectories.formats import truth_file
 from stereo.readers.open import is_multi_rig, rigs_file
@@ -83,17 +84,8 @@ class StudyJob:
         return f"{self.run.key}-{self.truth_key}"
 
 
-@dataclass(frozen=True)
-class Refused:
-    """A run that cannot begin, and why."""
-
-    name: str
-    configuration: Configuration
-    seed: int
-    error: str
-
-
-Planned = StudyJob | Refused
+Planned = StudyJob | JobResult
+"""A run, or why it cannot begin."""
 
 
 class Planner:
@@ -125,7 +117,7 @@ class Planner:
 
     def _job(self, configuration: Configuration, recording: _Recording, seed: int) -> Planned:
         if recording.error:
-            return Refused(recording.name, configuration, seed, recording.error)
+            return JobResult(recording.name, configuration, seed, error=recording.error)
         entry, study, maps = recording.entry, self._study, None
         full, points = self._effective(configuration, seed, recording.base)
         single = is_maps(entry.path) or is_multi_rig(entry.path) or study.tracker == "human-model"
@@ -142,22 +134,18 @@ class Planner:
         return _keyed(full), _keyed(points_config(full))
 
     def _run(self, source: RecordingEntry, source_key: str, config: _Keyed, kind: str) -> RunJob:
-        study, version = self._study, code_version()
-        key = key_of(source_key, config.key, study.tracker, study.frames, version, kind)
+        study, version, (parameters, config_key) = self._study, code_version(), config
+        key = key_of(source_key, config_key, study.tracker, study.frames, version, kind)
         report = study.reports and kind == "jobs"
         folder = self._out / kind / key
-        return RunJob(source, config.config, study.tracker, study.frames, key, folder, version, kind == "maps", report)
-
-
-class _Keyed(NamedTuple):
-    """A configuration and its key."""
-
-    config: Config
-    key: str
+        return RunJob(source, parameters, study.tracker, study.frames, key, folder, version, kind == "maps", report)
 
 
 def _keyed(config: Config) -> _Keyed:
-    return _Keyed(config, key_of(config.model_dump(mode="json")))
+    return config, key_of(config.model_dump(mode="json"))
+
+
+_Keyed = tuple[Config, str]
 
 
 class _Recording(NamedTuple):

@@ -1,20 +1,17 @@
-"""Where and in which order jobs run: processes of this machine, or the workers of a Dask cluster."""
+"""Where jobs run: processes of this machine, or the workers of a Dask cluster."""
 
 from __future__ import annotations
 
 import time
 import traceback
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from calib.errors import InputError, WorkError
 
-THREAD_LIMITS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-"""Set to 1 in processes: a job per core."""
 CONNECT_S = 10.0
 WORKERS_S = 60.0
 """A cluster may be without workers for so long [s]."""
@@ -31,15 +28,16 @@ class ProcessPool:
         """Start nothing yet. Raises InputError: fewer than one process."""
         if processes < 1:
             raise InputError(f"--jobs: expected at least 1, found {processes}")
-        self.at_once: int | None = processes
+        self.at_once = processes
         self._executor: Any = None
 
     def submit(self, function: Callable[..., Any], *arguments: object) -> Future[Any]:
         if self._executor is None:
             from joblib.externals.loky import ProcessPoolExecutor
 
-            limits = dict.fromkeys(THREAD_LIMITS, "1")
-            self._executor = ProcessPoolExecutor(self.at_once, env=limits)
+            # A job per core.
+            limits = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+            self._executor = ProcessPoolExecutor(self.at_once, env=dict.fromkeys(limits, "1"))
         future: Future[Any] = self._executor.submit(function, *arguments)
         return future
 
@@ -77,7 +75,7 @@ class ClusterPool:
             raise InputError(f"--cluster: expected a Dask scheduler at {address}, found none ({error})") from error
         self._executor = self._client.get_executor(pure=False)
         self._with_workers_s = time.monotonic()
-        self.at_once: int | None = PER_THREAD
+        self.at_once = PER_THREAD
 
     def submit(self, function: Callable[..., Any], *arguments: object) -> Future[Any]:
         future: Future[Any] = self._executor.submit(function, *arguments)
@@ -107,23 +105,7 @@ Pool = ProcessPool | ClusterPool
 """Runs functions elsewhere; ``at_once`` jobs are handed over at the same time."""
 
 
-@dataclass(frozen=True)
-class Task:
-    """A call of a function in another process.
-
-    Attributes:
-        key: names it; all different.
-        after: key of the task that must have succeeded before, or None.
-    """
-
-    key: str
-    function: Callable[..., Any]
-    argument: object
-    after: str | None = None
-
-
-@dataclass(frozen=True)
-class Done:
+class Done(NamedTuple):
     """How a task ended: with a value, or with an error in one sentence."""
 
     key: str
@@ -143,29 +125,14 @@ def guarded(function: Callable[..., Any], argument: object) -> tuple[Any, str]:
         return None, f"unexpected {type(error).__name__} in {where.name}, line {where.lineno}: {text}"
 
 
-def run_tasks(tasks: Sequence[Task], pool: Pool) -> Iterator[Done]:
-    """Run all tasks; each comes once, in the order in which they end."""
-    ready = deque(task for task in tasks if task.after is None)
-    blocked: dict[str, list[Task]] = {}
-    for task in tasks:
-        if task.after is not None:
-            blocked.setdefault(task.after, []).append(task)
-    running: dict[Future[Any], Task] = {}
+def run_tasks(function: Callable[..., Any], arguments: Mapping[str, object], pool: Pool) -> Iterator[Done]:
+    """Call a function with each of the arguments, by key; each comes once, in the order in which they end."""
+    ready, running = deque(arguments), dict[Future[Any], str]()
     deaths: Counter[str] = Counter()
-
-    def closed(done: Done) -> Iterator[Done]:
-        """A task that has ended; those that need it become ready, or fail with it."""
-        yield done
-        for task in blocked.pop(done.key, []):
-            if done.error:
-                yield from closed(Done(task.key, error=done.error))
-            else:
-                ready.append(task)
-
     while ready or running:
-        while ready and len(running) < (pool.at_once or len(tasks)):
+        while ready and len(running) < pool.at_once:
             try:
-                running[pool.submit(guarded, ready[0].function, ready[0].argument)] = ready[0]
+                running[pool.submit(guarded, function, arguments[ready[0]])] = ready[0]
                 ready.popleft()
             except BrokenProcessPool:
                 if running:
@@ -175,22 +142,21 @@ def run_tasks(tasks: Sequence[Task], pool: Pool) -> Iterator[Done]:
         try:
             pool.check()
         except WorkError as error:
-            for task in [*running.values(), *ready]:
-                yield from closed(Done(task.key, error=str(error)))
+            yield from (Done(key, error=str(error)) for key in (*running.values(), *ready))
             return
         for future in ended:
-            task = running.pop(future)
+            key = running.pop(future)
             try:
                 value, text = future.result()
             except BrokenProcessPool:
                 # Killed, of this task or of another that ran beside it: try again, but not for ever.
-                deaths[task.key] += 1
+                deaths[key] += 1
                 if not running:
                     pool.restart()
-                if deaths[task.key] < DEATHS_MAX:
-                    ready.append(task)
+                if deaths[key] < DEATHS_MAX:
+                    ready.append(key)
                     continue
                 value, text = None, f"its process was killed {DEATHS_MAX} times"
             except (Exception, CancelledError) as failure:
                 value, text = None, f"the worker was lost ({type(failure).__name__})"
-            yield from closed(Done(task.key, value, text))
+            yield Done(key, value, text)

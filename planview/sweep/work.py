@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import socket
-import time
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -106,21 +104,16 @@ def one_thread() -> Iterator[None]:
         cv2.setNumThreads(threads)
 
 
-def remove_stale_attempts(out: Path) -> None:
-    """Remove what killed processes of this machine left, and other machines' attempts that are a day old."""
+def remove_attempts(out: Path) -> None:
+    """Remove what killed processes left in the folder of a study, which nobody else writes into."""
     for folder in out.glob(f"*/{ATTEMPT}*"):
-        host, pid = folder.name.removeprefix(ATTEMPT).rsplit("-", 2)[0:2]
-        with suppress(OSError):
-            # Attempts of other machines are left alone for so long [s].
-            old = time.time() - folder.stat().st_mtime > 86_400.0
-            if old if host != _host() else not _alive(int(pid)):
-                shutil.rmtree(folder)
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager
 def _attempt(final: Path) -> Iterator[Path]:
     """A folder that becomes ``final`` when all went well."""
-    folder = final.parent / f"{ATTEMPT}{_host()}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
+    folder = final.parent / f"{ATTEMPT}{os.getpid()}-{uuid.uuid4().hex[:8]}"
     try:
         folder.mkdir(parents=True)
         yield folder
@@ -133,17 +126,3 @@ def _attempt(final: Path) -> Iterator[Path]:
             raise WorkError(f"{final}: cannot be written ({reason(error)})") from error
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-
-
-def _host() -> str:
-    return "".join(c for c in socket.gethostname() if c.isalnum()) or "host"
-
-
-def _alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True
