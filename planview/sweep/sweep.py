@@ -7,7 +7,6 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from rich.console import Console
@@ -96,43 +95,35 @@ def _suggested(trial: Any, name: str, space: Space) -> Any:
     return float(f"{trial.suggest_float(name, space.min, space.max, step=space.step, log=space.log):.6g}")
 
 
-class StudyProgress:
+class StudyProgress(Progress):
     """Progress of a whole study on a console."""
 
     def __init__(self, console: Console) -> None:
         columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-        self._progress = Progress(
+        super().__init__(
             TextColumn("{task.description}"), *columns, TextColumn("{task.fields[state]}"), console=console
         )
-        self._runs = self._progress.add_task("runs", total=0, state="")
-        self._maps = self._progress.add_task("plan-view recordings", total=0, state="", visible=False)
+        self._runs = self.add_task("runs", total=0, state="")
+        self._maps = self.add_task("plan-view recordings", total=0, state="", visible=False)
         self._failed = self._reused = 0
-
-    def __enter__(self) -> StudyProgress:
-        self._progress.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._progress.stop()
 
     def planned(self, runs: int, maps: int) -> None:
         """So many runs and plan-view recordings are to be made, those that are done included."""
         for task, more in ((self._runs, runs), (self._maps, maps)):
-            self._progress.update(task, total=(self._progress.tasks[task].total or 0) + more)
-        self._progress.update(self._maps, visible=bool(self._progress.tasks[self._maps].total))
+            self.update(
+                task, total=(total := (self.tasks[task].total or 0) + more), visible=task == self._runs or total > 0
+            )
 
     def recorded(self) -> None:
         """A plan-view recording is made, or failed."""
-        self._progress.update(self._maps, advance=1)
+        self.update(self._maps, advance=1)
 
     def ended(self, result: JobResult) -> None:
         """A run is done, or failed."""
         self._failed += bool(result.error)
         self._reused += result.reused
         parts = [f"{self._reused} done before"] * bool(self._reused) + [f"{self._failed} failed"] * bool(self._failed)
-        self._progress.update(self._runs, advance=1, state=", ".join(parts))
+        self.update(self._runs, advance=1, state=", ".join(parts))
 
 
 @dataclass(frozen=True)
