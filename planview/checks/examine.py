@@ -189,8 +189,6 @@ STEP = 10
 """Depth and heights are looked at in every n-th frame (our choice, for speed)."""
 KEPT = 1000
 """Things measured last that the height of people is told from."""
-MIN_THINGS = 20
-"""Fewest measured things by which the scale is doubted: shadows and doors are no people (our choice)."""
 
 
 class RecordingWatch:
@@ -222,7 +220,8 @@ class RecordingWatch:
         """What is known so far."""
         valid = float(np.median(self._valid)) if self._valid else np.nan
         things = np.concatenate(self._things) if self._things else np.empty((0, 2))
-        heights = large_heights(things) if len(things) >= MIN_THINGS else np.empty(0)
+        # Fewest measured things by which the scale is doubted: shadows and doors are no people (our choice).
+        heights = large_heights(things) if len(things) >= 20 else np.empty(0)
         return [
             *motion_checks(self._motion.findings()),
             at_least("valid disparity", valid, MIN_VALID, "", "share of the picture, median frame"),

@@ -16,9 +16,6 @@ from planview.counting.passages import Area, AreaState, Stay, TrackPlaces, Wire,
 from planview.counting.rules import AnalyticsParams, Placed, Rules
 from planview.trajectories.state import TrackState
 
-VELOCITY_S = 0.5
-"""Sightings of this time give the velocity [s]."""
-
 
 class TrackRow(NamedTuple):
     """One track in one frame.
@@ -66,7 +63,8 @@ class CountedPerson:
     def observe(self, sighting: Sighting) -> None:
         trail, moment = self.trail, sighting.timestamp_s
         trail.append(sighting)
-        while len(trail) > 2 and moment - trail[1].timestamp_s >= VELOCITY_S:
+        # Sightings of this time give the velocity [s].
+        while len(trail) > 2 and moment - trail[1].timestamp_s >= 0.5:
             trail.popleft()
 
     def predicted(self, timestamp_s: float) -> tuple[float, float]:

@@ -18,8 +18,6 @@ from planview.trajectories.state import TrackState
 
 Project = Callable[[ArrayLike], F64]
 """(N, 3) world points [m] to (N, 2) pixels, NaN where unseen."""
-SAMPLE_M = 0.2
-SAMPLES_MAX = 2000
 
 
 class GridLine(NamedTuple):
@@ -64,7 +62,7 @@ def visible_parts(project: Project, places_m: F64, size: tuple[int, int]) -> lis
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(known, axis=0).T))])
     if along[-1] <= 0:
         return []
-    samples = min(SAMPLES_MAX, math.ceil(along[-1] / SAMPLE_M) + 1)
+    samples = min(2000, math.ceil(along[-1] / 0.2) + 1)
     at = np.union1d(along, np.linspace(0.0, along[-1], samples))
     xyz = np.column_stack([np.interp(at, along, known[:, 0]), np.interp(at, along, known[:, 1]), np.zeros(len(at))])
     pixels, limits = project(xyz), np.array(size)
@@ -75,10 +73,6 @@ def visible_parts(project: Project, places_m: F64, size: tuple[int, int]) -> lis
     return [part for part, visible in parts if len(part) > 1 and visible[0]]
 
 
-WIDTH_MIN_PX = 640
-"""Smaller images are enlarged to this width, so that labels are legible."""
-GRID_LINES_MAX = 40
-"""Lines each way; of larger floors not every metre is drawn."""
 GRID_STRENGTH = 0.4
 """Share of the grid's colour in the picture."""
 
@@ -115,7 +109,8 @@ class ImagePainter:
         Args:
             image: (H, W[, 3]) uint8 BGR.
         """
-        scale = max(1, math.ceil(WIDTH_MIN_PX / image.shape[1]))
+        # Smaller images are enlarged to this width, so that labels are legible.
+        scale = max(1, math.ceil(640 / image.shape[1]))
         size = image.shape[1] * scale, image.shape[0] * scale
         picture = as_colour(np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)).copy()
         labels = Labels(picture, max(1.0, picture.shape[1] / 1000))
@@ -213,5 +208,6 @@ def _pixels(points: F64, scale: int) -> np.ndarray[tuple[int, ...], np.dtype[np.
 
 def _grid(camera: ImageCamera, bounds: PlanBounds) -> list[GridLine]:
     extent = bounds.x_min_m, bounds.y_min_m, bounds.x_max_m, bounds.y_max_m
-    step = max(1, round(max(extent[2] - extent[0], extent[3] - extent[1]) / GRID_LINES_MAX))
+    # Lines each way; of larger floors not every metre is drawn.
+    step = max(1, round(max(extent[2] - extent[0], extent[3] - extent[1]) / 40))
     return grid_lines(camera.project, extent, camera.size, step)

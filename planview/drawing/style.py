@@ -14,10 +14,6 @@ from calib.types import F64, U8
 from planview.trajectories.state import State
 
 Rgb = tuple[int, int, int]
-GOLDEN = 0.618034
-"""Step around the colour circle from id to id: neighbouring ids differ most."""
-LUMA_MAX = 150.0
-"""Colours are darkened to this luma, so that they are legible on white paper and on images [levels of 255]."""
 GREY: Rgb = (150, 150, 150)
 """Of tentative people."""
 TRUTH: Rgb = (20, 20, 20)
@@ -33,8 +29,10 @@ def person_rgb(track_id: int, state: State | Literal[""] = "confirmed") -> Rgb:
     """One colour per id; grey while tentative, pale while lost."""
     if state == "tentative":
         return GREY
-    red, green, blue = colorsys.hsv_to_rgb(GOLDEN * track_id % 1.0, 0.85, 0.95)
-    darker = min(1.0, LUMA_MAX / max(1.0, 255 * (0.299 * red + 0.587 * green + 0.114 * blue)))
+    # Step around the colour circle from id to id: neighbouring ids differ most.
+    red, green, blue = colorsys.hsv_to_rgb(0.618034 * track_id % 1.0, 0.85, 0.95)
+    # Colours are darkened to this luma, so that they are legible on white paper and on images [levels of 255].
+    darker = min(1.0, 150.0 / max(1.0, 255 * (0.299 * red + 0.587 * green + 0.114 * blue)))
     rgb = [255 * darker * channel for channel in (red, green, blue)]
     if state == "lost":
         rgb = [0.55 * channel + 0.45 * 190 for channel in rgb]
@@ -58,8 +56,6 @@ def person_hex(track_id: int, state: State | Literal[""] = "confirmed") -> str:
 
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 _PAD_PX = 3
-DARK_LUMA = 140.0
-"""Text is white on backgrounds darker than this [levels of 255]."""
 
 
 class Labels:
@@ -100,7 +96,8 @@ class Labels:
             cv2.putText(self._picture, text, at, FONT, self._size, (30, 30, 30), 1, cv2.LINE_AA)
             return
         cv2.rectangle(self._picture, box[:2], box[2:], as_bgr(background), -1)
-        dark = float(np.dot(background, (0.299, 0.587, 0.114))) < DARK_LUMA + 12
+        # Text is white on backgrounds darker than this [levels of 255].
+        dark = float(np.dot(background, (0.299, 0.587, 0.114))) < 152.0
         colour = (255, 255, 255) if dark else (0, 0, 0)
         cv2.putText(self._picture, text, at, FONT, self._size, colour, 1, cv2.LINE_AA)
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from planview.output.scene import SceneFrames
 
 HEADER_PX, LINE_PX = 30, 22
-PLAN_SHARE = 0.75
-"""Width of the floor as a share of the image's height."""
 ALONE_PX = (960, 720)
 """Size of the floor where there is no image."""
 _INK, _BACK, _FONT = (40, 40, 40), (255, 255, 255), cv2.FONT_HERSHEY_SIMPLEX
@@ -111,7 +109,8 @@ class SceneComposer:
     def _floor(self, snapshot: Snapshot, height: int, *, alone: bool) -> U8:
         """The floor from above, with the counts below it."""
         below = LINE_PX * len(self._tally) + (8 if len(self._tally) else 0)
-        size = ALONE_PX[0] if alone else round(PLAN_SHARE * height), height - below
+        # Width of the floor as a share of the image's height.
+        size = ALONE_PX[0] if alone else round(0.75 * height), height - below
         if self._plan is None:
             self._plan = PlanPainter(self._bounds, size, self._results.cameras, self._results.rules)
         text: U8 = np.full((below, size[0], 3), _BACK, dtype=np.uint8)

@@ -31,8 +31,6 @@ from planview.trajectories.table import Trajectories, TrajectoryCollector
 
 GATE_M = 0.5
 """People of both within this are the same person [m]."""
-MOVED_M = 0.02
-"""Positions that differ by less count as the same [m]."""
 DECISIONS_MAX = 20
 TITLE_PX = 30
 
@@ -70,7 +68,9 @@ def _until(tracks: Trajectories, last: int) -> Trajectories:
 
 def _rows(table: Trajectories) -> set[tuple[int, int, str, int, int]]:
     x, y = (
-        np.round(np.nan_to_num(values, nan=-1e6) / MOVED_M).astype(int).tolist() for values in (table.x_m, table.y_m)
+        # Positions that differ by less count as the same [m].
+        np.round(np.nan_to_num(values, nan=-1e6) / 0.02).astype(int).tolist()
+        for values in (table.x_m, table.y_m)
     )
     return set(zip(table.frame.tolist(), table.track_id.tolist(), table.state.tolist(), x, y, strict=True))
 

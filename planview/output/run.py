@@ -121,13 +121,6 @@ class Interrupts:
             raise KeyboardInterrupt
 
 
-SKIPPED_MAX = 1000
-"""run.json names at most so many skipped frames."""
-
-TRIM_EVERY_S = 30.0
-"""Time between two returns of unused memory [s]: each takes some milliseconds."""
-
-
 @dataclass
 class RunOptions:
     """What a run writes besides tracks.
@@ -223,7 +216,8 @@ class _Run:
             stack.callback(tables.close)
             is_live = getattr(self._engine.recording, "is_live", False)
             marks = Schedule(0.0 if is_live or options.pace else options.checkpoint_every_s)
-            trims = Schedule(TRIM_EVERY_S)
+            # Time between two returns of unused memory [s]: each takes some milliseconds.
+            trims = Schedule(30.0)
             for result in frames:
                 self._take(result, tables)
                 if watch:
@@ -327,7 +321,8 @@ class _Run:
                 "frames_read": totals.frames,
                 "notes": [*self._info.notes, *getattr(self._engine.tracker, "notes", ())],
                 "frames_skipped": len(skipped),
-                "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:SKIPPED_MAX]],
+                # run.json names at most so many skipped frames.
+                "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:1000]],
                 "stages_ms": {stage: times.percentile_ms(50) for stage, times in totals.stages.items()},
                 "pace": self._options.pace and self._options.pace.info(),
                 "people": len(totals.people),

@@ -18,9 +18,6 @@ from planview.engine.engine import FrameResult
 from planview.tracking.base import Decision, ScoreTerms
 from planview.trajectories.table import write_header, write_rows
 
-READ_BYTES = 2**20
-"""Read at a time when a file is checked."""
-
 
 class FilePosition(NamedTuple):
     """Where a file ends, and the checksum (CRC-32) of what it holds up to there."""
@@ -34,7 +31,7 @@ def holds(path: Path, position: FilePosition) -> bool:
     checksum, left = 0, position.size
     try:
         with path.open("rb") as file:
-            while left and (data := file.read(min(left, READ_BYTES))):
+            while left and (data := file.read(min(left, 2**20))):
                 checksum, left = zlib.crc32(data, checksum), left - len(data)
     except OSError:
         return False

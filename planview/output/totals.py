@@ -14,9 +14,6 @@ from planview.counting.totals import JUMP_S, jump_note
 from planview.engine.engine import Engine, FrameResult
 from planview.output.folder import RunWarning
 
-TIMES_MAX = 4096
-"""Times kept per stage: the median of so many is known to 2 % (our choice)."""
-
 
 @dataclass
 class StageTimes:
@@ -38,7 +35,8 @@ class StageTimes:
             return
         self.passed = 0
         self.times_ms.append(time_ms)
-        if len(self.times_ms) == TIMES_MAX:
+        # Times kept per stage: the median of so many is known to 2 % (our choice).
+        if len(self.times_ms) == 4096:
             self.times_ms, self.every = self.times_ms[::2], 2 * self.every
 
     def percentile_ms(self, percent: float) -> float:
@@ -91,10 +89,6 @@ class RunTotals:
         return "what moved was too short or too small to be believed (--rrd and --debug show why)"
 
 
-STRICT_EVERY = 60
-"""A strict run asks again after so many frames, so that it stops early."""
-
-
 class RunChecks:
     """Watches a run.
 
@@ -114,7 +108,8 @@ class RunChecks:
         if self._watch is not None:
             self._watch.update(result.thumbnails, result.sampled, result.observation.foreground)
         self._frames += 1
-        if self._frames % STRICT_EVERY == 0:
+        # A strict run asks again after so many frames, so that it stops early.
+        if self._frames % 60 == 0:
             self.refuse()
 
     def refuse(self) -> None:

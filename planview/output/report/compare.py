@@ -17,8 +17,6 @@ from planview.output.report.page import Picture, errors_of, figure_text, flat_se
 from planview.output.report.timelines import TimelineRow, timelines
 from planview.output.results import RunResults, read_results
 
-SAME_S = 1.0
-"""Errors of one kind and person that begin within this are one error of several runs [s] (our choice)."""
 ERRORS_MAX = 100
 _HIGHER = ("mota", "idf1", "hota", "det_a", "ass_a", "mostly_tracked")
 _LOWER = (
@@ -161,7 +159,8 @@ def shared_errors(errors: Sequence[Sequence[SignificantError]], frame_s: float) 
             person = f"P{error.truth_id}" if error.truth_id is not None else ""
             near = (
                 row for row in rows
-                if (row.kind, row.person) == (error.kind, person) and abs(row.frame - error.frame) * frame_s <= SAME_S
+                # Errors of one kind and person that begin within this are one error of several runs [s] (our choice).
+                if (row.kind, row.person) == (error.kind, person) and abs(row.frame - error.frame) * frame_s <= 1.0
                 and not row.notes[n]
             )  # fmt: skip
             row = next(near, None)

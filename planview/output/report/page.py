@@ -21,16 +21,14 @@ from planview.output.report.snapshots import ERRORS_MAX, read_decision_log, scen
 from planview.output.report.timelines import people_rows, timelines
 from planview.output.results import RunResults, read_object, read_results
 
-ROWS_MAX = 60_000
-"""Longer runs are scored on request only (``planview evaluate``), since scoring takes longer than the page (our
-choice)."""
-
 
 def scores_of(results: RunResults) -> dict[str, Any]:
     """``evaluation.json`` of the folder, else the scores of the frames that were tracked; empty without truth."""
     written = read_object(results.folder / "evaluation.json")
     truth = results.truth
-    if written or truth is None or not results.has_run or len(results.tracks) + len(truth) > ROWS_MAX:
+    # Longer runs are scored on request only (``planview evaluate``), since scoring takes longer than the page (our
+    # choice).
+    if written or truth is None or not results.has_run or len(results.tracks) + len(truth) > 60_000:
         return written
     from planview.evaluation.evaluate import evaluate_tracks  # brings scipy
 

@@ -28,7 +28,6 @@ COLOURS = (
     "#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#e377c2", "#8c564b", "#bcbd22", "#4c4c4c",
 )  # fmt: skip
 """Of rules and configurations, in turn; people have colours of their own."""
-_DPI = 110
 
 
 def people_plot(tracks: Trajectories, times_s: F64, frames: I64) -> bytes:
@@ -135,7 +134,7 @@ def plain_text(text: str) -> str:
 def png_bytes(figure: Figure) -> bytes:
     """A finished picture."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=_DPI, transparent=True)
+    figure.savefig(buffer, format="png", dpi=110, transparent=True)
     return buffer.getvalue()
 
 
@@ -145,8 +144,6 @@ HEAT_CELL_M = 0.2
 """Side of a heat map's cell: about a footstep's uncertainty [m]."""
 HEAT_RANGE = 300.0
 """The scale of the heat map spans this factor: who stands for a minute does not hide who walks by."""
-NAMED_MAX = 40
-"""Tracks with their ids in the picture, the longest ones; with more the ids would cover the ways."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,7 +271,8 @@ def _draw_ends(axes: Axes, tracks: Places) -> None:
     last, colours = first + counts - 1, _colours(ids)
     axes.scatter(tracks.xy_m[first, 0], tracks.xy_m[first, 1], s=16, c=colours, marker="o", zorder=4)
     axes.scatter(tracks.xy_m[last, 0], tracks.xy_m[last, 1], s=16, c=colours, marker="s", zorder=4)
-    for i in np.argsort(-counts, kind="stable")[:NAMED_MAX].tolist():
+    # Tracks with their ids in the picture, the longest ones; with more the ids would cover the ways.
+    for i in np.argsort(-counts, kind="stable")[:40].tolist():
         x, y = tracks.xy_m[first[i]].tolist()
         _write(axes, str(ids[i]), (x, y), colours[i])
 

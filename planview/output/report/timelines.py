@@ -65,8 +65,6 @@ def _way_m(xy: F64, times: F64) -> float:
     return float(np.hypot(*np.diff(picked, axis=0).T).sum())
 
 
-ROWS_MAX = 60
-"""Rows of each kind."""
 GATE_M = 0.5
 """As the evaluation's default."""
 UNHELD = -1
@@ -174,7 +172,8 @@ def _rows(
 ) -> tuple[list[TimelineRow], int]:
     people, first = np.unique(found.person, return_index=True)
     length = np.bincount(np.searchsorted(people, found.person), found.last - found.first + 1, len(people))
-    longest = np.argsort(-length, kind="stable")[:ROWS_MAX]
+    # Rows of each kind.
+    longest = np.argsort(-length, kind="stable")[:60]
     ordered = people[longest][np.argsort(found.first[first[longest]], kind="stable")]
     left, right = scale.percent(found.first), scale.percent(found.last + 1)
     begin, end = scale.seconds(found.first), scale.seconds(found.last + 1)

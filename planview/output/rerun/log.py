@@ -39,9 +39,6 @@ from planview.output.rerun.shapes import (
 from planview.output.results import RunResults, read_results
 from planview.trajectories.state import TrackState
 
-BLOCK_FRAMES = 256
-"""Frames whose numbers are sent together (our choice: 17 s at 15 Hz)."""
-
 
 class SeriesBlocks:
     """Gathers numbers by path and sends them as columns."""
@@ -55,7 +52,8 @@ class SeriesBlocks:
         for path, value in values.items():
             self._rows.setdefault(path, []).append((frame, time_s, value))
         self._frames += 1
-        if self._frames >= BLOCK_FRAMES:
+        # Frames whose numbers are sent together (our choice: 17 s at 15 Hz).
+        if self._frames >= 256:
             self.flush(stream)
 
     def flush(self, stream: rr.RecordingStream) -> None:
@@ -65,11 +63,6 @@ class SeriesBlocks:
             indexes = [rr.TimeColumn("frame", sequence=frames), rr.TimeColumn("time", duration=times)]
             rr.send_columns(path, indexes, rr.Scalars.columns(scalars=values), recording=stream)
         self._rows, self._frames = {}, 0
-
-
-HEIGHT_M = 1.7
-"""Of a true person whose height is not known."""
-TRUTH_COLOUR = (255, 255, 255)
 
 
 def log_assessment(stream: rr.RecordingStream, folder: Path) -> RunResults | None:
@@ -91,12 +84,13 @@ def log_assessment(stream: rr.RecordingStream, folder: Path) -> RunResults | Non
         frames, starts, counts = np.unique(truth.frame, return_index=True, return_counts=True)
         rows = slice(int(starts[0]), int(starts[-1] + counts[-1]))
         xy = np.column_stack([truth.x_m[rows], truth.y_m[rows]])
-        heights = np.nan_to_num(truth.height_m[rows], nan=HEIGHT_M)
+        # Of a true person whose height is not known.
+        heights = np.nan_to_num(truth.height_m[rows], nan=1.7)
         times = rr.TimeColumn("time", duration=results.clock.at(frames))
         for path, z, radius in (("plan/truth", np.full(len(xy), 0.04), 0.06), ("world/truth", heights, 0.05)):
             columns = rr.Points3D.columns(positions=np.column_stack([xy, z]).astype(np.float32)).partition(counts)
             rr.send_columns(path, [rr.TimeColumn("frame", sequence=frames), times], columns, recording=stream)
-            stream.log(path, rr.Points3D.from_fields(colors=[TRUTH_COLOUR], radii=[radius]), static=True)
+            stream.log(path, rr.Points3D.from_fields(colors=[(255, 255, 255)], radii=[radius]), static=True)
     for error in errors:
         stream.set_time("frame", sequence=error.frame)
         stream.set_time("time", duration=float(results.clock.at(np.array([error.frame]))[0]))
@@ -105,16 +99,10 @@ def log_assessment(stream: rr.RecordingStream, folder: Path) -> RunResults | Non
     return results
 
 
-TRAIL_S = 10.0
-"""Length of the trails behind people [s]."""
 BODY_M = 0.5
 """Width of the boxes around people [m]."""
-CLOUD_POINTS_MAX = 1500
-"""Foreground points logged per frame at most: enough to recognise five people, in 24 kB (our choice)."""
 DOUBLED_MAX = 12
 """Images become rarer so many times at most: every 4096th is one in five minutes at 15 Hz (our choice)."""
-FLUSH_FRAMES = 100
-"""So many frames may wait for rerun's thread: on a busy machine they would pile up in memory."""
 FLUSH_S = 60.0
 """Longest wait for rerun's thread [s]: a slow disk takes 6 GB in that time."""
 FREE_BYTES_MIN = 64 * 2**20
@@ -185,7 +173,8 @@ class RerunLog:
         self._log_decisions(result)
         self._log_series(result)
         self._frames += 1
-        if self._frames % FLUSH_FRAMES == 0:
+        # So many frames may wait for rerun's thread: on a busy machine they would pile up in memory.
+        if self._frames % 100 == 0:
             self._flush()
             self._every = self._thinned()
 
@@ -266,7 +255,8 @@ class RerunLog:
         maps, colours = result.observation.maps, point_colours(result)
         if maps is None or colours is None:
             return
-        step = -(-len(maps.points.xyz) // CLOUD_POINTS_MAX) or 1
+        # Foreground points logged per frame at most: enough to recognise five people, in 24 kB (our choice).
+        step = -(-len(maps.points.xyz) // 1500) or 1
         cloud = rr.Points3D(maps.points.xyz[::step], colors=colours[::step], radii=0.018)
         self._stream.log("world/foreground", cloud)
 
@@ -286,7 +276,8 @@ class RerunLog:
             trail = self._trails.setdefault(track.track_id, deque())
             if not math.isnan(track.x_m):
                 trail.append((now_s, track.x_m, track.y_m))
-            while trail and trail[0][0] < now_s - TRAIL_S:
+            # Length of the trails behind people [s].
+            while trail and trail[0][0] < now_s - 10.0:
                 trail.popleft()
         self._trails = {track.track_id: self._trails[track.track_id] for track in tracks}
         self._log_boxes("image", [track for track in tracks if not math.isnan(track.box_px[0])])
