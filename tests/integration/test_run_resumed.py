@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from toy_run import FEW, Say, one_sentence
+from toy_run import FEW, Refused, Say
 
 from calib.errors import InputError
 from planview.counting.rules import load_rules
@@ -99,16 +99,15 @@ def test_rows_that_were_changed_since_the_checkpoints_are_not_gone_on_from(
     assert [text.count("changed since") for text in told] == [1, 1, 0]
 
 
-def test_another_recording_or_option_is_not_gone_on_with(say: Say, copy: Path, tmp_path: Path) -> None:
+def test_another_recording_or_option_is_not_gone_on_with(
+    say: Say, refused: Refused, copy: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
-    assert (
-        say("run", copy, "--out", out, "--set", FEW, "--frames", 3, "--set", f"run.checkpoint_every_s={FREQUENT_S}")[0]
-        == 0
-    )
+    often = f"run.checkpoint_every_s={FREQUENT_S}"
+    assert say("run", copy, "--out", out, "--set", FEW, "--frames", 3, "--set", often)[0] == 0
     (out / "run.json").write_text((out / "run.json").read_text().replace('"finished": true', '"finished": false'))
-    status, told = say("run", copy, "--out", out, "--set", "analysis.setup_frames=5", "--resume")
-    assert status == 2
-    assert "expected the beginning of this run, found another" in one_sentence(told)
+    told = refused("run", copy, "--out", out, "--set", "analysis.setup_frames=5", "--resume")
+    assert "expected the beginning of this run, found another" in told
 
 
 def test_a_run_goes_on_beside_a_new_read_me_and_with_its_rules_under_another_name(

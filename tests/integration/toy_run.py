@@ -11,6 +11,7 @@ EMPTY = 10
 FEW = "analysis.setup_frames=4"
 Pair = tuple[U8, U8]
 Say = Callable[..., tuple[int, str]]
+Refused = Callable[..., str]
 
 
 def write_world(engine: Engine, folder: Path) -> None:
