@@ -1,14 +1,12 @@
 """``planview calibrate board`` on OpenCV's public pairs, whole and damaged."""
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from toy_run import Refused
+from say import JsonOf, Refused
 
 from calib.formats import load_rig
 
@@ -30,9 +28,7 @@ def copy(pairs: Path, folder: Path, numbers: tuple[str, ...]) -> Path:
 SIX = ("01", "03", "05", "07", "09", "13")
 
 
-def test_opencv_pairs_reach_the_accuracy_asked(
-    pairs: Path, tmp_path: Path, json_of: Callable[..., dict[str, Any]]
-) -> None:
+def test_opencv_pairs_reach_the_accuracy_asked(pairs: Path, tmp_path: Path, json_of: JsonOf) -> None:
     out = tmp_path / "rig.toml"
     result = json_of("calibrate", "board", pairs, "--square", "25mm", "--out", out)
     assert result["stereo_rms_px"] <= 0.25
@@ -47,16 +43,14 @@ def test_opencv_pairs_reach_the_accuracy_asked(
 
 
 @pytest.mark.parametrize("kind", ["RGBA", "12 bits in 16"])
-def test_small_images_of_a_named_board_give_the_rig(
-    kind: str, pairs: Path, tmp_path: Path, json_of: Callable[..., dict[str, Any]]
-) -> None:
+def test_small_images_of_a_named_board_give_the_rig(kind: str, pairs: Path, tmp_path: Path, json_of: JsonOf) -> None:
     for number in (*SIX, "02", "04"):
         for side in ("left", "right"):
-            grey = cv2.imread(pairs / f"{side}{number}.jpg", cv2.IMREAD_GRAYSCALE)
+            grey = cv2.imread(str(pairs / f"{side}{number}.jpg"), cv2.IMREAD_GRAYSCALE)
             assert grey is not None
             small = cv2.resize(grey, (320, 240), interpolation=cv2.INTER_AREA)
             stored = cv2.cvtColor(small, cv2.COLOR_GRAY2BGRA) if kind == "RGBA" else small.astype(np.uint16) * 16
-            cv2.imwrite(tmp_path / f"{side}_{number}.png", stored)
+            cv2.imwrite(str(tmp_path / f"{side}_{number}.png"), stored)
     out = ("--board", "9x6", "--square", "25mm", "--model", "brown", "--out", tmp_path / "rig.toml")
     result = json_of("calibrate", "board", tmp_path, *out)
     assert result["views_used"] == 8
@@ -66,9 +60,7 @@ def test_small_images_of_a_named_board_give_the_rig(
 
 def test_wrong_counts_are_refused(pairs: Path, tmp_path: Path, refused: Refused) -> None:
     folder = copy(pairs, tmp_path / "p", SIX)
-    said = refused(
-        "calibrate", "board", folder, "--square", "25mm", "--board", "8x6", "--out", str(tmp_path / "r.toml")
-    )
+    said = refused("calibrate", "board", folder, "--square", "25mm", "--board", "8x6", "--out", tmp_path / "r.toml")
     assert "expected a board of 8x6 inner corners (--board), found one of 9x6" in said
 
 
@@ -76,17 +68,8 @@ def test_swapped_images_are_refused(pairs: Path, tmp_path: Path, refused: Refuse
     for number in SIX:
         for side, other in (("left", "right"), ("right", "left")):
             shutil.copy(pairs / f"{side}{number}.jpg", tmp_path / f"{other}{number}.jpg")
-    said = refused(
-        "calibrate",
-        "board",
-        tmp_path,
-        "--square",
-        "25mm",
-        "--model",
-        "brown",
-        "--out",
-        tmp_path / "o" / "r.toml",
-    )
+    words = ("--square", "25mm", "--model", "brown", "--out", tmp_path / "o" / "r.toml")
+    said = refused("calibrate", "board", tmp_path, *words)
     assert "left and right are swapped" in said
     assert not (tmp_path / "o" / "r.toml").exists()
 
@@ -96,14 +79,14 @@ def test_too_few_blank_mixed_and_unreadable_images_are_refused(pairs: Path, tmp_
     few = copy(pairs, tmp_path / "few", SIX[:2])
     assert "found 2 of 2" in refused("calibrate", "board", few, *out)
     mixed = copy(pairs, tmp_path / "mixed", SIX[:3])
-    cv2.imwrite(mixed / "right03.jpg", np.zeros((240, 320), np.uint8))
+    cv2.imwrite(str(mixed / "right03.jpg"), np.zeros((240, 320), np.uint8))
     assert "expected images of one size, 640x480, found 320x240 in left03.jpg right03.jpg" in refused(
         "calibrate", "board", mixed, *out
     )
     blank = tmp_path / "blank"
     blank.mkdir()
     for name in ("left1.png", "right1.png"):
-        cv2.imwrite(blank / name, np.full((120, 160), 128, np.uint8))
+        cv2.imwrite(str(blank / name), np.full((120, 160), 128, np.uint8))
     assert "blank" in refused("calibrate", "board", blank, *out)
     (blank / "left1.png").write_bytes(b"no image")
     assert "left1.png cannot be decoded" in refused("calibrate", "board", blank, *out)
@@ -113,14 +96,12 @@ def test_square_without_unit_is_refused(pairs: Path, refused: Refused) -> None:
     assert "found '25' without one: type --square 25mm" in refused("calibrate", "board", pairs, "--square", "25")
 
 
-def test_pairs_side_by_side_in_a_video_give_the_same_rig(
-    pairs: Path, tmp_path: Path, json_of: Callable[..., dict[str, Any]]
-) -> None:
+def test_pairs_side_by_side_in_a_video_give_the_same_rig(pairs: Path, tmp_path: Path, json_of: JsonOf) -> None:
     frames = [
-        np.hstack([cv2.imread(pairs / f"{side}{n}.jpg") for side in ("left", "right")])
+        np.hstack([cv2.imread(str(pairs / f"{side}{n}.jpg")) for side in ("left", "right")])
         for n in (*SIX, "02", "04", "06", "11", "12")
     ]
-    writer = cv2.VideoWriter(tmp_path / "v.avi", cv2.VideoWriter.fourcc(*"MJPG"), 10, (1280, 480))
+    writer = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, (1280, 480))
     for frame in frames:
         writer.write(frame)
     writer.release()

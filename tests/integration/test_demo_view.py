@@ -5,7 +5,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from toy_run import EMPTY, FRAMES, Refused
+from say import Refused
+from toy_run import EMPTY, FRAMES
 from toy_stereo import walking
 
 from planview.cli import main

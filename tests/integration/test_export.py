@@ -1,12 +1,10 @@
 """``planview export``, and the programs that read what it writes."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from toy_run import Refused, Say
+from say import JsonOf, Refused, Say
 
 from planview.cli import main
 from planview.trajectories.formats import load_file
@@ -71,16 +69,14 @@ def test_pedpy_reads_trajectory_and_walkable_area_of_archive_and_database(say: S
 
 
 @pytest.mark.parametrize("to", ["pedpy", "ped-data-archive", "jupedsim", "motchallenge", "parquet", "jsonl"])
-def test_evaluate_reads_exports_as_tracks_and_as_truth(
-    to: str, say: Say, tracks: Path, json_of: Callable[..., dict[str, Any]]
-) -> None:
+def test_evaluate_reads_exports_as_tracks_and_as_truth(to: str, say: Say, tracks: Path, json_of: JsonOf) -> None:
     out = tracks.with_name("export")
     assert say("export", tracks, "--to", to, "--out", out)[0] == 0
     assert json_of("evaluate", tracks, out)["mota"] == 1.0
     assert json_of("evaluate", out, out)["idf1"] == 1.0
 
 
-def test_count_reads_an_export(say: Say, tracks: Path, json_of: Callable[..., dict[str, Any]]) -> None:
+def test_count_reads_an_export(say: Say, tracks: Path, json_of: JsonOf) -> None:
     rules = tracks.with_name("rules.toml")
     rules.write_text('[[tripwire]]\nname = "door"\nfrom_m = [-2.0, 5.0]\nto_m = [2.0, 5.0]\n')
     assert say("export", tracks, "--to", "jupedsim", "--out", tracks.with_name("t"))[0] == 0

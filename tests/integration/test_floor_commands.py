@@ -1,12 +1,11 @@
 """One floor for ``run``, ``check`` and ``calibrate floor``, which writes it only where told."""
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
-from toy_run import FEW, Pair, Refused, Say
+from say import JsonOf, Refused, Say
+from toy_run import FEW, Pair
 from toy_stereo import toy_rig, write_toy_recording
 
 from calib.world import load_world
@@ -35,7 +34,7 @@ def files(folder: Path) -> set[str]:
     return {str(p.relative_to(folder)) for p in folder.rglob("*")}
 
 
-def test_check_and_calibration_find_the_floor_of_a_run(small: Path, json_of: Callable[..., dict[str, Any]]) -> None:
+def test_check_and_calibration_find_the_floor_of_a_run(small: Path, json_of: JsonOf) -> None:
     of_run = set_up(open_recording(small), load_config()).floor
     evidence = examine(small, frames=4).evidence
     assert evidence is not None and evidence.floor is not None
@@ -51,7 +50,7 @@ def test_configured_search_is_that_of_the_run() -> None:
     assert (search.frames, search.sgbm, search.floor, search.range) == (4, config.sgbm, config.floor, config.range)
 
 
-def test_nothing_is_written_without_a_place_to_write_to(small: Path, json_of: Callable[..., dict[str, Any]]) -> None:
+def test_nothing_is_written_without_a_place_to_write_to(small: Path, json_of: JsonOf) -> None:
     before = files(small)
     found = json_of("calibrate", "floor", small, "--frames", 2)
     assert found.keys() >= KEYS
@@ -79,14 +78,14 @@ def test_save_gives_the_recording_a_floor_that_runs_take(say: Say, own: Path) ->
     assert set_up(open_recording(own), load_config()).floor_source == "world.toml"
 
 
-def test_points_in_metres_give_their_plane(small: Path, json_of: Callable[..., dict[str, Any]]) -> None:
+def test_points_in_metres_give_their_plane(small: Path, json_of: JsonOf) -> None:
     words = ["--points", "1,2,3", "2,2,3", "1,2,5", "--frames", "1"]
     found = json_of("calibrate", "floor", small, *words)
     assert (found["height_m"], found["tilt_deg"], found["roll_deg"]) == pytest.approx((2.0, 90.0, 0.0), abs=1e-6)
     assert found["inlier_fraction"] is None
 
 
-def test_points_in_pixels_lie_on_the_floor_by_their_depth(small: Path, json_of: Callable[..., dict[str, Any]]) -> None:
+def test_points_in_pixels_lie_on_the_floor_by_their_depth(small: Path, json_of: JsonOf) -> None:
     words = ["--points", "80,200", "240,200", "160,160", "--frames", "2"]
     assert json_of("calibrate", "floor", small, *words)["height_m"] == pytest.approx(HEIGHT_M, abs=0.1)
 

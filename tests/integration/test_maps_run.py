@@ -7,7 +7,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from toy_run import FRAMES, Refused, Say, run_few
+from say import Refused, Say
+from toy_run import FRAMES, run_few
 
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.replay import recorded_config, replay_engine

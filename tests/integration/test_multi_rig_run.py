@@ -6,7 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from toy_run import EMPTY, FEW, Refused, Say, run_few
+from say import Refused, Say
+from toy_run import EMPTY, FEW, run_few
 
 from calib.world import RigEntry, save_rigs
 from planview.engine.engine import Engine

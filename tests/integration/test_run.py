@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from toy_run import EMPTY, FEW, FRAMES, Pair, Refused, Say, run_few, write_world
+from say import Refused, Say
+from toy_run import EMPTY, FEW, FRAMES, Pair, run_few, write_world
 from toy_stereo import toy_rig, walking, write_toy_recording
 
 from planview.cli import main

@@ -7,7 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from toy_run import FEW, FRAMES, Pair, Refused, Say, run_few
+from say import Refused, Say
+from toy_run import FEW, FRAMES, Pair, run_few
 from toy_stereo import ToyWorld, toy_rig, write_toy_recording
 
 from calib.errors import WorkError

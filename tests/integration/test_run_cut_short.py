@@ -13,7 +13,8 @@ from types import SimpleNamespace
 
 import pytest
 from full_disk import fill_disk_after
-from toy_run import EMPTY, FEW, FRAMES, Refused, one_sentence, rows_in
+from say import Refused, one_sentence
+from toy_run import EMPTY, FEW, FRAMES, rows_in
 
 from calib.errors import WorkError
 from planview.engine.engine import Engine

@@ -8,7 +8,8 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from toy_run import FEW, Refused, Say
+from say import Refused, Say
+from toy_run import FEW
 
 from calib.errors import InputError
 from planview.counting.rules import load_rules

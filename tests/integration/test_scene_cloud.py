@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from toy_run import Refused, Say
+from say import Refused, Say
 
 from planview.engine.engine import Engine
 from planview.engine.setup import scene_cloud, set_up

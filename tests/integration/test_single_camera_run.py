@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from toy_run import Refused, Say
+from say import Refused, Say
 
 from calib.ground_camera import GroundCamera, save_ground_camera
 from calib.types import U8

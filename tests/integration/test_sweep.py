@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 from inline_pool import InlinePool
-from toy_run import EMPTY, FEW, FRAMES, Say, one_sentence
+from say import Say, one_sentence
+from toy_run import EMPTY, FEW, FRAMES
 from toy_stereo import walking
 
 from planview.cli import main

@@ -14,7 +14,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
-from toy_run import Say
+from say import Say
 
 from planview.engine.engine import Engine
 from planview.output.maps_log import MapsLog
