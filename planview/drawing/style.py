@@ -82,15 +82,13 @@ class Labels:
         top = int(np.clip(at_px[1] - height, 0, max(0, self._picture.shape[0] - height)))
         for place in [*range(top, -1, -2), *range(top, self._picture.shape[0] - height, 2)]:
             box = left, place, left + width, place + height
-            if not any(_overlap(box, other) for other in self._taken):
+            a = box
+            if not any(a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3] for b in self._taken):
                 break
         else:
             box = left, top, left + width, top + height
         self._taken.append(box)
-        self._draw(text, box, box[3] - base, background)
-
-    def _draw(self, text: str, box: tuple[int, int, int, int], baseline: int, background: Rgb | None) -> None:
-        at = box[0] + _PAD_PX, baseline
+        at = box[0] + _PAD_PX, box[3] - base
         if background is None:
             cv2.putText(self._picture, text, at, FONT, self._size, (255, 255, 255), 3, cv2.LINE_AA)
             cv2.putText(self._picture, text, at, FONT, self._size, (30, 30, 30), 1, cv2.LINE_AA)
@@ -102,12 +100,8 @@ class Labels:
         cv2.putText(self._picture, text, at, FONT, self._size, colour, 1, cv2.LINE_AA)
 
 
-def _overlap(a: tuple[int, int, int, int], b: tuple[int, int, int, int]) -> bool:
-    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
-
-
 STRIP_PX = 26
-LEGEND_FONT, _SIZE, _INK, _PAPER = cv2.FONT_HERSHEY_SIMPLEX, 0.42, (40, 40, 40), (255, 255, 255)
+_SIZE, _INK, _PAPER = 0.42, (40, 40, 40), (255, 255, 255)
 
 
 class Entry(NamedTuple):
@@ -130,7 +124,7 @@ def with_legend(picture: U8, entries: Sequence[Entry]) -> U8:
             strip, x = np.vstack([strip, _strip(picture)]), 8
         top = strip.shape[0] - STRIP_PX
         cv2.rectangle(strip, (x, top + 6), (x + 13, top + 19), as_bgr(colour), -1)
-        cv2.putText(strip, text, (x + 19, top + 17), LEGEND_FONT, _SIZE, _INK, 1, cv2.LINE_AA)
+        cv2.putText(strip, text, (x + 19, top + 17), FONT, _SIZE, _INK, 1, cv2.LINE_AA)
         x += 19 + width + 16
     return np.vstack([as_colour(picture), strip])
 
@@ -149,7 +143,7 @@ def with_colour_bar(picture: U8, colormap: int, low: str, high: str, entries: Se
     shown = np.asarray(cv2.applyColorMap(levels, colormap), dtype=np.uint8)[:, : max(0, strip.shape[1] - start)]
     strip[6:19, start : start + shown.shape[1]] = shown
     for text, x in ((low, 8), (high, stop + 6)):
-        cv2.putText(strip, text, (x, 17), LEGEND_FONT, _SIZE, _INK, 1, cv2.LINE_AA)
+        cv2.putText(strip, text, (x, 17), FONT, _SIZE, _INK, 1, cv2.LINE_AA)
     whole = np.vstack([as_colour(picture), strip])
     return with_legend(whole, entries) if entries else whole
 
@@ -159,7 +153,7 @@ def _strip(picture: U8) -> U8:
 
 
 def _width(text: str) -> int:
-    return int(cv2.getTextSize(text, LEGEND_FONT, _SIZE, 1)[0][0])
+    return int(cv2.getTextSize(text, FONT, _SIZE, 1)[0][0])
 
 
 def page_of(package: str, template: str, **values: Any) -> str:

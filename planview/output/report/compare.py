@@ -85,8 +85,9 @@ def write_comparison(folders: Sequence[Path], path: Path, truth: Path | None = N
     for run in runs:
         results = run.results
         true_places = plots.Places.of(results.truth) if results.truth is not None else None
-        scene, places = plots.FloorScene.of(results), plots.Places.of(results.tracks)
-        pictures.append(picture(f"Floor: {run.name}", plots.floor_plot(places, scene, true_places)))
+        pictures.append(
+            picture(f"Floor: {run.name}", plots.floor_plot(plots.Places.of(results.tracks), results, true_places))
+        )
     page = page_of(
         "planview.output.report",
         "compare.html.j2",

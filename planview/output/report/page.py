@@ -171,16 +171,16 @@ def _tiles(results: RunResults, evaluation: dict[str, Any], n_people: int) -> li
 
 def _pictures(results: RunResults) -> list[Picture]:
     pictures = []
-    scene, places = plots.FloorScene.of(results), plots.Places.of(results.tracks)
+    places = plots.Places.of(results.tracks)
     if len(places.frame):
         note = "Each person from the dot to the square; dotted where only predicted."
         note += " Dashed black: the truth." if results.truth is not None else ""
         truth = plots.Places.of(results.truth) if results.truth is not None else None
-        pictures.append(picture("Floor", plots.floor_plot(places, scene, truth), note))
+        pictures.append(picture("Floor", plots.floor_plot(places, results, truth), note))
     observed = places.observed()
     if len(observed):
         note = f"Time that people spent in each cell of {plots.HEAT_CELL_M:.1f} m, on a logarithmic scale."
-        heat = picture("Heat map", plots.heat_plot(observed, results.clock.frame_s, scene), note)
+        heat = picture("Heat map", plots.heat_plot(observed, results), note)
         pictures.append(heat._replace(keep_colours=True))
     if results.n_frames:
         frames = np.arange(results.n_frames, dtype=np.int64)
