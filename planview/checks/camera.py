@@ -115,7 +115,11 @@ class Steadiness:
             if now_s - broken.time_s < BREAK_MAX_S - 5e-4:
                 return Steady.BREAK
             self._cuts.append(broken.frame)
-            self._restart(now_s, thumbnail)
+            self._kept.clear()
+            self._kept.append(_Kept(now_s, thumbnail, _corners(thumbnail)))
+            self._before_break = None
+            self._moved_s = -math.inf
+            self._lasting = np.zeros(_BLOCKS, np.bool_)
             return Steady.CUT
         if broken is not None:
             self._before_break = None
@@ -141,13 +145,6 @@ class Steadiness:
             self._moved_s = now_s
             self._kept.clear()
         self._kept.append(_Kept(now_s, thumbnail, _corners(thumbnail)))
-
-    def _restart(self, now_s: float, thumbnail: U8) -> None:
-        self._kept.clear()
-        self._kept.append(_Kept(now_s, thumbnail, _corners(thumbnail)))
-        self._before_break = None
-        self._moved_s = -math.inf
-        self._lasting = np.zeros(_BLOCKS, np.bool_)
 
 
 def unrelated(before: U8, after: U8, lasting: Bool) -> bool:
@@ -185,17 +182,15 @@ def moved(before: U8, points: F32, after: U8) -> bool:
             return False
         group[group] = _returns(before, after, points[group], there[group])
     tracked = moving | resting
+    inside = ((points >= BLOCK_PX) & (points < np.array(THUMBNAIL) - BLOCK_PX)).all(axis=1)
     # Blocks at the image's border, of 24, that must have a tracked point: a person leaves most of it free.
-    if tracked.sum() < 0.5 * len(points) or (tracked & _at_border(points)).sum() < 12:
+    if tracked.sum() < 0.5 * len(points) or (tracked & ~inside).sum() < 12:
         return False
-    return moving.sum() / tracked.sum() >= MOVED_SHARE and _agree(points[moving], there[moving])
-
-
-def _agree(points: F32, there: F32) -> bool:
-    """Whether one motion of the image takes most of (N, 2) points to where they are now."""
-    _, agreeing = cv2.estimateAffinePartial2D(points, there, ransacReprojThreshold=MOVED_PX)
-    # Share of the moving points that one shift, turn and zoom of the image takes along, to within MOVED_PX: those of
-    # a camera that also travels do not all; a crowd that fills the view walks in more than one direction.
+    if moving.sum() / tracked.sum() < MOVED_SHARE:
+        return False
+    _, agreeing = cv2.estimateAffinePartial2D(points[moving], there[moving], ransacReprojThreshold=MOVED_PX)
+    # Share of the moving points that one shift, turn and zoom of the image takes along, to within MOVED_PX: those of a
+    # camera that also travels do not all; a crowd that fills the view walks in more than one direction.
     return agreeing is not None and float(agreeing.mean()) >= 0.6
 
 
@@ -237,8 +232,3 @@ def _corners(thumbnail: U8) -> F32:
     # Smallest eigenvalue of the structure tensor (of luma in 0 to 1, 5x5 window) of a point that can be tracked.
     strong = blocks[block, best] >= 2e-4
     return np.asarray(np.column_stack([x, y])[strong], dtype=np.float32)
-
-
-def _at_border(points: F32) -> Bool:
-    inside = (points >= BLOCK_PX) & (points < np.array(THUMBNAIL) - BLOCK_PX)
-    return np.asarray(~inside.all(axis=1), dtype=np.bool_)

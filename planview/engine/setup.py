@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -158,7 +157,15 @@ def set_up(recording: StereoRecording | RgbdRecording, config: Config) -> Setup:
     search = floor_search(config)
     frames = setup_frames(recording, search.frames)
     plain = Rectifier(recording.rig, config.rectify)
-    matches = _corners(plain, frames)
+    searched = disparity_range(plain.geometry)
+    largest = float(searched.first_px + searched.count)
+    found = [np.empty((0, 4))]
+    # Setup frames in which left and right are told apart (our choice).
+    for frame in frames[:: -(-len(frames) // 4)]:
+        pair = plain(frame.left, frame.right)
+        # Rows are wide apart when the wrong calibration is taken to an image.
+        found.append(match_corners(pair.left_grey, pair.right_grey, largest, MatchParams(search_px=24), -largest))
+    matches = np.concatenate(found)
     refuse_foreign(recording.path, plain, matches)
     rectifier, correction = aligned_rectifier(recording.rig, frames, config.rectify)
     if recording.world_SE3_left is not None:
@@ -221,18 +228,6 @@ def refuse_foreign(path: Path, rectifier: Rectifier, matches: F64) -> None:
             f"{path}: expected matched corners on the same row, found them {rows_deg:.1f} degrees off: "
             "left and right are swapped, or the calibration is another rig's (planview check tells)"
         )
-
-
-def _corners(rectifier: Rectifier, frames: Sequence[StereoFrame]) -> F64:
-    searched = disparity_range(rectifier.geometry)
-    largest = float(searched.first_px + searched.count)
-    found = [np.empty((0, 4))]
-    # Setup frames in which left and right are told apart (our choice).
-    for frame in frames[:: -(-len(frames) // 4)]:
-        pair = rectifier(frame.left, frame.right)
-        # Rows are wide apart when the wrong calibration is taken to an image.
-        found.append(match_corners(pair.left_grey, pair.right_grey, largest, MatchParams(search_px=24), -largest))
-    return np.concatenate(found)
 
 
 @dataclass(frozen=True, eq=False)

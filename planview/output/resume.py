@@ -228,7 +228,9 @@ def read_checkpoint(path: Path) -> Checkpoint:
             digest = _digest(file, end=path.stat().st_size - DIGEST_BYTES)
             if file.read() != digest:
                 raise ValueError("not as it was written")
-        _refuse_swollen(path)
+        with zipfile.ZipFile(path) as archive:  # blocks are stored as they are: none is larger than the file
+            if sum(info.file_size for info in archive.infolist()) > path.stat().st_size:
+                raise ValueError("blocks larger than the file")
         with np.load(path, allow_pickle=False) as file:
             document = json.loads(file["document"].tobytes())
             blocks: list[U8] = [file[f"block{n}"] for n in range(len(file.files) - 1)]
@@ -248,13 +250,6 @@ def _digest(file: IO[bytes], end: int | None = None) -> bytes:
         digest.update(part)
         left -= len(part)
     return digest.digest()
-
-
-def _refuse_swollen(path: Path) -> None:
-    """Blocks are stored as they are: none is larger than the file."""
-    with zipfile.ZipFile(path) as file:
-        if sum(info.file_size for info in file.infolist()) > path.stat().st_size:
-            raise ValueError("blocks larger than the file")
 
 
 def checkpoints_in(folder: Path) -> Iterator[Path]:

@@ -312,7 +312,11 @@ class _Run:
         return info
 
     def _information(self, state: str) -> RunInfo:
-        skipped, totals = self._engine.recording.skipped, self._totals
+        skipped, totals, analytics = self._engine.recording.skipped, self._totals, self._options.analytics
+        frame_s = 1 / self._engine.recording.fps
+        counts = None
+        if analytics is not None and state != "running":
+            counts = Counts.of(analytics, totals.events, Span(totals.first_s, totals.last_s + frame_s, frame_s))
         return self._info.model_copy(
             update={
                 "state": state,
@@ -328,19 +332,9 @@ class _Run:
                 "people": len(totals.people),
                 "remark": totals.remark(),
                 "warnings": self._checks.warnings(),
-                "counts": self._counts() if state != "running" else {},
+                "counts": counts.to_json() if counts is not None else {},
             }
         )
-
-    def _counts(self) -> dict[str, object]:
-        analytics, totals = self._options.analytics, self._totals
-        if analytics is None:
-            return {}
-        frame_s = 1 / self._engine.recording.fps
-        span = Span(totals.first_s, totals.last_s + frame_s, frame_s)
-        stays = {name: sorted(stays, key=lambda s: s.start_s) for name, stays in analytics.stays.items()}
-        events = sorted(totals.events, key=lambda e: e.timestamp_s)
-        return Counts(analytics.rules, events, stays, analytics.people, span, analytics.params.interval_s).to_json()
 
 
 def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> dict[str, Any]:
