@@ -75,22 +75,8 @@ class MotionWatch:
         both = list(zip(before, pair, strict=True))
         # Grey levels by which a pixel must change to count as moved: above sensor noise and coding artefacts.
         moved = [np.asarray(cv2.absdiff(a, b) > 14, dtype=np.bool_) for a, b in both]
-        self._count([float(m.mean()) for m in moved], [bool((a == b).all()) for a, b in both])
-        self._bands.append(np.stack([_bands(m) for m in moved]))
-        # Frames over which a lag is measured: a person crosses most views in that time (our choice).
-        if len(self._bands) == 120:
-            self._lags.append(self._window_lag())
-            self._bands.clear()
-
-    def findings(self) -> MotionFindings:
-        """Of all pairs so far."""
-        if not self._active:
-            return MotionFindings(np.nan, np.nan, np.nan, np.nan)
-        lag = _overall([*self._lags, self._window_lag()])
-        repeated = self._repeated / (self._active + self._repeated)
-        return MotionFindings(lag, self._frozen / self._active, float(self._longest), repeated)
-
-    def _count(self, share: list[float], same: list[bool]) -> None:
+        share = [float(m.mean()) for m in moved]
+        same = [bool((a == b).all()) for a, b in both]
         # Share of moved pixels from which a picture moves: half of what a person at 8 m takes (our choice).
         active = max(share) >= 0.001
         frozen = active and min(share) == 0.0
@@ -105,6 +91,19 @@ class MotionWatch:
             if active and self._still_for in (1, 2):
                 self._repeated += self._still_for
             self._still_for = 0 if active else 3
+        self._bands.append(np.stack([_bands(m) for m in moved]))
+        # Frames over which a lag is measured: a person crosses most views in that time (our choice).
+        if len(self._bands) == 120:
+            self._lags.append(self._window_lag())
+            self._bands.clear()
+
+    def findings(self) -> MotionFindings:
+        """Of all pairs so far."""
+        if not self._active:
+            return MotionFindings(np.nan, np.nan, np.nan, np.nan)
+        lag = _overall([*self._lags, self._window_lag()])
+        repeated = self._repeated / (self._active + self._repeated)
+        return MotionFindings(lag, self._frozen / self._active, float(self._longest), repeated)
 
     def _window_lag(self) -> Lag:
         if len(self._bands) < 12:

@@ -115,7 +115,14 @@ class ImagePainter:
         picture = as_colour(np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)).copy()
         labels = Labels(picture, max(1.0, picture.shape[1] / 1000))
         self._paint_floor(picture, scale)
-        self._paint_rules(picture, labels, scale)
+        for rule in self._rules:
+            points = rule.points if rule.is_line else np.vstack([rule.points, rule.points[:1]])
+            for line in self._visible(points) if rule.on_floor else [points]:
+                colour = as_bgr(TRIPWIRE if rule.is_line else ZONE)
+                cv2.polylines(picture, [_pixels(line, scale)], False, colour, 2, cv2.LINE_AA)
+            first = next(iter(self._visible(points) if rule.on_floor else [points]), None)
+            if first is not None:
+                labels.put(rule.name, first[0] * scale, TRIPWIRE if rule.is_line else ZONE)
         for person in snapshot.people:
             self._paint_trail(picture, snapshot.trails.get(person.track_id), person, scale)
         for person in sorted(snapshot.people, key=lambda p: p.state == "confirmed"):
@@ -134,16 +141,6 @@ class ImagePainter:
             strong = coordinate % 5 == 0
             cv2.polylines(over, [_pixels(line, scale)], False, (255, 255, 255), 2 if strong else 1, cv2.LINE_AA)
         cv2.addWeighted(over, GRID_STRENGTH, picture, 1 - GRID_STRENGTH, 0, dst=picture)
-
-    def _paint_rules(self, picture: U8, labels: Labels, scale: int) -> None:
-        for rule in self._rules:
-            points = rule.points if rule.is_line else np.vstack([rule.points, rule.points[:1]])
-            for line in self._visible(points) if rule.on_floor else [points]:
-                colour = as_bgr(TRIPWIRE if rule.is_line else ZONE)
-                cv2.polylines(picture, [_pixels(line, scale)], False, colour, 2, cv2.LINE_AA)
-            first = next(iter(self._visible(points) if rule.on_floor else [points]), None)
-            if first is not None:
-                labels.put(rule.name, first[0] * scale, TRIPWIRE if rule.is_line else ZONE)
 
     def _visible(self, points_m: F64) -> list[F64]:
         """Parts of a line on the floor that the camera shows, in pixels."""

@@ -192,7 +192,16 @@ def floor_plot(tracks: Places, run: RunResults, truth: Places | None = None) -> 
             linestyle=(0, (4, 3)),
             zorder=2,
         )
-    _draw_ways(axes, tracks)
+    # Steps from row to row of each track, all at once.
+    from matplotlib.collections import LineCollection
+
+    step = (np.diff(tracks.track_id) == 0) & (np.diff(tracks.frame) == 1)
+    lost = tracks.is_lost[1:]
+    for kind, width, style in ((step & ~lost, 1.5, "-"), (step & lost, 0.9, ":")):
+        parts = runs(kind)
+        colours = _colours(tracks.track_id[np.array([start for start, _ in parts], dtype=np.int64)])
+        lines = [tracks.xy_m[start : stop + 1] for start, stop in parts]
+        axes.add_collection(LineCollection(lines, colors=colours, linewidths=width, linestyles=style))
     _draw_ends(axes, tracks)
     _floor_axes(axes, bounds)
     return png_bytes(figure)
@@ -224,19 +233,6 @@ def _write(axes: Axes, text: str, at_m: tuple[float, float], colour: str) -> Non
         text, at_m, xytext=(5, 4), textcoords="offset points", fontsize=9, fontweight="bold", color=colour, zorder=7,
         path_effects=[withStroke(linewidth=2.5, foreground="white")],
     )  # fmt: skip
-
-
-def _draw_ways(axes: Axes, tracks: Places) -> None:
-    """Steps from row to row of each track, all at once."""
-    from matplotlib.collections import LineCollection
-
-    step = (np.diff(tracks.track_id) == 0) & (np.diff(tracks.frame) == 1)
-    lost = tracks.is_lost[1:]
-    for kind, width, style in ((step & ~lost, 1.5, "-"), (step & lost, 0.9, ":")):
-        parts = runs(kind)
-        colours = _colours(tracks.track_id[np.array([start for start, _ in parts], dtype=np.int64)])
-        lines = [tracks.xy_m[start : stop + 1] for start, stop in parts]
-        axes.add_collection(LineCollection(lines, colors=colours, linewidths=width, linestyles=style))
 
 
 def _colours(ids: I64) -> list[str]:

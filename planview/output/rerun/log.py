@@ -169,8 +169,21 @@ class RerunLog:
             self._log_images(result)
         for rig in filter(None, result.rigs[1:]):
             self._log_boxes(f"{rig.name}/image", [t for t in rig.tracks if not math.isnan(t.box_px[0])])
-        self._log_people(result.tracks, result.timestamp_s)
-        self._log_decisions(result)
+        for track in result.tracks:
+            trail = self._trails.setdefault(track.track_id, deque())
+            if not math.isnan(track.x_m):
+                trail.append((result.timestamp_s, track.x_m, track.y_m))
+            # Length of the trails behind people [s].
+            while trail and trail[0][0] < result.timestamp_s - 10.0:
+                trail.popleft()
+        self._trails = {track.track_id: self._trails[track.track_id] for track in result.tracks}
+        self._log_boxes("image", [track for track in result.tracks if not math.isnan(track.box_px[0])])
+        self._log_bodies([track for track in result.tracks if not math.isnan(track.x_m)])
+        for decision in result.decisions:
+            if decision.kind != "matched":
+                level = rr.TextLogLevel.WARN if decision.kind == "lost" else rr.TextLogLevel.INFO
+                text = f"{decision.track_id} {decision.kind}: {decision.reason}"
+                self._stream.log(f"decisions/{decision.track_id}", rr.TextLog(text, level=level))
         self._log_series(result)
         self._frames += 1
         # So many frames may wait for rerun's thread: on a busy machine they would pile up in memory.
@@ -239,7 +252,18 @@ class RerunLog:
         if self._stereo:
             self._log_depth(self._stereo, result)
             self._log_maps(self._stereo, result)
-        self._log_debug()
+        debug = self._engine.tracker.debug()
+        names = {"plan/floor"} & self._shown
+        for drawing in debug.drawings:
+            path = f"{'plan' if drawing.plane == 'floor' else 'image'}/{drawing.name}"
+            names.add(path)
+            self._stream.log(path, strips_of(drawing))
+        if debug.tiles:
+            names.add("templates")
+            self._stream.log("templates", rr.Image(mosaic(debug.tiles)))
+        for name in self._shown - names:
+            self._stream.log(name, rr.Clear(recursive=False))
+        self._shown = names
 
     def _log_image(self, path: str, image: U8 | None, foreground: U8 | None) -> None:
         if image is None:
@@ -271,18 +295,6 @@ class RerunLog:
         self._stream.log("plan/height", map_image(maps.height, self._engine.config.maps.height_max_m, stereo))
         self._stream.log("plan/occupancy", map_image(density, 4.0, stereo))
 
-    def _log_people(self, tracks: Sequence[TrackState], now_s: float) -> None:
-        for track in tracks:
-            trail = self._trails.setdefault(track.track_id, deque())
-            if not math.isnan(track.x_m):
-                trail.append((now_s, track.x_m, track.y_m))
-            # Length of the trails behind people [s].
-            while trail and trail[0][0] < now_s - 10.0:
-                trail.popleft()
-        self._trails = {track.track_id: self._trails[track.track_id] for track in tracks}
-        self._log_boxes("image", [track for track in tracks if not math.isnan(track.box_px[0])])
-        self._log_bodies([track for track in tracks if not math.isnan(track.x_m)])
-
     def _log_boxes(self, path: str, tracks: list[TrackState]) -> None:
         boxes = np.array([track.box_px for track in tracks], dtype=np.float32).reshape(-1, 4)
         self._stream.log(
@@ -313,27 +325,6 @@ class RerunLog:
                 min(before.x_min_m, now.x_min_m), min(before.y_min_m, now.y_min_m),
                 max(before.x_max_m, now.x_max_m), max(before.y_max_m, now.y_max_m),
             )  # fmt: skip
-
-    def _log_debug(self) -> None:
-        debug = self._engine.tracker.debug()
-        names = {"plan/floor"} & self._shown
-        for drawing in debug.drawings:
-            path = f"{'plan' if drawing.plane == 'floor' else 'image'}/{drawing.name}"
-            names.add(path)
-            self._stream.log(path, strips_of(drawing))
-        if debug.tiles:
-            names.add("templates")
-            self._stream.log("templates", rr.Image(mosaic(debug.tiles)))
-        for name in self._shown - names:
-            self._stream.log(name, rr.Clear(recursive=False))
-        self._shown = names
-
-    def _log_decisions(self, result: FrameResult) -> None:
-        for decision in result.decisions:
-            if decision.kind != "matched":
-                level = rr.TextLogLevel.WARN if decision.kind == "lost" else rr.TextLogLevel.INFO
-                text = f"{decision.track_id} {decision.kind}: {decision.reason}"
-                self._stream.log(f"decisions/{decision.track_id}", rr.TextLog(text, level=level))
 
     def _log_series(self, result: FrameResult) -> None:
         values = {f"time_ms/{stage}": duration for stage, duration in result.stages_ms.items()}

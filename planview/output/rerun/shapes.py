@@ -154,7 +154,14 @@ class StaticScene:
         else:
             self.done = True
         self._fill(image, disparity, result.observation.foreground)
-        self._log(stream)
+        assert self._points is not None and self._colours is not None
+        z = self._points[:, 2]
+        with np.errstate(invalid="ignore"):
+            keep = np.flatnonzero((z > HEIGHT_SHOWN_M[0]) & (z < HEIGHT_SHOWN_M[1]) & self._near())
+        # Points of the static scene.
+        keep = keep[:: max(1, -(-len(keep) // 60_000))]
+        cloud = rr.Points3D(self._points[keep], colors=self._colours[keep], radii=0.012)  # [m]
+        stream.log("world/scene", cloud, static=True)
 
     def _fill(self, image: U8, disparity: F32, foreground: U8 | None) -> None:
         """Points of the background; where there is none now, those taken before."""
@@ -171,16 +178,6 @@ class StaticScene:
         if foreground is not None:
             known &= foreground.reshape(-1) == 0
         self._points[known], self._colours[known] = world[known], colours[known]
-
-    def _log(self, stream: rr.RecordingStream) -> None:
-        assert self._points is not None and self._colours is not None
-        z = self._points[:, 2]
-        with np.errstate(invalid="ignore"):
-            keep = np.flatnonzero((z > HEIGHT_SHOWN_M[0]) & (z < HEIGHT_SHOWN_M[1]) & self._near())
-        # Points of the static scene.
-        keep = keep[:: max(1, -(-len(keep) // 60_000))]
-        cloud = rr.Points3D(self._points[keep], colors=self._colours[keep], radii=0.012)  # [m]
-        stream.log("world/scene", cloud, static=True)
 
     def _near(self) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
         """Within the grid, and a little beyond."""
