@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
+from calib.ground_camera import GroundCamera
 from calib.images import as_colour
 from calib.types import F64, U8
 from planview.drawing.plan import PlanBounds, Rule, Snapshot
 from planview.drawing.style import TRIPWIRE, TRUTH, ZONE, Labels, Rgb, as_bgr, person_rgb
 from planview.trajectories.state import TrackState
+from stereo.depth import StereoFloorCamera
 
 Project = Callable[[ArrayLike], F64]
 """(N, 3) world points [m] to (N, 2) pixels, NaN where unseen."""
@@ -77,15 +79,8 @@ GRID_STRENGTH = 0.4
 """Share of the grid's colour in the picture."""
 
 
-class ImageCamera(Protocol):
-    """A camera above the floor."""
-
-    @property
-    def size(self) -> tuple[int, int]: ...
-
-    def project(self, points_world: ArrayLike) -> F64: ...
-
-    def back_project(self, pixels: ArrayLike) -> F64: ...
+ImageCamera = GroundCamera | StereoFloorCamera
+"""A camera above the floor."""
 
 
 class ImagePainter:

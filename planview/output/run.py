@@ -11,11 +11,10 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from types import FrameType, TracebackType
 from typing import Any, Protocol
 
 from calib.errors import InputError, WorkError
@@ -82,43 +81,40 @@ def return_unused_memory() -> None:
             ctypes.CDLL(None).malloc_trim(0)
 
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
-
 class Interrupts:
-    """While entered, the first signal is noted and the second raises KeyboardInterrupt.
+    """A signal that came, to be asked for where stopping loses nothing."""
 
-    Signals that the process was started to ignore (``nohup``) stay ignored; outside of the main thread, where Python
-    takes no signals, nothing is changed.
-    """
+    noted = False
 
-    def __init__(self) -> None:
-        self.noted = False
-        self._before: dict[signal.Signals, object] = {}
-
-    def __enter__(self) -> Interrupts:
-        if threading.current_thread() is threading.main_thread():
-            for number in SIGNALS:
-                if signal.getsignal(number) is not signal.SIG_IGN:
-                    self._before[number] = signal.signal(number, self._note)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)  # type: ignore[arg-type]
-        self._before = {}
-
-    def _note(self, number: int, frame: FrameType | None) -> None:
+    def note(self, *_: object) -> None:
+        """Take a signal: the first is noted, the second raises KeyboardInterrupt."""
         if self.noted:
             raise KeyboardInterrupt
         self.noted = True
 
     def check(self) -> None:
-        """Raises KeyboardInterrupt after a signal; to be called where stopping loses nothing."""
+        """Raises KeyboardInterrupt after a signal."""
         if self.noted:
             raise KeyboardInterrupt
+
+
+@contextmanager
+def noted_interrupts() -> Iterator[Interrupts]:
+    """Note SIGINT, SIGTERM and SIGHUP until the block ends.
+
+    Signals that the process was started to ignore (``nohup``) stay ignored; outside of the main thread, where Python
+    takes no signals, nothing is changed.
+    """
+    found, before = Interrupts(), {}
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                before[number] = signal.signal(number, found.note)
+    try:
+        yield found
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @dataclass
@@ -207,7 +203,7 @@ class _Run:
         with ExitStack() as stack:
             for log in self._logs.values():
                 stack.callback(log.close)
-            interrupts = stack.enter_context(Interrupts())
+            interrupts = stack.enter_context(noted_interrupts())
             frames = self._frames(checkpoint)
             if checkpoint is not None or not (self._folder / "run.json").is_file():
                 write_run_info(self._information("running"), self._folder / "run.json")
