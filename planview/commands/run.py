@@ -27,7 +27,6 @@ from planview.maps.recording import is_maps
 from planview.output.finished import refine_run
 from planview.output.folder import RunInfo, check_folder, finished_run, folder_lock
 from planview.output.maps_log import MapsLog
-from planview.output.pace import Pace
 from planview.output.progress import FrameProgress, PlainConsole, compile_notice, summary
 from planview.output.replay import difference_picture, difference_text, replay_run
 from planview.output.report.page import write_report
@@ -36,6 +35,7 @@ from planview.output.resume import checkpoint_of
 from planview.output.run import RunLog, RunOptions, begin_run, run_identity
 from planview.output.run import run as run_engine
 from planview.output.scene import SceneFrames, open_frames
+from planview.output.totals import Pace
 from planview.synthetic.assets import DEMO
 from planview.trajectories.table import read_tracks
 from stereo.readers.open import is_multi_rig

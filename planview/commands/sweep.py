@@ -14,10 +14,10 @@ from cyclopts import Parameter
 from calib.errors import InputError, WorkError, printable
 from planview.commands.options import JsonFlag
 from planview.output.progress import PlainConsole
-from planview.sweep.pools import ClusterPool, ProcessPool
 from planview.sweep.results import why_no_intervals
 from planview.sweep.study import FIGURES, RecordingEntry, Study, load_study, varied
 from planview.sweep.sweep import StudyProgress, StudyResults, run_study
+from planview.sweep.work import ClusterPool, ProcessPool
 
 FAILED_MAX = 20
 """Failed runs that are printed; summary.csv has them all."""

@@ -23,7 +23,6 @@ from planview.counting.totals import Counts, Span
 from planview.engine.engine import Engine, FrameResult
 from planview.output.folder import RunInfo, SkippedFrame, folder_lock, prepare_folder, write_result, write_run_info
 from planview.output.memory import decode, encode
-from planview.output.pace import Pace
 from planview.output.resume import (
     Checkpoint,
     digest_of,
@@ -33,7 +32,7 @@ from planview.output.resume import (
     write_checkpoint,
 )
 from planview.output.tables import FilePosition, RunTables
-from planview.output.totals import RunChecks, RunTotals
+from planview.output.totals import Pace, RunChecks, RunTotals
 
 
 class RunLog(Protocol):

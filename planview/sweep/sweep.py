@@ -15,10 +15,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from calib.errors import InputError
 from planview.output.folder import folder_lock, write_result
 from planview.sweep.jobs import Planned, Planner, StudyJob
-from planview.sweep.pools import Done, Pool, run_tasks
 from planview.sweep.results import JobResult, Ranked, ranked, summary_csv
 from planview.sweep.study import FIGURES, Configuration, Range, Space, Study, configuration, grid, random_draws
-from planview.sweep.work import earlier_figures, is_done, remove_attempts, track, track_and_score
+from planview.sweep.work import Done, Pool, earlier_figures, is_done, remove_attempts, run_tasks, track, track_and_score
 
 STUDY_FILE, SUMMARY_FILE, PAGE_FILE = "study.json", "summary.csv", "report.html"
 

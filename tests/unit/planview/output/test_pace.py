@@ -10,8 +10,8 @@ from say import Refused
 
 from planview.engine.open import open_engine
 from planview.output.folder import PaceInfo, read_run_info
-from planview.output.pace import Pace
 from planview.output.run import RunOptions, run
+from planview.output.totals import Pace
 
 
 class FakeClock:

@@ -9,7 +9,7 @@ import pytest
 from inline_pool import InlinePool
 
 from calib.errors import InputError, WorkError
-from planview.sweep.pools import DEATHS_MAX, ClusterPool, ProcessPool, run_tasks
+from planview.sweep.work import DEATHS_MAX, ClusterPool, ProcessPool, run_tasks
 
 
 def test_processes_are_replaced_when_one_is_killed_and_its_task_is_tried_again(tmp_path: Path) -> None:
@@ -46,7 +46,7 @@ def test_no_process_is_refused() -> None:
 
 
 def test_cluster_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("planview.sweep.pools.CONNECT_S", 0.2)
+    monkeypatch.setattr("planview.sweep.work.CONNECT_S", 0.2)
     with pytest.raises(InputError, match="expected a Dask scheduler"):
         ClusterPool("tcp://127.0.0.1:9")
 
