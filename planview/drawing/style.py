@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from calib.images import as_colour
-from calib.types import F64, U8
+from calib.types import F32, F64, U8
 from planview.trajectories.state import State
 
 Rgb = tuple[int, int, int]
@@ -52,6 +52,16 @@ def as_hex(rgb: Rgb) -> str:
 def person_hex(track_id: int, state: State | Literal[""] = "confirmed") -> str:
     """``person_rgb`` as "#rrggbb"."""
     return as_hex(person_rgb(track_id, state))
+
+
+def disparity_colours(disparity: F32, smallest_px: float, largest_px: float) -> U8:
+    """(H, W, 3) uint8 BGR of (H, W) disparity [px]: near red, far blue, unknown (NaN) black."""
+    scaled = (np.nan_to_num(disparity) - smallest_px) * (255.0 / (largest_px - smallest_px))
+    picture = np.asarray(
+        cv2.applyColorMap(np.clip(scaled, 0, 255).astype(np.uint8), cv2.COLORMAP_TURBO), dtype=np.uint8
+    )
+    picture[np.isnan(disparity)] = 0
+    return picture
 
 
 FONT = cv2.FONT_HERSHEY_SIMPLEX

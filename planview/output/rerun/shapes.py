@@ -13,6 +13,7 @@ import rerun.blueprint as rrb
 from calib.images import as_colour, encode_image
 from calib.types import F32, I32, U8
 from planview.drawing.plan import PlanBounds
+from planview.drawing.style import disparity_colours
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.view import StereoView
 from planview.output.maps_log import at_step
@@ -35,11 +36,8 @@ def photo(image: U8) -> rr.EncodedImage:
 def disparity_photo(sampled: SampledDisparity, stereo: StereoView) -> rr.EncodedImage:
     """Near red, far blue, invalid black (as ``planview check`` shows it), at the size of foreground and maps."""
     reduced = at_step(sampled, stereo.reduction)
-    first, span = stereo.disparities.first_px, stereo.disparities.count
-    known = np.isfinite(reduced)
-    levels = np.clip((np.nan_to_num(reduced) - first) * (255.0 / span), 0, 255).astype(np.uint8)
-    picture = np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_TURBO), dtype=np.uint8)
-    picture[~known] = 0
+    first = stereo.disparities.first_px
+    picture = disparity_colours(reduced, first, first + stereo.disparities.count)
     contents = encode_image(picture, quality=40)
     return rr.EncodedImage(contents=contents, media_type="image/jpeg")
 
