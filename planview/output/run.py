@@ -50,25 +50,6 @@ class RunLog(Protocol):
         """After ``close`` of a run that finished: nothing is kept for going on."""
 
 
-class Schedule:
-    """When something that is done from time to time is due again."""
-
-    def __init__(self, every_s: float) -> None:
-        self._every_s, self._last_s = every_s, time.monotonic()
-
-    def due(self, stopping: bool = False) -> bool:
-        """Whether it is time, or the run is about to stop; never when ``every_s`` is 0."""
-        now_s = time.monotonic()
-        if not self._every_s or (now_s - self._last_s < self._every_s and not stopping):
-            return False
-        self._last_s = now_s
-        return True
-
-    def stop(self) -> None:
-        """Never due any more."""
-        self._every_s = 0.0
-
-
 def return_unused_memory() -> None:
     """Let the C library return to the system what was freed but is kept for later.
 
@@ -210,18 +191,19 @@ class _Run:
             tables = RunTables(self._folder, options.analytics is not None, options.debug, at)
             stack.callback(tables.close)
             is_live = getattr(self._engine.recording, "is_live", False)
-            marks = Schedule(0.0 if is_live or options.pace else options.checkpoint_every_s)
-            # Time between two returns of unused memory [s]: each takes some milliseconds.
-            trims = Schedule(30.0)
+            every_s = 0.0 if is_live or options.pace else options.checkpoint_every_s
+            marked_s = trimmed_s = time.monotonic()
             for result in frames:
                 self._take(result, tables)
                 if watch:
                     watch(result)
                 self._checks.update(result)
-                if marks.due(interrupts.noted) and not self._mark(tables):
-                    marks.stop()
-                if trims.due():
+                now_s = time.monotonic()
+                if every_s and (now_s - marked_s >= every_s or interrupts.noted):
+                    every_s, marked_s = every_s if self._mark(tables) else 0.0, now_s
+                if now_s - trimmed_s >= 30.0:  # it takes some milliseconds
                     return_unused_memory()
+                    trimmed_s = now_s
                 if interrupts.noted and is_live:
                     break  # the usual end of cameras that run
                 interrupts.check()

@@ -130,5 +130,6 @@ def test_interruption_leaves_valid_files_and_says_so(recording: Path, tmp_path: 
     tracks = read_tracks(out / "tracks.csv")
     assert len(tracks) >= 3 and tracks.frame.max() < FRAMES - 1
     assert not (out / "report.html").exists()
+    assert (out / "checkpoint.npz").is_file()
     rerun = Path(sysconfig.get_path("scripts")) / "rerun"
     assert subprocess.run([rerun, "rrd", "verify", out / "run.rrd"], timeout=60).returncode == 0
