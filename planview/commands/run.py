@@ -125,7 +125,7 @@ def run(recording: Path, *, out: Annotated[Path, _Out], options: TrackingOptions
         if not options.refine or info.refined:
             console.print(f"{out}: the run is finished; nothing is left to resume")
             return
-        info = refine_run(out).info
+        _, info = refine_run(out)
     else:
         with compile_notice(console):
             info = _opened_and_tracked(recording, out, options, settings, console)
@@ -192,7 +192,7 @@ def _track(
     with FrameProgress(console, n_frames) as progress:
         info = run_engine(engine, out, how, logs, progress, checkpoint)
     write_report(out)
-    return refine_run(out).info if options.refine else info
+    return refine_run(out)[1] if options.refine else info
 
 
 def replay(

@@ -72,11 +72,6 @@ class Interrupts:
             raise KeyboardInterrupt
         self.noted = True
 
-    def check(self) -> None:
-        """Raises KeyboardInterrupt after a signal."""
-        if self.noted:
-            raise KeyboardInterrupt
-
 
 @contextmanager
 def noted_interrupts() -> Iterator[Interrupts]:
@@ -194,7 +189,15 @@ class _Run:
             every_s = 0.0 if is_live or options.pace else options.checkpoint_every_s
             marked_s = trimmed_s = time.monotonic()
             for result in frames:
-                self._take(result, tables)
+                self._totals.take(result)
+                analytics = options.analytics
+                events = analytics.update(result.frame, result.timestamp_s, result.tracks) if analytics else ()
+                self._totals.events.extend(events)
+                tables.add(result, events)
+                if options.pace:
+                    options.pace.written(result.timestamp_s)
+                for log in self._logs.values():
+                    log.frame(result)
                 if watch:
                     watch(result)
                 self._checks.update(result)
@@ -206,7 +209,8 @@ class _Run:
                     trimmed_s = now_s
                 if interrupts.noted and is_live:
                     break  # the usual end of cameras that run
-                interrupts.check()
+                if interrupts.noted:
+                    raise KeyboardInterrupt
         recording = self._engine.recording
         if self._totals.frames == 0:
             why = f" ({recording.skipped[0].why})" if recording.skipped else ""
@@ -231,17 +235,6 @@ class _Run:
             yield result
             if self._totals.frames == limit:
                 return
-
-    def _take(self, result: FrameResult, tables: RunTables) -> None:
-        self._totals.take(result)
-        analytics = self._options.analytics
-        events = analytics.update(result.frame, result.timestamp_s, result.tracks) if analytics else ()
-        self._totals.events.extend(events)
-        tables.add(result, events)
-        if self._options.pace:
-            self._options.pace.written(result.timestamp_s)
-        for log in self._logs.values():
-            log.frame(result)
 
     def _memory(self) -> dict[str, object]:
         memory = {"totals": self._totals, **self._engine.memory()}
