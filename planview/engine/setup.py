@@ -28,9 +28,6 @@ from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
 from stereo.rig_correction import MatchParams, RigCorrection, match_corners
 
-CHECK_EVERY = 50
-"""Disparities are looked at in every n-th frame (our choice, for speed)."""
-
 
 @dataclass(frozen=True, eq=False)
 class Setup:
@@ -112,7 +109,7 @@ class WholeMatching:
             InputError: what is no disparity in pixels, from a matcher of the user's.
         """
         disparity = self._matcher(rectified.left_grey, rectified.right_grey)
-        if self._matched % CHECK_EVERY == 0:
+        if self._matched % 50 == 0:  # our choice, for speed
             refuse_foreign_disparity(disparity, self.geometry.size[::-1], self._searched)
         self._matched += 1
         return disparity

@@ -29,8 +29,6 @@ from planview.output.scene import SceneFrames, ground_camera_of
 from planview.tracking.base import Decision
 from planview.trajectories.table import Trajectories, TrajectoryCollector
 
-GATE_M = 0.5
-"""People of both within this are the same person [m]."""
 DECISIONS_MAX = 20
 TITLE_PX = 30
 
@@ -76,9 +74,9 @@ def _rows(table: Trajectories) -> set[tuple[int, int, str, int, int]]:
 
 
 def _people(before: Trajectories, after: Trajectories) -> list[str]:
-    """A line per person at the frame; the same person in both by place, since ids may differ."""
+    """A line per person at the frame; the same person in both by place, within 0.5 m, since ids may differ."""
     known = [table.where(np.isfinite(table.x_m)) for table in (before, after)]
-    matches = clear_scores(build_sequence(known[0], known[1], floor_similarity(GATE_M))).matches.tolist()
+    matches = clear_scores(build_sequence(known[0], known[1], floor_similarity(0.5))).matches.tolist()
     lines = []
     for a, b in matches:
         apart = float(np.hypot(known[0].x_m[a] - known[1].x_m[b], known[0].y_m[a] - known[1].y_m[b]))

@@ -57,8 +57,6 @@ def _row(person: Trajectories, clock: Clock) -> PersonRow:
     )
 
 
-GATE_M = 0.5
-"""As the evaluation's default."""
 UNHELD = -1
 
 
@@ -134,7 +132,7 @@ def timelines(
     return Timelines(rows, true_rows, _ticks(span.start_s, span.duration_s), more)
 
 
-def held_by(tracks: Trajectories, truth: Trajectories, gate_m: float = GATE_M) -> I64:
+def held_by(tracks: Trajectories, truth: Trajectories, gate_m: float = 0.5) -> I64:
     """(N,) id of the confirmed track matched to every row of the truth, UNHELD where there is none."""
     from planview.evaluation.metrics import clear_scores  # brings scipy
     from planview.evaluation.sequence import build_sequence, floor_similarity

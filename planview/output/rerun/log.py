@@ -36,7 +36,7 @@ from planview.output.rerun.shapes import (
     shown_floor,
     strips_of,
 )
-from planview.output.results import RunResults, read_results
+from planview.output.results import read_results
 from planview.trajectories.state import TrackState
 
 
@@ -65,19 +65,17 @@ class SeriesBlocks:
         self._rows, self._frames = {}, 0
 
 
-def log_assessment(stream: rr.RecordingStream, folder: Path) -> RunResults | None:
+def log_assessment(stream: rr.RecordingStream, folder: Path) -> None:
     """Log the truth of the recording and the errors against it, where there is one.
 
     Args:
-        folder: of the run, its tables complete.
-    Returns:
-        What the run left; None where it cannot be read.
+        folder: of the run, its tables complete; nothing is logged where they cannot be read.
     """
     try:
         results = read_results(folder)
         errors = errors_of(scores_of(results))
     except (InputError, WorkError):
-        return None
+        return
     truth = results.truth
     if truth is not None and len(truth):
         # Points on the floor and at the heads, a row per frame.
@@ -96,15 +94,10 @@ def log_assessment(stream: rr.RecordingStream, folder: Path) -> RunResults | Non
         stream.set_time("time", duration=float(results.clock.at(np.array([error.frame]))[0]))
         text = f"{error.kind.replace('_', ' ')}: {error.who}: {error.note}"
         stream.log("errors", rr.TextLog(text, level=rr.TextLogLevel.ERROR))
-    return results
 
 
 BODY_M = 0.5
 """Width of the boxes around people [m]."""
-DOUBLED_MAX = 12
-"""Images become rarer so many times at most: every 4096th is one in five minutes at 15 Hz (our choice)."""
-FLUSH_S = 60.0
-"""Longest wait for rerun's thread [s]: a slow disk takes 6 GB in that time."""
 FREE_BYTES_MIN = 64 * 2**20
 """Free disk space for the next frames [bytes]: rerun writes in a thread of its own, which hangs on a full disk."""
 
@@ -210,7 +203,7 @@ class RerunLog:
     def _flush(self) -> None:
         """Wait for rerun's thread, which ends when it cannot write; what waits on a disk that hangs is given up."""
         try:
-            self._stream.flush(timeout_sec=FLUSH_S)
+            self._stream.flush(timeout_sec=60.0)  # a slow disk takes 6 GB in that time
         except (RuntimeError, ValueError) as error:
             raise WorkError(f"{self._path}: cannot be written ({reason(error)}); earlier frames are kept") from error
 
@@ -366,7 +359,7 @@ def rarer(written: int, room: int = 2 * 2**30) -> int:
         room: that it shall keep [bytes] (our choice: an hour that can be copied).
     """
     left = 1.0 - written / room
-    return 1 << math.floor(-math.log2(max(left, 2.0**-DOUBLED_MAX)))
+    return 1 << math.floor(-math.log2(max(left, 1 / 4096)))  # one in five minutes at 15 Hz (our choice)
 
 
 def _colours(tracks: Sequence[TrackState]) -> list[tuple[int, int, int]]:

@@ -11,7 +11,7 @@ from calib.errors import InputError
 from planview.commands import results as command
 from planview.commands.results import quiet_environment
 from planview.output.folder import rrd_parts
-from planview.output.rerun.log import DOUBLED_MAX, kept_parts, rarer
+from planview.output.rerun.log import kept_parts, rarer
 from planview.output.rerun.shapes import LABEL_APART_M, label_places, mosaic, outlines
 from planview.trajectories.state import TrackState
 
@@ -68,7 +68,7 @@ def test_images_become_rarer_whenever_half_of_the_room_left_is_used(written: int
 
 
 def test_images_stay_when_the_room_is_used_up() -> None:
-    assert rarer(5000, room=1000) == 2**DOUBLED_MAX
+    assert rarer(5000, room=1000) == 4096
 
 
 def test_a_recording_that_ends_before_the_checkpoint_is_refused(tmp_path: Path) -> None:
