@@ -7,11 +7,12 @@ import json
 import math
 import os
 import platform
+import re
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from fnmatch import fnmatch
+from fnmatch import translate
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -103,7 +104,7 @@ def _calibration(recording: Any) -> str:
 
 
 _IMAGES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff", ".webp", ".bin", ".raw"))
-_NO_CONTENT = ("truth.csv", "gt.txt", LOCK_NAME, *PRODUCTS)
+_NO_CONTENT = re.compile("|".join(map(translate, ("truth.csv", "gt.txt", ".*", LOCK_NAME, *PRODUCTS))))
 _TEXTS = frozenset((
     "", ".csv", ".toml", ".yml", ".yaml", ".json", ".txt", ".conf", ".xml", ".md", ".rst", ".html", ".pdf", ".log",
 ))  # fmt: skip
@@ -156,8 +157,7 @@ def _content(folder: Path) -> Iterator[Path]:
             if not name.startswith(".") and not any(Path(parent, name, f).is_file() for f in ("run.json", "study.json"))
         ]  # fmt: skip
         for name in names:
-            is_other = name.startswith(".") or any(fnmatch(name, pattern) for pattern in _NO_CONTENT)
-            if not is_other and Path(parent, name).is_file():
+            if not _NO_CONTENT.match(name) and Path(parent, name).is_file():
                 yield Path(parent, name)
 
 
